@@ -36,7 +36,6 @@ from gauss2svg.svg.stops import gradient_stops
 COUNTS = (8, 32, 128, 512, 2048, 8192)
 MOST_BYTES = 60_000
 WIDTH_PX = 1200
-_LONG = 2.4  # of a skewed shape's drawing, in sigma
 
 
 def small_webp(image: Image.Image) -> bytes:
@@ -101,39 +100,6 @@ def model() -> Figure:
     for k, beta in enumerate(betas):
         right.text(200 * (k % 2) + 6, 200 * (k // 2) + 22, f"beta = {beta:g}", fontsize=8)
     right.axis("off")
-    return figure
-
-
-def skew() -> Figure:
-    """A symmetric shape and a skewed one: contours, focus, and the falloff along the axis."""
-    figure, axes = plt.subplots(1, 3, figsize=(WIDTH_IN, 2.4), layout="constrained")
-    across = np.linspace(-_LONG, _LONG, 241)
-    lines = []
-    for axis, focus, title in zip(axes, (0.0, 0.65), ("symmetric", "skewed"), strict=False):
-        shape = Scene(
-            2 * _LONG, 2 * _LONG,
-            mean=np.full((1, 2), _LONG), sigma=np.ones((1, 2)), rho=np.zeros(1),
-            color=np.array([[0.1, 0.3, 0.6]]), opacity=np.ones(1), beta=np.full(1, 3.0),
-            skew=np.array([[focus, 0.0]]),
-        )  # fmt: skip
-        picture = render(shape, 480, 480)
-        height = (1 - picture[:, :, 0]) / 0.9  # of the falloff, over white
-        place = np.linspace(-_LONG, _LONG, 480)
-        axis.imshow(picture, extent=(-_LONG, _LONG, _LONG, -_LONG))
-        axis.contour(
-            place, place, height, levels=[0.1, 0.3, 0.5, 0.7, 0.9], colors="white", linewidths=0.6
-        )
-        radius = float(cut_radius(3.0))
-        axis.plot([0], [0], "+", color="black")
-        axis.plot([focus * radius], [0], "o", color="#e8590c", markersize=4)
-        axis.set_title(f"{title}: focus at {focus:g}", fontsize=9)
-        axis.axis("off")
-        lines.append((title, np.interp(across, place, height[240])))
-    for title, height in lines:
-        axes[2].plot(across, height, label=title)
-    axes[2].set_xlabel("along the axis, in sigma", fontsize=8)
-    axes[2].tick_params(labelsize=7)
-    axes[2].legend(fontsize=8, loc="lower center")
     return figure
 
 
@@ -253,7 +219,6 @@ FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
     "studio": studio,
     "inkscape": inkscape,
     "model": model,
-    "skew": skew,
     "progressive-fit": progressive_fit,
     "gaussian-count": gaussian_count,
     "writing-svg": writing_svg,

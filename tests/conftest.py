@@ -31,7 +31,6 @@ from gauss2svg.errors import RendererError
 from gauss2svg.measure.perceptual import Scores
 from gauss2svg.raster import RENDERERS, chromium, rasterize
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import MOST_SKEW
 
 
 def pytest_addoption(parser):
@@ -77,12 +76,8 @@ def random_scene(
     seed: int = 0,
     sigma: tuple = (0.5, 8.0),
     beta: tuple = (0.5, 32.0),
-    skew: float = MOST_SKEW,
 ) -> Scene:
-    """A scene of `count` shapes, every parameter over a wide range.
-
-    Every other is a Gaussian, every third is symmetric.
-    """
+    """Return a scene of `count` shapes, every parameter over a wide range; half are Gaussians."""
     rng = np.random.default_rng(seed)
     return Scene(
         width,
@@ -95,15 +90,7 @@ def random_scene(
         background=rng.random(3),
         round_index=np.sort(rng.integers(0, 3, count)),
         beta=np.where(np.arange(count) % 2, np.exp(rng.uniform(*np.log(beta), count)), 1.0),
-        skew=random_skews(rng, count, skew),
     )
-
-
-def random_skews(rng: np.random.Generator, count: int, most: float = MOST_SKEW) -> NDArray:
-    """Skews (n, 2) of any direction and of lengths up to `most`; of every third shape none."""
-    length, angle_rad = rng.uniform(0, most, count), rng.uniform(0, 2 * np.pi, count)
-    length[::3] = 0.0
-    return length[:, None] * np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
 
 
 @pytest.fixture(scope="session")
@@ -268,7 +255,7 @@ def random_sum(count: int, width: int, height: int, seed: int, **shape: tuple) -
     """A random scene whose Gaussians have signed colours and are summed."""
     scene = random_scene(count, width, height, seed, **shape)
     color = np.random.default_rng(seed).uniform(-0.6, 0.6, (count, 3))
-    one = {"opacity": np.ones(count), "beta": np.ones(count), "skew": np.zeros((count, 2))}
+    one = {"opacity": np.ones(count), "beta": np.ones(count)}
     return scene.replace(blend="add", color=color, **one)
 
 

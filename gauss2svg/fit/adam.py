@@ -10,13 +10,11 @@ kernels' moments m of h (gauss2svg.render.kernels) the gradients are
 
     dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
     dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g,
-    dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s, and a term where the shape is skewed.
+    dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s.
 
 Sizes, ratios and exponents are stepped as logarithms, opacities as logits, and rho follows from L,
-which no step can make indefinite. A skew stays at its point of the ellipse: L exp(A) is lower
-triangular after a rotation Q alone, and f is turned with it. The rim of a crisp shape is
-sigma / beta wide, so steps of mean and shape are multiplied by beta^-0.35: without it plain
-drawings diverge
+which no step can make indefinite. The rim of a crisp shape is sigma / beta wide, so steps of mean
+and shape are multiplied by beta^-0.35: without it plain drawings diverge
 (docs/decisions/divergence.md). Colours are bounded by 0..1: a step that leaves the bounds is
 clipped to them, and the gradient there is that of the image, so that the first one that points
 inward moves the colour again. Colours as logits, whose gradient vanishes at the bounds, end no
@@ -30,8 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit.state import COLUMNS, FARTHEST, GEOMETRY, STEPS, State
-from gauss2svg.render.cpu import Splats, by_exponent
-from gauss2svg.scene.falloff import MOST_SKEW, RIM_WIDTH
+from gauss2svg.render.cpu import Splats
+from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.parameters import PARAMETERS, STEPPED
 
 _Column = NDArray[np.float64]  # (n,), one number for each Gaussian
@@ -50,8 +48,6 @@ class AdamTuning:
     second_decay  of its second moment (docs/decisions/adam.md)
     step_by_beta  power of beta by which steps of mean and shape are multiplied: the rim of a crisp
                   shape is narrow (docs/decisions/divergence.md)
-    nearly        length of a skew under which its price falls, so that a price does not shake what
-                  it holds at 0 (docs/decisions/skew.md)
     most_aspect   major over minor axis: thinner needles streak across flat areas
                   (docs/decisions/fit.md)
     least_rim     px of the working image in which a rim across the minor axis falls from 0.9 to
@@ -61,7 +57,6 @@ class AdamTuning:
     first_decay: float = 0.9
     second_decay: float = 0.95
     step_by_beta: float = -0.35
-    nearly: float = 0.05
     most_aspect: float = 30.0
     least_rim: float = 0.5
 
@@ -76,48 +71,32 @@ class Limits:
     least_sigma   px of the working image, of the minor axis
     most_sigma    px of the working image, of the major axis
     least_color, most_color  of each channel
-    held_skew     whether skews keep their lengths, those of the file, and turn alone
     """
 
     least_sigma: float
     most_sigma: float
     least_color: float = 0.0
     most_color: float = 1.0
-    held_skew: bool = False
 
 
 # Keeps a step finite where the gradient has always been 0; added before the bias correction.
 EPSILON = 1e-12
-_SKEW = COLUMNS["skew"]
 # Gaussians that are stepped at a time, so that what is computed for them stays in the cache.
 _BLOCK = 4096
 
 
 def gradients(
-    moments: NDArray[np.float64], splats: Splats, price: float = 0.0, skew_price: float = 0.0
+    moments: NDArray[np.float64], splats: Splats, price: float = 0.0
 ) -> NDArray[np.float64]:
-    """(n, STEPS) gradients of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta, u1, u2.
+    """Return the gradients (n, STEPS) of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta.
 
-    price and skew_price are added to those of ln beta and of the length of the skew: what the loss
-    must gain for each unit of it. The kernels' moments are in this order, u is the raw skew.
+    The moments are in this order. price is added to the gradient of ln beta: what the loss must
+    gain for each unit of it.
     """
-    gradient = np.zeros((len(moments), STEPS))
-    gradient[:, : moments.shape[1]] = moments
+    gradient = moments.copy()
     gradient[:, COLUMNS["opacity"]] *= 1 - splats.opacity[:, None]
-    gradient[:, COLUMNS["beta"]] = (price + splats.beta * by_exponent(moments, splats))[:, None]
+    gradient[:, COLUMNS["beta"]] = (price - splats.beta * moments[:, 9])[:, None]
     gradient[:, 3] *= 2
-    skew, by_skew = splats.skew, gradient[:, COLUMNS["skew"]]
-    if not skew.any():
-        return gradient
-    # The skew is turned with the shape: dL/dA12 is that at a fixed one and what its turn adds.
-    gradient[:, 3] -= skew[:, 0] * by_skew[:, 1] - skew[:, 1] * by_skew[:, 0]
-    share = skew / MOST_SKEW
-    squares = np.square(share).sum(axis=1, keepdims=True)
-    length = np.sqrt(np.square(skew).sum(axis=1, keepdims=True) + TUNING.nearly**2)
-    by_skew += skew_price * skew / length
-    # f = MOST_SKEW u / sqrt(1 + u.u)
-    by_skew -= share * (share * by_skew).sum(axis=1, keepdims=True)
-    by_skew *= MOST_SKEW * np.sqrt(1 - squares)
     return gradient
 
 
@@ -147,16 +126,14 @@ def _step_block(
     limits: Limits,
 ) -> bool:
     first, second, age = state.first[block], state.second[block], state.age[block]
-    # Most fits have no skews, whose columns are the last: then they cost nothing.
-    used = slice(None if sizes[_SKEW].any() else _SKEW.start)
-    d = _directions(first[:, used], second[:, used], age, gradient[:, used], sizes[used])
+    d = _directions(first, second, age, gradient, sizes)
     mean = state.mean[block]
     blunted = np.exp(TUNING.step_by_beta * state.raw_beta[block])
     d[:5] = [direction * blunted for direction in d[:5]]
     l11, l21, l22 = state.factor[block].T
     x = mean[:, 0] + l11 * d[0]
     y = mean[:, 1] + l21 * d[0] + l22 * d[1]
-    l11, l21, l22, minor, turn = _stretched(l11, l21, l22, d[2], d[3], d[4], limits)
+    l11, l21, l22, minor = _stretched(l11, l21, l22, d[2], d[3], d[4], limits)
     reach = np.abs(x) + np.abs(y) + l11 + np.abs(l21) + l22
     # A sum is finite only if all of its terms are.
     finite = (reach < FARTHEST) & (l22 > 0) & np.isfinite(sum(d[6:], d[5]))
@@ -180,16 +157,6 @@ def _step_block(
         elif parameter.name == "beta":
             sharpest = np.log(RIM_WIDTH / TUNING.least_rim * minor)
             most = np.clip(sharpest, least, most)
-        elif parameter.name == "skew":
-            u1, u2 = state.raw_skew[block].T + d[steps[0] : steps[-1] + 1]
-            if limits.held_skew:
-                u1, u2 = _of_length(u1, u2, state.raw_skew[block])
-            co, si = np.stack(turn) / np.hypot(*turn)
-            for values, value in zip(
-                state.raw_skew[block].T, (co * u1 + si * u2, co * u2 - si * u1), strict=True
-            ):
-                moved.append((values, np.clip(value, least, most)))
-            continue
         for values, k in zip(np.atleast_2d(getattr(state, raw.name)[block].T), steps, strict=True):
             moved.append((values, np.clip(values + d[k], least, most)))
     if finite.all():
@@ -200,15 +167,6 @@ def _step_block(
         np.copyto(values, value, where=finite)
     first[~finite], second[~finite], age[~finite] = 0, 0, 0
     return False
-
-
-def _of_length(u1: _Column, u2: _Column, before: NDArray[np.float64]) -> tuple[_Column, _Column]:
-    """u1, u2 as long as before (n, 2); before where they have no direction."""
-    length, now = np.hypot(*before.T), np.hypot(u1, u2)
-    turns = (length > 0) & (now > 0)
-    scale = np.where(turns, length / np.where(turns, now, 1.0), 0.0)
-    u1, u2 = (np.where(turns, scale * u, b) for u, b in zip((u1, u2), before.T, strict=True))
-    return u1, u2
 
 
 def _directions(
@@ -241,11 +199,8 @@ def _directions(
 
 def _stretched(
     l11: _Column, l21: _Column, l22: _Column, a: _Column, c: _Column, b: _Column, limits: Limits
-) -> tuple[_Column, _Column, _Column, _Column, tuple[_Column, _Column]]:
-    """l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], within the limits, and the minor axis.
-
-    And what is in proportion to cosine and sine of Q's angle, L exp(A) Q being lower triangular.
-    """
+) -> tuple[_Column, _Column, _Column, _Column]:
+    """Return l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], in the limits, and the minor axis."""
     # exp(A) to second order; L exp(A) gives a valid covariance whatever the error
     e11 = 1 + a + 0.5 * (a * a + c * c)
     e12 = c + 0.5 * c * (a + b)
@@ -272,4 +227,4 @@ def _stretched(
         yy[at] = si * si * p + co * co * q
     root = np.sqrt(xx)
     l22 = np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / root
-    return root, xy / root, l22, new_minor, (f11, f12)
+    return root, xy / root, l22, new_minor

@@ -52,19 +52,16 @@ class Blending:
 
 def in_inks(usual: Blending) -> Blending:
     """The settings where shapes are opaque and keep their colours and exponents."""
-    held = dict.fromkeys(("opacity", "color", "beta", "skew"), 0.0)
+    held = dict.fromkeys(("opacity", "color", "beta"), 0.0)
     rates = {**usual.rates, **held}
     return dataclasses.replace(usual, rates=rates, initial_opacity_logit=OPAQUE_LOGIT)
 
 
-def blending(
-    blend: str, opaque: bool = False, learned_falloff: bool = True, learned_skew: bool = True
-) -> Blending:
+def blending(blend: str, opaque: bool = False, learned_falloff: bool = True) -> Blending:
     """The settings for a blend, one of gauss2svg.scene.BLENDS.
 
     opaque           whether all opacities stay 1
     learned_falloff  whether exponents are stepped; else all stay those of Gaussians
-    learned_skew     whether skews are stepped; else all stay 0
     """
     additive = blend == ADD
     rates = dict(RATES)
@@ -72,9 +69,8 @@ def blending(
         rates |= {"opacity": 0.0, "color": TUNING.signed_color_rate}
     if opaque:
         rates["opacity"] = 0.0
-    for name, learned in (("beta", learned_falloff), ("skew", learned_skew)):
-        if not learned:
-            rates[name] = 0.0
+    if not learned_falloff:
+        rates["beta"] = 0.0
     return Blending(
         additive=additive,
         rates=rates,

@@ -11,7 +11,7 @@ import numpy as np
 
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.options import FitOptions
-from gauss2svg.fit.placement import first_falloff
+from gauss2svg.fit.placement import first_raw_betas
 from gauss2svg.fit.schedule import totals
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import Target
@@ -39,7 +39,7 @@ def composited(scene: Scene, target: Target, options: FitOptions) -> State:
         0,
         raw_opacity=target.opacity_logits(mean, blending(OVER).initial_opacity_logit),
         color=target.source_color[:, y, x].T.astype(np.float64),
-        **first_falloff(count, options),
+        raw_beta=first_raw_betas(count, options),
     )
     rounds = totals("exponential", count, None)[:-1]
     state.round_index = np.searchsorted(rounds, np.arange(count), side="right").astype(np.int32)

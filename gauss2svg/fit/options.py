@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 Tune = Literal["perceptual", "psnr"]
 PERCEPTUAL, PSNR = "perceptual", "psnr"
 DEFAULT_LOSS = "mse"
-# Falloffs: beta = 1 everywhere, as in the paper; a learned beta for each shape; a learned beta and
-# a learned skew. Shapes in inks are crisp.
-GAUSSIAN, ADAPTIVE, SKEWED, CRISP = "gaussian", "adaptive", "skewed", "crisp"
-# 228 bytes of optimiser state each make over 2 GB.
+# Falloffs: beta = 1 everywhere, as in the paper; a learned beta for each shape. Shapes in inks are
+# crisp.
+GAUSSIAN, ADAPTIVE, CRISP = "gaussian", "adaptive", "crisp"
+# 253 bytes of optimiser state each make 2.5 GB.
 MOST_GAUSSIANS = 10_000_000
 
 
@@ -57,10 +57,9 @@ class FitOptions(OptionGroup):
     """Alpha compositing (over) or the paper's additive blending of signed colours (add), which
     CairoSVG does not draw."""
 
-    falloff: Literal["gaussian", "adaptive", "skewed"] | None = None
-    """Falloff of the shapes: adaptive learns how crisp each rim is, skewed also on which side, in
-    files of more than 30 kB; gaussian keeps Gaussians, as in the paper. The default is adaptive, or
-    gaussian with additive blending."""
+    falloff: Literal["gaussian", "adaptive"] | None = None
+    """Falloff of the shapes: adaptive learns how crisp each rim is, gaussian keeps Gaussians, as in
+    the paper. The default is adaptive, or gaussian with additive blending."""
 
     inks: Annotated[Inks | None, check_inks] = None
     """Draw in these colours alone, the background among them: "#f7c306,#c0322c,#17324d", how many
@@ -78,12 +77,7 @@ class FitOptions(OptionGroup):
     @property
     def learned_falloff(self) -> bool:
         """Whether each shape learns its exponent."""
-        return self.shaped not in (GAUSSIAN, CRISP)
-
-    @property
-    def learned_skew(self) -> bool:
-        """Whether each shape learns its skew."""
-        return self.shaped == SKEWED
+        return self.shaped == ADAPTIVE
 
     @property
     def shaped(self) -> str:

@@ -22,7 +22,6 @@ class PlacementTuning:
     """Where new Gaussians begin (docs/decisions/placement.md).
 
     first_raw_beta     ln beta; the start hardly matters
-    first_raw_skew     at exactly 0 the kernels leave out what the gradient of the skew needs
     least_sigma        px
     least_minor        px, of the minor axis
     elongation         of one placed by error: along an edge sigma is e^elongation longer, across it
@@ -36,7 +35,6 @@ class PlacementTuning:
     """
 
     first_raw_beta: float = 0.1
-    first_raw_skew: float = 0.01
     least_sigma: float = 0.8
     least_minor: float = 0.6
     elongation: float = 0.5
@@ -73,12 +71,9 @@ class NewGaussians:
         )
 
 
-def first_falloff(count: int, options: FitOptions) -> dict[str, NDArray[np.float64]]:
-    """Raw exponents and skews of `count` new Gaussians, by the names of a state."""
-    return {
-        "raw_beta": np.full(count, TUNING.first_raw_beta if options.learned_falloff else 0.0),
-        "raw_skew": np.full((count, 2), TUNING.first_raw_skew if options.learned_skew else 0.0),
-    }
+def first_raw_betas(count: int, options: FitOptions) -> NDArray[np.float64]:
+    """Return the raw exponents of `count` new Gaussians."""
+    return np.full(count, TUNING.first_raw_beta if options.learned_falloff else 0.0)
 
 
 def place(

@@ -14,7 +14,7 @@ from gauss2svg.fit.convert import composited
 from gauss2svg.fit.inks import Inks, crisp
 from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
-from gauss2svg.fit.placement import NewGaussians, first_falloff, place
+from gauss2svg.fit.placement import NewGaussians, first_raw_betas, place
 from gauss2svg.fit.schedule import enlarged_reduction, reduction, refinement_reduction
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import LossAndGradient, TargetPyramid
@@ -56,9 +56,7 @@ class Population:
         targets: TargetPyramid | None = None,
     ) -> None:
         self.config = config
-        self.blending = blending(
-            config.fit.blend, config.opaque, config.fit.learned_falloff, config.fit.learned_skew
-        )
+        self.blending = blending(config.fit.blend, config.opaque, config.fit.learned_falloff)
         self.state = State.empty()
         self.round_index = 0
         # Rounded to 8 bits as in the file, so that the fit makes up for it.
@@ -246,7 +244,6 @@ class Population:
             self.config.densify.init, self.target, rendered, count, total, self.rng, self.blending
         )
         opacity = self.target.opacity_logits(new.mean, self.blending.initial_opacity_logit)
-        shape = first_falloff(count, self.config.fit)
         color = new.color
         if self.blending.additive:
             color = color / self._overlap(new)[:, None]
@@ -254,7 +251,7 @@ class Population:
             color, opacity = self.inks.nearest(color), np.full(len(color), OPAQUE_LOGIT)
         added = State.of(
             new.mean, new.factor, self.round_index,
-            raw_opacity=opacity, color=color, **shape,
+            raw_opacity=opacity, color=color, raw_beta=first_raw_betas(count, self.config.fit),
         )  # fmt: skip
         if self.inks is not None:
             added.drawn[:] = PLAIN

@@ -20,7 +20,6 @@ class ScheduleTuning:
     decay_start            up to which the learning rate is constant; then it decays by a cosine
     last_rate              share of the learning rate at the end
     quantized_from         from which exponents and colours are those of the file; earlier is worse
-    skews_quantized_from   the same where shapes are skewed (docs/decisions/skew.md)
     pixels_per_gaussian    that each keeps on a reduced target: a fifth fewer pixel-Gaussian pairs
                            at no loss of PSNR
     smallest_side          px of a reduced target in growth
@@ -44,7 +43,6 @@ class ScheduleTuning:
     decay_start: float = 0.75
     last_rate: float = 0.02
     quantized_from: float = 0.85
-    skews_quantized_from: float = 0.8
     pixels_per_gaussian: int = 36
     smallest_side: int = 32
     full_from: float = 0.55

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit import adam, placement, schedule
+from gauss2svg.fit import adam, schedule
 from gauss2svg.fit.adam import Rates
 from gauss2svg.fit.blending import OPAQUE_LOGIT
 from gauss2svg.fit.clock import Clock, Stopwatch
@@ -43,7 +43,6 @@ class SessionTuning:
 
     beta_price      share of a Gaussian's part of the loss by which a unit of ln beta must lower it,
                     so that shapes which gain nothing stay Gaussians (docs/decisions/fit.md)
-    skew_price      the same for the length of a skew (docs/decisions/skew.md)
     opaque_from     opacity from which a shape becomes opaque, which saves bytes
                     (docs/decisions/fit.md)
     resume_at       progress at which a fit resumes after its count has changed: some relocation,
@@ -53,7 +52,6 @@ class SessionTuning:
     """
 
     beta_price: float = 0.06
-    skew_price: float = 0.06
     opaque_from: float = 0.953
     resume_at: float = 0.6
     steps_averaged: int = 5
@@ -141,9 +139,6 @@ class FitSession:
             if self.config.fit.learned_falloff:  # exponents are no longer those of a file
                 self.state.raw_beta = np.maximum(self.state.raw_beta, LEAST_RAW_BETA)
                 self.state.drawn[:] = SOFT
-            if self.config.fit.learned_skew:  # nor are skews; at 0 one would stay there
-                symmetric = ~self.state.raw_skew.any(axis=1)
-                self.state.raw_skew[symmetric] = placement.TUNING.first_raw_skew
             self._refine(iterations, again=True)
 
     def scene(self) -> Scene:
@@ -226,7 +221,7 @@ class FitSession:
                 self._restore_best(tolerant=True)
                 population.prune(self.policy.least_gain())
                 self.guard.reset()
-            if done >= self._quantized_from and not self._quantized:
+            if done >= schedule.TUNING.quantized_from and not self._quantized:
                 self._quantize()
             if self._shared is not None and exchange_at and done >= exchange_at[0]:
                 exchange_at = [at for at in exchange_at if at > done]
@@ -290,13 +285,6 @@ class FitSession:
         self.guard.reset()
         self._quantized = True
 
-    @property
-    def _quantized_from(self) -> float:
-        """Progress from which exponents and colours are those of the file."""
-        if self.config.fit.learned_skew:
-            return schedule.TUNING.skews_quantized_from
-        return schedule.TUNING.quantized_from
-
     def _shared_rates(self) -> Rates:
         """The rates where what shapes share is no longer stepped shape by shape."""
         return {**self._rates, **dict.fromkeys((p.name for p in PARAMETERS if p.shared), 0.0)}
@@ -351,14 +339,12 @@ class FitSession:
         """One optimiser step, at this share of the full learning rate."""
         state, target, blending = self.state, self.population.target, self.population.blending
         share = evaluated.loss / max(len(state), 1)
-        price, skew_price = TUNING.beta_price * share, TUNING.skew_price * share
-        gradient = adam.gradients(evaluated.moments, splats, price, skew_price)
+        gradient = adam.gradients(evaluated.moments, splats, TUNING.beta_price * share)
         limits = adam.Limits(
             least_sigma=LEAST_SIGMA,
             most_sigma=float(max(target.width, target.height)),
             least_color=blending.least_color,
             most_color=blending.most_color,
-            held_skew=self._shared is not None,
         )
         size = self.config.fit.learning_rate * self.guard.rate * rate
         if not adam.step(state, gradient, self._rates, limits, size):

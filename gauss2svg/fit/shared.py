@@ -1,4 +1,4 @@
-"""Colours and skews that several shapes share, as in a file: one Adam step for each, and exchanges.
+"""Colours that several shapes share, as in a file: one Adam step for each, and exchanges.
 
 Steps by the summed gradient of a colour's shapes, and shapes that may change to another colour,
 win back part of what a palette costs: docs/decisions/adam.md.
@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit import adam
 from gauss2svg.fit.blending import Blending
-from gauss2svg.fit.state import COLOR, COLUMNS, State
+from gauss2svg.fit.state import COLOR, State
 from gauss2svg.fit.target import Target
 from gauss2svg.render.cpu import Splats
-from gauss2svg.scene.falloff import MOST_SKEW
 from gauss2svg.scene.nearest import nearest_entry
-from gauss2svg.scene.parameters import MOST_RAW_SKEW, STEPPED
+from gauss2svg.scene.parameters import STEPPED
 
-SKEW = COLUMNS["skew"]
 # Distance of a unit of ln beta, beside colours in 0..1: what is held never changes.
 _APART = 100.0
 
@@ -34,17 +32,10 @@ class SharedTuning:
 
     color_rate      Adam's learning rate of colours; 0.002 to 0.015 end within 0.01 dB
                     (docs/decisions/palette.md)
-    skew_rate       its learning rate of the length of a skew (docs/decisions/skew.md)
-    skew_weight     weight of the length of a skew beside colours in 0..1, where shapes exchange
-                    entries (docs/decisions/skew.md)
-    least_raw_skew  least length of a raw skew that is written (docs/decisions/skew.md)
     least_mass      px; shapes that contribute less keep their colour (docs/decisions/palette.md)
     """
 
     color_rate: float = 0.006
-    skew_rate: float = 0.05
-    skew_weight: float = 1.0
-    least_raw_skew: float = 0.12
     least_mass: float = 1e-3
 
 
@@ -57,7 +48,7 @@ class SharedColors:
 
     More exactly the distinct values of all that shapes share by a gradient (Parameter.shared).
 
-    color  (k, 3); skew (k,) lengths of raw skews; Adam's moments first and second (k, 4) of both
+    color  (k, 3) and Adam's moments of it, first and second (k, 3)
     held   (k, m) raw values of the other shared parameters, which never change
     entry  (n,) index of each shape's
     age    steps taken
@@ -65,7 +56,6 @@ class SharedColors:
     """
 
     color: NDArray[np.float64]
-    skew: NDArray[np.float64]
     held: NDArray[np.float64]
     first: NDArray[np.float64]
     second: NDArray[np.float64]
@@ -77,13 +67,12 @@ class SharedColors:
     @classmethod
     def of(cls, state: State, blending: Blending) -> SharedColors:
         """The shared colours of a state."""
-        length = np.round(np.hypot(*state.raw_skew.T), 9)
-        keys = np.column_stack([state.color, length, _held(state)])
+        keys = np.column_stack([state.color, _held(state)])
         shared, entry = np.unique(keys, axis=0, return_inverse=True)
-        moments = np.zeros((len(shared), 4))
+        moments = np.zeros((len(shared), 3))
         return cls(
-            shared[:, :3].copy(), shared[:, 3].copy(), shared[:, 4:].copy(), moments,
-            moments.copy(), entry.reshape(-1), 0, blending.least_color, blending.most_color,
+            shared[:, :3].copy(), shared[:, 3:].copy(), moments, moments.copy(),
+            entry.reshape(-1), 0, blending.least_color, blending.most_color,
         )  # fmt: skip
 
     def copy(self) -> SharedColors:
@@ -95,9 +84,7 @@ class SharedColors:
 
         rate is a factor of the learning rate; the new values are written to the state.
         """
-        along = (gradient[:, SKEW] * _directions(state)).sum(axis=1)
-        columns = np.column_stack([gradient[:, COLOR], along]).T
-        count = len(self.color)
+        columns, count = gradient[:, COLOR].T, len(self.color)
         summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)
         first_decay, second_decay = adam.TUNING.first_decay, adam.TUNING.second_decay
         self.age += 1
@@ -105,18 +92,14 @@ class SharedColors:
         self.second += (1 - second_decay) * (summed * summed - self.second)
         first = self.first / (1 - first_decay**self.age)
         second = self.second / (1 - second_decay**self.age)
-        rates = np.array([*3 * (TUNING.color_rate,), TUNING.skew_rate])
-        step = rates * rate * first / (np.sqrt(second) + 1e-12)
-        self.color = np.clip(self.color - step[:, :3], self.least_color, self.most_color)
-        skew = np.clip(self.skew - step[:, 3], TUNING.least_raw_skew, MOST_RAW_SKEW)
-        self.skew = np.where(self.skew > 0, skew, 0.0)
+        step = TUNING.color_rate * rate * first / (np.sqrt(second) + 1e-12)
+        self.color = np.clip(self.color - step, self.least_color, self.most_color)
         self.assign(state, self.entry)
 
     def assign(self, state: State, entry: NDArray[np.intp]) -> None:
-        """Give every shape of the state the colour and the length of skew of its entry (n,)."""
+        """Give every shape of the state the colour of its entry (n,)."""
         self.entry = entry
         state.color = self.color[entry]
-        state.raw_skew = self.skew[entry, None] * _directions(state)
 
     def exchange(
         self,
@@ -140,22 +123,15 @@ class SharedColors:
     ) -> NDArray[np.intp]:
         """(n,) the entry of the same exponent that would give each shape the least error.
 
-        One of a similar skew, and none where either is symmetric and the other is not.
-
         With all others fixed, half the squared error of the picture changes by g d + mass d^2 / 2
         for a change d of a colour, where g is its gradient, columns COLOR of gradient (n, ...), and
         mass (n,) the sum of the shape's squared weights. So the best colour is color - g / mass.
         """
         divisor = np.maximum(mass, TUNING.least_mass)[:, None]
         best = np.where(mass[:, None] > TUNING.least_mass, gradient[:, COLOR] / divisor, 0.0)
-        lengths: NDArray[np.float64] = MOST_SKEW * self.skew / np.hypot(1.0, self.skew)
-        entries = [self.color, _APART * self.held]
-        targets = [state.color - best, _APART * _held(state)]
-        if lengths.any():
-            length = lengths[self.entry]
-            entries += [_APART * (lengths > 0)[:, None], TUNING.skew_weight * lengths[:, None]]
-            targets += [_APART * (length > 0)[:, None], TUNING.skew_weight * length[:, None]]
-        distance, entry = nearest_entry(np.hstack(entries), np.hstack(targets))
+        entries = np.hstack([self.color, _APART * self.held])
+        targets = np.hstack([state.color - best, _APART * _held(state)])
+        distance, entry = nearest_entry(entries, targets)
         return np.where(distance < _APART * 0.1, entry, self.entry)
 
 
@@ -182,12 +158,6 @@ def exchange(
         if target.squares(splats())[0] < before:
             return
     assign(kept)
-
-
-def _directions(state: State) -> NDArray[np.float64]:
-    """(n, 2) raw skews of length 1, 0 where there is none."""
-    length = np.hypot(*state.raw_skew.T)[:, None]
-    return np.divide(state.raw_skew, length, where=length > 0, out=np.zeros_like(state.raw_skew))
 
 
 def _held(state: State) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
-from gauss2svg.scene.parameters import STEPPED, raw_skew_of
+from gauss2svg.scene.parameters import STEPPED
 
 FARTHEST = 1e9  # px, from the origin and of a shape: well within the domain of scenes
 # Columns of gradients and moments: shift along the two whitened axes and three of shape, which step
@@ -34,7 +34,6 @@ class State:
     raw_opacity  (n,) logit of the opacity
     color        (n, 3) sRGB, signed with additive blending
     raw_beta     (n,) ln of the falloff's exponent
-    raw_skew     (n, 2) of the falloff's focus: gauss2svg.scene.parameters.skew_of
     round_index  (n,) int32
     drawn        (n,) int8, how the file draws each, once exponents are those of the file
     first, second (n, STEPS) Adam's moments; age (n,) steps taken
@@ -45,7 +44,6 @@ class State:
     raw_opacity: NDArray[np.float64]
     color: NDArray[np.float64]
     raw_beta: NDArray[np.float64]
-    raw_skew: NDArray[np.float64]
     round_index: NDArray[np.int32]
     drawn: NDArray[np.int8]
     first: NDArray[np.float64]
@@ -102,16 +100,9 @@ class State:
         return State(**{n: np.concatenate([a, on_top[n]]) for n, a in vars(self).items()})
 
     def quantized(self, scene: Scene) -> State:
-        """The state with a scene's shapes and what files share, whose moments of Adam are reset.
-
-        Of skews files share the lengths, so that their moments stay.
-        """
+        """Return the state with a scene's shapes and what files share; resets these moments."""
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         first, second = self.first.copy(), self.second.copy()
-        # The mean is moved with a skew alone: that of a scaled scene is another in its last bits.
-        moved: dict[str, NDArray[np.float64]] = {}
-        if self.raw_skew.any() or scene.skew.any():
-            moved = {"mean": scene.mean.copy(), "raw_skew": raw_skew_of(scene.skew)}
         shared = {}
         for parameter, raw in STEPPED:
             if parameter.shared:
@@ -119,7 +110,6 @@ class State:
                 shared[raw.name] = raw.inverse(getattr(scene, parameter.name).copy())
         return dataclasses.replace(
             self,
-            **moved,
             factor=np.stack([l11, l21, l22], axis=1),
             drawn=scene.drawn.copy(),
             first=first,

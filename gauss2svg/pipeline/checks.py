@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gauss2svg.errors import InputError, RendererError, quoted
-from gauss2svg.fit.options import ADAPTIVE, GAUSSIAN, SKEWED, DensifyOptions
+from gauss2svg.fit.options import DensifyOptions
 from gauss2svg.measure.perceptual import require_packages
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.options import Options
@@ -98,11 +98,6 @@ def _check_shapes(options: Options) -> None:
         raise RendererError(
             f"renderer must be one of {', '.join(DRAW_MINIMAL)} for minimal markup; got "
             f"{quoted(renderer)}. Try --renderer resvg"
-        )
-    if svg.form != GRADIENT and options.fit.falloff == SKEWED:
-        raise InputError(
-            f"falloff must be {GAUSSIAN} or {ADAPTIVE} with form {svg.form}, whose discs have no "
-            f"sides; got {quoted(SKEWED)}. Try --form {GRADIENT}"
         )
     if svg.form != GRADIENT and renderer not in DRAW_ROTATED_BLURS:
         raise RendererError(

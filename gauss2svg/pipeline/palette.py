@@ -1,4 +1,4 @@
-"""Palettes: weighted k-means on colours, exponents and skews, one gradient each."""
+"""Palettes: weighted k-means on colours and exponents, one gradient each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.scene.falloff import BETA_CLASSES, SKEW_STEP, nearest_class, written_skew
+from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
 from gauss2svg.scene.nearest import nearest_entry
 
 
@@ -25,7 +25,6 @@ class PaletteTuning:
     least_aim    times the allowed error, under which no palette suffices
     beta_weight  of ln beta beside colours in 0..1: the best for photos and near the best at few
                  bytes
-    skew_weight  of the length of a skew beside them (docs/decisions/skew.md)
     """
 
     iterations: int = 6
@@ -33,7 +32,6 @@ class PaletteTuning:
     less: float = 0.94
     least_aim: float = 0.1
     beta_weight: float = 0.1
-    skew_weight: float = 0.04
 
 
 TUNING = PaletteTuning()
@@ -42,14 +40,10 @@ _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 
 @dataclass(frozen=True)
 class Palette:
-    """k entries: 8-bit sRGB color (k, 3), exponent beta (k,) and skew (k,); entry (n,) of shapes.
-
-    skew is the length of it.
-    """
+    """k entries: 8-bit sRGB color (k, 3) and exponent beta (k,); entry (n,) of each shape."""
 
     color: NDArray[np.uint8]
     beta: NDArray[np.float64]
-    skew: NDArray[np.float64]
     entry: NDArray[np.intp]
 
 
@@ -59,28 +53,23 @@ def best_palette(
     weight: NDArray[np.float64],
     count: int,
     allowed: float = 0.0,
-    skew: NDArray[np.float64] | None = None,
 ) -> Palette:
-    """At most `count` pairs of a colour and an exponent, each with a skew, and that of each shape.
+    """Return at most `count` pairs of a colour and an exponent, and the one of each shape.
 
-    Weighted k-means on color (n, 3) in 0..1, beta_weight ln beta (n,) and skew_weight times the
-    lengths of skews (n,), None for all 0, minimises
+    Weighted k-means on color (n, 3) in 0..1 and beta_weight ln beta (n,) minimises
 
         sum weight |difference|^2,
 
     whose colour part is the squared error of the image if weight (n,) >= 0 is the squared visible
     mass of a shape. Pairs that are few enough already are kept, colours rounded to 8 bits and
-    exponents to BETA_CLASSES, skews to what a file has. If `allowed` > 0, about as few entries are
-    used as keep the sum under it. The result is deterministic: it starts from clusters that are
-    split again and again.
+    exponents to BETA_CLASSES. If `allowed` > 0, about as few entries are used as keep the sum under
+    it. The result is deterministic: it starts from clusters that are split again and again.
     """
     classes = np.array(BETA_CLASSES)[nearest_class(beta)]
-    skew = skew if skew is not None and skew.any() else None
-    features = _stacked(color, classes, skew)
+    features = _stacked(color, classes)
 
     def written(palette: Palette) -> NDArray[np.float64]:
-        lengths = None if skew is None else palette.skew
-        return _stacked(palette.color / 255, palette.beta, lengths)
+        return _stacked(palette.color / 255, palette.beta)
 
     exact = _rounded(features)
     kept = written(exact), exact.entry
@@ -146,14 +135,9 @@ def _loss(
     return float(np.sum(weight * np.square(entries[entry] - features).sum(axis=1)))
 
 
-def _stacked(
-    color: NDArray[np.float64], beta: NDArray[np.float64], skew: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
-    """Features (n, 4), or (n, 5) with skews: a column of zeros would turn the axes of a split."""
-    columns = [color, (TUNING.beta_weight * np.log(beta))[:, None]]
-    if skew is not None:
-        columns.append((TUNING.skew_weight * skew)[:, None])
-    return np.hstack(columns)
+def _stacked(color: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the features (n, 4) of colours (n, 3) and exponents (n,)."""
+    return np.column_stack([color, TUNING.beta_weight * np.log(beta)])
 
 
 def _lloyd(
@@ -175,16 +159,12 @@ def _lloyd(
 
 
 def _rounded(features: NDArray[np.float64]) -> Palette:
-    """Distinct 8-bit colours with the classes of their exponents, and skews as a file has them."""
+    """Return the distinct 8-bit colours with the classes of their exponents."""
     classes = nearest_class(np.exp(features[:, 3] / TUNING.beta_weight))
-    skewed = features.shape[1] > 4
-    length = features[:, 4] / TUNING.skew_weight if skewed else np.zeros(len(features))
-    steps = np.round(written_skew(length, np.array(BETA_CLASSES)[classes]) / SKEW_STEP)
-    levels = np.column_stack([np.round(features[:, :3] * 255), classes, steps]).astype(np.intp)
+    levels = np.column_stack([np.round(features[:, :3] * 255), classes]).astype(np.intp)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)
     beta = np.array(BETA_CLASSES)[distinct[:, 3]]
-    skew = np.asarray(SKEW_STEP * distinct[:, 4], np.float64)
-    return Palette(distinct[:, :3].astype(np.uint8), beta, skew, entry.reshape(-1))
+    return Palette(distinct[:, :3].astype(np.uint8), beta, entry.reshape(-1))
 
 
 def _split(

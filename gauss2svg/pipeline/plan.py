@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.options import ADAPTIVE, DEFAULT_LOSS, PSNR, DensifyOptions, FitConfig, Tune
+from gauss2svg.fit.options import DEFAULT_LOSS, PSNR, DensifyOptions, FitConfig, Tune
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.aims import Aim, aim_of
 from gauss2svg.pipeline.checks import check_alpha, check_together, needs_editable
@@ -329,10 +329,7 @@ class Plan:
         if markup == MINIMAL and self.options.svg.markup == AUTO and limit is not None:
             most = TUNING.minimal_up_to // (TUNING.gzip if self.counts_gzipped else 1)
             goal = dataclasses.replace(goal, max_bytes=min(limit, most))
-        fit = self.options.fit
-        if by_bytes and fit.learned_skew:  # in so few bytes a skew takes more than it gives
-            fit = dataclasses.replace(fit, falloff=ADAPTIVE)
-        options = dataclasses.replace(self.options, svg=svg, goal=goal, fit=fit)
+        options = dataclasses.replace(self.options, svg=svg, goal=goal)
         return dataclasses.replace(self, options=options, by_bytes=by_bytes)
 
     @property

@@ -1,4 +1,4 @@
-"""Quantisation: fewer distinct colours, exponents and skews, hence fewer gradients."""
+"""Quantisation: fewer distinct colours and exponents, hence fewer gradients."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from gauss2svg.errors import InputError, quoted, required
 from gauss2svg.pipeline.palette import best_palette, quantize_signed
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, PLAIN, Scene
-from gauss2svg.scene.falloff import RIM_WIDTH, covered_radius, with_length
+from gauss2svg.scene.falloff import RIM_WIDTH, covered_radius
 from gauss2svg.svg.blur import GRADIENT, drawn_blurs
-from gauss2svg.svg.plain_ellipse import drawn_beta, is_even, is_plain
+from gauss2svg.svg.plain_ellipse import drawn_beta, is_plain
 from gauss2svg.svg.snap import snapped, with_falloffs
 
 
@@ -41,11 +41,11 @@ def quantize(
     color_error: float = 0.0,
     weight: NDArray[np.floating] | None = None,
 ) -> Scene:
-    """The scene with colours, exponents and skews of a palette; the operation is idempotent.
+    """Return the scene with colours and exponents of a palette; the operation is idempotent.
 
     form         of the shapes in the file, "gradient" or "blur"
-    palette      largest number of gradients, one for each colour, exponent and length of skew, in
-                 proportion if some shapes are blurred; 0: no limit
+    palette      largest number of gradients, one for each colour and exponent, in proportion if
+                 some shapes are blurred; 0: no limit
     color_error  mean squared error that fewer gradients may add; 0: as many as the palette has
     weight       (h, w) of a pixel's error, of any size and mean 1; None: 1 everywhere
 
@@ -62,18 +62,13 @@ def quantize(
         return scene
     count = max(1, math.ceil(palette * (1 - blurred.mean()))) if palette else len(scene)
     mass, pixels = visible_mass(exact, weight)
-    length = np.hypot(*exact.skew.T)
     found = best_palette(
         exact.color[shaded], exact.beta[shaded], mass[shaded], count, color_error * 3 * pixels,
-        length[shaded],
     )  # fmt: skip
     beta, color = scene.beta.copy(), scene.color.copy()
     color[shaded] = found.color[found.entry] / 255
     beta[shaded] = found.beta[found.entry]
-    length = np.zeros(len(scene))
-    length[shaded] = found.skew[found.entry]
-    skew = with_length(exact.skew, length)
-    return with_falloffs(exact, beta, skew).replace(color=color, drawn=scene.drawn)
+    return with_falloffs(exact, beta).replace(color=color, drawn=scene.drawn)
 
 
 def with_plain_edges(scene: Scene) -> Scene:
@@ -83,7 +78,7 @@ def with_plain_edges(scene: Scene) -> Scene:
     each pixel it covers.
     """
     minor = scene.ellipse_axes[0][:, 1]
-    crisp = is_even(scene) & (RIM_WIDTH * minor < TUNING.rim * scene.beta)
+    crisp = RIM_WIDTH * minor < TUNING.rim * scene.beta
     plain = is_plain(scene) | (crisp & (minor * covered_radius(scene.beta) > TUNING.half))
     beta = scene.beta.copy()
     beta[plain] = drawn_beta(scene, plain)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
 from gauss2svg.pipeline.palette import best_palette
 from gauss2svg.scene import PLAIN, Scene
-from gauss2svg.scene.falloff import coverage, cut_radius, focal_radius, profile
+from gauss2svg.scene.falloff import coverage, cut_radius, profile
 from gauss2svg.svg.plain_ellipse import drawn_beta, plain_radius
 from gauss2svg.svg.snap import with_falloffs
 
@@ -122,7 +122,7 @@ def _weights(
         if covers[k]:
             share = coverage(z, whitening[k], radius[k])
         else:
-            share = profile(focal_radius(z, scene.skew[k], scene.beta[k]), scene.beta[k])
+            share = profile(np.sqrt(np.square(z).sum(axis=-1)), scene.beta[k])
         alpha = scene.opacity[k] * share
         box = left[y0:y1, x0:x1]
         weight = alpha * box

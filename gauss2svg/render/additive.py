@@ -101,7 +101,7 @@ def backpropagate_additive_tile(
             h0 = h0 + h
             h2 = h2 + hz
             h22 = h22 + hz * z2
-        put_moments(moments, p, z1, h0 * z1, h2, h22, so, s0, s1, s2, zero, zero, zero)
+        put_moments(moments, p, z1, h0 * z1, h2, h22, so, s0, s1, s2, zero)
 
 
 @tile_kernel

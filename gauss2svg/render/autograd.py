@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from gauss2svg.render.cpu import (
     Splats,
-    by_exponent,
     moments_of_gradient,
     render_planar,
     splats_from,
@@ -37,18 +36,14 @@ class _FastRender(torch.autograd.Function):
     def backward(  # pyright: ignore[reportIncompatibleMethodOverride] (the decorator's type)
         ctx: Any, *grad_outputs: torch.Tensor
     ) -> tuple[Any, ...]:
-        mean, sigma, rho, color, opacity, background, beta, skew = ctx.saved_tensors
+        mean, sigma, rho, color, opacity, background, beta = ctx.saved_tensors
         real = _precision(ctx.saved_tensors)
         seen = opacity.double().clamp(min=_LEAST_OPACITY[real])
         # The kernels' loop for beta = 1 leaves out what the exponent's gradient needs.
         near = beta.double()
         if ctx.needs_input_grad[6]:
             near = torch.where(near == 1, np.nextafter(1, 2), near)
-        aside = skew.double()
-        if ctx.needs_input_grad[7]:  # nor that for symmetric shapes what the skew's needs
-            # So small a skew changes no rendered pixel, but takes the loop of skewed shapes.
-            aside = torch.where((aside == 0).all(dim=1, keepdim=True), 1e-20, aside)
-        splats = _splats(mean, sigma, rho, color, seen, background, near, aside)
+        splats = _splats(mean, sigma, rho, color, seen, background, near)
         splats = splats._replace(additive=ctx.additive)
         gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)
         moments = torch.from_numpy(moments_of_gradient(splats, gradient))
@@ -60,8 +55,7 @@ class _FastRender(torch.autograd.Function):
             moments[:, 6:9],
             by_opacity,
             torch.from_numpy(_by_background(splats, gradient)),
-            torch.from_numpy(by_exponent(moments.numpy(), splats)),
-            moments[:, 10:],
+            -moments[:, 9],
         )
         typed = (g.to(t.dtype) for g, t in zip(wanted, ctx.saved_tensors, strict=True))
         return (*typed, None, None, None)
@@ -72,12 +66,12 @@ def _precision(tensors: Sequence[torch.Tensor]) -> type[np.floating]:
 
 
 def _splats(*tensors: torch.Tensor) -> Splats:
-    mean, sigma, rho, color, opacity, background, beta, skew = (
+    mean, sigma, rho, color, opacity, background, beta = (
         tensor.detach().to(torch.float64).numpy() for tensor in tensors
     )
     return splats_from(
         mean, sigma, rho, whitening_of(sigma, rho),
-        color=color, opacity=opacity, beta=beta, skew=skew, background=background,
+        color=color, opacity=opacity, beta=beta, background=background,
     )  # fmt: skip
 
 
@@ -118,7 +112,6 @@ def fast_composite(
     height: int,
     width: int,
     beta: torch.Tensor | None = None,
-    skew: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """gauss2svg.render.reference.composite by the numba kernels.
 
@@ -128,7 +121,7 @@ def fast_composite(
     gradients of beta < 1; they grow with r^(2 beta - 1) or faster. Raises InputError outside the
     domain (gauss2svg.render.domain).
     """
-    shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta, skew)
+    shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
     return _drawn(shapes, height, width, additive=False)
 
 

@@ -10,7 +10,6 @@ half of whole tiles: docs/decisions/kernels.md.
 The number of threads changes no bit of any result: see gauss2svg.render.walk.
 """
 
-import math
 import os
 import threading
 from typing import NamedTuple, TypeVar
@@ -34,7 +33,7 @@ from gauss2svg.render.walk import (
     walk_tiles_additive,
 )
 from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
-from gauss2svg.scene.falloff import CUT, covered_radius, cut_radius, longer_axes
+from gauss2svg.scene.falloff import covered_radius, cut_radius, longer_axes
 
 
 class _KernelLock:
@@ -85,12 +84,12 @@ class Splats(NamedTuple):
     """What the kernels read of n Gaussians, bottom first; all float64.
 
     mean (n, 2), sigma (n, 2), rho (n,), radius (n,) of the cut: for the tiles
-    shape (n, 13): mean x, y, whitening w11, w21, w22, beta, radius^2, skew f1, f2, and for plain
-    ellipses, which cover shares of pixels, o11, o21, o22: (o11 z1, o21 z1 + o22 z2) lies in the
-    unit disc where they do; and the largest share. 0 for others
+    shape (n, 11): mean x, y, whitening w11, w21, w22, beta, radius^2, and for plain ellipses, which
+    cover shares of pixels, o11, o21, o22: (o11 z1, o21 z1 + o22 z2) lies in the unit disc where
+    they do; and the largest share. 0 for others
     opacity_color (n, 4): opacity, r, g, b
     background (3,)
-    additive: whether they are blended additively; opacities, exponents, skews are not read then
+    additive: whether they are blended additively; opacities and exponents are not read then
     """
 
     mean: NDArray[np.float64]
@@ -112,11 +111,6 @@ class Splats(NamedTuple):
         """(n,) exponents of the falloff."""
         return self.shape[:, 5]
 
-    @property
-    def skew(self) -> NDArray[np.float64]:
-        """(n, 2) foci of the falloff, in the unit disc."""
-        return self.shape[:, 7:9]
-
 
 def splats_from(
     mean: NDArray[np.float64],
@@ -127,7 +121,6 @@ def splats_from(
     color: NDArray[np.float64],
     opacity: NDArray[np.float64],
     beta: NDArray[np.float64],
-    skew: NDArray[np.float64],
     background: NDArray[np.float64],
     additive: bool = False,
     plain: NDArray[np.bool_] | None = None,
@@ -135,7 +128,7 @@ def splats_from(
     """What the kernels read of n Gaussians with these parameters, as in a scene.
 
     whitening (n, 3) as of gauss2svg.scene.whitening_of; plain (n,) are ellipses that cover shares
-    of pixels, None for none; their skews are not read.
+    of pixels, None for none.
     """
     radius = cut = cut_radius(beta)
     outer = np.zeros((len(mean), 4))
@@ -157,7 +150,7 @@ def splats_from(
         sigma,
         rho,
         cut,
-        np.column_stack([mean, whitening, beta, radius * radius, skew, outer]),
+        np.column_stack([mean, whitening, beta, radius * radius, outer]),
         np.column_stack([opacity, color]),
         background,
         additive,
@@ -182,7 +175,6 @@ def splats_of(
         color=scene.color,
         opacity=scene.opacity,
         beta=scene.beta,
-        skew=scene.skew,
         background=scene.background.copy(),
         additive=scene.blend == ADD,
         plain=scene.drawn == PLAIN if covering else None,
@@ -252,34 +244,12 @@ def squared_error(
     float32 or float64. The sum is not weighted. The moments (gauss2svg.render.kernels) belong to
     L = 1/2 sum weight (rendered - target)^2; forward and backward share one visit of a tile.
     """
-    image, squares, moments, rows = _visit(
-        SQUARED_ERROR, splats, target, _columns_of(splats), weight
-    )
-    return image, squares, _with_all(moments), rows
-
-
-def _columns_of(splats: Splats) -> int:
-    """How many moments are summed: those of skews only where there are any."""
-    return MOMENTS if splats.skew.any() else MOMENTS - 2
-
-
-def _with_all(moments: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, MOMENTS), those that were not summed being 0."""
-    return np.pad(moments, ((0, 0), (0, MOMENTS - moments.shape[1])))
-
-
-def by_exponent(moments: NDArray[np.float64], splats: Splats) -> NDArray[np.float64]:
-    """dL/dbeta (n,) from moments (n, MOMENTS): of the power, and of the radius of a skewed shape.
-
-    The latter takes the focus with it: dr/dR = -e.f / n, dR/dbeta = -R ln CUT / (2 beta^2).
-    """
-    moved = (moments[:, :2] * splats.skew).sum(axis=1)
-    return -moments[:, 9] - 0.5 * math.log(CUT) * splats.radius / np.square(splats.beta) * moved
+    return _visit(SQUARED_ERROR, splats, target, MOMENTS, weight)
 
 
 def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.float64]:
     """Moments (n, MOMENTS) of any loss from its gradient (3, h, w) with respect to the image."""
-    return _with_all(_visit(GIVEN_GRADIENT, splats, gradient, _columns_of(splats))[2])
+    return _visit(GIVEN_GRADIENT, splats, gradient, MOMENTS)[2]
 
 
 def removal_cost(

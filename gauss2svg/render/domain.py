@@ -17,7 +17,6 @@ except ImportError as error:
     ) from error
 
 _DOMAIN = {parameter.name: (parameter.least, parameter.most) for parameter in PARAMETERS}
-_DISCS = {parameter.name for parameter in PARAMETERS if parameter.disc}
 _DOMAIN |= dict.fromkeys(("color", "background"), (-MOST_SIGNED, MOST_SIGNED))
 
 
@@ -29,9 +28,8 @@ def shapes_of(
     background: torch.Tensor,
     opacity: torch.Tensor | None = None,
     beta: torch.Tensor | None = None,
-    skew: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, ...]:
-    """Mean, sigma, rho, color, opacity, background, beta, skew; of opaque Gaussians if not given.
+    """Mean, sigma, rho, color, opacity, background and beta; of opaque Gaussians if not given.
 
     Raises InputError for an element that is not finite or leaves the domain of its parameter: that
     of gauss2svg.scene.scene.Scene, but colours may be signed with both blends, and rho may go up to
@@ -39,10 +37,9 @@ def shapes_of(
     """
     opacity = torch.ones_like(rho) if opacity is None else opacity
     beta = torch.ones_like(rho) if beta is None else beta
-    skew = torch.zeros_like(mean) if skew is None else skew
     shapes = {
         "mean": mean, "sigma": sigma, "rho": rho, "color": color, "opacity": opacity,
-        "background": background, "beta": beta, "skew": skew,
+        "background": background, "beta": beta,
     }  # fmt: skip
     for name, tensor in shapes.items():
         _check(name, tensor)
@@ -67,15 +64,6 @@ def _check(name: str, tensor: torch.Tensor) -> None:
             f"{name}{list(at)} must be finite and in {least!r}..{most!r}; got "
             f"{values[at]!s}. Try clamping it"
         )
-    if name in _DISCS:
-        length = np.sqrt(np.square(values).sum(axis=1))
-        long = length > most * (1 + 2 * kind.eps)  # as a scaled vector may be
-        if long.any():
-            at = int(long.argmax())
-            raise InputError(
-                f"{name}[{at}] must be of a length in 0..{most!r}; got {length[at]!s}. Try "
-                "shortening it"
-            )
 
 
 def below_one(dtype: torch.dtype) -> float:

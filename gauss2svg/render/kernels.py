@@ -30,34 +30,19 @@ nine numbers for each pair, from which the gradient of every parametrisation fol
 
 A shape of exponent beta != 1 has t = s^beta in place of s = r^2 / 2 in the falloff. With
 A = t / s = s^(beta - 1), which costs one logarithm and one power, its h is multiplied by
-beta A, and a tenth number gives dL/dbeta = -sum dL/dalpha alpha' t ln s, skew aside.
-
-A skewed shape has its focus at F = R f, R the radius of the cut, and instead of |z| the distance r
-of gauss2svg.scene.falloff,
-
-    r = (d.f + n) / (1 - f.f),  n = sqrt((d.f)^2 + (1 - f.f) d.d),  d = z - F,  e = d + r f,
-
-so that dr/dz = e / n and dr/df = -(R - r) e / n. With g = h r / n its moments are those of
-
-    sum g e1, sum g e2, sum g e1 z1, sum g e2 z1, sum g e2 z2,
-
-which for f = 0 are those above, and two more are dL/df = sum g (R - r) e. n = (1 - f.f) r - d.f
-needs no second root. R changes with beta, so that dL/dbeta has one term more, which follows from
-the others (gauss2svg.render.cpu.by_exponent).
+beta A, and a tenth number gives dL/dbeta = -sum dL/dalpha alpha' t ln s.
 
 A plain ellipse covers a share of each pixel instead (gauss2svg.scene.falloff), alpha = opacity
 clip(1/2 + (R - r) / g) where it is wider than a pixel. g = n / r with n = |W^T z| counts as
 constant beside r, so that h = dL/dalpha opacity / n where the pixel is on the rim, and 0 elsewhere.
 
-Gaussians, other exponents, skewed shapes and plain ellipses have a loop each and pay nothing for
-what they do not have: the second takes about 1.5 times as long as the first
-(docs/decisions/kernels.md), the third 1.2 times as long as the second (docs/decisions/skew.md).
+Gaussians, other exponents and plain ellipses have a loop each and pay nothing for what they do not
+have: the second takes about 1.5 times as long as the first (docs/decisions/kernels.md).
 """
 
 # pyright: reportCallIssue=false
 # The intrinsics of simd.py take a typing context that numba passes by itself.
 
-import numpy as np
 from numba import njit
 
 from gauss2svg.render.powers import LOG2_E, LOGARITHM_FROM, exp2, log
@@ -80,7 +65,7 @@ from gauss2svg.scene.falloff import CUT, RIM
 
 assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
 PLANE = TILE_WIDTH * TILE_HEIGHT
-MOMENTS = 12
+MOMENTS = 10
 
 # exp(u) on -1.125..0, least squares on Chebyshev nodes with p(0) = 1; its fourth
 # power is exp(-q / 2) for 0 <= q <= 9 within 2e-6 in float32 and a relative 3e-15
@@ -113,7 +98,7 @@ _exp = polynomial(_SINGLE, _DOUBLE)
 _POWER_RIMS = RIM + 2e-6, RIM + 1e-14
 _power_rim = constant(*_POWER_RIMS)
 _power_norm = constant(*(1 / (1 - rim) for rim in _POWER_RIMS))
-# Of n^2, beside 1 at the rim: keeps r / n finite at the focus itself.
+# Of r^2 and n^2 of a plain ellipse: keeps r / n finite at the mean itself.
 _least_square = constant(1e-20, 1e-60)
 
 
@@ -156,21 +141,13 @@ def whitened(i, p, x0, y0, column, like, shape, rows):
 
 
 @njit(inline="always")
-def _focus(i, shape, like):
-    """f1, f2, 1 - f.f and R of a skewed shape as lanes."""
-    f1, f2 = shape[i, 7], shape[i, 8]
-    left = 1.0 - (f1 * f1 + f2 * f2)
-    return splat(f1, like), splat(f2, like), splat(left, like), splat(np.sqrt(shape[i, 6]), like)
-
-
-@njit(inline="always")
 def _covered(i, z1, z2, radius, shape):
     """Share of each pixel that a plain ellipse covers, and 1 / n on its rim: see the module."""
     zero, half, one = splat(0.0, z1), splat(0.5, z1), splat(1.0, z1)
     steep = splat(1e30, z1)
     tiny = splat(_least_square(z1), z1)
-    o1 = splat(shape[i, 9], z1) * z1
-    o2 = splat(shape[i, 10], z1) * z1 + splat(shape[i, 11], z1) * z2
+    o1 = splat(shape[i, 7], z1) * z1
+    o2 = splat(shape[i, 8], z1) * z1 + splat(shape[i, 9], z1) * z2
     inside = least(one, most(zero, one - (o1 * o1 + o2 * o2)) * steep)
     n1 = splat(shape[i, 2], z1) * z1 + splat(shape[i, 3], z1) * z2
     n2 = splat(shape[i, 4], z1) * z2
@@ -183,7 +160,7 @@ def _covered(i, z1, z2, radius, shape):
     on_near = least(one, near * steep) * least(one, most(zero, one - near) * steep)
     on_far = least(one, most(zero, one - far) * steep)
     share = least(one, near) + least(one, far) - one
-    share = least(splat(shape[i, 12], z1), most(zero, share))
+    share = least(splat(shape[i, 10], z1), most(zero, share))
     return inside * share, inside * ((on_near - on_far) * per)
 
 
@@ -204,7 +181,7 @@ def _layer(j, at, a, c0, c1, c2, alpha, transmittance, color, remaining):
 @tile_kernel
 def compose_tile(
     order, first, end, x0, y0, column, inside, shape, opacity_color, gaussian, rows,
-    alpha, transmittance, steep, logs, reached, color, remaining,
+    alpha, transmittance, steep, logs, color, remaining,
 ):  # fmt: skip
     """Composite the pairs of one tile; returns how far alpha and transmittance were filled.
 
@@ -212,12 +189,11 @@ def compose_tile(
     x0, y0  the tile's first pixel; column: (16,) 0..15, float64
     inside  (16,): 1 for columns of the image, 0 beyond its right edge, where
             the transmittance starts at 0 and nothing counts
-    shape   (n, 13) float64: mean x, y, whitening w11, w21, w22, beta, R^2 = 2 CUT^(1 / beta), f1,
-            f2; plain ellipses have the R of their rim, and of what they cover o11, o21, o22, most
+    shape   (n, 11) float64: mean x, y, whitening w11, w21, w22, beta, R^2 = 2 CUT^(1 / beta);
+            plain ellipses have the R of their rim, and of what they cover o11, o21, o22, most
     opacity_color  (n, 4) float64: opacity, r, g, b
     alpha, transmittance  flat buffers, 16 for each row of each pair, in visiting order
     steep, logs  the same for s^(beta - 1) and ln s; not written for Gaussians (beta = 1)
-    reached  the same for r of skewed shapes, not written for others
     color   (3, TILE_HEIGHT, 16) premultiplied colour
     remaining  (TILE_HEIGHT, 16) transmittance behind all pairs
     """
@@ -235,8 +211,7 @@ def compose_tile(
     for k in range(first, end):
         p = order[k]
         i = gaussian[p]
-        skewed = shape[i, 7] != 0.0 or shape[i, 8] != 0.0
-        powered = skewed or shape[i, 5] != 1.0
+        powered = shape[i, 5] != 1.0
         norm = _power_norm(centre) if powered else _norm(centre)
         peak = splat(opacity_color[i, 0] * norm, centre)
         rim = splat(
@@ -249,7 +224,7 @@ def compose_tile(
         w22 = shape[i, 4]
         power = splat((shape[i, 5] - 1.0) * LOG2_E, centre)
         reach = splat(shape[i, 6], centre)
-        if shape[i, 9] != 0.0:
+        if shape[i, 7] != 0.0:
             opacity = splat(opacity_color[i, 0], centre)
             radius = root(reach)
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
@@ -260,29 +235,6 @@ def compose_tile(
                     y * TILE_WIDTH, at, opacity * share, c0, c1, c2, alpha, transmittance, color,
                     remaining,
                 )  # fmt: skip
-            continue
-        if skewed:
-            f1, f2, left, radius = _focus(i, shape, centre)
-            smallest = splat(_least_square(centre), centre)
-            whole = splat(1.0, centre) / left
-            z1 = z1 - radius * f1
-            across = across - radius * f2
-            along = z1 * f1
-            z1 = left * (z1 * z1) + smallest
-            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-                d2 = across + splat(w22 * (y - middle), centre)
-                df = along + d2 * f2
-                r = (df + root(df * df + (z1 + left * (d2 * d2)))) * whole
-                q = least(r * r, reach)
-                ln = log(most(q * half, tiny))
-                steepness = exp2(ln * power)
-                a = most(peak * _exp_half(steepness * q) - rim, zero)
-                store(steep, at, steepness)
-                store(logs, at, ln)
-                store(reached, at, r)
-                at = _layer(
-                    y * TILE_WIDTH, at, a, c0, c1, c2, alpha, transmittance, color, remaining
-                )
             continue
         z1 = z1 * z1
         if powered:
@@ -325,11 +277,8 @@ def _unlayer(j, row, rim, c0, c1, c2, alpha, transmittance, g, behind):
 
 
 @njit(inline="always")
-def put_moments(moments, p, z1, h1, h2, h22, so, s0, s1, s2, hb, k1, k2):
-    """Write the sums over a pair's lanes to row p of moments: see the module.
-
-    Those of skews, the last two, have no columns where no shape is skewed.
-    """
+def put_moments(moments, p, z1, h1, h2, h22, so, s0, s1, s2, hb):
+    """Write the sums over a pair's lanes to row p of moments: see the module."""
     moments[p, 0] = total(h1)
     moments[p, 1] = total(h2)
     moments[p, 2] = total(h1 * z1)
@@ -340,15 +289,12 @@ def put_moments(moments, p, z1, h1, h2, h22, so, s0, s1, s2, hb, k1, k2):
     moments[p, 7] = total(s1)
     moments[p, 8] = total(s2)
     moments[p, 9] = 0.5 * total(hb)
-    if moments.shape[1] == MOMENTS:
-        moments[p, 10] = total(k1)
-        moments[p, 11] = total(k2)
 
 
 @tile_kernel
 def backpropagate_tile(
     order, first, end, x0, y0, column, shape, opacity_color, gaussian, rows,
-    alpha, transmittance, steep, logs, reached, at, g, behind, moments,
+    alpha, transmittance, steep, logs, at, g, behind, moments,
 ):  # fmt: skip
     """Moments of every pair of a composited tile, by the formula of the module.
 
@@ -362,8 +308,7 @@ def backpropagate_tile(
     for k in range(end - 1, first - 1, -1):
         p = order[k]
         i = gaussian[p]
-        skewed = shape[i, 7] != 0.0 or shape[i, 8] != 0.0
-        powered = skewed or shape[i, 5] != 1.0
+        powered = shape[i, 5] != 1.0
         rim_share = _power_norm(centre) * _power_rim(centre)
         if not powered:
             rim_share = _norm(centre) * _rim(centre)
@@ -375,10 +320,10 @@ def backpropagate_tile(
         w22 = shape[i, 4]
         at -= (rows[p, 1] - rows[p, 0]) * TILE_WIDTH
         row = at
-        s0 = s1 = s2 = so = h0 = h2 = h22 = hb = k1 = k2 = zero
+        s0 = s1 = s2 = so = h0 = h2 = h22 = hb = zero
         reach = splat(shape[i, 6], centre)
         beta = splat(shape[i, 5], centre)
-        if shape[i, 9] != 0.0:
+        if shape[i, 7] != 0.0:
             # _unlayer's h is w dL/dalpha and, where alpha > 0, this times T dL/dalpha
             whole = splat(opacity_color[i, 0], centre)
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
@@ -396,41 +341,7 @@ def backpropagate_tile(
                 h2 = h2 + hz
                 h22 = h22 + hz * z2
                 row += TILE_WIDTH
-            put_moments(moments, p, z1, h0 * z1, h2, h22, so, s0, s1, s2, hb, k1, k2)
-            continue
-        if skewed:
-            f1, f2, left, radius = _focus(i, shape, centre)
-            d1 = z1 - radius * f1
-            along = d1 * f1
-            smallest = splat(_least_square(centre), centre)
-            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-                z2 = across + splat(w22 * (y - middle), centre)
-                w, wd, h, g0, g1, g2 = _unlayer(
-                    y * TILE_WIDTH, row, rim, c0, c1, c2, alpha, transmittance, g, behind
-                )
-                s0 = s0 + w * g0
-                s1 = s1 + w * g1
-                s2 = s2 + w * g2
-                so = so + wd
-                r = load(reached, row)
-                h = h * load(steep, row)
-                hb = hb + h * (least(r * r, reach) * load(logs, row))
-                d2 = z2 - radius * f2
-                n = left * r - (along + d2 * f2)
-                h = h * (r / most(n, smallest))
-                h1 = h * (d1 + r * f1)
-                h2_ = h * (d2 + r * f2)
-                rest = radius - r
-                h0 = h0 + h1
-                h2 = h2 + h2_
-                h22 = h22 + h2_ * z2
-                k1 = k1 + rest * h1
-                k2 = k2 + rest * h2_
-                row += TILE_WIDTH
-            h0 = h0 * beta
-            h2 = h2 * beta
-            h22 = h22 * beta
-            put_moments(moments, p, z1, h0, h2, h22, so, s0, s1, s2, hb, k1 * beta, k2 * beta)
+            put_moments(moments, p, z1, h0 * z1, h2, h22, so, s0, s1, s2, hb)
             continue
         if powered:
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
@@ -467,7 +378,7 @@ def backpropagate_tile(
                 h2 = h2 + hz
                 h22 = h22 + hz * z2
                 row += TILE_WIDTH
-        put_moments(moments, p, z1, h0 * z1, h2, h22, so, s0, s1, s2, hb, k1, k2)
+        put_moments(moments, p, z1, h0 * z1, h2, h22, so, s0, s1, s2, hb)
 
 
 @tile_kernel

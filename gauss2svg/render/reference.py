@@ -1,15 +1,15 @@
 """The reference renderer: the model's formula in plain torch, for any dtype, device and size.
 
     C(x) = sum_k w_k c_k + T_end background,  w_k = alpha_k prod_{j in front} (1 - alpha_j),
-    alpha_k(x) = opacity_k f(r_k(W_k (x - mean_k)); beta_k)
+    alpha_k(x) = opacity_k f(|W_k (x - mean_k)|; beta_k)
 
 or, with additive blending,
 
     C(x) = background + sum_k f(|W_k (x - mean_k)|) c_k
 
-with r_k(z) = |z| for a symmetric shape and that of gauss2svg.scene.falloff for a skewed one,
-sampled at pixel centres. Differentiable by autograd and without tiles or approximations: memory
-and time grow with Gaussians times pixels, so use it for small images.
+with f of gauss2svg.scene.falloff, sampled at pixel centres. Differentiable by autograd and without
+tiles or approximations: memory and time grow with Gaussians times pixels, so use it for small
+images.
 """
 
 from __future__ import annotations
@@ -32,16 +32,14 @@ def composite(
     height: int,
     width: int,
     beta: torch.Tensor | None = None,
-    skew: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """Image (height, width, 3) of n Gaussians, bottom first, on a canvas of the same size.
 
     mean (n, 2) and sigma (n, 2) in px, rho (n,), color (n, 3), opacity (n,),
-    background (3,), beta (n,) or None for Gaussians, skew (n, 2) or None for symmetric shapes; all
-    of one dtype and device, which the image shares. Raises InputError outside of the domain
-    (gauss2svg.render.domain).
+    background (3,) and beta (n,) or None for Gaussians; all of one dtype and device, those of the
+    image. Raises InputError outside of the domain (gauss2svg.render.domain).
     """
-    shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta, skew)
+    shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
     return _blended(shapes, height, width, additive=False)
 
 
@@ -66,10 +64,10 @@ def _blended(
     shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
 ) -> torch.Tensor:
     """The image of `accumulate` or of `composite`, of what shapes_of returns."""
-    mean, sigma, rho, color, opacity, background, beta, skew = shapes
+    mean, sigma, rho, color, opacity, background, beta = shapes
     image = background.expand(height, width, 3)
     for k in range(len(mean)):
-        falloff = _falloff(mean[k], sigma[k], rho[k], beta[k], skew[k], height, width)[:, :, None]
+        falloff = _falloff(mean[k], sigma[k], rho[k], beta[k], height, width)[:, :, None]
         if additive:
             image = image + falloff * color[k]
         else:
@@ -82,7 +80,6 @@ def _falloff(
     sigma: torch.Tensor,
     rho: torch.Tensor,
     beta: torch.Tensor,
-    skew: torch.Tensor,
     height: int,
     width: int,
 ) -> torch.Tensor:
@@ -92,15 +89,13 @@ def _falloff(
     and the offset from a distant mean would be lost.
     """
     dtype = mean.dtype
-    mean, sigma, rho, beta, skew = (t.to(_wide(t.device)) for t in (mean, sigma, rho, beta, skew))
+    mean, sigma, rho, beta = (t.to(_wide(t.device)) for t in (mean, sigma, rho, beta))
     y = torch.arange(height, dtype=mean.dtype, device=mean.device) + 0.5
     x = torch.arange(width, dtype=mean.dtype, device=mean.device) + 0.5
     z1 = (x - mean[0]) / sigma[0]
     v = (y - mean[1]) / sigma[1]
     z2 = (v[:, None] - rho * z1) / torch.sqrt((1 - rho) * (1 + rho))
-    half = 0.5 * _square_distance(
-        z1.expand_as(z2), z2, torch.sqrt(2 * CUT ** (1 / beta)) * skew, skew
-    )
+    half = 0.5 * (z1 * z1 + z2 * z2)
     inside = half < CUT ** (1 / beta)
     # Masked before the power, so that the backward pass never multiplies infinity by zero:
     # at the mean itself, where the logarithm is infinite, the falloff is 1 for every shape.
@@ -108,26 +103,6 @@ def _falloff(
     power = torch.where(seen, half, torch.ones_like(half)) ** beta
     bell = torch.exp(-torch.where(seen, power, torch.zeros_like(power)))
     return torch.where(inside, (bell - RIM) / (1 - RIM), torch.zeros_like(bell)).to(dtype)
-
-
-def _square_distance(
-    z1: torch.Tensor, z2: torch.Tensor, focus: torch.Tensor, skew: torch.Tensor
-) -> torch.Tensor:
-    """r^2 at z, by the formula of gauss2svg.scene.falloff; |z|^2 exactly where the skew is 0.
-
-    r = (d.f + n) / (1 - f.f) with n^2 = (d.f)^2 + (1 - f.f) d.d, squared as it is summed here.
-    """
-    d1, d2 = z1 - focus[0], z2 - focus[1]
-    left = 1 - (skew * skew).sum()
-    along = d1 * skew[0] + d2 * skew[1]
-    rest = left * (d1 * d1 + d2 * d2)
-    square = along * along + rest
-    # At the focus itself the root has no derivative, and r^2 has 0.
-    away = square > 0
-    n = torch.where(
-        away, torch.sqrt(torch.where(away, square, torch.ones_like(square))), 0 * square
-    )
-    return (2 * along * (along + n) + rest) / (left * left)
 
 
 def _wide(device: torch.device) -> torch.dtype:
@@ -152,7 +127,7 @@ def render_reference(
     scale = np.array([width / scene.width, height / scene.height])
     arrays = (
         scene.mean * scale, scene.sigma * scale, scene.rho, scene.color, scene.opacity,
-        scene.background, scene.beta, scene.skew,
+        scene.background, scene.beta,
     )  # fmt: skip
     mean, sigma, rho, *others = (
         torch.tensor(array, dtype=dtype, device=device) for array in arrays

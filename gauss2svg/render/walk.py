@@ -32,7 +32,7 @@ RENDER, SQUARED_ERROR, GIVEN_GRADIENT, REMOVAL = range(4)
 class TileBuffers(NamedTuple):
     """Working memory for one tile at a time, all of one dtype save columns.
 
-    layers   (5, rows * TILE_WIDTH) alpha, transmittance, s^(beta - 1), ln s and r of each pair row
+    layers   (4, rows * TILE_WIDTH) alpha, transmittance, s^(beta - 1) and ln s of each pair row
     color    (3, TILE_HEIGHT, TILE_WIDTH) premultiplied colour
     gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH) see gauss2svg.render.kernels
     remaining  (TILE_HEIGHT, TILE_WIDTH) transmittance behind all Gaussians; 1 on entry
@@ -53,7 +53,7 @@ def tile_buffers(most_rows: int, dtype: Any) -> TileBuffers:
     """Buffers for tiles of up to most_rows pair rows."""
     tile = TILE_HEIGHT, TILE_WIDTH
     return TileBuffers(
-        layers=np.empty((5, most_rows * TILE_WIDTH), dtype),
+        layers=np.empty((4, most_rows * TILE_WIDTH), dtype),
         color=np.empty((3, *tile), dtype),
         gradient=np.empty((3, *tile), dtype),
         behind=np.empty((3, *tile), dtype),
@@ -145,8 +145,7 @@ def walk_tiles(
     """
     height, width = out.shape[1:]
     tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
-    alpha, transmittance = layers[0], layers[1]
-    steep, logs, reached = layers[2], layers[3], layers[4]
+    alpha, transmittance, steep, logs = layers[0], layers[1], layers[2], layers[3]
     for tile in range(share, start.size - 1, shares):
         x0 = (tile % tile_columns) * TILE_WIDTH
         y0 = (tile // tile_columns) * TILE_HEIGHT
@@ -157,7 +156,7 @@ def walk_tiles(
         first, end = start[tile], start[tile + 1]
         filled = compose_tile(
             order, first, end, x0, y0, columns, inside, shape, opacity_color, gaussian, rows,
-            alpha, transmittance, steep, logs, reached, color, remaining,
+            alpha, transmittance, steep, logs, color, remaining,
         )  # fmt: skip
         loss[tile] = _errors_of_tile(
             mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
@@ -172,7 +171,7 @@ def walk_tiles(
                     )
             backpropagate_tile(
                 order, first, end, x0, y0, columns, shape, opacity_color, gaussian, rows,
-                alpha, transmittance, steep, logs, reached, filled, gradient, behind, pair_out,
+                alpha, transmittance, steep, logs, filled, gradient, behind, pair_out,
             )  # fmt: skip
         elif mode == REMOVAL:
             for channel in range(3):

@@ -13,16 +13,6 @@ so that the support shrinks as beta grows: 3 sigma at 1, 1.65 at 5, sqrt 2 in th
 Under beta = 1/2 the derivative by the mean, which goes with r^(2 beta - 1), is infinite at
 the mean itself: LEAST_BETA is the end of the domain.
 
-A skewed shape is steep on one side and gentle on the other, as a radial gradient is whose focus
-is not its centre. v = z / cut_radius(beta) is the point in the unit disc, z = W (x - mean) with W
-the inverse of the covariance's lower Cholesky factor; f, |f| <= MOST_SKEW, is the focus in it. Then
-r = t cut_radius(beta) takes the place of |z|, with
-
-    t = the t >= 0 with |v - (1 - t) f| = t        0 at the focus, 1 on the rim of the disc
-      = (d.f + sqrt((d.f)^2 + (1 - f.f) d.d)) / (1 - f.f),   d = v - f.
-
-The contour of a value t is the circle of radius t round (1 - t) f; f = 0 is the symmetric shape.
-
 A plain ellipse has no falloff: a renderer draws its edge by how much of each pixel it covers. With
 R = covered_radius(beta) its radius and g = |W^T z| / |z| the growth of |z| for each px, that is
 
@@ -45,20 +35,12 @@ CUT = RADIUS * RADIUS / 2
 RIM = math.exp(-CUT)
 
 LEAST_BETA, MOST_BETA = 0.5, 256.0
-# Of |f|. Renderers draw up to .95 as accurately as 0 (docs/decisions/skew.md).
-MOST_SKEW = 0.95
 # The width in px over which a large beta's rim falls from 0.9 to 0.1, times beta, at sigma 1 px.
 RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
 
 # The exponents of a file: gradients are shared by colour and exponent, and more exponents gain
 # nothing (docs/decisions/falloff.md).
 BETA_CLASSES = (1.0, 1.7, 3.0, 6.0, 16.0, 64.0)
-
-# Lengths of skews in a file are multiples of this; those under the second would not be seen, nor
-# any of an exponent from the third on, whose rim is narrow (docs/decisions/skew.md).
-SKEW_STEP = 0.01
-LEAST_SKEW = 0.1
-SYMMETRIC_FROM = 16.0
 
 
 def cut_radius(beta: ArrayLike) -> NDArray[np.float64]:
@@ -70,19 +52,6 @@ def profile(r: NDArray[np.floating], beta: ArrayLike = 1.0) -> NDArray[np.floati
     """Falloff f(r) at Mahalanobis distances r >= 0; r and beta broadcast, values in 0..1."""
     power = np.minimum(0.5 * np.square(r), 2 * CUT ** (1 / np.asarray(beta))) ** beta
     return np.maximum((np.exp(-power) - RIM) / (1 - RIM), 0.0) * (r < cut_radius(beta))
-
-
-def focal_radius(
-    z: NDArray[np.float64], skew: NDArray[np.float64], beta: ArrayLike = 1.0
-) -> NDArray[np.float64]:
-    """The distance r of points z (..., 2) = W (x - mean) under a skew f (..., 2); broadcast.
-
-    |z| where f is 0; the profile of a skewed shape is profile(r, beta).
-    """
-    d = z - cut_radius(beta)[..., None] * skew
-    left = 1 - np.square(skew).sum(axis=-1)
-    along = (d * skew).sum(axis=-1)
-    return (along + np.sqrt(np.square(along) + left * np.square(d).sum(axis=-1))) / left
 
 
 def coverage(
@@ -159,26 +128,6 @@ def half_radius(beta: ArrayLike) -> NDArray[np.float64]:
     1.165 at beta = 1; where (r^2 / 2)^beta = -ln((1 + RIM) / 2).
     """
     return np.sqrt(2 * (-math.log(0.5 * (1 + RIM))) ** (1 / np.asarray(beta, np.float64)))
-
-
-def written_skew(length: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lengths of skews as a file has them, for lengths (n,) of shapes of exponents (n,)."""
-    steps = np.minimum(np.round(length / SKEW_STEP), math.floor(MOST_SKEW / SKEW_STEP + 1e-9))
-    seen = (length >= LEAST_SKEW - 0.5 * SKEW_STEP) & (beta < SYMMETRIC_FROM)
-    return np.where(seen, steps * SKEW_STEP, 0.0)
-
-
-def with_length(skew: NDArray[np.float64], length: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Skews (n, 2) in their directions, x where they have none, with other lengths (n,).
-
-    One of that length already stays as it is.
-    """
-    before = np.hypot(*skew.T)
-    same = np.abs(before - length) <= 1e-12
-    scale = np.divide(length, before, where=before > 0, out=np.zeros_like(before))
-    scaled = skew * scale[:, None]
-    scaled[before == 0, 0] = length[before == 0]
-    return np.where(same[:, None], skew, scaled)
 
 
 def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:

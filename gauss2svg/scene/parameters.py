@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene import ADD
-from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, MOST_SKEW
+from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
 # The largest absolute value of a signed colour: larger ones drown in the rounding of renderers.
 MOST_SIGNED = 100.0
@@ -42,8 +42,6 @@ BLUR_TOLERANCE = 1e-6  # of the ratio: no exponent of a gradient is as near to o
 
 # Logits: opacities from 0.0003 to 0.999994, beyond which an 8-bit image shows no change.
 LEAST_RAW_OPACITY, MOST_RAW_OPACITY = -8.0, 12.0
-# A raw skew u stands for f = MOST_SKEW u / sqrt(1 + u.u), so that every u is one: up to |f| = .94.
-MOST_RAW_SKEW = 5.0
 # ln beta of a shape that is a Gaussian for now: at exactly 0 the kernels leave out what the
 # gradient of the exponent needs, and less ends worse (docs/decisions/adam.md). The most is that of
 # fits; files have cruder ones.
@@ -78,7 +76,6 @@ class Parameter:
     name         of its array in a scene
     width        numbers for each shape: the array is (n,) for 1, else (n, width)
     least, most  its domain; `added` is that of additive scenes, where it is another
-    disc         whether `most` also bounds the length of a shape's numbers, as of a vector
     default      of a scene that does not give it; None: it must be given
     dtype        of its array in a scene
     since        version of scene files that has it first; earlier ones have the default
@@ -96,7 +93,6 @@ class Parameter:
     least: float
     most: float
     added: tuple[float, float] | None = None
-    disc: bool = False
     default: float | None = None
     dtype: type[np.generic] = np.float64
     since: int = 1
@@ -123,18 +119,6 @@ def logistic(logit: _Values) -> _Values:
 def logit(opacity: _Values) -> _Values:
     """The inverse of `logistic`."""
     return np.log(opacity / (1 - opacity))
-
-
-def skew_of(raw: _Values) -> _Values:
-    """Skews (n, 2) in the disc of radius MOST_SKEW, of any raw ones (n, 2)."""
-    return MOST_SKEW * raw / np.sqrt(1 + np.square(raw).sum(axis=1, keepdims=True))
-
-
-def raw_skew_of(skew: _Values) -> _Values:
-    """The inverse of `skew_of`, for skews within its bounds."""
-    share = skew / MOST_SKEW
-    left = np.maximum(1 - np.square(share).sum(axis=1, keepdims=True), 1e-3)
-    return share / np.sqrt(left)
 
 
 def _as_it_is(values: _Values) -> _Values:
@@ -171,13 +155,6 @@ PARAMETERS = (
     Parameter(
         "beta", 1, LEAST_BETA, MOST_BETA, added=(1.0, 1.0), default=1.0, since=2, rate=0.05,
         raw=Raw("raw_beta", np.exp, np.log, LEAST_RAW_BETA, MOST_RAW_BETA), shared=True,
-    ),
-    Parameter(
-        "skew", 2, -MOST_SKEW, MOST_SKEW, added=(0.0, 0.0), disc=True, default=0.0, since=5,
-        rate=0.08,
-        followed=lambda values, scale: values * np.sign(scale),
-        raw=Raw("raw_skew", skew_of, raw_skew_of, -MOST_RAW_SKEW, MOST_RAW_SKEW),
-        advice="to shorten it",
     ),
     Parameter(
         "round_index", 1, 0, math.inf, default=0, dtype=np.int32,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import io
-import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -70,9 +69,6 @@ class Scene:
     drawn          (n,) how a file draws each: SOFT by a gradient, or by a plain ellipse where that
                    looks the same; PLAIN by a plain ellipse at any size; BLURRED as a blurred disc,
                    in the form "blur"; None for all SOFT
-    skew           (n, 2) focus of the falloff in a shape's unit disc, up to MOST_SKEW long, (0, 0)
-                   for a symmetric shape: see gauss2svg.scene.falloff; None for all 0, which they
-                   are where blend is "add"
     transparent    whether the background is not part of the image: a file has none, and rendered
                    images have alpha; False where blend is "add"
 
@@ -98,7 +94,6 @@ class Scene:
     beta: NDArray[np.float64] = _FILLED_IN
     transparent: bool = False
     drawn: NDArray[np.int8] = _FILLED_IN
-    skew: NDArray[np.float64] = _FILLED_IN
 
     as_html: ClassVar[Callable[[Scene], str] | None] = None  # gauss2svg.svg.notebook says why
 
@@ -213,8 +208,6 @@ class Scene:
         if getattr(self, name) is None and parameter.default is not None:
             object.__setattr__(self, name, np.full(shape, parameter.default))
         self._freeze(name, shape, parameter.domain(blend), parameter.dtype, parameter.advice)
-        if parameter.disc:
-            self._check_length(parameter)
 
     def _freeze(
         self,
@@ -244,19 +237,6 @@ class Scene:
             )
         array.flags.writeable = False
         object.__setattr__(self, name, array)
-
-    def _check_length(self, parameter: Parameter) -> None:
-        """Refuse a shape whose numbers, each within the domain, are too long a vector."""
-        values = getattr(self, parameter.name)
-        _, most = parameter.domain(self.blend)
-        # A little more, so that a vector that was scaled to this length is within it.
-        long = np.square(values).sum(axis=1) > most * most * (1 + 1e-12)
-        if long.any():
-            at = int(long.argmax())
-            raise SceneError(
-                f"scene {parameter.name}[{at}] must be of a length in 0..{_bound(most)}; got "
-                f"{math.hypot(*values[at])}. Try {parameter.advice}"
-            )
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Arrays that are unpickled or copied by themselves could be written to.

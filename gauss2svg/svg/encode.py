@@ -6,9 +6,6 @@ triangular one has c = 0 and is the shortest to write:
 
     a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
 
-A skewed shape turns the circle under it, so that its focus lies on the x axis: of M = R L Q the
-rotation Q has the first column f / |f|, and the gradient has fx = |f|.
-
 The user unit is `precision` px, so that all these are whole numbers. Three shapes at 0.04 px, of
 which 25 are a pixel:
 
@@ -44,13 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import (
-    BETA_CLASSES,
-    RIM_WIDTH,
-    SKEW_STEP,
-    cut_radius,
-    nearest_class,
-)
+from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.blur import BLURS, GRADIENT, Blur, drawn_blurs
 from gauss2svg.svg.element import (
     Element,
@@ -67,8 +58,8 @@ from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.stops import gradient_stops
 
 _LARGE = 100  # radius of gradients of large exponents
-# fx of a symmetric gradient of radius 1: resvg draws 0 less accurately (docs/decisions/svg.md).
-_NO_SKEW = 0.001
+# fx of a gradient of radius 1: resvg draws 0 less accurately (docs/decisions/svg.md).
+_FOCUS = 0.001
 
 
 @dataclass(frozen=True)
@@ -128,8 +119,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     blurred = ~plain & (blur >= 0) & (svg_format.form != GRADIENT)
     shaded = ~plain & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
-    length = np.round(np.hypot(*scene.skew.T) / SKEW_STEP).astype(np.intp)
-    keys = np.column_stack([nearest_class(scene.beta), color, length])
+    keys = np.column_stack([nearest_class(scene.beta), color])
     shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
     # The shortest ids go to those that are used most; argsort of argsort is the rank.
     uses = np.append(uses, np.bincount(blur[blurred], minlength=len(BLURS)))
@@ -147,7 +137,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     unit = np.where((scene.beta >= TUNING.large_from) & shaded, _LARGE, 1)
     discs = _Discs(
         fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
-        turned(scene) * radius[:, None, None], scene.mean,
+        scene.factor * radius[:, None, None], scene.mean,
     )  # fmt: skip
     fits = np.flatnonzero(writable(scene, radius, svg_format.precision, unit)).tolist()
     circles = ((i, _circle(discs, i, svg_format)) for i in fits)
@@ -161,7 +151,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
         background=_background(scene),
         definitions=(
             *(
-                _gradient(name, BETA_CLASSES[key[0]], key[1:4], key[4], svg_format.stops)
+                _gradient(name, BETA_CLASSES[key[0]], key[1:], svg_format.stops)
                 for name, key in gradients
                 if f"url(#{name})" in used
             ),
@@ -227,20 +217,8 @@ def matrix_text(
     return "" if flat else f"matrix({a} {b} {c} {d} {e} {f})"
 
 
-def turned(scene: Scene) -> NDArray[np.float64]:
-    """(n, 2, 2) factors of the covariances that map the x axis onto the direction of the skew.
-
-    Lower triangular where there is none.
-    """
-    length = np.hypot(*scene.skew.T)
-    turns = length > 0
-    co, si = np.where(turns, scene.skew.T / np.where(turns, length, 1.0), [[1.0], [0.0]])
-    rotation = np.stack([np.stack([co, -si], axis=1), np.stack([si, co], axis=1)], axis=1)
-    return np.where(turns[:, None, None], scene.factor @ rotation, scene.factor)
-
-
-def _gradient(name: str, beta: float, color: NDArray[np.integer], skew: int, count: int) -> Element:
-    """The gradient of an exponent, a colour and a skew of so many times SKEW_STEP."""
+def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) -> Element:
+    """Return the gradient of an exponent and a colour, with `count` stops."""
     shade, unit = hex_color(color), _LARGE if beta >= TUNING.large_from else 1
     stops = [
         Element(
@@ -253,8 +231,7 @@ def _gradient(name: str, beta: float, color: NDArray[np.integer], skew: int, cou
         )
         for offset, value in zip(*gradient_stops(count, beta), strict=True)
     ]
-    focus = number(unit * (SKEW_STEP * skew or _NO_SKEW), 3)
-    return radial_gradient(name, stops, str(unit), focus)
+    return radial_gradient(name, stops, str(unit), number(unit * _FOCUS, 3))
 
 
 def _filter(name: str, blur: Blur) -> Element:
@@ -275,16 +252,9 @@ def _filter(name: str, blur: Blur) -> Element:
 
 
 def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(n,) radius of each shape's circle, as a multiple of its gradient's, on one decimal.
-
-    Where any shape is skewed it is a whole one: more circles are larger then, and without the
-    decimal 1 % fewer bytes; renderers take up to a quarter longer (docs/decisions/skew.md).
-    """
+    """Return the radius of each shape's circle (n,), in tenths of its gradient's radius."""
     minor = scene.ellipse_axes[0][:, 1]
-    skew = np.hypot(*scene.skew.T)  # by which the rim is narrower on the side of the focus
-    crisp = shaded & ((scene.beta > 1) | (skew > 0))
-    crisp &= RIM_WIDTH * minor * (1 - skew) < TUNING.soft_rim * scene.beta
+    crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < TUNING.soft_rim * scene.beta)
     end = minor * cut_radius(scene.beta)
     margin = np.where(crisp, TUNING.clear_of_the_rim / end, 0.0)
-    steps = 1 if skew.any() else 10
-    return 1 + np.minimum(np.ceil(steps * margin) / steps, TUNING.most_margin)
+    return 1 + np.minimum(np.ceil(10 * margin) / 10, TUNING.most_margin)

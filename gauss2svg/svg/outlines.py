@@ -21,7 +21,6 @@ from gauss2svg.scene.nearest import nearest_entry
 from gauss2svg.svg.element import Element, hex_color, number
 from gauss2svg.svg.encode import Drawn
 from gauss2svg.svg.limits import writable
-from gauss2svg.svg.snap import half_centers
 
 OUTLINE_WIDTH = 0.5  # px
 STROKE_WIDTHS = 0.01, 100.0
@@ -40,7 +39,7 @@ def outlines(scene: Scene) -> list[Drawn]:
     axes, angle_rad = scene.ellipse_axes
     radii = axes * half_radius(scene.beta)[:, None]
     levels = np.round(scene.color * 255).astype(int)
-    center = scene.mean + half_centers(scene)
+    center = scene.mean
     drawn = []
     for i in np.flatnonzero(writable(scene, half_radius(scene.beta), 1.0)).tolist():
         rx, ry = (number(v, STROKE_DECIMALS) for v in radii[i])
@@ -83,7 +82,7 @@ def pen_strokes(scene: Scene, count: int) -> list[Pen]:
     entry = nearest_entry(ink_colors(pens), color)[1]
     strokes: list[list[Drawn]] = [[] for _ in pens.split(",")]
     matrices = scene.factor[index] * half_radius(scene.beta[index])[:, None, None]
-    centers = (scene.mean + half_centers(scene))[index]
+    centers = scene.mean[index]
     for one, pen, matrix, center in zip(drawn, entry.tolist(), matrices, centers, strict=True):
         element = _on_page(one.element.without("stroke"), matrix, center, scene)
         if element is not None:

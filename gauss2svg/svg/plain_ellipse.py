@@ -37,12 +37,10 @@ class PlainEllipseTuning:
     largest_error   share of the squared mass: a compromise of PSNR and bytes
     largest_on_rim  px, times the rim's length: the error of rims of 0.5 and of 1.2 px. Without this
                     limit large soft discs would become visibly crisper
-    most_skew       of its falloff: the rim of a larger one is too wide on one side
     """
 
     largest_error: float = 0.003
     largest_on_rim: float = 0.013
-    most_skew: float = 0.5
 
 
 TUNING = PlainEllipseTuning()
@@ -51,17 +49,9 @@ TUNING = PlainEllipseTuning()
 def is_plain(scene: Scene) -> NDArray[np.bool_]:
     """(n,) whether a file draws a shape by a plain ellipse: as it says, or as that looks the same.
 
-    The latter is at the size of the scene's canvas: on a larger one rims are wider. A shape that is
-    skewed more than most_skew has too wide a rim on one side.
+    The latter is at the size of the scene's canvas: on a larger one rims are wider.
     """
-    return (scene.drawn == PLAIN) | (
-        is_even(scene) & looks_plain(scene.ellipse_axes[0], scene.beta)
-    )
-
-
-def is_even(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether the rim of a shape is about as wide all round."""
-    return np.square(scene.skew).sum(axis=1) < TUNING.most_skew**2
+    return (scene.drawn == PLAIN) | looks_plain(scene.ellipse_axes[0], scene.beta)
 
 
 def looks_plain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:

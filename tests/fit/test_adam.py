@@ -10,12 +10,10 @@ from gauss2svg.fit import adam
 from gauss2svg.fit.adam import EPSILON, RATES, TUNING, Limits
 from gauss2svg.fit.state import GEOMETRY, STEPS, State
 from gauss2svg.scene.falloff import RIM_WIDTH
-from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA, MOST_RAW_SKEW, STEPPED
+from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA, STEPPED
 
 LIMITS = Limits(0.35, 40.0)
-NAMES = (
-    "mean", "factor", "raw_opacity", "color", "raw_beta", "raw_skew", "first", "second", "age",
-)  # fmt: skip
+NAMES = ("mean", "factor", "raw_opacity", "color", "raw_beta", "first", "second", "age")
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +29,7 @@ def random_state(count: int, seed: int) -> State:
     raw_beta = np.where(rng.random(count) < 0.3, 0.0, rng.uniform(0, 3, count))
     return State.of(
         rng.random((count, 2)) * 50, factor, 0, raw_opacity=rng.normal(0, 4, count),
-        color=rng.random((count, 3)), raw_beta=raw_beta, raw_skew=rng.normal(0, 1, (count, 2)),
+        color=rng.random((count, 3)), raw_beta=raw_beta,
     )  # fmt: skip
 
 
@@ -70,12 +68,6 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
         state.raw_opacity[i] = np.clip(state.raw_opacity[i] + d[5], -8, 12)
         color = state.color[i] + d[6:9]
         state.color[i] = np.clip(color, limits.least_color, limits.most_color)
-        if rates["skew"]:
-            # stretched = L Q^T with L lower triangular; the point f of the disc stays where it is.
-            first = stretched[0] / np.hypot(*stretched[0])
-            turn = np.array([first, [-first[1], first[0]]])
-            raw = turn @ (state.raw_skew[i] + d[10:12])
-            state.raw_skew[i] = np.clip(raw, -MOST_RAW_SKEW, MOST_RAW_SKEW)
         if rates["beta"]:
             sharpest = math.log(max(RIM_WIDTH / TUNING.least_rim * minor, 1e-300))
             sharpest = min(max(sharpest, LEAST_RAW_BETA), MOST_RAW_BETA)

@@ -28,8 +28,7 @@ from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost, squared_error
 from gauss2svg.render.reference import composite
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import MOST_SKEW
-from gauss2svg.scene.parameters import STEPPED, raw_skew_of
+from gauss2svg.scene.parameters import STEPPED
 
 DTYPES = (np.float32, np.float64)
 LOSSES, PLACEMENTS, SCHEDULES = choices("loss"), choices("init"), choices("schedule")
@@ -278,11 +277,7 @@ def test_state_activates_to_the_scene_it_came_from():
 def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     scene = random_scene(6, 40, 30, seed=2, sigma=(2.0, 7.0))
     # a Gaussian proper leaves out what the exponent's gradient needs
-    # and a symmetric shape what the skew's does
-    scene = scene.replace(
-        beta=np.maximum(scene.beta, 1 + 1e-9),
-        skew=np.where(scene.skew == 0, 1e-12, scene.skew),
-    )
+    scene = scene.replace(beta=np.maximum(scene.beta, 1 + 1e-9))
     target = np.random.default_rng(0).random((3, 30, 40)).astype(dtype)
     # a copy, as fits have it: what cannot be written to is another type, to be compiled for itself
     splats = state_of(scene).splats(scene.background.copy())
@@ -301,12 +296,7 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     color = torch.tensor(scene.color) + step[:, 6:9]
     beta = torch.tensor(scene.beta) * torch.exp(step[:, 9])
     ground = torch.tensor(scene.background)
-    # The skew's point of the ellipse goes along: moved = L Q^T, L lower triangular.
-    raw = torch.tensor(raw_skew_of(scene.skew)) + step[:, 10:]
-    turn = torch.linalg.solve(torch.linalg.cholesky(covariance), moved)
-    skew = MOST_SKEW * raw / torch.sqrt(1 + (raw * raw).sum(1, keepdim=True))
-    skew = torch.einsum("nij,nj->ni", turn, skew)
-    image = composite(mean, sigma, rho, color, opacity, ground, 30, 40, beta, skew)
+    image = composite(mean, sigma, rho, color, opacity, ground, 30, 40, beta)
     (0.5 * (image - torch.tensor(np.moveaxis(target, 0, -1))) ** 2).sum().backward()
     assert step.grad is not None
     for column in range(STEPS):

@@ -156,7 +156,7 @@ def test_reducible_error_is_what_another_ink_would_save(picture):
 def test_exchange_lowers_the_error_and_keeps_to_the_inks(picture):
     target = target_of(picture, np.float32, "psnr")
     inks = Inks(ink_colors(INKS))
-    scene = random_scene(50, 80, 64, 5, (1, 8), (1, 8), skew=0).replace(opacity=np.ones(50))
+    scene = random_scene(50, 80, 64, 5, (1, 8), (1, 8)).replace(opacity=np.ones(50))
     state = State.of(scene.mean, np.zeros((50, 3)), 0, raw_opacity=np.full(50, 12.0)).quantized(
         scene
     )

@@ -24,7 +24,7 @@ def state_of(scene) -> State:
 
 @pytest.fixture
 def shared_state():
-    scene = random_scene(COUNT, 60, 45, 5, (1, 8), (1, 8), skew=0)
+    scene = random_scene(COUNT, 60, 45, 5, (1, 8), (1, 8))
     return state_of(quantize(scene, palette=12))
 
 
@@ -47,27 +47,6 @@ def test_step_keeps_shared_colours_shared_and_goes_down(shared_state, target):
         of_entry = state.color[shared.entry == entry]
         assert (of_entry == of_entry[0]).all()
     assert (state.color != before).any(axis=1).mean() > 0.9
-
-
-def test_step_keeps_shared_skews_shared_and_turns_none(target):
-    skewed = random_scene(COUNT, 60, 45, 5, (1, 8), (1, 8))
-    state, background = state_of(quantize(skewed, palette=12)), np.full(3, 0.5)
-    shared = SharedColors.of(state, blending("over"))
-    before = state.raw_skew.copy()
-    error = squared_error(state.splats(background), target)[1]
-    for _ in range(10):
-        splats = state.splats(background)
-        shared.step(state, gradients(squared_error(splats, target)[2], splats), 1.0)
-    assert squared_error(state.splats(background), target)[1] < error
-    length = np.hypot(*state.raw_skew.T)
-    for entry in np.unique(shared.entry):
-        np.testing.assert_allclose(length[shared.entry == entry], shared.skew[entry])
-    moved = length > 0
-    assert moved.any()
-    assert (np.abs(length - np.hypot(*before.T))[moved] > 1e-3).mean() > 0.9
-    cross = before[:, 0] * state.raw_skew[:, 1] - before[:, 1] * state.raw_skew[:, 0]
-    np.testing.assert_allclose(cross, 0, atol=1e-9)
-    assert not state.raw_skew[~before.any(axis=1)].any()
 
 
 def test_wanted_colour_leaves_the_least_error_if_the_others_stay(shared_state, target):

@@ -175,12 +175,6 @@ def test_the_report_has_every_option(photo):
         ({"per_round": 5}, InputError, "per_round must not be given unless .*--gaussians 1000"),
         ({"loss": "mse", "ssim_weight": 0.1}, InputError, "loss must be one with ssim.*l?mse.ssim"),
         ({"blend": "add", "falloff": "adaptive"}, InputError, "falloff must be gaussian"),
-        ({"blend": "add", "falloff": "skewed"}, InputError, "falloff must be gaussian with add"),
-        (
-            {"form": "blur", "falloff": "skewed", "renderer": "chromium"},
-            InputError,
-            "falloff must be gaussian or adaptive with form blur.*got 'skewed'",
-        ),
         (
             {"blend": "add", "animate": 2},
             InputError,

@@ -10,7 +10,7 @@ from gauss2svg.render.autograd import fast_accumulate, fast_composite
 from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.render.reference import accumulate, composite
 from gauss2svg.scene import ADD, OVER, Scene
-from gauss2svg.scene.falloff import focal_radius, profile
+from gauss2svg.scene.falloff import profile
 
 TORCH = {np.float32: torch.float32, np.float64: torch.float64}
 in_both = pytest.mark.parametrize("dtype", TORCH, ids=["float32", "float64"])
@@ -25,7 +25,7 @@ def tensors_of(scene: Scene, dtype: torch.dtype = torch.float64) -> list[torch.T
     """What `drawn` takes of a scene, in the order of the renderers' arguments."""
     names = ["mean", "sigma", "rho", "color", "background"]
     if scene.blend == OVER:
-        names[4:] = ["opacity", "background", "beta", "skew"]
+        names[4:] = ["opacity", "background", "beta"]
     return [torch.tensor(getattr(scene, n), dtype=dtype).requires_grad_() for n in names]
 
 
@@ -34,8 +34,8 @@ def drawn(scene: Scene, tensors: list[torch.Tensor], fast: bool = False) -> torc
     size = round(scene.height), round(scene.width)
     if scene.blend == ADD:
         return (fast_accumulate if fast else accumulate)(*tensors, *size)
-    *others, beta, skew = tensors
-    return (fast_composite if fast else composite)(*others, *size, beta, skew)
+    *others, beta = tensors
+    return (fast_composite if fast else composite)(*others, *size, beta)
 
 
 def planar(scene: Scene, dtype: type) -> NDArray:
@@ -52,9 +52,6 @@ def by_numpy(scene: Scene) -> NDArray:
     for k in range(len(scene) - 1, -1, -1):
         u = np.stack([x - scene.mean[k, 0], y - scene.mean[k, 1]], axis=-1)
         r = np.sqrt(np.einsum("yxi,ij,yxj->yx", u, scene.conic[k], u))
-        if scene.skew[k].any():
-            z = np.linalg.solve(scene.factor[k], u[..., None])[..., 0]
-            r = focal_radius(z, scene.skew[k], scene.beta[k])
         alpha = scene.opacity[k] * profile(r, scene.beta[k])
         image += (alpha * transmittance)[..., None] * scene.color[k]
         if scene.blend == OVER:

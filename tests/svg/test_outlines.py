@@ -102,7 +102,7 @@ def test_stroke_of_no_width_is_refused(width):
 
 @pytest.mark.parametrize("size", [None, "responsive", "120mm", "2in"])
 def test_strokes_of_pens_are_those_of_the_page_alone(size):
-    scene = random_scene(60, 90, 70, 5, (4, 40), (1, 8), skew=0)
+    scene = random_scene(60, 90, 70, 5, (4, 40), (1, 8))
     scene = scene.replace(color=np.full((60, 3), 0.0))
     svg = outline_svg(scene, Document(size=size), stroke_width=0.3, pens=1)
     at_96_dpi = 90 * 25.4 / 96
@@ -126,7 +126,7 @@ def test_strokes_of_pens_are_those_of_the_page_alone(size):
 
 
 def test_each_pen_is_a_layer_with_the_strokes_that_it_is_nearest_to():
-    scene = random_scene(80, 90, 70, 5, (1, 8), (1, 8), skew=0)
+    scene = random_scene(80, 90, 70, 5, (1, 8), (1, 8))
     root = parse(outline_svg(scene, pens=4))
     layers = root.findall(SVG + "g")
     labels = [layer.get("{http://www.inkscape.org/namespaces/inkscape}label") for layer in layers]
@@ -177,7 +177,7 @@ def test_outline_is_another_file_beside_the_picture(name, photo, tmp_path):
 
 
 def test_pens_are_the_same_in_any_order_of_the_shapes():
-    scene = random_scene(120, 90, 70, 5, (2, 9), (1, 1), skew=0)
+    scene = random_scene(120, 90, 70, 5, (2, 9), (1, 1))
     scene = scene.replace(round_index=None)
     mixed = scene.select(np.random.default_rng(1).permutation(120))
     names = [

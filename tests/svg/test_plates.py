@@ -25,7 +25,7 @@ BY_INK = SvgFormat(layers="inks", precision=0.01)
 
 def scene_in_inks(count: int = 60, seed: int = 3) -> Scene:
     colors = ink_colors(INKS)
-    return random_scene(count, 90, 70, seed, (3, 12), (20, 40), skew=0).replace(
+    return random_scene(count, 90, 70, seed, (3, 12), (20, 40)).replace(
         opacity=np.ones(count),
         color=colors[np.random.default_rng(seed).integers(0, 3, count)],
         drawn=np.full(count, PLAIN),

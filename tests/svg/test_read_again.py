@@ -5,7 +5,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from conftest import random_scene, random_skews, random_sum
+from conftest import random_scene, random_sum
 from hypothesis import given
 from hypothesis import strategies as st
 from svg_texts import assert_same
@@ -37,7 +37,7 @@ def mixed_scene(count: int, seed: int, width: float = 60, height: float = 40) ->
         width, height, rng.uniform(-5, 65, (count, 2)), np.exp(rng.uniform(-1.5, 2.5, (count, 2))),
         rng.uniform(-0.98, 0.98, count), np.round(rng.random((count, 3)) * 3) / 3,
         rng.choice([0.004, 0.25, 1.0, 1.0], count), rng.random(3), beta=some,
-        transparent=bool(rng.integers(2)), skew=random_skews(rng, count),
+        transparent=bool(rng.integers(2)),
     )  # fmt: skip
 
 

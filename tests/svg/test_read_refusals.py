@@ -50,6 +50,7 @@ USER_REGION = (
         ('<circle r="1" fill="url(#cone)"/>', "one of the exponents"),
         ('<circle r="1" fill="url(#two)"/>', "of one colour; got 2 colours"),
         ('<circle r="1" fill="url(#line)"/>', "linear"),
+        ('<circle r="1" fill="url(#aside)"/>', "'aside': its focus must be its centre; .* 0.3 rad"),
         ('<circle r=".9" transform="scale(9)" fill="url(#a)"/>', "cuts off 0.9 px"),
         ('<circle r="1" cx=".1" transform="scale(9)" fill="url(#a)"/>', "cuts off 0.9 px"),
         ('<circle id="b" r="5" fill="red" filter="url(#faint)"/>',
@@ -102,6 +103,7 @@ def test_what_a_scene_cannot_hold_is_refused_by_name(body, message):
         '<radialGradient id="loop" xlink:href="#pool"/><radialGradient id="pool" '
         f'xlink:href="#loop"/><radialGradient id="two">{red}{clear}/></radialGradient>'
         f'<radialGradient id="cone">{red}{clear} stop-color="red"/></radialGradient>'
+        f'<radialGradient id="aside" cx="0" fx=".3" r="1">{red}{clear}/></radialGradient>'
         '<linearGradient id="line"/><filter id="blur"><feGaussianBlur stdDeviation="2"/></filter>'
         '<filter id="faint"><feGaussianBlur stdDeviation="20"/></filter>'
         '<filter id="narrow"><feGaussianBlur stdDeviation="2.5"/></filter>'

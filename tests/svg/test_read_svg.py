@@ -19,7 +19,6 @@ from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.blur import BLURS, GRADIENT, drawn_blurs
-from gauss2svg.svg.encode import turned
 from gauss2svg.svg.format import STOP_COUNTS, Form, SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.reader.read import read_svg
@@ -58,7 +57,7 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
     # The largest that a disc can have may be a little less.
     np.testing.assert_allclose(back.opacity[blurred], scene.opacity[blurred], atol=0.021)
     # M / R has entries rounded by step / R, with R > sqrt 2 for all exponents
-    missed = np.abs(turned(back) - turned(scene)).max(axis=(1, 2), initial=0.0)
+    missed = np.abs(back.factor - scene.factor).max(axis=(1, 2), initial=0.0)
     assert missed[~solid & ~blurred].max(initial=0.0) <= step / math.sqrt(2)
     assert missed[blurred].max(initial=0.0) <= step / min(blur.radius for blur in BLURS)
     np.testing.assert_allclose(back.color, scene.color, atol=0.5 / 255 + 1e-9)

@@ -174,7 +174,7 @@ def test_centres_that_leave_their_segment_go_back_no_further_than_they_came():
         n = len(mean)
         ones, wide = np.ones(n), np.zeros((n, STEPS))
         return State(
-            mean, np.ones((n, 3)), ones, np.ones((n, 3)), ones, np.zeros((n, 2)),
+            mean, np.ones((n, 3)), ones, np.ones((n, 3)), ones,
             np.zeros(n, np.int32), np.zeros(n, np.int8), wide, wide, ones,
         )  # fmt: skip
 

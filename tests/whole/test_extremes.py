@@ -229,7 +229,7 @@ FAR = [[1e9, 5], [5, -1e9], [-1e12, 1e12]]
 
 @pytest.mark.parametrize("blend", ["over", "add"])
 def test_shapes_off_the_canvas_and_beyond_the_numbers_of_a_file_are_left_out(blend):
-    near = random_scene(4, 30, 20, 6, beta=(1, 1), skew=0).replace(round_index=None)
+    near = random_scene(4, 30, 20, 6, beta=(1, 1)).replace(round_index=None)
     if blend == "add":
         near = near.replace(blend=blend, opacity=np.ones(4))
     sigma = [[1e6, 1e6], [1e-6, 5e7], [1e9, 1]]
@@ -245,7 +245,7 @@ def test_shapes_off_the_canvas_and_beyond_the_numbers_of_a_file_are_left_out(ble
 
 @pytest.mark.parametrize("blend", ["over", "add"])
 def test_visible_shapes_too_large_for_a_file_are_refused_by_their_index(blend):
-    scene = random_scene(3, 30, 20, 6, beta=(1, 1), skew=0).replace(round_index=None)
+    scene = random_scene(3, 30, 20, 6, beta=(1, 1)).replace(round_index=None)
     if blend == "add":
         scene = scene.replace(blend=blend, opacity=np.ones(3))
     large = scene.replace(sigma=[[1, 1], [1e9, 3], [2, 2]])

@@ -15,11 +15,7 @@ from gauss2svg.scene.falloff import (
     RIM_WIDTH,
     cut_radius,
     nearest_class,
-    with_length,
-    written_skew,
 )
-from gauss2svg.svg import plain_ellipse
-from gauss2svg.svg.encode import turned
 from gauss2svg.svg.limits import check_canvas, writable
 from gauss2svg.svg.minimal.arcs import arc_geometry, arc_numbers
 from gauss2svg.svg.minimal.paint_order import colors_together
@@ -34,7 +30,6 @@ from gauss2svg.svg.snap import with_falloffs
 HEX_DIGITS = (3, 6)
 LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px
 OPACITY_DECIMALS = 2
-_MASK_SKEWS = (0.0, 0.4, 0.65, 0.85)  # each takes a mask for each exponent: docs/decisions/skew.md
 
 
 @dataclass(frozen=True)
@@ -62,9 +57,8 @@ class Shapes:
 
     index    (n,) of the shape in its scene
     falloff  (n,) index into BETA_CLASSES, -1 for a plain ellipse
-    skew     (n,) length of the skew; 0 for a plain ellipse
-    numbers  (n, 6) whole a b d e f c: matrix(a b c d e f) of the circle of radius 1, c being 0 for
-             a symmetric one; of a plain ellipse those of gauss2svg.svg.minimal.arcs, and 0
+    numbers  (n, 5) whole a b d e f: matrix(a b 0 d e f) of the circle of radius 1; of a plain
+             ellipse those of gauss2svg.svg.minimal.arcs
     masked   (n,) whether a shape is soft and drawn under a mask, not by a gradient
     levels   (n, 3) of colour, in 0..255
     opacity  (n,) in 0..1
@@ -72,7 +66,6 @@ class Shapes:
 
     index: NDArray[np.intp]
     falloff: NDArray[np.intp]
-    skew: NDArray[np.float64]
     numbers: NDArray[np.float64]
     levels: NDArray[np.intp]
     opacity: NDArray[np.float64]
@@ -99,27 +92,20 @@ def shapes_of(
         )
     check_canvas(scene)
     kind = nearest_class(scene.beta)
-    length = np.hypot(*scene.skew.T)
-    plain = (scene.drawn == PLAIN) | _is_arc(scene.ellipse_axes[0], scene.beta, length)
+    classes = np.array(BETA_CLASSES)[kind]
+    plain = (scene.drawn == PLAIN) | _is_arc(scene.ellipse_axes[0], scene.beta)
     opacity = np.round(scene.opacity, opacity_decimals)
     while True:
-        classes = np.array(BETA_CLASSES)[kind]
-        under_masks = np.count_nonzero(~plain) <= TUNING.most_masked if masked is None else masked
-        skews = written_skew(mask_skew(length) if under_masks else length, classes)
-        skews[plain] = 0.0
-        beta = np.where(plain, scene.beta, classes)
-        snapped = with_falloffs(scene, beta, with_length(scene.skew, skews))
+        snapped = with_falloffs(scene, np.where(plain, scene.beta, classes))
         radius = _radius(snapped.beta, plain)
         numbers = _matrix(snapped, radius, unit)
-        numbers[plain] = 0.0
-        numbers[plain, :5] = arc_numbers(snapped.select(plain), radius[plain], unit)
-        a, b, d, c = numbers[:, [0, 1, 2, 5]].T
-        extent = np.where(plain, numbers[:, :2].min(axis=1), a * d - b * c)
+        numbers[plain] = arc_numbers(snapped.select(plain), radius[plain], unit)
+        extent = np.where(plain, numbers[:, :2].min(axis=1), numbers[:, 0] * numbers[:, 2])
         drawn = writable(snapped, radius, unit) & (extent > 0) & (opacity > 0)
         # Shapes that are plain only as they are rounded, so that a rounded scene stays as it is.
         soft = np.flatnonzero(drawn & ~plain)
         placed = _placed(snapped.select(soft), numbers[soft], radius[soft], unit)
-        more = soft[_is_arc(placed.ellipse_axes[0], placed.beta, skews[soft])]
+        more = soft[_is_arc(placed.ellipse_axes[0], placed.beta)]
         if not len(more):
             break
         plain[more] = True
@@ -133,13 +119,11 @@ def shapes_of(
         order = colors_together(mean, factor, levels, keys, 1 / unit)
     index, falloff, levels = index[order], falloff[order], levels[order]
     soft = np.flatnonzero(falloff >= 0)
-    count = len(soft) if under_masks else 0
-    if masked is None and not length.any():  # skews are those of masks or of gradients already
-        count = masked_count(len(soft))
+    count = masked_count(len(soft)) if masked is None else int(masked) * len(soft)
     under = np.zeros(len(index), bool)
     # The upper ones, which are smaller and quicker to paint.
     under[soft[len(soft) - count :]] = True
-    return Shapes(index, falloff, skews[index], numbers[index], levels, opacity[index], under)
+    return Shapes(index, falloff, numbers[index], levels, opacity[index], under)
 
 
 def masked_count(soft: int) -> int:
@@ -161,7 +145,6 @@ def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Sce
         background=color_levels(scene.background, digits) / 255,
         beta=beta,
         drawn=np.where(plain, PLAIN, SOFT),
-        skew=np.column_stack([shapes.skew, 0 * shapes.skew]),
     )
     return _placed(rounded, shapes.numbers, _radius(beta, plain), unit, plain)
 
@@ -174,19 +157,7 @@ def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     beta = plain_beta(semi_axes)
     axes = semi_axes / plain_radius(beta)[:, None]
-    return np.where(_is_arc(axes, beta, 0 * beta), beta, MOST_BETA)
-
-
-def skew_of_focus(rows: NDArray[np.float64], focus: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 2) skews of shapes whose unit circle has the focus (n, 2), by rows (n, 2, 2) of the map.
-
-    The map is R L Q with L the covariance's Cholesky factor and Q a rotation, maybe of a mirror:
-    the skew is Q focus. The first row of Q has the direction of the map's.
-    """
-    first = rows[:, 0] / np.hypot(*rows[:, 0].T)[:, None]
-    turn = np.sign(np.linalg.det(rows))
-    second = np.column_stack([-turn * first[:, 1], turn * first[:, 0]])
-    return np.stack([(first * focus).sum(axis=1), (second * focus).sum(axis=1)], axis=1)
+    return np.where(_is_arc(axes, beta), beta, MOST_BETA)
 
 
 def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
@@ -195,19 +166,11 @@ def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
     return np.round(color * most).astype(np.intp) * (255 // most)
 
 
-def _is_arc(
-    axes: NDArray[np.float64], beta: NDArray[np.float64], skew: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _is_arc(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(n,) whether an arc draws shapes of such one-sigma axes: nearly their rim, or a wider one."""
     across = RIM_WIDTH * axes[:, 0] / beta
     crisp = (beta >= LEAST_PLAIN_BETA) & (across < TUNING.crisp_rim)
-    return (looks_plain(axes, beta) | crisp) & (skew < plain_ellipse.TUNING.most_skew)
-
-
-def mask_skew(length: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The nearest of _MASK_SKEWS to lengths of skews (n,)."""
-    ends = np.array(_MASK_SKEWS)
-    return ends[np.searchsorted(0.5 * (ends[1:] + ends[:-1]), length)]
+    return looks_plain(axes, beta) | crisp
 
 
 def _radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -218,10 +181,9 @@ def _radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.f
 
 
 def _matrix(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
-    """(n, 6) whole numbers of units a b d e f c, for circles of radius (n,) sigmas."""
-    factor = turned(scene) * radius[:, None, None]
-    a, b, c, d = factor.transpose(2, 1, 0).reshape(4, -1)
-    entries = [a, b, d, *scene.mean.T, c]
+    """(n, 5) whole numbers of units a b d e f, for circles of radius (n,) sigmas."""
+    factor = scene.factor * radius[:, None, None]
+    entries = [factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1], *scene.mean.T]
     return np.round(np.column_stack(entries) / unit) + 0.0  # no -0
 
 
@@ -229,16 +191,8 @@ def _geometry(
     numbers: NDArray[np.float64], plain: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centres (n, 2) and factors (n, 3) of what is drawn, in units."""
-    mean, (a, b, d, c) = numbers[:, 3:5].copy(), numbers[:, [0, 1, 2, 5]].T
-    upright = np.hypot(a, c)
-    long = np.maximum(upright, 1e-300)
-    turns = (c != 0) | (a < 0)  # the others are, to the last bit, as they are written
-    slope, left = (
-        np.where(turns, (a * b + c * d) / long, b),
-        np.where(turns, (a * d - b * c) / long, d),
-    )
-    factor = np.column_stack([upright, slope, left])
-    mean[plain], factor[plain] = arc_geometry(numbers[plain, :5])
+    mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
+    mean[plain], factor[plain] = arc_geometry(numbers[plain])
     return mean, factor
 
 
@@ -253,14 +207,8 @@ def _placed(
     mean, factor = _geometry(numbers, np.zeros(len(scene), bool) if plain is None else plain)
     a, b, d = unit * factor.T
     sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
-    rows = numbers[:, [0, 5, 1, 2]].reshape(-1, 2, 2)  # a c, b d
-    length = np.hypot(*scene.skew.T)
-    focus = np.column_stack([length, 0 * length])
-    with np.errstate(invalid="ignore", divide="ignore"):  # arcs have none
-        skew = np.where(length[:, None] > 0, skew_of_focus(rows, focus), 0.0)
     return scene.replace(
         mean=unit * mean,
-        skew=skew,
         sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA),
         rho=np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT),
     )

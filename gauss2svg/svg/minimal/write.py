@@ -83,11 +83,8 @@ class MinimalTuning:
 
 
 TUNING = MinimalTuning()
-# Class of an exponent, and length of a skew.
-Kind = tuple[int, float]
 # Without userSpaceOnUse librsvg 2.54 loses shapes under a rotation.
 _UNIT_DISC = {"gradientUnits": "userSpaceOnUse", "cx": "0", "cy": "0", "r": "1"}
-_CLEAR_OF_SKEWED = "2"  # radius of the circle of a skewed shape, whose rim its edge would clip
 
 
 def minimal_svg(
@@ -207,10 +204,10 @@ def _drawing(
         for name, o in zip(names, shapes.opacity, strict=True)
     ]
     fills = [_fill(levels) for levels in shapes.levels]
-    definitions, kinds = _masked(shapes, masked)
-    circles: dict[Kind, Element] = {}
+    definitions, uses = _masked(shapes.falloff[masked])
+    circles: dict[int, Element] = {}
     if len(by_gradient):
-        more, circles = _gradients(shapes, by_gradient, fills, stops, 3 * len(kinds))
+        more, circles = _gradients(shapes, by_gradient, fills, stops, 3 * len(uses))
         definitions = more + definitions
     used = sum("id" in definition.attributes for definition in definitions)
     # Opaque ellipses of one colour are one path; of others each is blended by itself.
@@ -224,12 +221,11 @@ def _drawing(
         i = index[0]
         color = {**fills[i], **opacity[i]}
         if shapes.falloff[i] < 0:
-            elements.append(Element("path", {**color, "d": path_data(shapes.numbers[index, :5])}))
+            elements.append(Element("path", {**color, "d": path_data(shapes.numbers[index])}))
         else:
-            soft = (kinds if shapes.masked[i] else circles)[_kind(shapes, i)]
+            soft = (uses if shapes.masked[i] else circles)[int(shapes.falloff[i])]
             place = {"transform": _matrix(shapes.numbers[i])}
-            r = {"r": _CLEAR_OF_SKEWED} if shapes.skew[i] and not shapes.masked[i] else {}
-            elements.append(Element(soft.tag, {**soft.attributes, **r, **color, **place}))
+            elements.append(Element(soft.tag, {**soft.attributes, **color, **place}))
     if len(masked):
         templates, elements = _shared(elements, used)
         definitions += templates
@@ -241,47 +237,31 @@ def _fill(levels: NDArray[np.intp], name: str = "fill") -> dict[str, str]:
     return with_default(name, hex_color(levels), "#000")
 
 
-def _kind(shapes: Shapes, i: int) -> Kind:
-    """Class of the exponent and length of the skew of a soft shape, the latter under masks alone.
-
-    A gradient under none has its own.
-    """
-    return int(shapes.falloff[i]), float(shapes.skew[i]) if shapes.masked[i] else 0.0
-
-
-def _kinds(shapes: Shapes, index: NDArray[np.intp]) -> list[Kind]:
-    """Return the kinds of these soft shapes, those that are used most first."""
-    uses = Counter(_kind(shapes, i) for i in index.tolist())
+def _most_used(falloff: NDArray[np.intp]) -> list[int]:
+    """Return the distinct classes of exponents among those of shapes (n,), most used first."""
+    uses = Counter(falloff.tolist())
     return sorted(uses, key=lambda kind: (-uses[kind], kind))
 
 
-def _masked(shapes: Shapes, index: NDArray[np.intp]) -> tuple[list[Element], dict[Kind, Element]]:
-    """Return a masked circle for each kind of these shapes, and what uses it, by kind.
+def _masked(falloff: NDArray[np.intp]) -> tuple[list[Element], dict[int, Element]]:
+    """Return a masked circle for each class of exponents (n,), and what uses it, by class.
 
-    Their ids are the first ones, three of a kind.
-    Those of one exponent share the stops of the first.
+    Their ids are the first ones, three for each class.
     """
-    kinds = _kinds(shapes, index)
-    count = MASK_STOPS[int(len(index) >= TUNING.many)]
-    uses, definitions, first = {}, [], {}
+    kinds = _most_used(falloff)
+    count = MASK_STOPS[int(len(falloff) >= TUNING.many)]
+    uses, definitions = {}, []
     for k, kind in enumerate(kinds):
-        beta, skew = BETA_CLASSES[kind[0]], kind[1]
         name, mask, ramp = (short_id(k + part * len(kinds)) for part in range(3))
         uses[kind] = Element("use", {"href": f"#{name}"})
         stops = [
             Element("stop", {"offset": number(o, 3), **_fill(np.full(3, 17 * grey), "stop-color")})
-            for o, grey in zip(*grey_stops(count, beta), strict=True)
+            for o, grey in zip(*grey_stops(count, BETA_CLASSES[kind]), strict=True)
         ]
-        owner, inherited = first.setdefault(kind[0], (ramp, kinds[0][1] if k else 0.0))
         r = {"r": _circle(kind)}
         disc = {"href": f"#{short_id(2 * len(kinds))}"} if k else _UNIT_DISC  # of the first
-        if owner != ramp:
-            disc, stops = {"href": f"#{owner}"}, None
-        else:
-            first[kind[0]] = ramp, skew
-        focus = with_default("fx", number(skew, 3), number(inherited, 3))
         definitions += [
-            Element("radialGradient", {"id": ramp, **disc, **focus}, stops),
+            Element("radialGradient", {"id": ramp, **disc}, stops),
             Element("mask", {"id": mask}, [Element("circle", {**r, "fill": f"url(#{ramp})"})]),
             Element("circle", {"id": name, **r, "mask": f"url(#{mask})"}),
         ]
@@ -294,19 +274,19 @@ def _gradients(
     fills: list[dict[str, str]],
     stops: int,
     used: int,
-) -> tuple[list[Element], dict[Kind, Element]]:
-    """Return a gradient for each exponent, skew and colour, and circles by exponent.
+) -> tuple[list[Element], dict[int, Element]]:
+    """Return a gradient for each exponent and colour, and circles by exponent.
 
     index  of the shapes that are drawn by gradients, to which their fills are set
     stops  number of a gradient's
     used   number of ids there are already
     """
-    kinds = _kinds(shapes, index)
+    kinds = _most_used(shapes.falloff[index])
     circles = {kind: Element("circle", {"r": _circle(kind)}) for kind in kinds}
     rules, definitions, first, ramps = [], [], {}, {}
     for k, kind in enumerate(kinds, used):
         name = first[kind] = short_id(k)
-        offsets, values = gradient_stops(stops, BETA_CLASSES[kind[0]])
+        offsets, values = gradient_stops(stops, BETA_CLASSES[kind])
         for at, value in enumerate(values):
             color = "" if at else "stop-color:currentColor;"
             stop = "+".join(["stop"] * (at + 1))
@@ -314,32 +294,26 @@ def _gradients(
         # fx moves resvg to its accurate gradient.
         definitions.append(Element("radialGradient", {"id": name, **_UNIT_DISC, "fx": ".001"}))
         ramps[kind] = [Element("stop", {"offset": number(o, 4)}) for o in offsets]
-    keys = {
-        i: (int(shapes.falloff[i]), fills[i].get("fill", "#000"), float(shapes.skew[i]))
-        for i in index.tolist()
-    }
+    keys = {i: (int(shapes.falloff[i]), fills[i].get("fill", "#000")) for i in index.tolist()}
     ids = {}
     for k, (key, _) in enumerate(Counter(keys.values()).most_common(), used + len(kinds)):
-        kind, color, skew = (key[0], 0.0), *key[1:]
+        kind, color = key
         ids[key] = name = short_id(k)
         attributes = {"id": name, "href": f"#{first[kind]}", "color": color}
-        attributes |= {"fx": number(skew, 3)} if skew else {}
         definitions.append(Element("radialGradient", attributes, ramps[kind]))
     for i, key in keys.items():
         fills[i] = {"fill": f"url(#{ids[key]})"}
     return [Element("style", inside="".join(rules)), *definitions], circles
 
 
-def _circle(kind: Kind) -> str:
-    if kind[1]:
-        return _CLEAR_OF_SKEWED
-    # As of skewed shapes: the edge would clip a crisp rim (gauss2svg.svg.encode).
-    return "1.1" if BETA_CLASSES[kind[0]] >= 6 else "1"
+def _circle(kind: int) -> str:
+    # The edge of the smaller circle would clip a crisp rim (gauss2svg.svg.encode).
+    return "1.1" if BETA_CLASSES[kind] >= 6 else "1"
 
 
 def _matrix(numbers: NDArray[np.float64]) -> str:
-    a, b, d, e, f, c = (number(v, 0) for v in numbers)
-    return f"matrix({a} {b} {c} {d} {e} {f})".replace(" -", "-")
+    a, b, d, e, f = (number(v, 0) for v in numbers)
+    return f"matrix({a} {b} 0 {d} {e} {f})".replace(" -", "-")
 
 
 def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Element]]:

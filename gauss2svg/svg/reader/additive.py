@@ -94,11 +94,7 @@ class Differences:
                 f"its fill must be a gradient of write_svg; got {quoted(fill)}. Try to delete it"
             )
         if key not in self._ramps:
-            stops, disc, in_box, focus = self._gradients.parts(key)
-            if any(focus):
-                raise InputError(
-                    f"focus of an additive gradient must be its centre; got {quoted(focus)}"
-                )
+            stops, disc, in_box = self._gradients.parts(key)
             shade, reach = _nearest(stops)
             self._ramps[key] = _Ramp(shade, float(cut_radius(1.0)) * reach, disc, in_box)
         ramp = self._ramps[key]

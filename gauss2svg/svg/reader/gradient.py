@@ -1,4 +1,4 @@
-"""Radial gradients read back: the colour, the exponent, the focus and the disc of each.
+"""Radial gradients read back: the colour, the exponent and the disc of each.
 
 The exponent is that of BETA_CLASSES whose profile the polygon of the stops is nearest to,
 
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.scene.falloff import BETA_CLASSES, MOST_SKEW, cut_radius, profile
+from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.minimal.write import MASK_STOPS
 from gauss2svg.svg.syntax.affine import IDENTITY, Affine, compose, parse_transform
 from gauss2svg.svg.syntax.css import properties
@@ -45,11 +45,10 @@ _LONGEST_CHAIN = 100
 
 @dataclass(frozen=True)
 class Gradient:
-    """One gradient: colour, opacity at the focus, exponent, and where it ends.
+    """One gradient: colour, opacity at the centre, exponent, and where it ends.
 
-    focus is within MOST_SKEW of the unit circle's centre, (0, 0) for a symmetric one. disc maps the
-    unit circle onto the gradient's edge, in the shape's user space or, with in_box, in the unit
-    square of its bounding box.
+    disc maps the unit circle onto the gradient's edge, in the shape's user space or, with in_box,
+    in the unit square of its bounding box.
     """
 
     color: Color
@@ -57,7 +56,6 @@ class Gradient:
     beta: float
     disc: Affine
     in_box: bool
-    focus: tuple[float, float] = (0.0, 0.0)
 
 
 class Stop(NamedTuple):
@@ -86,14 +84,14 @@ class Gradients:
         in_mask  whether its greys are what a mask lets through
         """
         if (key, in_mask) not in self._read:
-            stops, disc, in_box, focus = self.parts(key)
+            stops, disc, in_box = self.parts(key)
             with _naming(key):
                 shade, peak, beta = _of_mask(stops) if in_mask else _of_one_color(stops)
-            self._read[key, in_mask] = Gradient(shade, peak, beta, disc, in_box, focus)
+            self._read[key, in_mask] = Gradient(shade, peak, beta, disc, in_box)
         return self._read[key, in_mask]
 
-    def parts(self, key: str) -> tuple[list[Stop], Affine, bool, tuple[float, float]]:
-        """Stops of any colours, disc, in_box and focus of the gradient of an id."""
+    def parts(self, key: str) -> tuple[list[Stop], Affine, bool]:
+        """Return the stops, of any colours, the disc and in_box of the gradient of an id."""
         with _naming(key):
             chain = list(self._chain(key))
             if chain[0].tag != _RADIAL:
@@ -129,7 +127,7 @@ class Gradients:
             key = next((element.get(h, "") for h in HREFS if element.get(h)), "").removeprefix("#")
 
 
-def _disc(found: Mapping[str, str]) -> tuple[Affine, bool, tuple[float, float]]:
+def _disc(found: Mapping[str, str]) -> tuple[Affine, bool]:
     units = found.get("gradientUnits", "objectBoundingBox")
     if units not in ("objectBoundingBox", "userSpaceOnUse"):
         raise InputError(f"gradientUnits must be userSpaceOnUse; got {quoted(units)}")
@@ -139,22 +137,19 @@ def _disc(found: Mapping[str, str]) -> tuple[Affine, bool, tuple[float, float]]:
     fx, fy = (length(found[f], f, whole) if f in found else c for f, c in (("fx", cx), ("fy", cy)))
     if r <= 0:
         raise InputError(f"its r must be above 0; got {quoted(r)}")
-    focus = (fx - cx) / r, (fy - cy) / r
-    away = math.hypot(*focus)
-    if away > MOST_SKEW * (1 + 1e-9) or length(found.get("fr", "0"), "fr"):
-        raise InputError(
-            f"its focus must be a point within {MOST_SKEW:g} radii of its centre; got another, "
-            f"{away:.3g} radii away. Try to remove fx, fy and fr"
-        )
+    away = math.hypot(fx - cx, fy - cy) / r
     # Within a hundredth of the radius the focus changes the image by under a level.
-    if away <= 0.01:
-        focus = 0.0, 0.0
+    if away > 0.01 or length(found.get("fr", "0"), "fr"):
+        raise InputError(
+            f"its focus must be its centre; got a circle or a point {away:.3g} radii away. Try to "
+            "remove fx, fy and fr"
+        )
     if found.get("spreadMethod", "pad") != "pad":
         raise InputError(f"its spreadMethod must be pad; got {quoted(found['spreadMethod'])}")
     onto = IDENTITY
     if "gradientTransform" in found:
         onto = parse_transform(found["gradientTransform"], "gradientTransform")
-    return compose(onto, (r, 0.0, 0.0, r, cx, cy)), in_box, focus
+    return compose(onto, (r, 0.0, 0.0, r, cx, cy)), in_box
 
 
 def _stops(owner: Any, opacities: Sequence[str]) -> list[Stop]:

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, OVER, RHO_LIMIT
-from gauss2svg.svg.minimal.shapes import arc_beta, skew_of_focus
+from gauss2svg.svg.minimal.shapes import arc_beta
 from gauss2svg.svg.notebook import Scene
 from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
 from gauss2svg.svg.reader.additive import Differences
@@ -402,7 +402,6 @@ class _Reader:
             drawn = np.isfinite(extent).all(axis=1) & (np.linalg.det(rows) != 0)
         drawn &= np.isfinite(rho) & np.isfinite(disc).all(axis=(1, 2))
         self._refuse(~drawn, "its extent must be above 0 and finite")
-        focus = np.array([shape.focus for shape in shapes]).reshape(-1, 2)
         beta = np.array([shape.beta or 0.0 for shape in shapes])
         radius = np.array([shape.radius or 0.0 for shape in shapes])
         plain, arcs = (
@@ -435,7 +434,6 @@ class _Reader:
             blend=OVER if self._sum is None else ADD,
             beta=beta,
             drawn=np.array([shape.drawn for shape in shapes], np.int8),
-            skew=skew_of_focus(rows, focus),
             transparent=self._sum is None and self._background is None,
         )
 

@@ -33,8 +33,7 @@ class Shape:
     """One shape: the circle of `radius` sigmas is `disc` of the unit circle, in canvas px.
 
     beta and radius are None for a plain ellipse, which any crisp enough exponent draws; peak is a
-    factor of its opacity, drawn as in a scene, focus the point of the unit circle whose image is
-    that of the falloff.
+    factor of its opacity, drawn as in a scene.
     """
 
     color: Color
@@ -43,7 +42,6 @@ class Shape:
     radius: float | None
     peak: float = 1.0
     drawn: int = SOFT
-    focus: tuple[float, float] = (0.0, 0.0)
 
 
 def read_shape(
@@ -113,7 +111,7 @@ def _of_mask(mask: Any, edge: Affine, gradients: Gradients) -> Gradient:
 
 def _shaded(gradient: Gradient, disc: Affine, paint: Color) -> Shape:
     radius = float(cut_radius(gradient.beta))
-    return Shape(paint, disc, gradient.beta, radius, gradient.peak, focus=gradient.focus)
+    return Shape(paint, disc, gradient.beta, radius, gradient.peak)
 
 
 def blurred_profile(radius: float, deviation: float) -> tuple[float, float, float]:
