@@ -32,8 +32,6 @@ MOST_MEAN = 1e12
 # How a file draws a shape: by the stops of a gradient, or by a plain ellipse where that looks the
 # same; by a plain ellipse in any case; as a blurred disc.
 SOFT, PLAIN, BLURRED = range(3)
-# Exponents of the profiles that blurred discs draw: gauss2svg.svg.blur.BLURS. Scene files that lack
-# `drawn` tell by them, within BLUR_TOLERANCE, which shapes are blurred.
 BLUR_BETAS = (
     1.01147233778, 1.14528662352, 1.36563435691, 1.74340697660, 2.60683835486, 4.31967523876,
     6.64289524310,
@@ -78,7 +76,6 @@ class Parameter:
     least, most  its domain; `added` is that of additive scenes, where it is another
     default      of a scene that does not give it; None: it must be given
     dtype        of its array in a scene
-    since        version of scene files that has it first; earlier ones have the default
     followed     how values change with a canvas whose sides are multiplied by scale (2,), a factor
                  below 0 mirroring it; None: not at all
     raw          how a fit holds it; None: with the geometry, or unchanged
@@ -95,7 +92,6 @@ class Parameter:
     added: tuple[float, float] | None = None
     default: float | None = None
     dtype: type[np.generic] = np.float64
-    since: int = 1
     followed: Callable[[_Values, NDArray[np.float64]], _Values] | None = None
     raw: Raw | None = None
     rate: float = 0.0
@@ -153,14 +149,14 @@ PARAMETERS = (
         raw=Raw("color", _as_it_is, _as_it_is, 0.0, 1.0),
     ),
     Parameter(
-        "beta", 1, LEAST_BETA, MOST_BETA, added=(1.0, 1.0), default=1.0, since=2, rate=0.05,
+        "beta", 1, LEAST_BETA, MOST_BETA, added=(1.0, 1.0), default=1.0, rate=0.05,
         raw=Raw("raw_beta", np.exp, np.log, LEAST_RAW_BETA, MOST_RAW_BETA), shared=True,
     ),
     Parameter(
         "round_index", 1, 0, math.inf, default=0, dtype=np.int32,
         advice="to number the rounds from 0",
     ),
-    Parameter("drawn", 1, SOFT, BLURRED, added=(SOFT, SOFT), default=SOFT, dtype=np.int8, since=4),
+    Parameter("drawn", 1, SOFT, BLURRED, added=(SOFT, SOFT), default=SOFT, dtype=np.int8),
 )  # fmt: skip
 
 # The parameters that Adam steps number by number, in the order of its columns behind those of the

@@ -23,23 +23,16 @@ from gauss2svg.errors import (
 from gauss2svg.files import write_atomically
 from gauss2svg.options import file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
-from gauss2svg.scene.falloff import MOST_BETA
 from gauss2svg.scene.parameters import (
-    BLUR_BETAS,
-    BLUR_TOLERANCE,
-    BLURRED,
     PARAMETERS,
     PLAIN,
     RHO_LIMIT,
-    SOFT,
     Parameter,
 )
 
 LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9
 
-# Versions of scene files that first have a field; the others are in all of them.
-_SINCE = {"transparent": 3} | {parameter.name: parameter.since for parameter in PARAMETERS}
-_FORMAT_VERSION = max(_SINCE.values())
+_FORMAT_VERSION = 1  # of scene files
 # Of two entries that should be one, relative to the variances: single precision's, with some room.
 _ASYMMETRY = 1e-5
 _FILLED_IN: Any = None  # until the constructor has the number of Gaussians
@@ -400,36 +393,20 @@ class Scene:
 
     @classmethod
     def load(cls, file: str | os.PathLike[str] | BinaryIO) -> Self:
-        """Read a scene written by save; raises InputError if it is something else."""
+        """Read a scene written by save.
+
+        Raises InputError for another file, SceneError for arrays that no scene has.
+        """
         try:
             with np.load(file, allow_pickle=False) as stored:
                 version = int(stored["format_version"])
-                if version not in (known := range(1, _FORMAT_VERSION + 1)):
+                if version != _FORMAT_VERSION:
                     raise InputError(
-                        "format version of a scene file must be one of "
-                        f"{', '.join(map(str, known))}; got {version}"
+                        f"format version of a scene file must be {_FORMAT_VERSION}; got {version}"
                     )
-                names = {f.name for f in dataclasses.fields(cls)}
-                names -= {name for name, since in _SINCE.items() if since > version}
-                values = {name: stored[name] for name in names}
-            if version < _SINCE["drawn"] and "beta" in values:  # which said so then
-                beta = values["beta"]
-                blurred = np.abs(beta[..., None] / BLUR_BETAS - 1).min(axis=-1) < BLUR_TOLERANCE
-                values["drawn"] = np.select([beta == MOST_BETA, blurred], [PLAIN, BLURRED], SOFT)
-            for name in names & {"width", "height", "blend", "transparent"}:
-                if values[name].shape:
-                    raise InputError(
-                        f"{name} of a scene file must be one value; got shape "
-                        f"{values[name].shape}. Try to save the scene again"
-                    )
+                values = {f.name: stored[f.name] for f in dataclasses.fields(cls)}
+            for name in ("width", "height", "blend", "transparent"):
                 values[name] = values[name].item()
-            values |= {name: float(values[name]) for name in ("width", "height")}
-            values["blend"] = str(values["blend"])
-            if not isinstance(values.setdefault("transparent", False), bool):
-                raise InputError(
-                    "transparent of a scene file must be true or false; got "
-                    f"{quoted(values['transparent'])}. Try to save the scene again"
-                )
         except Gauss2SvgError:
             raise
         except Exception as error:  # numpy, zipfile and zlib each raise their own

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import BLURRED, Scene
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
-from gauss2svg.scene.parameters import BLUR_BETAS
 from gauss2svg.svg.format import Form
 from gauss2svg.svg.plain_ellipse import is_plain
 
@@ -78,13 +77,13 @@ class Blur:
 # The blurs of files, the softest first: blur_of for discs of 1.4, 2, 2.6, 3.4, 5, 8 and 12
 # deviations' radius, which takes too long for every start.
 BLURS = (
-    Blur(1 / 1.4, BLUR_BETAS[0], 1.09458307443, 1.59501799762),
-    Blur(1 / 2, BLUR_BETAS[1], 1.25762415807, 1.16469982183),
-    Blur(1 / 2.6, BLUR_BETAS[2], 1.30896075143, 1.04243700421),
-    Blur(1 / 3.4, BLUR_BETAS[3], 1.32641735405, 0.99816573719),
-    Blur(1 / 5, BLUR_BETAS[4], 1.33969286603, 0.98493441846),
-    Blur(1 / 8, BLUR_BETAS[5], 1.35788668786, 0.98709482037),
-    Blur(1 / 12, BLUR_BETAS[6], 1.37279799581, 0.99067903041),
+    Blur(1 / 1.4, 1.01147233778, 1.09458307443, 1.59501799762),
+    Blur(1 / 2, 1.14528662352, 1.25762415807, 1.16469982183),
+    Blur(1 / 2.6, 1.36563435691, 1.30896075143, 1.04243700421),
+    Blur(1 / 3.4, 1.74340697660, 1.32641735405, 0.99816573719),
+    Blur(1 / 5, 2.60683835486, 1.33969286603, 0.98493441846),
+    Blur(1 / 8, 4.31967523876, 1.35788668786, 0.98709482037),
+    Blur(1 / 12, 6.64289524310, 1.37279799581, 0.99067903041),
 )
 
 

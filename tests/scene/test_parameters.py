@@ -13,9 +13,7 @@ from gauss2svg.fit.state import COLUMNS, GEOMETRY, STEPS, State
 from gauss2svg.render import render
 from gauss2svg.render.kernels import MOMENTS
 from gauss2svg.scene import BLURRED, PLAIN, SOFT
-from gauss2svg.scene.falloff import MOST_BETA
 from gauss2svg.scene.parameters import PARAMETERS, STEPPED, logistic, logit
-from gauss2svg.svg.blur import BLURS
 from gauss2svg.svg.minimal.write import minimal_svg
 from gauss2svg.svg.snap import snapped
 
@@ -90,21 +88,6 @@ def test_parameters_that_follow_a_mirror_draw_the_mirrored_picture(scale):
     expected = render(scene, int(width), int(height))
     expected = expected[:: int(np.sign(scale[1])), :: int(np.sign(scale[0]))]
     assert np.abs(render(mirrored) - expected).max() < 1e-4
-
-
-def test_earlier_scene_files_are_read_with_what_they_lack():
-    blurs = np.array([blur.beta for blur in BLURS])
-    beta = [3.0, MOST_BETA, *blurs, *blurs * (1 + 5e-7), *blurs * (1 + 5e-6)]
-    scene = random_scene(len(beta)).replace(beta=np.array(beta))
-    fields = {f.name: getattr(scene, f.name) for f in dataclasses.fields(scene)}
-    del fields["drawn"]
-    stream = io.BytesIO()
-    np.savez(stream, format_version=3, **fields)
-    stream.seek(0)
-    back = Scene.load(stream)
-    several = 2 * len(blurs)
-    assert back.drawn.tolist() == [SOFT, PLAIN, *[BLURRED] * several, *[SOFT] * len(blurs)]
-    np.testing.assert_array_equal(back.beta, scene.beta)
 
 
 def test_plain_shapes_are_plain_ellipses_at_any_size_and_come_back_so():

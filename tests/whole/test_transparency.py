@@ -211,15 +211,6 @@ def test_scene_comes_back_transparent_from_a_file_and_stays_so():
     assert not random_scene(2).concatenate(scene).transparent
 
 
-def test_scene_saved_before_there_was_transparency_is_opaque():
-    scene = random_scene(6)
-    stream = io.BytesIO()
-    fields = {name: getattr(scene, name) for name in FIELDS}
-    np.savez(stream, format_version=2, width=40, height=30, blend="over", **fields)
-    stream.seek(0)
-    assert not Scene.load(stream).transparent
-
-
 def test_additive_scene_cannot_be_transparent():
     with pytest.raises(SceneError, match="background"):
         random_sum(3, 20, 20, 0).replace(transparent=True)
