@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import os
+import pickle
 import secrets
 import stat
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+import numba
 from numba.core import config
-from numba.core.caching import (
-    CompileResultCacheImpl,
-    FunctionCache,
-    IndexDataCacheFile,
-    _CacheLocator,
-)
+from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
+from numba.core.serialize import dumps
 
-# s between tries to list code on Windows, which replaces no list while another process reads it.
-_PAUSES_S = (0.01, 0.03, 0.1, 0.3)
 _CONSTANTS = Path(__file__).parent / "scene" / "falloff.py"  # constants that kernels inline
-_numba: Any = config  # which creates its attributes dynamically
+_config: Any = config  # which creates its attributes dynamically
 _lost = False  # whether code of this process could not be kept
 
 
@@ -38,18 +32,19 @@ def are_kept() -> bool:
 
 
 def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorate by numba's njit with these options; machine code is kept in `folder()`.
+    """Decorate a function of a module by numba's njit; machine code is kept in `folder()`.
 
     Where there is no such folder, each process compiles, and are_kept() is False.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
         global _lost
-        dispatcher: Any = njit(**options)(function)
-        if folder() is None:
+        dispatcher: Any = numba.njit(**options)(function)
+        place = folder()
+        if place is None:
             _lost = True
-        elif not _numba.DISABLE_JIT:  # which leaves functions as they are
-            dispatcher._cache = KernelCache(function)
+        elif not _config.DISABLE_JIT:  # which leaves functions as they are
+            dispatcher._cache = KernelCache(function, place)
         return dispatcher
 
     return compiled
@@ -61,7 +56,7 @@ def folder() -> Path | None:
     It is $NUMBA_CACHE_DIR, which may be one that can only be read. Without that variable it is
     `gauss2svg` in the user's folder for caches, or a private one among the temporary files.
     """
-    return Path(_numba.CACHE_DIR) if _numba.CACHE_DIR else _folder_of_user()
+    return Path(_config.CACHE_DIR) if _config.CACHE_DIR else _folder_of_user()
 
 
 @lru_cache
@@ -111,97 +106,47 @@ def _digest(room: Path) -> str:
     return digest.hexdigest()
 
 
-class _Place(_CacheLocator):
-    """The place of one function's files: a folder of `folder()` for each folder of modules."""
+class KernelCache:
+    """The kept code of one function: a file for each combination of argument types and CPU.
 
-    def __init__(self, function: Callable[..., Any], module: str) -> None:
-        self._line = function.__code__.co_firstlineno
-        self._room = Path(module).parent
-        self._path = os.path.join(folder() or "", self.get_suitable_cache_subpath(module))
-
-    def ensure_cache_path(self) -> None:
-        """Make the folder; saving says where that is not possible."""
-        with suppress(OSError):
-            os.makedirs(self._path, exist_ok=True)
-
-    def get_cache_path(self) -> Any:
-        """Return the folder."""
-        return self._path
-
-    def get_source_stamp(self) -> Any:
-        """Return what code is compared by: kernels inline those of other files."""
-        return _digest(self._room)
-
-    def get_disambiguator(self) -> Any:
-        """Return what tells functions of one name apart."""
-        return str(self._line)
-
-    @classmethod
-    def from_function(cls, py_func: Any, py_file: str) -> _Place:
-        """Return the place of a function."""
-        return cls(py_func, py_file)
-
-
-class _Code(CompileResultCacheImpl):
-    """The form in which code is kept, and its place."""
-
-    _locator_classes = (_Place,)
-
-
-class KernelCache(FunctionCache):
-    """The kept code of one function, loaded without what only a compilation needs.
-
-    numba itself first imports and registers all that compiled code may call, SciPy's linear algebra
-    among it, which takes a fifth of a run on a small picture (docs/decisions/start.md). A
-    compilation does so by itself.
+    The name of a file has a digest of all that its code depends on, so files that two processes
+    write at once are the same. numba's own cache has an index, which processes can mix up, and
+    first imports all that compiled code may call, SciPy's linear algebra among it, which takes a
+    fifth of a run on a small picture (docs/decisions/start.md). A compilation does so by itself.
     """
 
-    _impl_class = _Code
+    def __init__(self, function: Callable[..., Any], place: Path) -> None:
+        assert function.__closure__ is None  # the digest knows files, not values
+        module = Path(function.__code__.co_filename)
+        self.cache_path = place  # numba's statistics have it
+        self._name = f"{module.stem}.{function.__name__}"
+        line = function.__code__.co_firstlineno
+        self._stamp = f"{_digest(module.parent)} {line} {numba.__version__} {sys.version}"
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
-        place = self._impl.locator
-        self._cache_file = KernelFiles(
-            place.get_cache_path(), self._impl.filename_base, place.get_source_stamp()
-        )
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for these types, None where it is not kept."""
+    def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
+        """Return the code for these types, or None where none can be read."""
         rtsys.initialize(target_context)  # the memory of arrays, which kept code links to
-        with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+        try:
+            kept = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())
+        except (OSError, EOFError, pickle.UnpicklingError):
+            return None
+        return CompileResult._rebuild(target_context, *kept)
 
-
-class KernelFiles(IndexDataCacheFile):
-    """The files of one function: an index of argument types, and machine code for each of them.
-
-    numba itself numbers the files of machine code, and two processes that compile for different
-    types at once can take the same number: the one's code is then listed as the other's. Here every
-    file has a name of its own, and is whole before it is listed. Of two lists written at once one
-    is lost, and what it listed is compiled once more. No process ever waits for another.
-    """
-
-    def load(self, key: Any) -> Any:
-        """Return the code for these types; None where there is none that can be read."""
-        with suppress(OSError):
-            return super().load(key)
-
-    def save(self, key: Any, data: Any) -> None:
+    def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the code for these types; a disk that is full costs the next process the time."""
         global _lost
-        name = self._data_name(secrets.randbits(63))
+        assert not data.library.has_dynamic_globals  # addresses, which no later process has
+        path = self._file(sig, data.codegen)
+        part = path.with_suffix(f".{secrets.token_hex(8)}")
         try:
-            self._save_data(name, data)
-            self._list(key, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(dumps(data._reduce()))
+            os.replace(part, path)
         except OSError:
-            _lost = True
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+            _lost |= not path.exists()  # on Windows, a file that another process reads
 
-    def _list(self, key: Any, name: str) -> None:
-        """Add the file of these types to the list; on Windows try while another one reads it."""
-        if sys.platform == "win32":
-            for pause in _PAUSES_S:
-                try:
-                    return self._save_index({**self._load_index(), key: name})
-                except PermissionError:
-                    time.sleep(pause)
-        return self._save_index({**self._load_index(), key: name})
+    def _file(self, sig: Any, codegen: Any) -> Path:
+        key = f"{self._stamp} {sig} {codegen.magic_tuple()}"
+        return self.cache_path / f"{self._name}-{hashlib.sha256(key.encode()).hexdigest()}.nbc"

@@ -1,96 +1,16 @@
-"""Laws of the kernels on disk: whatever several processes do at once, none gets another's code."""
+"""Laws of the kernels on disk: what is kept is whole, the same, and where nobody else can write."""
 
 import os
 import subprocess
 import sys
 import tempfile
-import threading
-from itertools import permutations
 
 import numba
 import pytest
 
 from gauss2svg import kernel_cache
 from gauss2svg.cli import summary
-from gauss2svg.kernel_cache import KernelFiles, cached, folder
-
-_STEPS = ("_load_index", "_save_index", "_save_data")
-
-
-class _Stepwise(KernelFiles):
-    """Takes each of its steps on the disk when it is let."""
-
-    def __init__(self, folder):
-        super().__init__(str(folder), "kernel", "stamp")
-        self.may, self.has = threading.Semaphore(0), threading.Semaphore(0)
-
-    def __getattribute__(self, name):
-        found = super().__getattribute__(name)
-        return self._when_let(found) if name in _STEPS else found
-
-    def _when_let(self, step):
-        def waited(*given):
-            assert self.may.acquire(timeout=10)
-            try:
-                return step(*given)
-            finally:
-                self.has.release()
-
-        return waited
-
-
-@pytest.mark.parametrize("order", sorted(set(permutations((0, 0, 0, 1, 1, 1)))))
-def test_what_two_processes_save_at_once_is_never_mixed_up(tmp_path, order):
-    both = [_Stepwise(tmp_path), _Stepwise(tmp_path)]
-    threads = [
-        threading.Thread(target=files.save, args=(key, f"code of {key}"))
-        for key, files in enumerate(both)
-    ]
-    for thread in threads:
-        thread.start()
-    for turn in order:
-        both[turn].may.release()
-        assert both[turn].has.acquire(timeout=10)
-    for thread in threads:
-        thread.join()
-    found = [KernelFiles(str(tmp_path), "kernel", "stamp").load(key) for key in (0, 1)]
-    assert found[0] in ("code of 0", None)
-    assert found[1] in ("code of 1", None)
-    assert any(found)  # the list that was written last
-
-
-def test_code_is_listed_only_once_it_is_whole(tmp_path, monkeypatch):
-    files = KernelFiles(str(tmp_path), "kernel", "new stamp")
-    KernelFiles(str(tmp_path), "kernel", "old stamp").save("types", "old code")
-
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    for step in ("_save_data", "_save_index"):
-        monkeypatch.setattr(files, step, interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            files.save("types", "new code")
-        assert files.load("types") is None
-        monkeypatch.undo()
-    files.save("types", "new code")
-    assert files.load("types") == "new code"
-
-
-def test_a_disk_that_cannot_be_written_stops_no_run(tmp_path):
-    files = KernelFiles(str(tmp_path / "gone"), "kernel", "stamp")
-    files.save("types", "code")
-    assert files.load("types") is None
-
-
-def test_code_is_listed_while_another_process_reads_the_list(tmp_path):
-    files = KernelFiles(str(tmp_path), "kernel", "stamp")
-    files.save("types", "code")
-    with (tmp_path / "kernel.nbi").open("rb") as read:
-        closing = threading.Timer(0.1, read.close)
-        closing.start()
-        files.save("others", "other code")
-        closing.join()
-    assert (files.load("types"), files.load("others")) == ("code", "other code")
+from gauss2svg.kernel_cache import cached, folder
 
 
 @pytest.fixture
@@ -135,6 +55,29 @@ def test_kernels_are_kept_in_one_folder_of_the_user(home, tmp_path):
     assert kept[0].is_relative_to(home)
 
 
+def test_code_that_is_not_whole_is_compiled_again(home):
+    assert cached()(_twice)(2) == 4
+    (kept,) = kept_below(home)
+    whole = kept.stat().st_size
+    for size in (0, 1, whole // 2, whole - 1):
+        os.truncate(kept, size)
+        again = cached()(_twice)
+        assert again(2) == 4
+        assert not again.stats.cache_hits
+        assert kept.stat().st_size == whole
+    assert kernel_cache.are_kept()
+
+
+def test_code_whose_writing_is_interrupted_is_not_kept(home, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        cached()(_twice)(2)
+    assert not kept_below(home)
+
+
 @pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="the variable is of Linux")
 def test_the_variable_of_the_system_moves_the_users_folder(home, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
@@ -152,7 +95,7 @@ def test_kernels_of_a_folder_that_cannot_be_written_are_read(home, tmp_path, mon
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "named"))
     assert cached()(_twice)(2) == 4
     assert len(kept_below(tmp_path / "named")) == 1
-    monkeypatch.setattr(KernelFiles, "_open_for_write", _refused)
+    monkeypatch.setattr(os, "replace", _refused)
     again = cached()(_twice)
     assert again(2) == 4
     assert sum(again.stats.cache_hits.values()) == 1
@@ -205,20 +148,48 @@ def _twice(number):
     return 2 * number
 
 
-def test_code_kept_of_a_kernel_is_not_used_where_another_file_of_its_room_changed(tmp_path):
-    """Kernels inline those of other files."""
+@pytest.fixture
+def room(tmp_path):
+    """A package with a kernel that inlines a function of another file; and its runs."""
     room = tmp_path / "room"
     room.mkdir()
     (room / "__init__.py").write_text("")
     (room / "inner.py").write_text("from numba import njit\n@njit\ndef one(): return 1\n")
     (room / "outer.py").write_text(
         "from gauss2svg.kernel_cache import cached\nfrom room.inner import one\n"
-        "@cached()\ndef kernel(): return one()\n"
+        "@cached()\ndef kernel(of): return of + one()\n"
     )
-    command = [sys.executable, "-c", "from room.outer import kernel; print(kernel())"]
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
-    given = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True}
-    given |= {"check": True}
-    assert subprocess.run(command, **given).stdout == "1\n"
-    (room / "inner.py").write_text("from numba import njit\n@njit\ndef one(): return 23\n")
-    assert subprocess.run(command, **given).stdout == "23\n"
+
+    def start(value):
+        code = "import sys; sys.path.insert(0, '.'); from room.outer import kernel; "
+        code += f"print(kernel({value}), sum(kernel.stats.cache_hits.values()))"
+        return subprocess.Popen(
+            [sys.executable, "-c", code],
+            cwd=tmp_path,
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    return start
+
+
+def said(process):
+    return process.communicate(timeout=120)[0].split()
+
+
+def test_code_kept_of_a_kernel_is_not_used_where_another_file_of_its_room_changed(room, tmp_path):
+    assert said(room(1)) == ["2", "0"]
+    assert said(room(1)) == ["2", "1"]
+    inner = tmp_path / "room" / "inner.py"
+    inner.write_text(inner.read_text().replace("return 1", "return 23"))
+    assert said(room(1)) == ["24", "0"]
+
+
+@pytest.mark.process
+def test_what_processes_compile_at_once_is_all_kept(room):
+    values = ["1", "1", "1.5", "1.5", "2j"]
+    for process in [room(value) for value in values]:
+        assert said(process)
+    answers = [said(room(value)) for value in ("1", "1.5", "2j")]
+    assert answers == [["2", "1"], ["2.5", "1"], ["(1+2j)", "1"]]
