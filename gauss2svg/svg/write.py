@@ -27,14 +27,7 @@ from gauss2svg.errors import (
     whole_number,
 )
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg.additive.differences import (
-    ADDITIVE,
-    TRANSFER,
-    cover,
-    difference_sheet,
-    key_of,
-    transfer_filter,
-)
+from gauss2svg.svg.additive.differences import cover, difference_sheet, key_of, transfer_filter
 from gauss2svg.svg.additive.encode import encode_additive
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.document import Document, round_id
@@ -201,13 +194,13 @@ def _write_additive(scene: Scene, svg_format: SvgFormat, document: Document) -> 
     count = sum(len(phase.discs) for phase in encoded.phases)
     drawing = _root(document, scene, encoded.view, count)
     key = key_of(encoded.transfer, encoded.background)
-    drawing.defs.add(transfer_filter(encoded.transfer, f"{TRANSFER}-{key}"))
+    # Longer than the ids of gradients, so that they cannot collide.
+    group_id, filter_id = f"additive-{key}", f"transfer-{key}"
+    drawing.defs.add(transfer_filter(encoded.transfer, filter_id))
     _add_all(drawing.defs, encoded.ramps)
-    drawing.add(drawing.style(difference_sheet(f"{ADDITIVE}-{key}")))
+    drawing.add(drawing.style(difference_sheet(group_id)))
     inkscape = Inkscape(drawing)
-    group = inkscape.layer(
-        label="Additive", id=f"{ADDITIVE}-{key}", filter=f"url(#{TRANSFER}-{key})"
-    )
+    group = inkscape.layer(label="Additive", id=group_id, filter=f"url(#{filter_id})")
     group.add(cover(encoded.background, {"id": "background"}))
     for index, phase in enumerate(encoded.phases):
         if phase.inverted:  # beside the layers, so that one can be hidden without the other

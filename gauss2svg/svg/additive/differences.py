@@ -4,7 +4,7 @@
     <g id="additive-1a2b3c4d" filter="url(#transfer-1a2b3c4d)"> <rect fill="#.."/>
       <g> <circle r="1" transform="matrix(..)" fill="url(#..)"/> ... </g> <rect fill="#f00"/> ...
 
-gauss2svg.svg.additive.encode explains how they add up to a picture; the reader takes them apart.
+gauss2svg.svg.additive.encode explains how they add up to a picture.
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ from collections.abc import Mapping
 
 from gauss2svg.svg.element import Element
 
-# Ids begin so; they are longer than those of gradients, so that they cannot collide.
-ADDITIVE, TRANSFER = "additive", "transfer"
 WHITE = 255
 # Levels of 255 that are added in the end: resvg and Chromium truncate a filter's result to whole
 # levels (bias -0.5 levels), the others round.

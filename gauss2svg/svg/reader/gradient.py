@@ -7,7 +7,7 @@ The exponent is that of BETA_CLASSES whose profile the polygon of the stops is n
 whatever the number of stops; tests/svg/test_stops.py has the margins. Attributes and stops are
 inherited along a chain of references, as in SVG 2: an element's own come first. The stops of
 minimal markup have their opacities in a style sheet, or are greys of a mask, whose luminance is the
-falloff; those of additive files are opaque colours (gauss2svg.svg.reader.additive).
+falloff.
 """
 
 from __future__ import annotations
@@ -84,27 +84,26 @@ class Gradients:
         in_mask  whether its greys are what a mask lets through
         """
         if (key, in_mask) not in self._read:
-            stops, disc, in_box = self.parts(key)
             with _naming(key):
-                shade, peak, beta = _of_mask(stops) if in_mask else _of_one_color(stops)
-            self._read[key, in_mask] = Gradient(shade, peak, beta, disc, in_box)
+                self._read[key, in_mask] = self._gradient(key, in_mask)
         return self._read[key, in_mask]
 
-    def parts(self, key: str) -> tuple[list[Stop], Affine, bool]:
-        """Return the stops, of any colours, the disc and in_box of the gradient of an id."""
-        with _naming(key):
-            chain = list(self._chain(key))
-            if chain[0].tag != _RADIAL:
-                raise InputError("it must be a radialGradient; got a linear one")
-            found: dict[str, str] = {}
-            for element in chain:
-                names = _COMMON + (_GEOMETRY if element.tag == _RADIAL else ())
-                for name in names:
-                    if element.get(name) is not None:
-                        found.setdefault(name, element.get(name))
-            owner = next((e for e in chain if e.find(_STOP) is not None), chain[-1])
-            opacities = self._opacities.get(owner.get("href", "").removeprefix("#"), ())
-            return (_stops(owner, opacities), *_disc(found))
+    def _gradient(self, key: str, in_mask: bool) -> Gradient:
+        chain = list(self._chain(key))
+        if chain[0].tag != _RADIAL:
+            raise InputError("it must be a radialGradient; got a linear one")
+        found: dict[str, str] = {}
+        for element in chain:
+            names = _COMMON + (_GEOMETRY if element.tag == _RADIAL else ())
+            for name in names:
+                if element.get(name) is not None:
+                    found.setdefault(name, element.get(name))
+        owner = next((e for e in chain if e.find(_STOP) is not None), chain[-1])
+        opacities = self._opacities.get(owner.get("href", "").removeprefix("#"), ())
+        stops = _stops(owner, opacities)
+        disc, in_box = _disc(found)
+        shade, peak, beta = _of_mask(stops) if in_mask else _of_one_color(stops)
+        return Gradient(shade, peak, beta, disc, in_box)
 
     def _chain(self, key: str) -> Iterator[Any]:
         seen: set[str] = set()

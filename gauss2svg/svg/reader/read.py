@@ -1,9 +1,8 @@
-"""Scenes read back from SVG files: all that write_svg writes, also after an editor.
+"""Scenes read back from SVG files of write_svg, also after an editor; additive ones are refused.
 
-Editable files are groups of circles; minimal ones uses of masked circles, circles whose stops have
-their opacities in a style sheet, and paths of arcs; additive ones differences, which
-gauss2svg.svg.reader.additive adds up. One walk reads them all, by what their elements are. The file
-is long because all handlers of elements share the state of that walk.
+Editable files are groups of circles. Minimal ones are uses of masked circles, circles whose stops
+have their opacities in a style sheet, and paths of arcs. One walk reads them all, by what their
+elements are.
 
 What Inkscape 1.2 changes when it saves a file (tests/data has one, before and after):
 
@@ -31,21 +30,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import InputError, brief, quoted
-from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, OVER, RHO_LIMIT
+from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, RHO_LIMIT
 from gauss2svg.svg.minimal.shapes import arc_beta
 from gauss2svg.svg.notebook import Scene
 from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
-from gauss2svg.svg.reader.additive import Differences
 from gauss2svg.svg.reader.canvas import misplaced, read_canvas
 from gauss2svg.svg.reader.gradient import Gradients
 from gauss2svg.svg.reader.outline import SHAPES, open_arcs, outline
-from gauss2svg.svg.reader.rules import (
-    check_animation,
-    check_sheet,
-    check_smil,
-    difference_group,
-    stop_opacities,
-)
+from gauss2svg.svg.reader.rules import check_animation, check_sheet, check_smil, stop_opacities
 from gauss2svg.svg.reader.shape import Shape, read_shape
 from gauss2svg.svg.syntax.affine import Affine, compose, parse_transform
 from gauss2svg.svg.syntax.css import properties
@@ -100,13 +92,10 @@ def read_svg(
     skip_hidden  skip hidden shapes and layers instead of refusing the file
     max_bytes, max_elements  limits of the gunzipped file; raise them for a file that you trust
 
-    A minimal file has one round, and a scene in its own units where it has no size in px. An
-    additive file has the means and the background of its scene; the colours and the sigmas are
-    those of the Gaussians that its whole levels are nearest to, in the order in which they are
-    drawn, without rounds.
+    A minimal file has one round, and a scene in its own units where it has no size in px.
 
     Animation and the rule for fragments are skipped. Raises InputError with the element's name for
-    everything that a scene cannot hold: texts, images, other paths, strokes, other masks, clips,
+    everything else: additive files, texts, images, other paths, strokes, other masks, clips,
     several shapes under one group opacity.
     """
     root = parse_document(source, max_bytes, max_elements)
@@ -131,7 +120,6 @@ class _State:
     round: int = 0
     depth: int = 0
     uses: int = 0
-    is_added: bool = False
 
 
 class _Reader:
@@ -141,18 +129,14 @@ class _Reader:
         self._root, self._skip_hidden, self._most_shapes = root, skip_hidden, most_shapes
         self._by_id: dict[str, Any] = {}
         opacities: dict[str, list[str]] = {}
-        added: set[str] = set()
         for element in root.iter():
             key = element.get("id")
             if key is not None:
                 self._by_id.setdefault(key, element)
             if isinstance(element.tag, str) and element.tag in _EVERYWHERE:
                 with _naming(element):
-                    _read_rules(element, opacities, added)
+                    _read_rules(element, opacities)
         self._gradients = Gradients(self._by_id, opacities)
-        if len(added) > 1:
-            raise InputError("the SVG must be one drawing; got several additive ones")
-        self._sum = Differences(added.pop(), self._by_id, self._gradients) if added else None
         with _naming(root):
             self._width, self._height, onto, self._user_size = read_canvas(root.attrib)
         self._state = _State(onto)
@@ -275,10 +259,7 @@ class _Reader:
                 raise InputError(
                     f"groups must be nested at most {_DEEPEST} deep; got more. Try to ungroup them"
                 )
-            if self._sum is not None and element.get("id") == self._sum.group:
-                self._sum.begin(attributes)
-                state = replace(state, is_added=True)
-            elif attributes.get("filter", "none") != "none":
+            if attributes.get("filter", "none") != "none":
                 raise InputError(
                     f"filter of a group must be none; got {quoted(attributes['filter'])}. Try to "
                     "remove it"
@@ -305,7 +286,7 @@ class _Reader:
 
     def _rectangle(self, attributes: dict[str, str], state: _State, is_path: bool = False) -> None:
         """Use a rectangle that covers the canvas under all shapes as the background."""
-        if self._shapes and not state.is_added:
+        if self._shapes:
             raise InputError(
                 "a rectangle must be the background; got one over shapes. Try to delete it"
             )
@@ -326,10 +307,6 @@ class _Reader:
         self._backgrounds += 1
         paint = np.array(color(state.fill, "fill"))
         alpha = state.opacity * share(state.fill_opacity, "fill-opacity")
-        if self._sum is not None:
-            self._check_added(state, alpha)
-            self._sum.cover(color(state.fill, "fill"), len(self._shapes))
-            return
         if alpha < 1 and self._background is None:
             raise InputError(
                 f"opacity of the background must be 1; got {quoted(alpha)}. Try to delete it, "
@@ -359,26 +336,12 @@ class _Reader:
             )
         last = self._shapes[-1][2] if self._shapes else 0
         for edge in edges:
-            if self._sum is not None:
-                self._check_added(state, alpha)
-                if blur is not None or mask is not None:
-                    raise InputError("a shape of an additive file must be a gradient; got another")
-                shape = self._sum.shape(edge, state.fill, state.onto)
-            else:
-                shape = read_shape(edge, state.fill, state.onto, self._gradients, blur, mask)
+            shape = read_shape(edge, state.fill, state.onto, self._gradients, blur, mask)
             # A blurred disc may be slightly less opaque than its profile, never more.
             opacity = min(1.0, alpha * shape.peak)
             self._shapes.append((shape, opacity, max(last, state.round)))
             self._arcs.append(bool(arcs) and shape.beta is None)
             self._elements.append(element)
-
-    def _check_added(self, state: _State, alpha: float) -> None:
-        """Raise InputError for what is not drawn as a difference in an additive file."""
-        if not state.is_added or alpha != 1:
-            raise InputError(
-                "shapes of an additive file must be opaque and in the group of differences; "
-                "got another"
-            )
 
     def _referred(self, attributes: dict[str, str], name: str) -> Any | None:
         """The filter or mask that an element refers to; raises InputError where it is missing."""
@@ -417,24 +380,19 @@ class _Reader:
         self._refuse(thin, f"its sigma must be at least {LEAST_SIGMA:g} px")
         self._refuse(wide, f"its sigma must be at most {MOST_SIGMA:g} px")
         self._refuse(far, f"its centre must be within {MOST_MEAN:g} px of the origin")
-        paint = np.array([shape.color for shape in shapes]).reshape(-1, 3)
-        background = np.ones(3) if self._background is None else self._background
-        if self._sum is not None:
-            paint, background = self._sum.colors(paint)
         return Scene(
             self._width,
             self._height,
             mean=disc[:, 2],
             sigma=sigma,
             rho=rho,
-            color=paint,
+            color=np.array([shape.color for shape in shapes]).reshape(-1, 3),
             opacity=np.array([opacity for _, opacity, _ in self._shapes]),
-            background=background,
+            background=np.ones(3) if self._background is None else self._background,
             round_index=np.array([number for _, _, number in self._shapes], np.int32),
-            blend=OVER if self._sum is None else ADD,
             beta=beta,
             drawn=np.array([shape.drawn for shape in shapes], np.int8),
-            transparent=self._sum is None and self._background is None,
+            transparent=self._background is None,
         )
 
     def _refuse(self, bad: NDArray[np.bool_], why: str) -> None:
@@ -460,8 +418,8 @@ def _round_of(group: Any) -> int | None:
     return int(match[1]) - 1
 
 
-def _read_rules(element: Any, opacities: dict[str, list[str]], added: set[str]) -> None:
-    """Add what the style sheets of minimal and additive files say.
+def _read_rules(element: Any, opacities: dict[str, list[str]]) -> None:
+    """Add the opacities of stops that the style sheet of a minimal file says.
 
     Raises InputError for other sheets, and for an animation, that changes what is read.
     """
@@ -470,11 +428,9 @@ def _read_rules(element: Any, opacities: dict[str, list[str]], added: set[str]) 
         check_smil(tag, element.attrib)
         return
     sheet = "".join(element.itertext())
-    found, group = stop_opacities(sheet), difference_group(sheet)
+    found = stop_opacities(sheet)
     opacities.update(found)
-    if group is not None:
-        added.add(group)
-    elif not found:
+    if not found:
         check_sheet(sheet)
 
 

@@ -1,7 +1,6 @@
 """Style sheets and animation: refused unless the SVG ends as its elements say.
 
-Two sheets of gauss2svg say more than its elements: that of minimal markup has the opacities of
-stops, and that of an additive file draws a group as differences. They are read as they are written.
+The sheet of minimal markup has the opacities of stops. It is read as it is written.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ import re
 from typing import Any
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.svg.additive.differences import ADDITIVE, difference_sheet
 from gauss2svg.svg.document import UP_TO_TARGET
 from gauss2svg.svg.syntax.css import component_values, nodes_of, written
 from gauss2svg.svg.syntax.values import NUMBER
@@ -23,7 +21,6 @@ _STOP_RULE = re.compile(
     rf'\[href="#([A-Za-z]+)"\] (stop(?:\+stop)*+)\{{'
     rf"(stop-color:currentColor;)?stop-opacity:({NUMBER})\}}"
 )
-_DIFFERENCES = re.compile(rf"#({ADDITIVE}-[0-9a-f]{{8}}) ")
 _NEEDED = "animation only, without escapes"
 _ADVICE = "to write what it sets into the elements"
 
@@ -42,12 +39,6 @@ def stop_opacities(text: str) -> dict[str, list[str]]:
         stops.append(rule[4])
         at = rule.end()
     return found if at == len(text) else {}
-
-
-def difference_group(text: str) -> str | None:
-    """Id of the group that an additive file's sheet draws as differences; None for any other."""
-    match = _DIFFERENCES.match(text)
-    return match[1] if match and difference_sheet(match[1]) == text else None
 
 
 def check_sheet(text: str) -> None:
