@@ -95,7 +95,7 @@ class Batch:
     ) -> None:
         self.options = instance(options, "options", Options)
         self.batch = instance(batch, "batch", BatchOptions)
-        _check_options(self.options)
+        Plan(self.options).check_renderer()
         if isinstance(sources, (str, bytes, os.PathLike)):
             raise InputError(
                 f"sources must be a sequence; got {quoted(sources)}. Try [{sources!r}]"
@@ -232,14 +232,3 @@ class Batch:
             with suppress(InputError), opened(path) as file, opened_image(file, path) as image:
                 loads.append(load_of(plan, header_of_image(image)))
         return max(load.bytes for load in loads)
-
-
-def _check_options(options: Options) -> None:
-    """Raise InputError for options that are of one photo, and for those that exclude each other."""
-    segments = options.document.segments
-    if not isinstance(segments, int | None):
-        raise InputError(
-            f"segments must be a number for many photos; got {type(segments).__name__}. Try "
-            "--segments 100"
-        )
-    Plan(options).check_renderer()

@@ -344,8 +344,4 @@ def _check_files(photo: str, output: str, options: Any, files: Files) -> None:
         outputs += _plates(files, inks if isinstance(inks, int) else inks.count(",") + 1)
     if output != STANDARD_STREAM:
         outputs.insert(0, Path(output))
-    inputs = {photo: "the photo"}
-    segments = options.document.segments
-    if isinstance(segments, str):
-        inputs[segments] = "the label image"
-    check_outputs(inputs, outputs)
+    check_outputs({photo: "the photo"}, outputs)

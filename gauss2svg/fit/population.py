@@ -13,7 +13,6 @@ from gauss2svg.fit.blending import OPAQUE_LOGIT, blending, in_inks
 from gauss2svg.fit.convert import composited
 from gauss2svg.fit.inks import Inks, crisp
 from gauss2svg.fit.options import FitConfig
-from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import NewGaussians, first_raw_betas, place
 from gauss2svg.fit.schedule import enlarged_reduction, reduction, refinement_reduction
 from gauss2svg.fit.state import State
@@ -43,16 +42,14 @@ TUNING = PopulationTuning()
 class Population:
     """The Gaussians of a fit, in px of the current target, and how their number changes.
 
-    pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
-    segment_at  finds the segments by which each round's shapes are ordered, or None
-    targets     the pixels as targets, where there are some already
+    pixels   (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
+    targets  the pixels as targets, where there are some already
     """
 
     def __init__(
         self,
         pixels: NDArray[np.float32],
         config: FitConfig,
-        segment_at: SegmentAt | None = None,
         targets: TargetPyramid | None = None,
     ) -> None:
         self.config = config
@@ -76,7 +73,6 @@ class Population:
             self._pyramid = TargetPyramid(pixels, config.fit.tuned, aimed_at=aimed_at)
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
-        self._order = None if segment_at is None else SegmentOrder(segment_at)
         if self.inks is not None and not has_alpha(pixels):
             self.background = self.inks.background(self.target)
 
@@ -218,16 +214,6 @@ class Population:
             kept &= cost[:, 0] > 0
         self.state = self.state.select(kept)
 
-    def fix_segments(self) -> None:
-        """Order by segments, to which `keep_in_segments` returns shapes."""
-        if self._order is not None:
-            self.state = self._order.fix(self.state, self.target.width, self.target.height)
-
-    def keep_in_segments(self) -> None:
-        """Pull back the shapes that have left their segment."""
-        if self._order is not None:
-            self.state = self._order.kept(self.state, self.target.width, self.target.height)
-
     def exchange_inks(self) -> None:
         """Give every shape the ink of least error."""
         if self.inks is not None and len(self):
@@ -256,10 +242,6 @@ class Population:
         if self.inks is not None:
             added.drawn[:] = PLAIN
         self.state = self.state.append(added)
-        if self._order is not None:  # from the start, so that the fit makes up for it
-            self.state = self._order.grouped_by_segment(
-                self.state, self.target.width, self.target.height
-            )
 
     def _overlap(self, new: NewGaussians) -> NDArray[np.float64]:
         """(n,) sum of all new falloffs at each new mean, at least 1.

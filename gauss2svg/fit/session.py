@@ -19,7 +19,6 @@ from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.inks import EXCHANGED_EVERY
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import DEFAULT_LOSS, FitConfig, FitProgress, FitResult
-from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
@@ -69,7 +68,6 @@ class FitSession:
     progress    called after every iteration, from this thread
     as_written  maps a scene and its PSNR in dB to the scene with the exponents and colours of its
                 file; called before the last steps, which make up for the loss
-    segment_at  finds the segments by which each round's shapes are ordered, or None
     stop        polled before every step; True ends the fit with its present state
     targets     the pixels as targets of the same tune, where there are some already
     """
@@ -82,7 +80,6 @@ class FitSession:
         deadline: float | None = None,
         progress: Callable[[FitProgress], None] | None = None,
         as_written: AsWritten | None = None,
-        segment_at: SegmentAt | None = None,
         stop: Callable[[], bool] | None = None,
         targets: TargetPyramid | None = None,
     ) -> None:
@@ -92,7 +89,7 @@ class FitSession:
         self.clock = Clock(
             steps, self.policy.rounds, deadline, config.densify.round_iterations, stop
         )
-        self.population = Population(pixels, config, segment_at, targets)
+        self.population = Population(pixels, config, targets)
         self.guard = DivergenceGuard(config.fit.learning_rate)
         self.pixel_pairs = 0
         self._progress = progress or (lambda _: None)
@@ -233,7 +230,6 @@ class FitSession:
         if not self._quantized:  # no time or no steps were left for it
             self._quantize()
         self._restore_best()
-        population.keep_in_segments()
         population.prune_invisible()
         self._shared = None
 
@@ -272,7 +268,6 @@ class FitSession:
         most = self.policy.most(self._snapshot(schedule.TUNING.quantized_from, self._recent_psnr))
         if most < len(self.state):
             population.densify_or_prune(most)
-        population.fix_segments()
         if self._as_written is not None and len(self.state):
             least = math.log(TUNING.opaque_from / (1 - TUNING.opaque_from))
             self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT

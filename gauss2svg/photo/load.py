@@ -21,7 +21,7 @@ from gauss2svg.photo.alpha import has_alpha, nearest, over, pixels_of, shrunk
 from gauss2svg.photo.decode import decode_file, decode_image, header_of_file, header_of_image
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.open import check_size
-from gauss2svg.photo.photo import Header, Photo, plain_array, unit
+from gauss2svg.photo.photo import Header, Photo, unit
 from gauss2svg.photo.reduce import Size, SizeNeeded, decoded_size, reduced_size
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
@@ -109,7 +109,7 @@ def _load(source: ImageSource, max_pixels: int, needed: SizeNeeded | None) -> Ph
         last = np.moveaxis(array, 0, -1) if array.ndim == 3 else array
         return _as_needed(_from_array(last, "tensor", max_pixels), needed)
     if isinstance(source, np.ndarray):
-        return _as_needed(_from_array(plain_array(source, "array"), "array", max_pixels), needed)
+        return _as_needed(_from_array(_plain_array(source), "array", max_pixels), needed)
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
         return decode_image(source, "image", needed)
@@ -120,6 +120,21 @@ def _load(source: ImageSource, max_pixels: int, needed: SizeNeeded | None) -> Ph
         "photo must be a path, bytes, a binary file, a PIL image, a numpy array or a torch "
         f"tensor; got {type(source).__name__}"
     )
+
+
+def _plain_array(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array of any subclass as a plain one, of the same samples.
+
+    np.matrix keeps two dimensions whatever its index, and other subclasses redefine operators.
+    Raise InputError for a masked array with masked samples, which have no value.
+    """
+    if np.ma.is_masked(array):
+        count = int(np.ma.getmaskarray(array).sum())
+        raise InputError(
+            f"array must be without masked samples; got {count} masked of {array.size}. Try "
+            ".filled(0), or another value"
+        )
+    return np.asarray(array)
 
 
 @contextmanager

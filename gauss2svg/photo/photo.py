@@ -87,21 +87,6 @@ class Photo:
         return self.pixels.shape[0]
 
 
-def plain_array(array: NDArray[Any], name: str) -> NDArray[Any]:
-    """An array of any subclass as a plain one, of the same samples.
-
-    np.matrix keeps two dimensions whatever its index, and other subclasses redefine operators.
-    Raises InputError for a masked array with masked samples, which have no value.
-    """
-    if np.ma.is_masked(array):
-        count = int(np.ma.getmaskarray(array).sum())
-        raise InputError(
-            f"{name} must be without masked samples; got {count} masked of {array.size}. Try "
-            ".filled(0), or another value"
-        )
-    return np.asarray(array)
-
-
 def unit(array: NDArray[Any], name: str, top: int = 0) -> NDArray[np.float32]:
     """Samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
 

@@ -65,7 +65,6 @@ def run_report(
         "tune": chosen.tune,
         "palette": _palette(outcome) if plan.palette_is_counted else None,
         "size": document.size,
-        "segments": None if document.labels is None else len(np.unique(document.labels)),
         "threads": run.threads,
         # Results.
         "rounds": fitted.rounds,

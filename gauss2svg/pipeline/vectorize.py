@@ -153,7 +153,7 @@ def _subject(photo: Photo, sizes: Sizes, document: Document) -> tuple[Photo, Sub
     if sizes.fit != sizes.measured:
         width, height = sizes.fit
         working = shrunk(pixels_of(photo), height, width, sharp=True)
-    subject = Subject(pixels, working, photo.full, document_for(photo, working, document))
+    subject = Subject(pixels, working, photo.full, document_for(photo, document))
     return measured, subject
 
 

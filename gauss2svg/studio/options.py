@@ -39,8 +39,6 @@ def options_of(given: Any) -> Options:
     for name in _NOT_OFFERED:
         if name in given:
             raise InputError(f"{name} must not be given; it is the server's. Try without it")
-    if not isinstance(given.get("segments", 1), (int, type(None))):
-        raise InputError(f"segments must be a whole number; got {quoted(given['segments'])}")
     if str(given.get("inks", "")).strip().lower().endswith(PALETTE_SUFFIX):
         raise InputError(f"inks must be colours or a number; got {quoted(given['inks'])}")
     options = Options.from_flat(given)
@@ -102,8 +100,6 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
         least, most = domain.least, domain.most
     elif byte_size in field.checks:
         kind = "size"
-    elif field.name == "segments":
-        kind, least = "integer", 1
     unit = _UNIT.search(words)
     default = field.group.__dataclass_fields__[field.name].default  # pyright: ignore[reportAttributeAccessIssue]
     return {

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from gauss2svg.errors import InputError, quoted, whole_number
-from gauss2svg.options import Number, OptionGroup, fields_of, file_name
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from gauss2svg.errors import InputError, quoted
+from gauss2svg.options import Number, OptionGroup
 
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
@@ -23,12 +18,8 @@ PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
 _UNITS = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(_UNITS)})")
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
-_COUNT = re.compile("[0-9]{1,18}")  # of segments
 _DECIMALS = 4  # of a size: a millionth of a metre where the unit is a centimetre
-_LARGEST_LABEL = 2**31 - 1
-MOST_SEGMENTS = 10_000
-# It selects groups under the root alone: with a segment for its fragment a file shows the whole
-# picture, and not a round without some of its segments under all later rounds.
+# Hides the rounds above the one that the address names.
 UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
@@ -59,43 +50,7 @@ def check_aspect(name: str, aspect: Any) -> str:
     return aspect
 
 
-def check_segments(name: str, segments: Any) -> Any:
-    """A number, also as text, a path, or an array of labels, whose values are checked."""
-    # Here alone, for the help does not need them.
-    import numpy as np
-
-    from gauss2svg.photo.photo import plain_array
-
-    if isinstance(segments, str) and _COUNT.fullmatch(segments):  # as on the command line
-        segments = int(segments)
-    if isinstance(segments, (str, os.PathLike)):
-        return file_name(name, segments)
-    if not isinstance(segments, np.ndarray) or segments.ndim == 0:
-        return whole_number(name, segments, 1, MOST_SEGMENTS)
-    labels = plain_array(segments, name)
-    labels = labels.astype(np.uint8) if labels.dtype == bool else labels
-    if labels.ndim != 2 or not labels.size:
-        raise InputError(
-            f"{name} must be an array (h, w) of whole numbers; got shape {labels.shape}"
-        )
-    if not np.issubdtype(labels.dtype, np.integer):
-        raise InputError(f"{name} must be whole numbers; got type {labels.dtype}")
-    if labels.min() < 0 or labels.max() > _LARGEST_LABEL:
-        raise InputError(
-            f"{name} must be whole numbers in 0..{_LARGEST_LABEL}; got "
-            f"{labels.min()}..{labels.max()}"
-        )
-    return labels
-
-
-# A label image, its path, or a number of superpixels. The command line takes no arrays.
-if TYPE_CHECKING:
-    Segments = int | str | os.PathLike[str] | NDArray[np.integer]
-else:
-    Segments = int | str | os.PathLike[str]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Document(OptionGroup):
     """How the document presents its picture; how shapes are written is SvgFormat."""
 
@@ -114,10 +69,6 @@ class Document(OptionGroup):
     """How the picture fills a frame of other proportions: preserveAspectRatio, such as
     'xMidYMid slice'."""
 
-    segments: Annotated[Segments | None, check_segments] = None
-    """Layers inside the rounds: an approximate number of superpixels, or a label image of the
-    photo's size."""
-
     animate: Annotated[float | None, Number(0, 3600.0, above=True)] = None
     """Seconds in which the rounds fade in, unless the viewer prefers reduced motion; the last frame
     is the still picture."""
@@ -125,44 +76,10 @@ class Document(OptionGroup):
     fragments: bool = False
     """Opened as out.svg#round-3 the file shows the picture up to that round."""
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Document) and self._values == other._values
-
-    def __hash__(self) -> int:
-        return hash(self._values)
-
-    @property
-    def _values(self) -> tuple[Any, ...]:
-        """The fields as values that compare: labels as their shape and bytes."""
-        values = (getattr(self, field.name) for field in fields_of(Document))
-        return tuple(
-            value
-            if value is None or isinstance(value, (int, float, str))
-            else (value.shape, value.astype("int64").tobytes())
-            for value in values
-        )
-
-    @property
-    def labels(self) -> NDArray[np.integer] | None:
-        """(rows, columns) whole numbers >= 0, spread over the canvas, or None.
-
-        In each round shapes whose centre lies on the same number are a layer of their own. Raises
-        InputError where segments are a number or a path: `vectorize` finds labels in a photo.
-        """
-        if isinstance(self.segments, (int, str, os.PathLike)):
-            raise InputError(
-                f"segments must be an array (h, w) of labels here; got {quoted(self.segments)}"
-            )
-        return self.segments
-
     @property
     def layered(self) -> list[str]:
-        """Which of segments, animate and fragments are given: they need layers of rounds."""
-        given = {
-            "segments": self.segments is not None,
-            "animate": self.animate is not None,
-            "fragments": self.fragments,
-        }
+        """Which of animate and fragments are given: they need layers of rounds."""
+        given = {"animate": self.animate is not None, "fragments": self.fragments}
         return [name for name, is_given in given.items() if is_given]
 
     @property

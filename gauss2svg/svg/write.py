@@ -11,7 +11,8 @@ as its description, both inline and as a file of its own; aria-labelledby would 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,6 @@ from gauss2svg.svg.document import Document, round_id
 from gauss2svg.svg.element import Element, number
 from gauss2svg.svg.encode import Drawn, encode
 from gauss2svg.svg.format import INKS, MINIMAL, ROUNDS, SvgFormat
-from gauss2svg.svg.layers import Labels, grouped_by_segment, runs, segment_of
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.minimal.write import minimal_svg
 from gauss2svg.svg.outlines import (
@@ -57,16 +57,15 @@ def write_svg(
 
     The scene is written with the exponents and colours that a file can hold
     (gauss2svg.svg.snap.snapped); gauss2svg.quantize returns a scene with fewer of them, for a
-    smaller file. With segments shapes are in the order of gauss2svg.svg.layers.grouped_by_segment.
-    A transparent scene has no <rect>.
+    smaller file. A transparent scene has no <rect>.
 
     Minimal markup is that of gauss2svg.svg.minimal.write. Layers by ink are those of
     gauss2svg.svg.plates.grouped_by_ink.
 
     An additive scene is written as gauss2svg.svg.additive.encode explains: its layers are phases.
-    Raises InputError for an additive scene with segments, animation or fragments, for these, such a
-    scene and blurs in minimal markup, for a document whose segments or size depend on a photo, and
-    for layers by ink of a scene without (Scene.inks).
+    Raises InputError for an additive scene with animation or fragments, for these, such a scene and
+    blurs in minimal markup, for a document whose size depends on a photo, and for layers by ink of
+    a scene without (Scene.inks).
     """
     scene = required(scene, "scene", Scene)
     svg_format = instance(svg_format, "svg_format", SvgFormat)
@@ -77,15 +76,14 @@ def write_svg(
 
 
 def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Scene:
-    """The scene with its shapes in the order of their layers, each ink's runs as rounds."""
-    if svg_format.layers == INKS:
-        for name in document.layered:
-            raise InputError(
-                f"{name} must not be given with layers {INKS}, which are no rounds. Try layers "
-                f"{ROUNDS}"
-            )
-        scene = grouped_by_ink(scene)
-    return grouped_by_segment(scene, document.labels)
+    """Return the scene in the order of its file: with layers by ink, each ink's runs as rounds."""
+    if svg_format.layers != INKS:
+        return scene
+    for name in document.layered:
+        raise InputError(
+            f"{name} must not be given with layers {INKS}, which are no rounds. Try layers {ROUNDS}"
+        )
+    return grouped_by_ink(scene)
 
 
 def ordered_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
@@ -112,7 +110,7 @@ def ordered_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
     if by_ink:
         _add_inks(drawing, encoded.shapes, scene)
     else:
-        _add_layers(drawing, encoded.shapes, scene, document.labels)
+        _add_layers(drawing, encoded.shapes, scene)
     return _text(drawing)
 
 
@@ -143,7 +141,7 @@ def outline_svg(
     pens          colours at most, each with the layer that its strokes form: "1 #c0322c: ..". Then
                   strokes end at the page, and the unit is a millimetre, of the document's size or
                   at 96 px an inch
-    Raises InputError for a width out of range, for an additive scene, and for pens with segments,
+    Raises InputError for a width out of range, for an additive scene, and for pens with
     animation or fragments, which need layers of rounds.
     """
     scene = required(scene, "scene", Scene)
@@ -155,13 +153,12 @@ def outline_svg(
     width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
     if pens is not None:
         return _write_pens(scene, document, float(width), whole_number("pens", pens, 1, MOST_PENS))
-    scene = grouped_by_segment(scene, document.labels)
     shapes = outlines(scene)
     size = number(scene.width, 3), number(scene.height, 3)
     drawing = _root(document, scene, size, len(shapes))
     _add_style(drawing, document, scene, shapes)
     drawing["fill"], drawing["stroke-width"] = "none", width
-    _add_layers(drawing, shapes, scene, document.labels)
+    _add_layers(drawing, shapes, scene)
     return _text(drawing)
 
 
@@ -184,8 +181,6 @@ def _write_pens(scene: Scene, document: Document, width: float, count: int) -> s
 
 
 def _write_additive(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
-    if document.segments is not None:
-        raise _not_for_additive("segments", "its layers are phases of drawing")
     if document.animate is not None:
         raise _not_for_additive("animation", "it shows no image until all is drawn")
     if document.fragments:
@@ -246,37 +241,31 @@ def _add_style(drawing: Any, document: Document, scene: Scene, shapes: Sequence[
         drawing.add(drawing.style(sheet))
 
 
-def _add_layers(drawing: Any, shapes: Sequence[Drawn], scene: Scene, labels: Labels) -> None:
-    """Add shapes in groups, by round and segment, which Inkscape shows as layers."""
+def _add_layers(drawing: Any, shapes: Sequence[Drawn], scene: Scene) -> None:
+    """Add shapes in groups, each of one round, which Inkscape shows as layers."""
     inkscape = Inkscape(drawing)
-    elements, indices = [one.element for one in shapes], [one.index for one in shapes]
-    rounds = scene.round_index[indices].tolist()
-    segments = None if labels is None else segment_of(scene, labels)[indices].tolist()
-    for index, of_round in runs(rounds):
-        key, inside = round_id(index), elements[of_round]
-        layer = inkscape.layer(label=f"Round {index + 1}: {len(inside)} Gaussians", id=key)
-        if segments is None:
-            _add_all(layer, inside)
-        else:
-            for segment, of_segment in runs(segments[of_round]):
-                parts = inside[of_segment]
-                label = f"Segment {segment}: {len(parts)} Gaussians"
-                group = inkscape.layer(label=label, id=f"{key}-segment-{segment}")
-                layer.add(_add_all(group, parts))
-        drawing.add(layer)
+    for index, inside in _rounds(shapes, scene):
+        label = f"Round {index + 1}: {len(inside)} Gaussians"
+        layer = inkscape.layer(label=label, id=round_id(index))
+        drawing.add(_add_all(layer, [one.element for one in inside]))
 
 
 def _add_inks(drawing: Any, shapes: Sequence[Drawn], scene: Scene) -> None:
     """Add shapes in groups, each of one ink, which has the fill."""
     inkscape = Inkscape(drawing)
-    for index, run in runs(scene.round_index[[shape.index for shape in shapes]].tolist()):
-        first = shapes[run][0]
-        ink, fill = ink_name(scene.color[first.index]), first.element.attributes["fill"]
-        inside = [one.element.without("fill") for one in shapes[run]]
+    for index, inside in _rounds(shapes, scene):
+        ink, fill = ink_name(scene.color[inside[0].index]), inside[0].element.attributes["fill"]
         layer = inkscape.layer(
             label=f"Ink {ink}: {len(inside)} ellipses", id=f"ink-{index + 1}", fill=fill
         )
-        drawing.add(_add_all(layer, inside))
+        drawing.add(_add_all(layer, [one.element.without("fill") for one in inside]))
+
+
+def _rounds(shapes: Sequence[Drawn], scene: Scene) -> Iterator[tuple[int, list[Drawn]]]:
+    """Yield each round, as Scene.round_index has it, with its shapes."""
+    rounds = scene.round_index.tolist()
+    for index, inside in groupby(shapes, lambda shape: rounds[shape.index]):
+        yield index, list(inside)
 
 
 def _add_all(group: Any, elements: Sequence[Element]) -> Any:

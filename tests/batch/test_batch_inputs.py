@@ -209,7 +209,6 @@ def refused(tmp_path, monkeypatch, refusal):
         (["in", "-o", "file"], "cannot create "),
         (["in", "-o", "-"], "output must be a folder; got '-'"),
         (["in", "-o", "what://x/y"], "cannot open what://x/y"),
-        (["in", "-o", "out", "--segments", "labels.png"], "--segments must be a number for many"),
         (["in", "-o", "out", "--workers", "0"], "workers must be a whole number in 1.."),
         (["in", "-o", "out", "--portable"], "blend must be add with portable"),
         (["in", "-o", "out", "--options", "gone.toml"], "cannot read gone.toml: No such file"),

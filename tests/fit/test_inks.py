@@ -179,7 +179,6 @@ def test_exchange_lowers_the_error_and_keeps_to_the_inks(picture):
         {"form": "blur", "renderer": "chromium"},
         {"palette": 6},
         {"stops": 8},
-        {"segments": 4},
         {"animate": 2.0},
         {"fragments": True},
     ],

@@ -3,7 +3,6 @@ import io
 import numpy as np
 import pytest
 import torch
-from flat import vectorize
 from pictures import encoded
 from PIL import Image
 
@@ -11,7 +10,6 @@ from gauss2svg.errors import InputError
 from gauss2svg.photo.alpha import shrunk
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import load_image
-from gauss2svg.svg.document import Document
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
@@ -149,18 +147,6 @@ def test_arrays_of_any_form_are_read_as_plain_ones(name):
     assert photo.pixels.flags.c_contiguous
     assert photo.pixels.dtype.isnative
     assert array.tobytes() == before
-
-
-def test_labels_of_any_form_are_read_as_plain_ones():
-    plain = RNG.integers(0, 4, (6, 9))
-    for labels in (plain.view(np.matrix), np.ma.array(plain), plain.astype(">i8"), plain[:, ::-1]):
-        document = Document(segments=labels)
-        assert type(document.labels) is np.ndarray
-        np.testing.assert_array_equal(document.labels, np.asarray(labels))
-    result = vectorize(BYTES, gaussians=3, iterations=1, segments=plain.view(np.matrix))
-    assert result.document.labels.shape == (6, 9)
-    with pytest.raises(InputError, match=r"segments must be without masked samples; got 54 masked"):
-        Document(segments=np.ma.masked_all((6, 9), np.int64))
 
 
 def test_picture_opened_lazily_and_broken_is_refused():

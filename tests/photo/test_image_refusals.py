@@ -328,31 +328,3 @@ def test_text_of_the_file_cannot_steer_the_terminal(tmp_path, capsys):
     path.write_bytes(png(BYTES, chunk(b"\x1b[3m", b"\x1b[31m")))
     assert main([str(path), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
     assert capsys.readouterr().err.removesuffix("\n").isprintable()
-
-
-def test_label_image_is_read_with_the_same_care(tmp_path):
-    photo = np.zeros((12, 19, 3), np.uint8)
-    labels = tmp_path / "labels.png"
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    for path, data, message in (
-        (labels, BOMBS["PNG"], "at most"),
-        (labels, encoded(Image.fromarray(BYTES), "PNG")[:80], "broken"),
-        (labels, b"%!PS-Adobe-3.0 EPSF-3.0\n", "PostScript"),
-        (pipe, None, "it is a pipe"),
-    ):
-        if data is not None:
-            path.write_bytes(data)
-        with pytest.raises(InputError, match=message):
-            vectorize(photo, gaussians=2, iterations=1, segments=path)
-
-
-def test_orientation_of_a_label_image_is_applied(tmp_path):
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    for name in ("PNG", "TIFF"):
-        path = tmp_path / f"labels.{name.lower()}"
-        stored = np.uint8([[1, 2, 3], [4, 5, 6]])
-        path.write_bytes(encoded(Image.fromarray(stored), name, exif=exif))
-        result = vectorize(np.zeros((3, 2, 3), np.uint8), gaussians=1, iterations=1, segments=path)
-        np.testing.assert_array_equal(result.document.segments, np.rot90(stored, -1))

@@ -206,14 +206,6 @@ def test_orientation_swaps_the_sides_of_all_sizes(size, drawn_here):
     assert again["psnr_svg"] == found.report["psnr_svg"]
 
 
-def test_label_image_is_of_the_size_of_a_large_photo(large):
-    labels = np.ones((120, 180), np.uint8)
-    labels[:, 90:] = 2
-    assert vectorize(large, segments=labels, **SMALL).report["segments"] == 2
-    with pytest.raises(InputError, match="size of segments must be that of the photo, 180x120"):
-        vectorize(large, segments=labels[::2, ::2], **SMALL)
-
-
 def test_additive_file_of_a_large_photo_has_its_size(large, drawn_here):
     found = vectorize(large, blend="add", **SMALL)
     assert found.raster.shape == (*measured(180, 120)[::-1], 3)

@@ -9,7 +9,6 @@ from functools import cache
 from pathlib import Path
 from random import Random
 
-import numpy as np
 from conftest import random_scene, random_sum
 from svg_texts import AS_PATH, CIRCLE, document
 
@@ -74,13 +73,12 @@ _DEEPEST = 20_000
 def svg_seeds() -> tuple[bytes, ...]:
     """SVGs of every form that we write, after an editor, and others that are let through."""
     scene = random_scene(6, 40, 30, 5, sigma=(2.0, 9.0))
-    labels = np.arange(12).reshape(3, 4) // 4
     texts = [
         write_svg(scene),
         write_svg(
             scene, SvgFormat(form="blur", stops=6), Document(title="a & b", alt="<c>", size="120mm")
         ),
-        write_svg(scene, document=Document(segments=labels, aspect="xMidYMid slice")),
+        write_svg(scene, document=Document(aspect="xMidYMid slice")),
         write_svg(scene, document=Document(animate=2.0)),
         write_svg(random_sum(5, 40, 30, 3)),
         outline_svg(scene),

@@ -32,7 +32,7 @@ CHANGED = {
     "relocate": False, "form": "blur", "markup": "minimal", "palette": 12, "stops": 8,
     "precision": 0.1, "matte": "#fa0", "portable": True, "gzip": True, "count_gzipped": True,
     "title": "A 'quoted' title",
-    "alt": "-starts like an option", "size": "120mm", "aspect": "xMidYMid slice", "segments": 8,
+    "alt": "-starts like an option", "size": "120mm", "aspect": "xMidYMid slice",
     "animate": 2.5, "fragments": True, "renderer": "cairo", "scores": True, "max_size": 200,
     "full_size": True,
 }  # fmt: skip
@@ -104,7 +104,6 @@ def test_what_may_be_left_out_is_what_may_be_none(option):
         ("time_limit", "Time limit", "number", "s", []),
         ("relocate", "Relocate", "boolean", None, []),
         ("title", "Title", "text", None, []),
-        ("segments", "Segments", "integer", None, []),
         ("max_size", "Max size", "integer", "px", []),
     ],
 )

@@ -373,7 +373,7 @@ def test_a_file_name_is_shown_and_is_never_a_path(given, name):
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        ('{"segments": "/etc/passwd"}', "segments"),
+        ('{"inks": "/etc/passwd.gpl"}', "inks"),
         ('{"threads": 99}', "threads"),
         ('{"form": "blur", "renderer": "cairo"}', "renderer"),
         ('{"max_pixels": 1}', "max_pixels"),

@@ -333,8 +333,6 @@ def test_layers_say_what_they_add_and_take():
 
 def test_what_a_sum_cannot_have_is_refused():
     scene = scene_with(15, 5)
-    with pytest.raises(InputError, match=r"segments.*--portable"):
-        write_svg(scene, document=Document(segments=np.zeros((2, 2), int)))
     with pytest.raises(InputError, match=r"animation.*--portable"):
         write_svg(scene, document=Document(animate=2.0))
     with pytest.raises(InputError, match=r"fragments.*--portable"):

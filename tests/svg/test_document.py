@@ -127,9 +127,6 @@ def test_a_responsive_file_has_proportions_and_no_size(markup):
         ({"aspect": "xMidYMid cover"}, "aspect must be .*; got 'xMidYMid cover'"),
         ({"aspect": "xmidymid"}, "aspect must be .*; got 'xmidymid'"),
         ({"aspect": 'none" onload="'}, "aspect must be .*; got 'none"),
-        ({"segments": np.zeros((2, 2))}, "segments must be whole numbers; got type float64"),
-        ({"segments": np.zeros((2, 2, 3), int)}, r"segments must be .*; got shape \(2, 2, 3\)"),
-        ({"segments": np.array([[-1]])}, r"segments must be .*; got -1\.\.-1"),
     ],
 )
 def test_document_that_cannot_be_is_refused(change, message):
@@ -142,12 +139,6 @@ def test_size_at_which_a_side_vanishes_is_refused():
         write_svg(Scene(3000, 1), document=Document(size="0.1mm"))
     with pytest.raises(InputError, match="size must be larger"):
         write_svg(Scene(40, 30), document=Document(size=".00001mm"))
-
-
-@pytest.mark.parametrize("segments", ["labels.png", 5])
-def test_labels_that_are_yet_to_be_found_are_refused_by_the_writer(segments):
-    with pytest.raises(InputError, match=r"segments must be an array .*; got"):
-        write_svg(SCENE, document=Document(segments=segments))
 
 
 @pytest.mark.parametrize(
@@ -246,7 +237,7 @@ def test_options_of_the_document_reach_the_file_and_its_report(picture, tmp_path
     assert ":target" in root.findtext(SVG + "style", "")
     assert (written["animate"], written["fragments"]) == (4, True)
     assert written["bytes_by_part"] == bytes_by_part(out.read_text())
-    assert (written["segments"], written["gzip"]) == (None, False)
+    assert written["gzip"] is False
 
 
 def test_document_changes_no_shape(photo):
@@ -315,18 +306,13 @@ def test_maximum_size_is_that_of_the_gzipped_file(photo, tmp_path):
         (["--animate", "soon"], "soon"),
         (["--outline", "OUT"], "is also another output"),
         (["--outline", "PHOTO"], "is also the photo"),
-        (["--segments", "0"], "segments must be a whole number in 1..10000; got 0"),
-        (["--segments", "no.png"], "cannot read no.png"),
-        (["--segments", "LABELS"], "30x20 px"),
-        (["--segments", "LABELS", "--preview", "LABELS"], "is also the label image"),
     ],
 )
 def test_bad_document_is_one_line_status_two_and_no_file(
     options, message, picture, tmp_path, capsys
 ):
-    Image.fromarray(np.zeros((20, 30), np.uint8)).save(tmp_path / "labels.png")
     before = sorted(tmp_path.iterdir())
-    names = {"PHOTO": picture, "OUT": tmp_path / "o.svg", "LABELS": tmp_path / "labels.png"}
+    names = {"PHOTO": picture, "OUT": tmp_path / "o.svg"}
     given = [str(names.get(option, option)) for option in options]
     assert main([str(picture), "-o", str(tmp_path / "o.svg"), *given]) == 2
     out, err = capsys.readouterr()

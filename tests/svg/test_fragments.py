@@ -2,7 +2,6 @@
 
 import re
 
-import numpy as np
 import pytest
 from conftest import needs, random_scene
 from screens import captured, opened_page
@@ -18,10 +17,8 @@ from gauss2svg.svg.write import outline_svg, write_svg
 pytestmark = pytest.mark.browser
 
 SCENE = random_scene(30, 60, 45, 7, (2, 9))
-LABELS = np.arange(12).reshape(3, 4)
 KINDS = {
     "plain": {},
-    "segments": {"segments": LABELS},
     "animated": {"animate": 4.0},
 }
 SHEET = re.compile("<style.*?</style>", re.DOTALL)
@@ -47,9 +44,8 @@ def screenshots(folder, motion: str, files: dict[str, str], addresses: list[str]
 
 
 def test_fragments_add_a_style_sheet_and_nothing_else():
-    for kind in ("plain", "segments"):
-        assert SHEET.sub("", written(kind, fragments=True)) == written(kind)
-        assert "<style" not in written(kind)
+    assert SHEET.sub("", written("plain", fragments=True)) == written("plain")
+    assert "<style" not in written("plain")
     alone, moving, both = (
         SHEET.findall(written(kind, fragments=fragments))
         for kind, fragments in (("plain", True), ("animated", False), ("animated", True))
@@ -61,7 +57,7 @@ def test_fragments_add_a_style_sheet_and_nothing_else():
 
 @pytest.mark.parametrize(
     ("kind", "motion"),
-    [("plain", "no-preference"), ("segments", "reduce"), ("animated", "no-preference")],
+    [("plain", "no-preference"), ("plain", "reduce"), ("animated", "no-preference")],
 )
 def test_document_shows_the_rounds_up_to_the_one_in_its_address(kind, motion, browser, tmp_path):
     parts = {f"part-{k}.svg": written(kind, k) for k in (1, 2, 3)}
@@ -74,16 +70,6 @@ def test_document_shows_the_rounds_up_to_the_one_in_its_address(kind, motion, br
     assert again == first
     assert plain == other == last == whole
     assert len({first, middle, last}) == 3
-
-
-def test_fragment_of_a_segment_shows_the_whole_picture(browser, tmp_path):
-    svg = written("segments", fragments=True)
-    segments = re.findall(r'id="(round-1-segment-\d+)"', svg)
-    assert len(segments) > 1
-    whole, *shown = screenshots(
-        tmp_path, "reduce", {"out.svg": svg}, ["out.svg", *(f"out.svg#{s}" for s in segments)]
-    )
-    assert set(shown) == {whole}
 
 
 @pytest.mark.parametrize("name", BROWSERS)

@@ -277,7 +277,6 @@ def test_a_transparent_scene_has_no_background():
         ({"digits": 4}, "digits must be 3 or 6"),
         ({"document": Document(animate=2.0)}, "animate must not be given"),
         ({"document": Document(fragments=True)}, "fragments must not be given"),
-        ({"document": Document(segments=4)}, "segments must not be given"),
     ],
 )  # fmt: skip
 def test_what_a_minimal_file_cannot_be_is_refused(arguments, message):
@@ -293,7 +292,7 @@ def test_an_additive_scene_is_refused():
 @pytest.mark.parametrize(
     "given",
     [
-        {"segments": 4}, {"animate": 2.0}, {"fragments": True}, {"blend": "add"},
+        {"animate": 2.0}, {"fragments": True}, {"blend": "add"},
         {"form": "blur", "renderer": "chromium"},
     ],
 )  # fmt: skip

@@ -7,7 +7,6 @@ import re
 from typing import get_args
 from xml.parsers import expat
 
-import numpy as np
 import pytest
 from conftest import random_scene, random_sum
 from hypothesis import given
@@ -19,7 +18,6 @@ from gauss2svg.svg.format import Form, SvgFormat
 from gauss2svg.svg.write import outline_svg, write_svg
 
 SCENE, ADDITIVE = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)
-LABELS = np.arange(12).reshape(3, 4) // 4
 WRITERS = {
     **{
         form: lambda form=form, **said: write_svg(SCENE, SvgFormat(form=form), Document(**said))
@@ -28,9 +26,7 @@ WRITERS = {
     "stops": lambda **said: write_svg(SCENE, SvgFormat(stops=12), Document(**said)),
     "additive": lambda **said: write_svg(ADDITIVE, None, Document(**said)),
     "outline": lambda **said: outline_svg(SCENE, Document(**said)),
-    "segments": lambda **said: write_svg(
-        SCENE, None, Document(**said, size="9mm", aspect="none", segments=LABELS)
-    ),
+    "sized": lambda **said: write_svg(SCENE, None, Document(**said, size="9mm", aspect="none")),
     "animated": lambda **said: write_svg(SCENE, None, Document(**said, animate=3.0)),
     "fragments": lambda **said: write_svg(SCENE, None, Document(**said, fragments=True)),
     "animated outline": lambda **said: outline_svg(SCENE, Document(**said, animate=3.0)),

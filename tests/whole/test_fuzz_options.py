@@ -52,8 +52,8 @@ def test_many_combinations_give_a_result_or_one_refusal(seed):
         ({"stop": PIXELS}, "stop must be a function of no arguments; got ndarray"),
         ({"run": RunOptions(threads=2**31 - 1)}, r"threads must be a whole number in 1\.\."),
         (
-            {"fit": FitOptions(blend="add"), "document": Document(segments=9)},
-            "segments must not be given with additive blending",
+            {"fit": FitOptions(blend="add"), "document": Document(animate=9)},
+            "animate must not be given with additive blending",
         ),
         ({"densify": DensifyOptions(schedule="linear")}, "schedule must be exponential unless the"),
     ],
@@ -130,13 +130,6 @@ def test_errors_are_one_line_whatever_files_are_called():
         with pytest.raises(InputError, match=r"a b\\x1b") as refusal:
             call("a\nb\x1b")
         assert str(refusal.value).isprintable()
-
-
-def test_text_of_a_number_of_segments_is_a_number_as_on_the_command_line():
-    assert Document(segments="30").segments == 30
-    assert Document(segments="./30").segments == "./30"
-    with pytest.raises(InputError, match=r"segments must be a whole number in 1\.\.10000; got 0"):
-        Document(segments="0")
 
 
 @pytest.mark.parametrize("value", [10**400, PIXELS, Rude(), Pathless()])

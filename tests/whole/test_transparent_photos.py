@@ -13,7 +13,6 @@ from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics
 from gauss2svg.photo.alpha import BLACK, over, shrunk
-from gauss2svg.photo.segments import superpixels
 from gauss2svg.raster import rasterize, rasterize_rgba
 from gauss2svg.scene import ADD
 
@@ -109,7 +108,7 @@ def test_matte_flattens_before_anything_else(cut_out):
 
 def test_invisible_photo_is_an_empty_file():
     clear = np.full((20, 30, 4), [200, 10, 10, 0], np.uint8)
-    for options in ({}, {"gaussians": 20}, {"target_psnr": 40}, {"segments": 5}):
+    for options in ({}, {"gaussians": 20}, {"target_psnr": 40}):
         result = vectorize(clear, **options)
         assert result.report["gaussians"] == 0
         assert "<circle" not in result.svg
@@ -145,14 +144,6 @@ def test_additive_blending_is_refused_and_its_portable_form_is_not(cut_out):
     portable = vectorize(cut_out, blend=ADD, portable=True, **QUICK).report
     assert portable["psnr_svg_alpha"] > 30
     assert vectorize(cut_out, blend=ADD, matte="white", **QUICK).report["psnr_svg"] > 20
-
-
-def test_superpixels_divide_visible_pixels_alone(cut_out):
-    labels = superpixels(pixels_of(cut_out), 12)
-    assert ((labels == 0) == (cut_out[:, :, 3] == 0)).all()
-    assert 6 <= len(np.unique(labels)) <= 20
-    report = vectorize(cut_out, segments=12, **QUICK).report
-    assert report["psnr_svg_alpha"] > 30
 
 
 @pytest.mark.sweep

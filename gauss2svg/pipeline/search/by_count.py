@@ -34,7 +34,6 @@ from gauss2svg.pipeline.search.export import Export, Exporter
 from gauss2svg.pipeline.search.outcome import Outcome, Watch
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
-from gauss2svg.svg.layers import segment_at
 
 
 @dataclass(frozen=True)
@@ -118,14 +117,12 @@ class ByCount:
 
     def _begin(self) -> None:
         """Create the session of the fit that is written, in the time that is left."""
-        subject, labels = self._subject, self._subject.document.labels
-        config = self._plan.fit_config
+        subject, config = self._subject, self._plan.fit_config
         if self._growth.expected is not None:  # few are fitted on reduced pictures first
             config = dataclasses.replace(config, gaussians=self._growth.expected)
         self._session = FitSession(
             subject.working, config, self._policy, self._budget.fit_deadline(self._growth.count),
             self._on_step, self._exporter.as_written,
-            segment_at=None if labels is None else partial(segment_at, labels),
             stop=self._is_ended, targets=subject.targets(self._plan.tune),
         )  # fmt: skip
 

@@ -57,21 +57,15 @@ class Subject:
         self._targets.clear()
 
 
-def document_for(photo: Photo, working: NDArray[np.float32], document: Document) -> Document:
-    """The document with a size and segments taken from the photo where it asks for these.
+def document_for(photo: Photo, document: Document) -> Document:
+    """Return the document, with a size by the photo's resolution if it asks for that.
 
-    working  (h, w, 3) or (h, w, 4) the photo, perhaps smaller, for superpixels
-    Raises InputError where the photo has no resolution, or does not match the segments.
+    Raise InputError for a photo without a resolution, or a size that makes a side 0.
     """
     if document.size == PHOTO_SIZE:
         document = dataclasses.replace(document, size=_printed_width(photo))
     document.sides(*photo.full)
-    if document.segments is None:
-        return document
-    from gauss2svg.photo.segments import labels_of  # with scikit-image, and seldom needed
-
-    labels = labels_of(document.segments, photo.full, working)
-    return dataclasses.replace(document, segments=labels)
+    return document
 
 
 def _printed_width(photo: Photo) -> str:

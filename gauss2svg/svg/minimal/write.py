@@ -108,8 +108,8 @@ def minimal_svg(
     as 0 are left out. Title, alt, size and aspect of the document are written where they are given;
     otherwise the file has no names, and a size only where a unit is less than a pixel or a side is
     no whole number of units: resvg rounds the sides of a view box for its size, and with them the
-    proportions. Raises InputError for an additive scene, and for layers (segments, animation,
-    fragments).
+    proportions. Raises InputError for an additive scene, and for animation and
+    fragments, which need layers.
     """
     document = instance(document, "document", Document)
     refuse_layers(document)
