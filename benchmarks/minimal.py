@@ -63,7 +63,7 @@ def forms(counts: list[int], renderers: list[str]) -> None:
         scene = random_scene(count)
         model = render(scene, _WIDTH, _HEIGHT)
         for form, most in _FORMS.items():
-            with patch.object(shapes, "TUNING", shapes.ShapesTuning(most_masked=most)):
+            with patch.object(shapes, "MOST_MASKED", most):
                 svg = minimal_svg(scene, _UNIT, 6)
             cells = [f"{count}, {form}", f"{len(svg):,}"]
             for name in renderers:

@@ -182,8 +182,7 @@ def hasty(monkeypatch) -> None:
 
     for name, preset in PRESETS.items():
         monkeypatch.setitem(PRESETS, name, dataclasses.replace(preset, iterations=8, cap=60))
-    few = dataclasses.replace(by_bytes.TUNING, iterations=8)
-    monkeypatch.setattr(by_bytes, "TUNING", few)
+    monkeypatch.setattr(by_bytes, "ITERATIONS", 8)
     monkeypatch.setattr(drawing, "STEPS", 8)
     monkeypatch.setattr(drawing, "STEPS_OF_THIN", 8)
 

@@ -40,7 +40,7 @@ def bench_command(
     axis
         Option to vary, as NAME or NAME=VALUE,VALUE: an option of the main command that changes
         the file, such as gaussians, iterations, quality, loss or palette; or a constant of the
-        code, such as pipeline.search.correction.full. Several axes span a grid; without any, the
+        code, such as pipeline.search.correction.FULL. Several axes span a grid; without any, the
         presets and a small grid are run. Lists of inks stand between semicolons:
         "inks=6;#f7c306,#17324d".
     peers

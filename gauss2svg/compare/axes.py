@@ -1,13 +1,12 @@
 """The axes of a comparison and the settings that they span.
 
-An axis is an option of `vectorize`, or a constant that an ablation chose, as MODULE.NAME:
-`--axis pipeline.search.correction.full=0.97,0.985` varies `full` of the frozen class of which
-gauss2svg.pipeline.search.correction has an instance, TUNING.
+An axis is an option of `vectorize`, or a constant of a module, as MODULE.NAME:
+`--axis pipeline.search.correction.FULL=0.97,0.985` varies FULL of
+gauss2svg.pipeline.search.correction.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -57,17 +56,23 @@ DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
 
 
 class Constant:
-    """A field of a TUNING, by its name as an axis; raises InputError for an unknown one."""
+    """A number that a module has in capitals, as an axis. Raise InputError for another name.
+
+    The modules read it whenever they need it, so it may be replaced. What is compiled into kernels,
+    a default value of a parameter, or imported by name keeps its value.
+    """
 
     def __init__(self, name: str) -> None:
-        path, _, self.field = name.rpartition(".")
+        path, _, self.constant = name.rpartition(".")
         try:
             self.module: ModuleType = import_module(f"gauss2svg.{path}")
-            self._now = dataclasses.asdict(self.module.TUNING)[self.field]
-        except (ImportError, AttributeError, KeyError) as error:
+            self._now = vars(self.module)[self.constant]
+            if not self.constant.isupper() or type(self._now) not in (int, float):
+                raise KeyError(self.constant)
+        except (ImportError, KeyError) as error:
             raise InputError(
-                f"axis must be an option, or a module's constant; got {quoted(name)}. Try "
-                "pipeline.search.correction.full"
+                "axis must be an option, or a number that a module has in capitals; got "
+                f"{quoted(name)}. Try pipeline.search.correction.FULL"
             ) from error
         self.name, self.choices = name, ()
 
@@ -88,8 +93,7 @@ class Constant:
 
     def apply(self, value: float) -> None:
         """Replace the constant in this process."""
-        changed = dataclasses.replace(self.module.TUNING, **{self.field: value})
-        self.module.TUNING = changed  # pyright: ignore[reportAttributeAccessIssue]
+        setattr(self.module, self.constant, value)
 
     def _refused(self, value: Any) -> InputError:
         kind = "a whole number" if isinstance(self._now, int) else "a finite number"

@@ -40,33 +40,23 @@ Rates = Mapping[str, float]
 RATES: Rates = {parameter.name: parameter.rate for parameter in PARAMETERS if parameter.rate}
 
 
-@dataclass(frozen=True)
-class AdamTuning:
-    """How Gaussians are stepped; the learning rates are those of gauss2svg.scene.parameters.
-
-    first_decay   of Adam's first moment (docs/decisions/adam.md)
-    second_decay  of its second moment (docs/decisions/adam.md)
-    step_by_beta  power of beta by which steps of mean and shape are multiplied: the rim of a crisp
-                  shape is narrow (docs/decisions/divergence.md)
-    most_aspect   major over minor axis: thinner needles streak across flat areas
-                  (docs/decisions/fit.md)
-    least_rim     px of the working image in which a rim across the minor axis falls from 0.9 to
-                  0.1: renderers sample sharper ones differently (docs/decisions/renderers.md)
-    """
-
-    first_decay: float = 0.9
-    second_decay: float = 0.95
-    step_by_beta: float = -0.35
-    most_aspect: float = 30.0
-    least_rim: float = 0.5
-
-
-TUNING = AdamTuning()
+# Steps of Gaussians. gauss2svg.scene.parameters has the learning rates.
+FIRST_DECAY = 0.9  # decay of Adam's first moment (docs/decisions/adam.md)
+SECOND_DECAY = 0.95  # decay of Adam's second moment (docs/decisions/adam.md)
+# Power of beta by which steps of mean and shape are multiplied, because the rim of a crisp shape
+# is narrow (docs/decisions/divergence.md).
+STEP_BY_BETA = -0.35
+# Largest ratio of major to minor axis. Thinner needles streak across flat areas
+# (docs/decisions/fit.md).
+MOST_ASPECT = 30.0
+# Px of the working image in which a rim across the minor axis falls from 0.9 to 0.1. Renderers
+# sample sharper ones differently (docs/decisions/renderers.md).
+LEAST_RIM = 0.5
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds of a fit within which renderers draw shapes accurately, besides those of TUNING.
+    """Bounds of a fit within which renderers draw shapes accurately, besides this module's.
 
     least_sigma   px of the working image, of the minor axis
     most_sigma    px of the working image, of the major axis
@@ -128,7 +118,7 @@ def _step_block(
     first, second, age = state.first[block], state.second[block], state.age[block]
     d = _directions(first, second, age, gradient, sizes)
     mean = state.mean[block]
-    blunted = np.exp(TUNING.step_by_beta * state.raw_beta[block])
+    blunted = np.exp(STEP_BY_BETA * state.raw_beta[block])
     d[:5] = [direction * blunted for direction in d[:5]]
     l11, l21, l22 = state.factor[block].T
     x = mean[:, 0] + l11 * d[0]
@@ -155,7 +145,7 @@ def _step_block(
         if parameter.name == "color":
             least, most = limits.least_color, limits.most_color
         elif parameter.name == "beta":
-            sharpest = np.log(RIM_WIDTH / TUNING.least_rim * minor)
+            sharpest = np.log(RIM_WIDTH / LEAST_RIM * minor)
             most = np.clip(sharpest, least, most)
         for values, k in zip(np.atleast_2d(getattr(state, raw.name)[block].T), steps, strict=True):
             moved.append((values, np.clip(values + d[k], least, most)))
@@ -181,7 +171,7 @@ def _directions(
     The bias of both moments is corrected in one factor a Gaussian, as "Adam: A Method for
     Stochastic Optimization" (Kingma and Ba, 2015) suggests at the end of its section 2.
     """
-    first_decay, second_decay = TUNING.first_decay, TUNING.second_decay
+    first_decay, second_decay = FIRST_DECAY, SECOND_DECAY
     age += 1
     scratch = (1 - first_decay) * gradient
     first *= first_decay
@@ -216,7 +206,7 @@ def _stretched(
     major, minor = 0.5 * (far + near), 0.5 * np.abs(far - near)
     new_minor = np.clip(minor, limits.least_sigma, limits.most_sigma)
     new_major = np.clip(major, limits.least_sigma, limits.most_sigma)
-    new_major = np.minimum(new_major, TUNING.most_aspect * new_minor)
+    new_major = np.minimum(new_major, MOST_ASPECT * new_minor)
     at = np.flatnonzero((new_minor != minor) | (new_major != major))
     if at.size > 0:
         angle = 0.5 * np.arctan2(2 * xy[at], xx[at] - yy[at])

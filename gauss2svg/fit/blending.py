@@ -12,23 +12,11 @@ from gauss2svg.scene import ADD
 OPAQUE_LOGIT = 12.0
 
 
-@dataclass(frozen=True)
-class BlendingTuning:
-    """Where new Gaussians begin, and how those of additive blending move (docs/decisions/fit.md).
-
-    initial_opacity_logit  of a new alpha-composited Gaussian
-    initial_sigma          of a new Gaussian, as a share of the mean spacing
-    signed_color_rate      learning rate of signed colours
-    most_signed_color      of each channel while it is fitted, either way
-    """
-
-    initial_opacity_logit: float = 1.0
-    initial_sigma: float = 0.3
-    signed_color_rate: float = 0.025
-    most_signed_color: float = 0.5
-
-
-TUNING = BlendingTuning()
+# Start of new Gaussians, and bounds of additive blending (docs/decisions/fit.md).
+INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new alpha-composited Gaussian
+INITIAL_SIGMA = 0.3  # sigma of a new Gaussian, as a share of the mean spacing
+SIGNED_COLOR_RATE = 0.025  # learning rate of signed colours
+MOST_SIGNED_COLOR = 0.5  # largest absolute value of a channel of a signed colour in the fit
 
 
 @dataclass(frozen=True)
@@ -66,7 +54,7 @@ def blending(blend: str, opaque: bool = False, learned_falloff: bool = True) -> 
     additive = blend == ADD
     rates = dict(RATES)
     if additive:
-        rates |= {"opacity": 0.0, "color": TUNING.signed_color_rate}
+        rates |= {"opacity": 0.0, "color": SIGNED_COLOR_RATE}
     if opaque:
         rates["opacity"] = 0.0
     if not learned_falloff:
@@ -74,10 +62,8 @@ def blending(blend: str, opaque: bool = False, learned_falloff: bool = True) -> 
     return Blending(
         additive=additive,
         rates=rates,
-        least_color=-TUNING.most_signed_color if additive else 0.0,
-        most_color=TUNING.most_signed_color if additive else 1.0,
-        initial_opacity_logit=(
-            OPAQUE_LOGIT if additive or opaque else TUNING.initial_opacity_logit
-        ),
-        initial_sigma=TUNING.initial_sigma,
+        least_color=-MOST_SIGNED_COLOR if additive else 0.0,
+        most_color=MOST_SIGNED_COLOR if additive else 1.0,
+        initial_opacity_logit=(OPAQUE_LOGIT if additive or opaque else INITIAL_OPACITY_LOGIT),
+        initial_sigma=INITIAL_SIGMA,
     )

@@ -5,30 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 from gauss2svg.fit import schedule
 
-
-@dataclass(frozen=True)
-class ClockTuning:
-    """The clock of a fit that only time limits (docs/decisions/time.md).
-
-    most_steps_a_round  of growth; the rest of the time is better spent once all Gaussians exist
-    """
-
-    most_steps_a_round: int = 30
-
-
-TUNING = ClockTuning()
+# The clock of a fit that only time limits (docs/decisions/time.md).
+# Steps of a round of growth at most. The rest of the time is better spent once all Gaussians
+# exist.
+MOST_STEPS_A_ROUND = 30
 
 
 class Clock:
-    """Progress in 0..1: growth, in at most `rounds` rounds, is 0..growth_share, then refinement.
+    """Progress in 0..1: growth, in at most `rounds` rounds, is 0..GROWTH_SHARE, then refinement.
 
     iterations        of both stages, or None for as many as the time allows
     deadline          in s of time.perf_counter(), or None; may be moved
-    round_iterations  of each round of growth; None: growth takes growth_share of the iterations
+    round_iterations  of each round of growth; None: growth takes GROWTH_SHARE of the iterations
     stop              polled at every step; once it returns True the fit ends
     """
 
@@ -67,8 +58,8 @@ class Clock:
 
     def round_is_over(self, index: int) -> bool:
         """Whether round `index` (0, 1, ...) of growth has used its steps or its time."""
-        growth, share = schedule.TUNING.growth_share, (index + 1) / self._rounds
-        steps = TUNING.most_steps_a_round * (index + 1)
+        growth, share = schedule.GROWTH_SHARE, (index + 1) / self._rounds
+        steps = MOST_STEPS_A_ROUND * (index + 1)
         if self._round_iterations is not None:
             steps = self._round_iterations * (index + 1)
         elif self.iterations is not None:
@@ -79,11 +70,11 @@ class Clock:
     @property
     def growth_is_late(self) -> bool:
         """Whether growth has used its share of the time."""
-        return self._time_share() >= schedule.TUNING.growth_share
+        return self._time_share() >= schedule.GROWTH_SHARE
 
     def growth_progress(self, index: int) -> float:
-        """Progress in 0..growth_share at the end of round `index`."""
-        return schedule.TUNING.growth_share * min((index + 1) / self._rounds, 1.0)
+        """Progress in 0..GROWTH_SHARE at the end of round `index`."""
+        return schedule.GROWTH_SHARE * min((index + 1) / self._rounds, 1.0)
 
     def begin_refinement(self, steps: int | None, progress: float, reduced: bool = False) -> None:
         """Begin refinement: `steps` iterations, or the time left, take `progress` to 1.
@@ -121,13 +112,15 @@ class Clock:
         if not self._reduced:
             return self._from + (1 - self._from) * min(max(by_steps, by_time), 1.0)
         # Steps on reduced pictures are many, and take little of the time.
-        tuning = schedule.TUNING
-        until = tuning.full_from
+        until = schedule.FULL_FROM
         steps, seconds = (
             self._from + (until - self._from) * share / reduced
             if share < reduced
             else 1 - (1 - until) * (1 - share) / (1 - reduced)
-            for share, reduced in ((by_steps, tuning.reduced_steps), (by_time, tuning.reduced_time))
+            for share, reduced in (
+                (by_steps, schedule.REDUCED_STEPS),
+                (by_time, schedule.REDUCED_TIME),
+            )
         )
         self.out_of_time = seconds > steps
         return min(max(steps, seconds), 1.0)

@@ -25,45 +25,28 @@ STOP_REASONS = (
 )  # fmt: skip
 
 # dB that convergence still brings by the progress of the refinement, for each dB of PSNR above
-# DensificationTuning.converges_above (docs/decisions/fit.md).
+# CONVERGES_ABOVE (docs/decisions/fit.md).
 _CONVERGES_AFTER = {0.45: 0.055, 0.55: 0.034, 0.65: 0.029}
 ADJUST_AT = tuple(_CONVERGES_AFTER)
 
 
-@dataclass(frozen=True)
-class DensificationTuning:
-    """How a count that adapts to the image grows (docs/decisions/fit.md).
-
-    first_round            Gaussians of the first round
-    gain_of_a_round        of a round, which has too few steps to converge, as a share of what the
-                           same Gaussians gain in the end
-    converges_above        dB of PSNR above which convergence still brings something
-    converges_after_round  dB that it brings for each of them, at the end of a round of growth
-    most_change            of the count, at one adjustment
-    least_change           of the count; a smaller adjustment is not made
-    least_round            times the present count; a smaller round is not begun
-    whole_round            doublings; a smaller round says little about the slope
-    accelerating           times the gain of the round before, a doubling; photos stay under 1.5
-    leap                   times the present count, at least
-    flattest               dB a doubling that are plausible, at least
-    steepest               dB a doubling that are plausible, at most
-    """
-
-    first_round: int = 8
-    gain_of_a_round: float = 0.72
-    converges_above: float = 16.5
-    converges_after_round: float = 0.28
-    most_change: float = 0.3
-    least_change: float = 0.02
-    least_round: float = 1.1
-    whole_round: float = 0.6
-    accelerating: float = 1.7
-    leap: int = 4
-    flattest: float = 0.5
-    steepest: float = 8.0
-
-
-TUNING = DensificationTuning()
+# Growth of a count that adapts to the image (docs/decisions/fit.md).
+FIRST_ROUND = 8  # Gaussians of the first round
+# Share of a doubling's final gain that a round of growth shows, because it has too few steps to
+# converge.
+GAIN_OF_A_ROUND = 0.72
+CONVERGES_ABOVE = 16.5  # dB of PSNR above which convergence still brings something
+# Share of the dB above CONVERGES_ABOVE that convergence brings after a round of growth.
+CONVERGES_AFTER_ROUND = 0.28
+MOST_CHANGE = 0.3  # largest change of the count at one adjustment, as a share of it
+LEAST_CHANGE = 0.02  # share of the count below which an adjustment is not made
+LEAST_ROUND = 1.1  # ratio of the wanted to the present count, below which no round begins
+WHOLE_ROUND = 0.6  # doublings from which a round says enough about the slope
+# Ratio of a doubling's gain to the one before that marks a drawing. Photos stay under 1.5.
+ACCELERATING = 1.7
+LEAP = 4  # ratio of the next count to the present one, from which a round is a leap
+FLATTEST = 0.5  # least plausible slope, dB for each doubling
+STEEPEST = 8.0  # largest plausible slope, dB for each doubling
 
 
 @dataclass
@@ -178,7 +161,7 @@ class AdaptiveCount:
         self, limits: GrowthLimits, revise: Revise = as_given, first: int | None = None
     ) -> None:
         self.limits = limits
-        self._first = first = TUNING.first_round if first is None else first
+        self._first = first = FIRST_ROUND if first is None else first
         # One more for the leap.
         self.rounds = max(1, math.ceil(math.log2(max(limits.cap, 1) / first)) + 2)
         self.stop_reason = "cap"
@@ -195,24 +178,24 @@ class AdaptiveCount:
         last, self._last = self._last, now
         converged = now.psnr
         if last is not None:
-            converged += TUNING.converges_after_round * self._converging(now)
+            converged += CONVERGES_AFTER_ROUND * self._converging(now)
             self._learn(now, last)
         wanted = self._wanted(now.count, converged)
-        if self.stop_reason == "gain" and wanted < TUNING.least_round * now.count:
+        if self.stop_reason == "gain" and wanted < LEAST_ROUND * now.count:
             if last is not None and last == self._before_leap:
                 self._paying = last.count
                 return last.count
             leap = self.limits.cap // 4
-            if self._before_leap is None and leap > TUNING.leap * now.count:
+            if self._before_leap is None and leap > LEAP * now.count:
                 self._before_leap = now
                 return leap
-        if wanted < TUNING.least_round * now.count or not wanted:
+        if wanted < LEAST_ROUND * now.count or not wanted:
             return now.count
         return min(math.ceil(wanted), max(2 * now.count, self._first))
 
     def _learn(self, now: Snapshot, last: Snapshot) -> None:
         """Extrapolate from the last round to the rounds to come."""
-        gain = max(now.psnr - last.psnr, 0.0) / TUNING.gain_of_a_round
+        gain = max(now.psnr - last.psnr, 0.0) / GAIN_OF_A_ROUND
         added = now.count - last.count
         doublings = math.log2(now.count / last.count) if last.count else 1.0
         rise, before, self._rise = gain / doublings, self._rise, gain / doublings
@@ -220,13 +203,13 @@ class AdaptiveCount:
         if last == self._before_leap:
             pays = gain >= self.least_gain() * added
         else:
-            pays = rise > TUNING.accelerating * before
+            pays = rise > ACCELERATING * before
         share = 1 - 10 ** (-gain / 10)
         exact = last.count + added / share if share > 0 else math.inf
         if pays and exact <= self.limits.cap:
             self._paying = max(self._paying, exact)
-        if doublings > TUNING.whole_round:  # a smaller one gains more by convergence
-            self.slope = min(max(rise, TUNING.flattest), TUNING.steepest)
+        if doublings > WHOLE_ROUND:  # a smaller one gains more by convergence
+            self.slope = min(max(rise, FLATTEST), STEEPEST)
 
     def adjust(self, now: Snapshot) -> int:
         """More or fewer where the extrapolated PSNR or file size is off the limits."""
@@ -234,15 +217,15 @@ class AdaptiveCount:
         rate = min(_CONVERGES_AFTER.items(), key=lambda item: abs(item[0] - now.done))[1]
         converged = now.psnr + rate * self._converging(now)
         wanted = self._wanted(now.count, converged)
-        if abs(wanted - now.count) <= TUNING.least_change * now.count:
+        if abs(wanted - now.count) <= LEAST_CHANGE * now.count:
             return now.count
-        change = TUNING.most_change
+        change = MOST_CHANGE
         bounds = (1 - change) * now.count, (1 + change) * now.count
         return min(math.ceil(min(max(wanted, bounds[0]), bounds[1])), self.limits.cap)
 
     @staticmethod
     def _converging(now: Snapshot) -> float:
-        return max(now.psnr - TUNING.converges_above, 0.0)
+        return max(now.psnr - CONVERGES_ABOVE, 0.0)
 
     def most(self, now: Snapshot) -> int:
         """The largest number that the limits allow."""

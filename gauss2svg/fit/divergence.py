@@ -7,7 +7,6 @@ undo nearly all progress. docs/decisions/divergence.md has the measurements.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
@@ -19,38 +18,20 @@ NEGLIGIBLE = 1e-5
 EXACT = 1e-12
 
 
-@dataclass(frozen=True)
-class DivergenceTuning:
-    """When a loss has diverged, and the steps after it (docs/decisions/divergence.md).
-
-    After a rollback steps begin small, at lowered times ceiling of those that diverged, and grow to
-    the ceiling, so one bad step among many good ones costs little.
-
-    diverged       times the least loss since the last change, above which a loss has diverged
-    stalled        times the least loss of all, above which it has stalled
-    stalled_steps  steps for which a loss may have stalled, before it counts as diverged
-    worse_at_end   times the least loss, above which a stage that ends returns to its best state
-    ceiling        share of the steps that diverged to which steps grow again
-    ceiling_again  that share where the next few steps diverge as well
-    again          steps, fewer than which are the next few
-    lowered        share of that ceiling at which steps begin
-    growth         of each step over the one before
-    gentle         share of the ceiling at which a finished fit continues
-    """
-
-    diverged: float = 2.0
-    stalled: float = 1.5
-    stalled_steps: int = 25
-    worse_at_end: float = 1.2
-    ceiling: float = 0.5
-    ceiling_again: float = 0.1
-    again: int = 3
-    lowered: float = 0.5
-    growth: float = 1.1
-    gentle: float = 0.25
-
-
-TUNING = DivergenceTuning()
+# Divergence, and the steps after it (docs/decisions/divergence.md).
+# After a rollback steps begin small, at lowered times ceiling of those that diverged, and grow to
+# the ceiling, so one bad step among many good ones costs little.
+DIVERGED = 2.0  # ratio of a loss to the least since the last change, above which it has diverged
+STALLED = 1.5  # ratio of a loss to the least of all, above which it has stalled
+STALLED_STEPS = 25  # steps for which a loss may have stalled before it counts as diverged
+# Ratio of a stage's last loss to its least, above which the stage returns to its best state.
+WORSE_AT_END = 1.2
+CEILING = 0.5  # share of a diverged rate to which the rate grows again
+CEILING_AGAIN = 0.1  # that share if the loss diverges again within AGAIN steps
+AGAIN = 3  # accepted steps below which a divergence counts as a repeated one
+LOWERED = 0.5  # share of the ceiling at which steps begin after a rollback
+GROWTH = 1.1  # ratio of a step's rate to the one before, up to the ceiling
+GENTLE = 0.25  # share of the ceiling at which a finished fit continues
 
 
 class DivergenceGuard:
@@ -73,13 +54,13 @@ class DivergenceGuard:
 
     def reset(self) -> None:
         """Forget the best state, for later losses are not comparable; steps may grow again."""
-        self._ceiling = max(self._ceiling, min(self._ceiling / TUNING.ceiling, self._usual))
+        self._ceiling = max(self._ceiling, min(self._ceiling / CEILING, self._usual))
         self._state = self._shared = None
         self.least, self._recent, self._since = math.inf, math.inf, 0
 
     def begin_gently(self) -> None:
         """Continue with small steps that grow: full ones undo a drawing that is nearly exact."""
-        self.rate = min(self.rate, TUNING.gentle * self._ceiling)
+        self.rate = min(self.rate, GENTLE * self._ceiling)
 
     def relocated(self) -> None:
         """Allow a larger loss after a relocation."""
@@ -91,11 +72,11 @@ class DivergenceGuard:
             return False
         self._since += 1
         self._accepted += 1
-        stalled = loss > TUNING.stalled * self.least and self._since > TUNING.stalled_steps
-        if error > NEGLIGIBLE and (loss > TUNING.diverged * self._recent or stalled):
+        stalled = loss > STALLED * self.least and self._since > STALLED_STEPS
+        if error > NEGLIGIBLE and (loss > DIVERGED * self._recent or stalled):
             return False
         self._recent = min(self._recent, loss)
-        self.rate = min(self.rate * TUNING.growth, self._ceiling)
+        self.rate = min(self.rate * GROWTH, self._ceiling)
         if loss < self.least:
             self.least, self._since = loss, 0
             self._state, self._shared = state.copy(), None if shared is None else shared.copy()
@@ -107,7 +88,7 @@ class DivergenceGuard:
         tolerant: only where the loss is a fifth larger. Where steps were too large before, that
         counts as another rollback.
         """
-        diverged = not loss <= TUNING.worse_at_end * self.least
+        diverged = not loss <= WORSE_AT_END * self.least
         if diverged and (self._usual < 1 or self.rollbacks > 0):
             self.roll_back()
         if tolerant:
@@ -117,12 +98,12 @@ class DivergenceGuard:
     def roll_back(self) -> tuple[State, SharedColors | None] | None:
         """The best state, from which to continue in smaller steps; None if there is none."""
         self.rollbacks += 1
-        again = self._accepted < TUNING.again
-        share = TUNING.ceiling_again if again and self.rollbacks > 1 else TUNING.ceiling
+        again = self._accepted < AGAIN
+        share = CEILING_AGAIN if again and self.rollbacks > 1 else CEILING
         # Steps far above the usual ones go half of the way back to those, in decades.
         self._ceiling = min(self.rate * share, math.sqrt(self.rate * self._usual))
         self._accepted = 0
-        self.rate = self._ceiling * TUNING.lowered
+        self.rate = self._ceiling * LOWERED
         self._recent, self._since = math.inf, 0
         return self.best()
 

@@ -170,7 +170,7 @@ class FitConfig:
         rounds = len(self.totals)
         if self.iterations is None or (each is None and per_round is None):
             return
-        room = self.iterations if each else int(self.iterations * schedule.TUNING.growth_share)
+        room = self.iterations if each else int(self.iterations * schedule.GROWTH_SHARE)
         if rounds * (each or 1) > room:
             raise InputError(
                 f"iterations must leave room for {rounds} rounds of {each or 1} or more; got "

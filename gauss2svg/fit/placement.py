@@ -17,35 +17,19 @@ from gauss2svg.photo.smooth import smoothed
 _PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
 
 
-@dataclass(frozen=True)
-class PlacementTuning:
-    """Where new Gaussians begin (docs/decisions/placement.md).
-
-    first_raw_beta     ln beta; the start hardly matters
-    least_sigma        px
-    least_minor        px, of the minor axis
-    elongation         of one placed by error: along an edge sigma is e^elongation longer, across it
-                       as much shorter
-    rejected_share     share of the largest residual, under which residuals are left out
-    bins               of equal width, into which the rest is quantised, as in LIVE
-    most_first_aspect  of a component; round starts lose PSNR, most of all on drawings
-    too_covered        surplus of alpha from which a pixel is covered too much, which new Gaussians
-                       cannot repair
-    covered_weight     of the residual of such a pixel
-    """
-
-    first_raw_beta: float = 0.1
-    least_sigma: float = 0.8
-    least_minor: float = 0.6
-    elongation: float = 0.5
-    rejected_share: float = 0.2
-    bins: int = 8
-    most_first_aspect: float = 6.0
-    too_covered: float = 0.03
-    covered_weight: float = 0.3
-
-
-TUNING = PlacementTuning()
+# Start of new Gaussians (docs/decisions/placement.md).
+FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian; it hardly matters
+LEAST_SIGMA = 0.8  # least sigma of a new Gaussian in px
+LEAST_MINOR = 0.6  # least minor axis of a new Gaussian in px
+# A Gaussian placed by error is e^ELONGATION longer along an edge and as much shorter across it.
+ELONGATION = 0.5
+REJECTED_SHARE = 0.2  # share of the largest residual, below which residuals are left out
+BINS = 8  # bins of equal width into which residuals are quantised, as in LIVE
+# Largest aspect of a component's new Gaussian. Round ones lose PSNR, most of all on drawings.
+MOST_FIRST_ASPECT = 6.0
+# Surplus of alpha from which a pixel is covered too much, which new Gaussians cannot repair.
+TOO_COVERED = 0.03
+COVERED_WEIGHT = 0.3  # weight of the residual of such a pixel
 
 
 @dataclass(frozen=True)
@@ -73,7 +57,7 @@ class NewGaussians:
 
 def first_raw_betas(count: int, options: FitOptions) -> NDArray[np.float64]:
     """Return the raw exponents of `count` new Gaussians."""
-    return np.full(count, TUNING.first_raw_beta if options.learned_falloff else 0.0)
+    return np.full(count, FIRST_RAW_BETA if options.learned_falloff else 0.0)
 
 
 def place(
@@ -120,8 +104,8 @@ class _Placer:
             self._residual *= target.visible
             over_white, over_black = self._residual[:3], self._residual[3:]
             surplus = (over_white - over_black).mean(axis=0)  # of alpha, over the target's
-            too_covered = surplus > TUNING.too_covered
-            self._residual *= np.where(too_covered, TUNING.covered_weight, 1.0)
+            too_covered = surplus > TOO_COVERED
+            self._residual *= np.where(too_covered, COVERED_WEIGHT, 1.0)
         self._color = self._residual if blending.additive else target.source_color
         if target.tune == PERCEPTUAL:
             self._residual = self._residual * np.sqrt(target.weight)
@@ -141,9 +125,9 @@ class _Placer:
         if not total[-1] > 0:  # already exact everywhere
             pixel = self._rng.integers(total.size, size=count)
         y, x = np.divmod(pixel, self._target.width)
-        sigma = max(self._spacing * self._initial_sigma, TUNING.least_sigma)
+        sigma = max(self._spacing * self._initial_sigma, LEAST_SIGMA)
         along, coherence = self._target.edges
-        stretch = np.exp(TUNING.elongation * coherence[y, x])
+        stretch = np.exp(ELONGATION * coherence[y, x])
         factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
@@ -157,13 +141,13 @@ class _Placer:
         parts = self._components(count)
         if parts is None:
             return self.by_error(count)
-        sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), TUNING.least_sigma)
+        sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), LEAST_SIGMA)
         xx, xy, yy = parts.moments()
         spread = np.hypot(xx - yy, 2 * xy)
         aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 2 * _PIXEL_VARIANCE))
-        stretch = np.sqrt(np.minimum(aspect, TUNING.most_first_aspect))
+        stretch = np.sqrt(np.minimum(aspect, MOST_FIRST_ASPECT))
         angle_rad = 0.5 * np.arctan2(2 * xy, xx - yy)
-        minor = np.maximum(sigma / stretch, TUNING.least_minor)
+        minor = np.maximum(sigma / stretch, LEAST_MINOR)
         found = NewGaussians(
             mean=parts.center() + 0.5,
             factor=_oriented(sigma * stretch, minor, angle_rad),
@@ -180,7 +164,7 @@ class _Placer:
         if parts is None:
             return self.at_random(count)
         # s samples of a kernel span -5 to 5, so that a unit is s / 10 px, and s cancels; r is 0.07.
-        sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), TUNING.least_sigma)
+        sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), LEAST_SIGMA)
         center = parts.center()
         x, y = np.round(center).astype(np.intp).T
         factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
@@ -195,7 +179,7 @@ class _Placer:
         if target.visible is not None:
             y, x = np.divmod(rng.choice(np.flatnonzero(target.visible), count), target.width)
             mean = rng.random((count, 2)) + np.stack([x, y], axis=1)
-        sigma = np.maximum(rng.random((count, 2)) * self._spacing, TUNING.least_sigma)
+        sigma = np.maximum(rng.random((count, 2)) * self._spacing, LEAST_SIGMA)
         rho = rng.uniform(-1, 1, count) * 0.95  # nearer to 1 it would start as a needle
         x, y = np.minimum(mean.astype(np.intp), [target.width - 1, target.height - 1]).T
         rest = np.sqrt(1 - rho**2)
@@ -215,8 +199,8 @@ class _Placer:
         largest = float(difference.max())
         if largest <= 0:
             return None
-        bins = np.ceil(difference / largest * TUNING.bins).astype(np.int32)
-        bins[difference < TUNING.rejected_share * largest] = 0
+        bins = np.ceil(difference / largest * BINS).astype(np.int32)
+        bins[difference < REJECTED_SHARE * largest] = 0
         components = components_of(bins).ravel()
         area = np.bincount(components)
         area[0] = 0  # the rejected pixels

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,17 +25,7 @@ from gauss2svg.scene.inks import ink_colors, inks_of
 LEAST_OPACITY = 0.02
 
 
-@dataclass(frozen=True)
-class PopulationTuning:
-    """How the Gaussians of a fit change their places.
-
-    relocated  share of them that is relocated at a time (docs/decisions/fit.md)
-    """
-
-    relocated: float = 0.08
-
-
-TUNING = PopulationTuning()
+RELOCATED = 0.08  # share of the Gaussians that is relocated at a time (docs/decisions/fit.md)
 
 
 class Population:
@@ -182,7 +171,7 @@ class Population:
         """Move the least useful Gaussians to where the error is; whether any moved."""
         rendered, cost = self.target.removal_cost(self.splats())
         total = len(self)
-        count = int(TUNING.relocated * total)
+        count = int(RELOCATED * total)
         if not count:
             return False
         kept = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from gauss2svg.errors import InputError, quoted
 
@@ -11,53 +10,33 @@ LARGEST_REDUCTION = 8
 LARGEST_UNREDUCED = 640  # px of a side, of an enlarged target (docs/decisions/enlarged.md)
 
 
-@dataclass(frozen=True)
-class ScheduleTuning:
-    """When a fit does what, as progress in 0..1 if nothing else is said (docs/decisions/fit.md).
-
-    rounds                 of growth; 4 to 20 end within 0.1 dB of each other
-    growth_share           by which all Gaussians have been added
-    decay_start            up to which the learning rate is constant; then it decays by a cosine
-    last_rate              share of the learning rate at the end
-    quantized_from         from which exponents and colours are those of the file; earlier is worse
-    pixels_per_gaussian    that each keeps on a reduced target: a fifth fewer pixel-Gaussian pairs
-                           at no loss of PSNR
-    smallest_side          px of a reduced target in growth
-    full_from              progress up to which few Gaussians are refined at half the size or less
-                           (docs/decisions/few.md, also for the next five)
-    half_from              progress up to which they are refined at a quarter of the size
-    smallest_refined_side  px of a reduced target in refinement; on smaller ones a step costs little
-    reduced_steps          share of the steps of refinement until the full picture
-    reduced_time           share of the time until then, where time ends the fit
-                           (docs/decisions/time.md)
-    extended               times a preset's steps, where most are on reduced targets
-    relocate_from          from which Gaussians are relocated
-    relocate_until         until which Gaussians are relocated
-    relocate_every         steps from one relocation to the next
-    relocate_share         share of a long fit's steps from one to the next, where it relocates no
-                           more often than a short one (docs/decisions/time.md)
-    """
-
-    rounds: int = 6
-    growth_share: float = 0.3
-    decay_start: float = 0.75
-    last_rate: float = 0.02
-    quantized_from: float = 0.85
-    pixels_per_gaussian: int = 36
-    smallest_side: int = 32
-    full_from: float = 0.55
-    half_from: float = 0.45
-    smallest_refined_side: int = 128
-    reduced_steps: float = 0.72
-    reduced_time: float = 0.4
-    extended: int = 2
-    relocate_from: float = 0.2
-    relocate_until: float = 0.75
-    relocate_every: int = 10
-    relocate_share: float = 0.05
-
-
-TUNING = ScheduleTuning()
+# Events of a fit. Progress is in 0..1 (docs/decisions/fit.md).
+ROUNDS = 6  # rounds of growth; 4 to 20 end within 0.1 dB of each other
+GROWTH_SHARE = 0.3  # progress by which all Gaussians have been added
+DECAY_START = 0.75  # progress at which the learning rate begins to decay by a cosine
+LAST_RATE = 0.02  # share of the learning rate that is left at the end
+# Progress from which exponents and colours are those of the file. Earlier is worse.
+QUANTIZED_FROM = 0.85
+# Pixels for each Gaussian on a reduced target: a fifth fewer pixel-Gaussian pairs at no loss of
+# PSNR.
+PIXELS_PER_GAUSSIAN = 36
+SMALLEST_SIDE = 32  # px of the shortest side of a reduced target in growth
+# Progress from which few Gaussians are refined at full size (docs/decisions/few.md, also for the
+# next five).
+FULL_FROM = 0.55
+HALF_FROM = 0.45  # progress up to which few Gaussians are refined at a quarter of the size
+# Px of the shortest side of a reduced target in refinement. On smaller ones a step costs as much.
+SMALLEST_REFINED_SIDE = 128
+REDUCED_STEPS = 0.72  # share of the steps of refinement that reduced targets take
+# Share of the time of refinement that they take where time ends the fit (docs/decisions/time.md).
+REDUCED_TIME = 0.4
+EXTENDED = 2  # ratio of the steps to a preset's, where most are on reduced targets
+RELOCATE_FROM = 0.2  # progress from which Gaussians are relocated
+RELOCATE_UNTIL = 0.75  # progress until which Gaussians are relocated
+RELOCATE_EVERY = 10  # steps from one relocation to the next
+# Share of a long fit's steps from one relocation to the next, so that it relocates no more often
+# than a short one (docs/decisions/time.md).
+RELOCATE_SHARE = 0.05
 
 
 def totals(
@@ -78,7 +57,7 @@ def totals(
                 f"{quoted(schedule)}"
             )
         return _totals_by_round(schedule, gaussians, per_round)
-    count = TUNING.rounds if iterations is None else min(TUNING.rounds, iterations)
+    count = ROUNDS if iterations is None else min(ROUNDS, iterations)
     if schedule == "exponential":
         counts = [math.ceil(gaussians * 0.5 ** (count - 1 - r)) for r in range(count)]
     elif schedule == "linear":
@@ -101,8 +80,8 @@ def reduction(gaussians: int, width: int, height: int) -> int:
     factor = 1
     while (
         factor < LARGEST_REDUCTION
-        and width * height / (4 * factor**2 * gaussians) >= TUNING.pixels_per_gaussian
-        and min(width, height) / (2 * factor) >= TUNING.smallest_side
+        and width * height / (4 * factor**2 * gaussians) >= PIXELS_PER_GAUSSIAN
+        and min(width, height) / (2 * factor) >= SMALLEST_SIDE
     ):
         factor *= 2
     return factor
@@ -115,10 +94,10 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
     each Gaussian keeps 36 pixels.
     """
     factor = 1
-    for until in (TUNING.full_from, TUNING.half_from):
+    for until in (FULL_FROM, HALF_FROM):
         pixels = width * height / (4 * factor**2 * max(gaussians, 1))
-        fits = min(width, height) / (2 * factor) >= TUNING.smallest_refined_side
-        if done < until and pixels >= TUNING.pixels_per_gaussian and fits:
+        fits = min(width, height) / (2 * factor) >= SMALLEST_REFINED_SIDE
+        if done < until and pixels >= PIXELS_PER_GAUSSIAN and fits:
             factor *= 2
     return factor
 
@@ -129,13 +108,13 @@ def enlarged_reduction(done: float, width: int, height: int) -> int:
     All but the last steps run at half the size where that is as large as most pictures.
     """
     is_large = max(width, height) > LARGEST_UNREDUCED
-    return 2 if is_large and done < TUNING.quantized_from else 1
+    return 2 if is_large and done < QUANTIZED_FROM else 1
 
 
 def steps_of(iterations: int, gaussians: int, width: int, height: int) -> int:
     """Optimiser steps of a preset with so many iterations: twice those where most are reduced."""
-    reduced = refinement_reduction(TUNING.growth_share, gaussians, width, height) > 1
-    return iterations * TUNING.extended if reduced and gaussians else iterations
+    reduced = refinement_reduction(GROWTH_SHARE, gaussians, width, height) > 1
+    return iterations * EXTENDED if reduced and gaussians else iterations
 
 
 def relocates(done: float, iteration: int, sparsely: bool = False) -> bool:
@@ -143,16 +122,16 @@ def relocates(done: float, iteration: int, sparsely: bool = False) -> bool:
 
     sparsely  no more often in a long fit than in a short one
     """
-    every = TUNING.relocate_every
-    if sparsely and done > TUNING.relocate_from:
-        every = max(every, int(TUNING.relocate_share * iteration / done))
-    return TUNING.relocate_from < done < TUNING.relocate_until and iteration % every == 0
+    every = RELOCATE_EVERY
+    if sparsely and done > RELOCATE_FROM:
+        every = max(every, int(RELOCATE_SHARE * iteration / done))
+    return RELOCATE_FROM < done < RELOCATE_UNTIL and iteration % every == 0
 
 
 def rate(done: float) -> float:
     """Learning rate at progress `done` in 0..1, as a share in 0.02..1 of the full one."""
-    start = TUNING.decay_start
+    start = DECAY_START
     if done < start:
         return 1.0
     fall = 0.5 * (1 + math.cos(math.pi * (done - start) / (1 - start)))
-    return max(TUNING.last_rate, fall)
+    return max(LAST_RATE, fall)

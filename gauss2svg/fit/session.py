@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,27 +35,17 @@ LEAST_SIGMA = 0.35
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
 
 
-@dataclass(frozen=True)
-class SessionTuning:
-    """What a fit asks of a shape, and how it resumes.
-
-    beta_price      share of a Gaussian's part of the loss by which a unit of ln beta must lower it,
-                    so that shapes which gain nothing stay Gaussians (docs/decisions/fit.md)
-    opaque_from     opacity from which a shape becomes opaque, which saves bytes
-                    (docs/decisions/fit.md)
-    resume_at       progress at which a fit resumes after its count has changed: some relocation,
-                    then decay (docs/decisions/fit.md)
-    steps_averaged  steps in the PSNR that a policy sees during refinement: one alone scatters
-                    (docs/decisions/fit.md)
-    """
-
-    beta_price: float = 0.06
-    opaque_from: float = 0.953
-    resume_at: float = 0.6
-    steps_averaged: int = 5
-
-
-TUNING = SessionTuning()
+# Share of a Gaussian's part of the loss by which a unit of ln beta must lower it, so that shapes
+# which gain nothing stay Gaussians (docs/decisions/fit.md).
+BETA_PRICE = 0.06
+# Opacity from which a shape becomes opaque, which saves bytes (docs/decisions/fit.md).
+OPAQUE_FROM = 0.953
+# Progress at which a fit resumes after its count has changed: some relocation, then decay
+# (docs/decisions/fit.md).
+RESUME_AT = 0.6
+# Steps in the PSNR that a policy sees during refinement. One alone scatters
+# (docs/decisions/fit.md).
+STEPS_AVERAGED = 5
 
 
 class FitSession:
@@ -95,7 +84,7 @@ class FitSession:
         self._progress = progress or (lambda _: None)
         self._as_written = as_written
         self._adopted = self._quantized = False
-        self._errors: deque[float] = deque(maxlen=TUNING.steps_averaged)
+        self._errors: deque[float] = deque(maxlen=STEPS_AVERAGED)
         self._rates: Rates = self.population.blending.rates
         self._shared: SharedColors | None = None
         self._stopwatch = Stopwatch()
@@ -176,7 +165,7 @@ class FitSession:
             )
         self.guard.reset()
         if total <= count:
-            population.reduce_to(population.reduction_at(schedule.TUNING.growth_share))
+            population.reduce_to(population.reduction_at(schedule.GROWTH_SHARE))
             population.densify_or_prune(total)
             return False
         population.reduce_to(population.reduction_of_round(total))
@@ -194,7 +183,7 @@ class FitSession:
         population = self.population
         if not len(self.state):
             return
-        begun = TUNING.resume_at if again else schedule.TUNING.growth_share
+        begun = RESUME_AT if again else schedule.GROWTH_SHARE
         self.clock.begin_refinement(steps, begun, population.reduction_at(begun) > 1)
         self._errors.clear()
         self.guard.reset()
@@ -213,12 +202,12 @@ class FitSession:
                     self._restore_best(tolerant=True)
                     population.densify_or_prune(count)
                     self.guard.reset()
-            if done >= schedule.TUNING.decay_start and not pruned:
+            if done >= schedule.DECAY_START and not pruned:
                 pruned = True
                 self._restore_best(tolerant=True)
                 population.prune(self.policy.least_gain())
                 self.guard.reset()
-            if done >= schedule.TUNING.quantized_from and not self._quantized:
+            if done >= schedule.QUANTIZED_FROM and not self._quantized:
                 self._quantize()
             if self._shared is not None and exchange_at and done >= exchange_at[0]:
                 exchange_at = [at for at in exchange_at if at > done]
@@ -265,11 +254,11 @@ class FitSession:
         """
         self._restore_best()
         population = self.population
-        most = self.policy.most(self._snapshot(schedule.TUNING.quantized_from, self._recent_psnr))
+        most = self.policy.most(self._snapshot(schedule.QUANTIZED_FROM, self._recent_psnr))
         if most < len(self.state):
             population.densify_or_prune(most)
         if self._as_written is not None and len(self.state):
-            least = math.log(TUNING.opaque_from / (1 - TUNING.opaque_from))
+            least = math.log(OPAQUE_FROM / (1 - OPAQUE_FROM))
             self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT
             with self.clock.paused():
                 scene = self._as_written(self.scene(), self._recent_psnr())
@@ -334,7 +323,7 @@ class FitSession:
         """One optimiser step, at this share of the full learning rate."""
         state, target, blending = self.state, self.population.target, self.population.blending
         share = evaluated.loss / max(len(state), 1)
-        gradient = adam.gradients(evaluated.moments, splats, TUNING.beta_price * share)
+        gradient = adam.gradients(evaluated.moments, splats, BETA_PRICE * share)
         limits = adam.Limits(
             least_sigma=LEAST_SIGMA,
             most_sigma=float(max(target.width, target.height)),

@@ -26,20 +26,10 @@ from gauss2svg.scene.parameters import STEPPED
 _APART = 100.0
 
 
-@dataclass(frozen=True)
-class SharedTuning:
-    """Steps and exchanges of what shapes share.
-
-    color_rate      Adam's learning rate of colours; 0.002 to 0.015 end within 0.01 dB
-                    (docs/decisions/palette.md)
-    least_mass      px; shapes that contribute less keep their colour (docs/decisions/palette.md)
-    """
-
-    color_rate: float = 0.006
-    least_mass: float = 1e-3
-
-
-TUNING = SharedTuning()
+# Steps and exchanges of what shapes share.
+# Adam's learning rate of colours. 0.002 to 0.015 end within 0.01 dB (docs/decisions/palette.md).
+COLOR_RATE = 0.006
+LEAST_MASS = 1e-3  # mass in px below which a shape keeps its colour (docs/decisions/palette.md)
 
 
 @dataclass
@@ -86,13 +76,13 @@ class SharedColors:
         """
         columns, count = gradient[:, COLOR].T, len(self.color)
         summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)
-        first_decay, second_decay = adam.TUNING.first_decay, adam.TUNING.second_decay
+        first_decay, second_decay = adam.FIRST_DECAY, adam.SECOND_DECAY
         self.age += 1
         self.first += (1 - first_decay) * (summed - self.first)
         self.second += (1 - second_decay) * (summed * summed - self.second)
         first = self.first / (1 - first_decay**self.age)
         second = self.second / (1 - second_decay**self.age)
-        step = TUNING.color_rate * rate * first / (np.sqrt(second) + 1e-12)
+        step = COLOR_RATE * rate * first / (np.sqrt(second) + 1e-12)
         self.color = np.clip(self.color - step, self.least_color, self.most_color)
         self.assign(state, self.entry)
 
@@ -127,8 +117,8 @@ class SharedColors:
         for a change d of a colour, where g is its gradient, columns COLOR of gradient (n, ...), and
         mass (n,) the sum of the shape's squared weights. So the best colour is color - g / mass.
         """
-        divisor = np.maximum(mass, TUNING.least_mass)[:, None]
-        best = np.where(mass[:, None] > TUNING.least_mass, gradient[:, COLOR] / divisor, 0.0)
+        divisor = np.maximum(mass, LEAST_MASS)[:, None]
+        best = np.where(mass[:, None] > LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
         entries = np.hstack([self.color, _APART * self.held])
         targets = np.hstack([state.color - best, _APART * _held(state)])
         distance, entry = nearest_entry(entries, targets)

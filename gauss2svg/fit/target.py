@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property, reduce
 from operator import add
 from typing import Any, NamedTuple
@@ -25,20 +24,9 @@ from gauss2svg.render.cpu import (
     squared_error,
 )
 
-
-@dataclass(frozen=True)
-class TargetTuning:
-    """What new Gaussians take from a target with alpha (docs/decisions/placement.md).
-
-    least_opacity  least opacity at which a new Gaussian begins
-    most_opacity   largest opacity at which a new Gaussian begins
-    """
-
-    least_opacity: float = 0.02
-    most_opacity: float = 0.98
-
-
-TUNING = TargetTuning()
+# Opacity of new Gaussians on a target with alpha (docs/decisions/placement.md).
+LEAST_OPACITY = 0.02  # least opacity at which a new Gaussian begins
+MOST_OPACITY = 0.98  # largest opacity at which a new Gaussian begins
 
 
 class LossAndGradient(NamedTuple):
@@ -151,7 +139,7 @@ class Target:
 
         x, y = np.clip(mean.astype(np.intp), 0, [self.width - 1, self.height - 1]).T
         opacity = expit(usual) * self._alpha[y, x]
-        opacity = np.clip(opacity, TUNING.least_opacity, TUNING.most_opacity)
+        opacity = np.clip(opacity, LEAST_OPACITY, MOST_OPACITY)
         return logit(opacity.astype(np.float64))
 
     def rendered(self, splats: Splats) -> NDArray[np.floating]:

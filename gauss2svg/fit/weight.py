@@ -10,7 +10,6 @@ counts. docs/decisions/perceptual.md has what each gains.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import reduce
 from operator import add
 
@@ -20,34 +19,16 @@ from numpy.typing import NDArray
 from gauss2svg.fit.options import PSNR
 from gauss2svg.photo.smooth import smoothed
 
-
-@dataclass(frozen=True)
-class WeightTuning:
-    """Contrast masking and flat areas, by the module's formulas (docs/decisions/perceptual.md).
-
-    contrast       c, standard deviation of luma in 0..1 from which an error is masked
-    exponent       g, how fast it fades
-    times_median   of the variance, from which nothing is masked further
-    least_bound    that variance at least
-    most_bound     that variance at most
-    window         px, sigma of the window of the variance
-    flat           weight of a flat area beside 1 (docs/decisions/metrics.md)
-    flat_gradient  of luma a px, under which an area is flat: 5 levels of 255
-    flat_reach     px, sigma of the window in which the gradient is averaged
-    """
-
-    contrast: float = 0.03
-    exponent: float = 0.5
-    times_median: float = 100.0
-    least_bound: float = 0.025
-    most_bound: float = 0.04
-    window: float = 2.0
-    flat: float = 8.0
-    flat_gradient: float = 0.02
-    flat_reach: float = 4.0
-
-
-TUNING = WeightTuning()
+# Contrast masking and flat areas, by the module's formulas (docs/decisions/perceptual.md).
+CONTRAST = 0.03  # c: standard deviation of luma, in 0..1, from which an error is masked
+EXPONENT = 0.5  # g: how fast the weight falls with the variance
+TIMES_MEDIAN = 100.0  # multiple of the median variance above which nothing is masked further
+LEAST_BOUND = 0.025  # lower bound of that variance
+MOST_BOUND = 0.04  # upper bound of that variance
+WINDOW = 2.0  # sigma in px of the window of the variance
+FLAT = 8.0  # weight of a flat area, to which others are 1 (docs/decisions/metrics.md)
+FLAT_GRADIENT = 0.02  # gradient of luma for each px below which an area is flat: 5 levels of 255
+FLAT_REACH = 4.0  # sigma in px of the window in which the gradient is averaged
 
 
 def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.floating]:
@@ -55,13 +36,13 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
     lumas = [view.mean(axis=0) for view in views]
     if tune == PSNR:
         energy = reduce(add, map(_gradient_energy, lumas)) / len(lumas)
-        flatness = np.exp(-smoothed(energy, TUNING.flat_reach) / TUNING.flat_gradient**2)
-        weight = 1 + TUNING.flat * flatness
+        flatness = np.exp(-smoothed(energy, FLAT_REACH) / FLAT_GRADIENT**2)
+        weight = 1 + FLAT * flatness
     else:
         variance = reduce(add, map(_local_variance, lumas)) / len(lumas)
-        most = TUNING.times_median * np.median(variance)
-        most = np.clip(most, TUNING.least_bound, TUNING.most_bound)
-        weight = (1 + np.minimum(variance, most) / TUNING.contrast**2) ** -TUNING.exponent
+        most = TIMES_MEDIAN * np.median(variance)
+        most = np.clip(most, LEAST_BOUND, MOST_BOUND)
+        weight = (1 + np.minimum(variance, most) / CONTRAST**2) ** -EXPONENT
         weight /= weight.mean()
     return weight.astype(views[0].dtype)
 
@@ -81,5 +62,5 @@ def _gradient_energy(luma: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
-    mean = smoothed(luma, TUNING.window)
-    return np.maximum(smoothed(luma * luma, TUNING.window) - mean * mean, 0)
+    mean = smoothed(luma, WINDOW)
+    return np.maximum(smoothed(luma * luma, WINDOW) - mean * mean, 0)

@@ -37,31 +37,15 @@ _SIGNED = 2  # SampleFormat
 _REDUCED = {"JPEG": 4, "MPO": 4, "PNG": 4, "BMP": 4, "TIFF": 4, "WEBP": 16, "AVIF": 10}
 
 
-@dataclass(frozen=True)
-class DecodeTuning:
-    """Bytes for each pixel while a photo is decoded and reduced (docs/decisions/memory.md).
-
-    others            of a format that has no number of its own
-    palette           of a photo with a palette, at least
-    alpha             more, with alpha
-    turned            more, where a tag turns the photo
-    deep              of 16 bits a sample
-    deep_alpha        of 16 bits a sample, with alpha
-    progressive       of a progressive JPEG, all of whose coefficients are kept
-    progressive_inks  of one in CMYK
-    """
-
-    others: int = 8
-    palette: int = 8
-    alpha: int = 10
-    turned: int = 8
-    deep: int = 24
-    deep_alpha: int = 30
-    progressive: int = 10
-    progressive_inks: int = 18
-
-
-TUNING = DecodeTuning()
+# Bytes for each pixel while a photo is decoded and reduced (docs/decisions/memory.md).
+OTHERS = 8  # formats that have no number of their own
+PALETTE = 8  # least number of a photo with a palette
+ALPHA = 10  # added for alpha
+TURNED = 8  # added where a tag turns the photo
+DEEP = 24  # 16 bits a sample
+DEEP_ALPHA = 30  # 16 bits a sample, with alpha
+PROGRESSIVE = 10  # progressive JPEG, all of whose coefficients are kept
+PROGRESSIVE_INKS = 18  # progressive JPEG in CMYK
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,15 +88,15 @@ def header_of_file(file: BinaryIO, name: str, max_pixels: int) -> Header:
 def header_of_image(image: Image.Image) -> Header:
     """What is known of a Pillow image that may not be loaded yet."""
     has_alpha = "A" in image.getbands() or image.has_transparency_data
-    reduced: int | None = _REDUCED.get(image.format or "", TUNING.others)
+    reduced: int | None = _REDUCED.get(image.format or "", OTHERS)
     if image.mode == "P":
-        reduced = max(reduced, TUNING.palette)
-    reduced += TUNING.alpha * has_alpha
-    reduced += TUNING.turned * (_tiff_number(image, Base.Orientation, 1) != 1)
+        reduced = max(reduced, PALETTE)
+    reduced += ALPHA * has_alpha
+    reduced += TURNED * (_tiff_number(image, Base.Orientation, 1) != 1)
     if "progressive" in image.info:
-        reduced = TUNING.progressive_inks if image.mode == "CMYK" else TUNING.progressive
+        reduced = PROGRESSIVE_INKS if image.mode == "CMYK" else PROGRESSIVE
     elif _SIXTEEN_BITS.fullmatch(rawmode := _rawmode(image)) or rawmode == _GREY_ALPHA_16:
-        reduced = TUNING.deep_alpha if has_alpha else TUNING.deep
+        reduced = DEEP_ALPHA if has_alpha else DEEP
     elif image.mode.startswith("I") or image.mode == "F":
         reduced = None
     return Header(*image.size, has_alpha, reduced_bytes=reduced)

@@ -2,49 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from gauss2svg.photo.alpha import views
 
-
-@dataclass(frozen=True)
-class DrawingsTuning:
-    """What a flat drawing is (docs/decisions/small.md).
-
-    flat_share      of the pixels that the most frequent colours of a drawing have
-    flat_colors     number of colours that count as the most frequent
-    most_colors     of one to trace: regions of more lie over each other, and a corner takes several
-                    times as much
-    bytes_a_corner  of a tracer; vtracer takes 9.3 for one of scikit-image's horse
-    gentle          change for each px, in 0..1, up to which a picture is shaded
-    shaded_share    of the pixels that are shaded in a drawing with shading
-    even            second difference between neighbours, in 0..1, up to which a picture is flat or
-                    evenly shaded: one level of 255, and roundings (docs/decisions/enlarged.md)
-    rim             px from an edge up to which a picture is uneven for the edge's sake
-    textured_share  of uneven pixels that are farther from even ones, as in a photo on white
-    """
-
-    flat_share: float = 0.4
-    flat_colors: int = 4
-    most_colors: int = 4
-    bytes_a_corner: int = 10
-    gentle: float = 0.03
-    shaded_share: float = 0.01
-    even: float = 1.5 / 255
-    rim: int = 2
-    textured_share: float = 0.5
-
-
-TUNING = DrawingsTuning()
+# Definition of a flat drawing (docs/decisions/small.md).
+FLAT_SHARE = 0.4  # share of the pixels that a drawing's most frequent colours have
+FLAT_COLORS = 4  # number of colours that count as the most frequent
+# Most colours of a drawing to trace. Regions of more lie over each other, and a corner takes
+# several times as many bytes.
+MOST_COLORS = 4
+# Bytes of a traced corner. vtracer takes 9.3 for one of scikit-image's horse.
+BYTES_A_CORNER = 10
+GENTLE = 0.03  # largest change for each px, in 0..1, of a shaded area
+SHADED_SHARE = 0.01  # share of shaded pixels from which a drawing has shading
+# Largest second difference between neighbours, in 0..1, of a flat or evenly shaded area: one
+# level of 255, and roundings (docs/decisions/enlarged.md).
+EVEN = 1.5 / 255
+RIM = 2  # distance in px from an even area up to which an uneven pixel is part of an edge
+# Share of uneven pixels that are farther, from which a picture is textured, like a photo on
+# white.
+TEXTURED_SHARE = 0.5
 
 
 def is_drawing(photo: NDArray[np.float32]) -> bool:
     """Whether a few colours make up much of a picture, as the flat ones of a drawing do."""
-    return _flat_share(_colors(photo)) >= TUNING.flat_share
+    return _flat_share(_colors(photo)) >= FLAT_SHARE
 
 
 def has_edges(photo: NDArray[np.float32]) -> bool:
@@ -53,10 +38,10 @@ def has_edges(photo: NDArray[np.float32]) -> bool:
     photo  (h, w, 3) or (h, w, 4) float32 in 0..1
     Not so of drawings of whole pixels, and of photos on a flat ground.
     """
-    if _flat_share(_colors(photo[::7, ::13])) < TUNING.flat_share / 2:  # most photos
+    if _flat_share(_colors(photo[::7, ::13])) < FLAT_SHARE / 2:  # most photos
         return False
     colors = _colors(photo)
-    is_flat = _flat_share(colors) >= TUNING.flat_share
+    is_flat = _flat_share(colors) >= FLAT_SHARE
     return is_flat and not _has_few_colors(colors) and not _is_textured(photo)
 
 
@@ -72,8 +57,8 @@ def is_shaded(photo: NDArray[np.float32]) -> bool:
     steepest = slope  # of 3 x 3 px: beside an antialiased edge some are gentle
     for _ in range(2):
         steepest = np.maximum(np.maximum(steepest[:-2], steepest[1:-1]), steepest[2:]).T
-    shaded = (slope[1:-1, 1:-1] > 0) & (steepest < TUNING.gentle)
-    return bool(shaded.mean() >= TUNING.shaded_share)
+    shaded = (slope[1:-1, 1:-1] > 0) & (steepest < GENTLE)
+    return bool(shaded.mean() >= SHADED_SHARE)
 
 
 def _is_textured(photo: NDArray[np.float32]) -> bool:
@@ -81,10 +66,10 @@ def _is_textured(photo: NDArray[np.float32]) -> bool:
     pixels, uneven = np.concatenate(views(photo), axis=2), np.zeros(photo.shape[:2], bool)
     for axis, inner in enumerate((uneven[1:-1], uneven[:, 1:-1])):
         if photo.shape[axis] > 2:
-            inner |= np.abs(np.diff(pixels, 2, axis)).max(axis=2) > TUNING.even
+            inner |= np.abs(np.diff(pixels, 2, axis)).max(axis=2) > EVEN
     uneven = _spread(uneven, 1)
-    texture = ~_spread(~uneven, TUNING.rim)
-    return bool(texture.sum() > TUNING.textured_share * uneven.sum())
+    texture = ~_spread(~uneven, RIM)
+    return bool(texture.sum() > TEXTURED_SHARE * uneven.sum())
 
 
 def _spread(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
@@ -108,13 +93,13 @@ def outline_bytes(pixels: NDArray[np.float32]) -> int | None:
     right = colors[:, 1:] != colors[:, :-1]
     down = colors[1:] != colors[:-1]
     corners = (right[1:] | right[:-1]) & (down[:, 1:] | down[:, :-1])
-    return TUNING.bytes_a_corner * int(np.count_nonzero(corners))
+    return BYTES_A_CORNER * int(np.count_nonzero(corners))
 
 
 def _flat_share(colors: NDArray[np.int64]) -> float:
     """Share of the pixels that have one of the most frequent colours."""
     counts = np.sort(np.unique(colors, return_counts=True)[1])
-    return counts[-TUNING.flat_colors :].sum() / colors.size
+    return counts[-FLAT_COLORS:].sum() / colors.size
 
 
 def _colors(pixels: NDArray[np.float32]) -> NDArray[np.int64]:
@@ -126,4 +111,4 @@ def _colors(pixels: NDArray[np.float32]) -> NDArray[np.int64]:
 def _has_few_colors(colors: NDArray[np.int64]) -> bool:
     # A few pixels tell for most photos.
     some = colors.ravel()[::97], colors
-    return all(len(np.unique(each)) <= TUNING.most_colors for each in some)
+    return all(len(np.unique(each)) <= MOST_COLORS for each in some)

@@ -35,35 +35,17 @@ _OPAQUE = (12, 31, 57)
 _ALPHA = (28, 70, 151)
 
 
-@dataclass(frozen=True)
-class MemoryTuning:
-    """Measured bytes of a run (docs/decisions/memory.md).
-
-    base      a photo of a few pixels
-    shape     each Gaussian
-    fit       each pixel of the fit
-    fit_ssim  the same where the loss has SSIM
-    inks      each pixel of a fit in inks besides, whose target is not the photo
-    enlarged  each pixel of the enlarged picture of a drawing
-    largest   pixels of that picture at most
-    held      each pixel of the fit, after it
-    additive  writing an additive scene
-    margin    times what is measured, for what is not
-    """
-
-    base: float = 205e6
-    shape: int = 3000
-    fit: int = 75
-    fit_ssim: int = 130
-    inks: int = 34
-    enlarged: int = 230
-    largest: int = 1024**2
-    held: int = 36
-    additive: float = 110e6
-    margin: float = 1.2
-
-
-TUNING = MemoryTuning()
+# Measured bytes of a run, and what they are counted for (docs/decisions/memory.md).
+BASE = 205e6  # a run with a photo of a few pixels
+SHAPE = 3000  # each Gaussian
+FIT = 75  # each pixel of the fit
+FIT_SSIM = 130  # the same where the loss has SSIM
+INKS = 34  # added for each pixel of a fit in inks, whose target is not the photo
+ENLARGED = 230  # each pixel of the enlarged picture of a drawing
+LARGEST = 1024**2  # pixels of that picture at most
+HELD = 36  # each pixel of the fit after it has ended
+ADDITIVE = 110e6  # writing an additive scene
+MARGIN = 1.2  # factor for what is not measured
 
 
 def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXELS) -> Size:
@@ -126,20 +108,20 @@ class Load:
         """Estimated bytes that the run takes at most."""
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
         kept = math.prod(self.measured)
-        inked = TUNING.inks * self.in_inks
-        a_pixel = (TUNING.fit_ssim if has_ssim(self.loss) else TUNING.fit) + inked
+        inked = INKS * self.in_inks
+        a_pixel = (FIT_SSIM if has_ssim(self.loss) else FIT) + inked
         held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
         decoding = decoded * photo
         if self.reduced_bytes is not None and math.prod(self.decoded) < photo:
             decoding = self.reduced_bytes * photo + held * kept
-        enlarged = min(16 * fit, TUNING.largest) * self.may_enlarge
-        fitting = held * kept + a_pixel * fit + TUNING.enlarged * enlarged
+        enlarged = min(16 * fit, LARGEST) * self.may_enlarge
+        fitting = held * kept + a_pixel * fit + ENLARGED * enlarged
         measured = max(measured, held + self.scoring)
-        measuring = measured * kept + (TUNING.held + inked) * fit
-        measuring += TUNING.additive * (self.blend == ADD)
+        measuring = measured * kept + (HELD + inked) * fit
+        measuring += ADDITIVE * (self.blend == ADD)
         most = max(decoding, fitting, measuring)
         shapes = min(self.gaussians, fit // 2) if self.adapts else self.gaussians
-        return math.ceil(TUNING.margin * (TUNING.base + most + TUNING.shape * shapes))
+        return math.ceil(MARGIN * (BASE + most + SHAPE * shapes))
 
 
 def allowed(max_memory: int | str | None) -> int:
@@ -161,7 +143,7 @@ def check_decoding(header: Header, limit: int, reduced: bool = False) -> None:
     if reduced and header.reduced_bytes is not None:
         each = header.reduced_bytes
     decoded = each * header.width * header.height
-    needed = math.ceil(TUNING.margin * (TUNING.base + decoded + header.part_bytes))
+    needed = math.ceil(MARGIN * (BASE + decoded + header.part_bytes))
     if needed > limit:
         photo = f"a photo of {header.width}x{header.height} px"
         raise _too_little(needed, limit, photo, "a smaller photo")

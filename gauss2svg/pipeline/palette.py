@@ -13,28 +13,15 @@ from numpy.typing import NDArray
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
 from gauss2svg.scene.nearest import nearest_entry
 
-
-@dataclass(frozen=True)
-class PaletteTuning:
-    """How a palette is found (docs/decisions/palette.md).
-
-    iterations   of Lloyd; twice as many gain under 2 %
-    spare        times the allowed error, until which clusters are split, because Lloyd's iterations
-                 remove about a tenth of it
-    less         times that number, where Lloyd's iterations remove less than a tenth
-    least_aim    times the allowed error, under which no palette suffices
-    beta_weight  of ln beta beside colours in 0..1: the best for photos and near the best at few
-                 bytes
-    """
-
-    iterations: int = 6
-    spare: float = 1.12
-    less: float = 0.94
-    least_aim: float = 0.1
-    beta_weight: float = 0.1
-
-
-TUNING = PaletteTuning()
+# Search for a palette (docs/decisions/palette.md).
+ITERATIONS = 6  # iterations of Lloyd's algorithm; twice as many gain under 2 %
+# Multiple of the allowed error until which clusters are split, because Lloyd's iterations remove
+# about a tenth of it.
+SPARE = 1.12
+LESS = 0.94  # factor of that multiple if Lloyd's iterations remove less than a tenth
+LEAST_AIM = 0.1  # multiple of the allowed error under which no palette suffices
+# Weight of ln beta beside colours in 0..1: the best for photos and near the best at few bytes.
+BETA_WEIGHT = 0.1
 _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 
 
@@ -113,16 +100,16 @@ def _few(
     if distinct <= count and _loss(features, weight, *kept) > allowed:
         return kept  # rounding alone loses more
     most = min(count, distinct)
-    aim = allowed * TUNING.spare
+    aim = allowed * SPARE
     while True:
         means, left = _split(features, weight, most, aim)
         entries, entry = _lloyd(features, weight, means, written)
         if _loss(features, weight, entries, entry) <= allowed:
             return entries, entry
-        if left > aim or len(means) >= most or aim < allowed * TUNING.least_aim:
+        if left > aim or len(means) >= most or aim < allowed * LEAST_AIM:
             # No palette suffices: the rest of the error is rounding.
             return kept if distinct <= count else (entries, entry)
-        aim *= TUNING.less
+        aim *= LESS
 
 
 def _loss(
@@ -137,7 +124,7 @@ def _loss(
 
 def _stacked(color: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the features (n, 4) of colours (n, 3) and exponents (n,)."""
-    return np.column_stack([color, TUNING.beta_weight * np.log(beta)])
+    return np.column_stack([color, BETA_WEIGHT * np.log(beta)])
 
 
 def _lloyd(
@@ -146,7 +133,7 @@ def _lloyd(
     entries: NDArray[np.float64],
     written: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> _Entries:
-    for _ in range(TUNING.iterations):
+    for _ in range(ITERATIONS):
         entry = nearest_entry(entries, features)[1]
         mass = np.bincount(entry, weight, len(entries))
         used = mass > 0
@@ -160,7 +147,7 @@ def _lloyd(
 
 def _rounded(features: NDArray[np.float64]) -> Palette:
     """Return the distinct 8-bit colours with the classes of their exponents."""
-    classes = nearest_class(np.exp(features[:, 3] / TUNING.beta_weight))
+    classes = nearest_class(np.exp(features[:, 3] / BETA_WEIGHT))
     levels = np.column_stack([np.round(features[:, :3] * 255), classes]).astype(np.intp)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)
     beta = np.array(BETA_CLASSES)[distinct[:, 3]]

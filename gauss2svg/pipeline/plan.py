@@ -38,53 +38,32 @@ Markup = Literal["editable", "minimal"]
 MINIMAL_UP_TO = 20_000
 
 
-@dataclass(frozen=True)
-class PlanTuning:
-    """What options come to where they do not say it themselves.
-
-    The first five are bytes before gzip between which each search for a limit is run
-    (docs/decisions/markup.md).
-
-    by_bytes_up_to       largest limit of the search that plans every byte
-    minimal_from         least limit of minimal files of the usual fit, where those that plan every
-                         byte are tried
-    editable_from        least limit of editable files, where there is another
-    minimal_up_to        bytes of the largest minimal file that is written unasked
-    editable_is_closer   times as many bytes from which an editable file is always closer than that
-    gzip                 times as many bytes as gzipped ones (docs/decisions/minimal.md)
-    most_colors          palette entries within a budget: they cost less than 8 bits do, and more
-                         would take long to find (docs/decisions/palette.md)
-    unseen_color_loss    dB that the palette of a given count may cost by having fewer entries than
-                         allowed (docs/decisions/palette.md)
-    largest_color_error  mean squared error that a palette may add in any case: 38 dB, about three
-                         levels of 255. With eight levels, which a coarse fit of foliage would
-                         allow, sky and leaves change their hue (docs/decisions/palette.md)
-    most_steps           of a fit that ends by the clock alone, beyond which there is nothing to be
-                         gained (docs/decisions/time.md)
-    steps_a_round        steps of such a fit in a round of growth; the rest of the time is better
-                         spent once all Gaussians exist (docs/decisions/time.md)
-    nearly               times a preset's largest side up to which a photo would be reduced too
-                         little to matter, and is not
-    precision_of_inks    px: edges of opaque ellipses at no more than a tenth of one
-                         (docs/decisions/inks.md)
-    """
-
-    by_bytes_up_to: int = 30_000
-    minimal_from: int = 8_000
-    editable_from: int = 5_000
-    minimal_up_to: int = 200_000
-    editable_is_closer: float = 1.5
-    gzip: int = 6
-    most_colors: int = 4096
-    unseen_color_loss: float = 0.03
-    largest_color_error: float = 1.6e-4
-    most_steps: int = 1000
-    steps_a_round: int = 6
-    nearly: float = 1.5
-    precision_of_inks: float = 0.1
-
-
-TUNING = PlanTuning()
+# Bytes before gzip between which each search for a limit is run (docs/decisions/markup.md).
+BY_BYTES_UP_TO = 30_000  # largest limit of the search that plans every byte
+# Least limit of minimal files of the usual fit, where files that plan every byte are tried too.
+MINIMAL_FROM = 8_000
+EDITABLE_FROM = 5_000  # least limit of editable files, where there is another
+UNASKED_UP_TO = 200_000  # bytes of the largest minimal file that is written unasked
+EDITABLE_IS_CLOSER = 1.5  # multiple of UNASKED_UP_TO from which an editable file is always closer
+GZIP = 6  # bytes of a file for each gzipped byte (docs/decisions/minimal.md)
+# Palette entries within a budget. They cost less than 8 bits do, and more would take long to find
+# (docs/decisions/palette.md).
+MOST_COLORS = 4096
+# PSNR in dB that the palette of a given count may cost by having fewer entries than allowed
+# (docs/decisions/palette.md).
+UNSEEN_COLOR_LOSS = 0.03
+# Mean squared error that a palette may add in any case: 38 dB, about three levels of 255. With
+# eight levels, which a coarse fit of foliage would allow, sky and leaves change their hue
+# (docs/decisions/palette.md).
+LARGEST_COLOR_ERROR = 1.6e-4
+# Most steps of a fit that ends by the clock alone. More gain nothing (docs/decisions/time.md).
+MOST_STEPS = 1000
+# Steps of such a fit in a round of growth. The rest of the time is better spent once all
+# Gaussians exist (docs/decisions/time.md).
+STEPS_A_ROUND = 6
+# Ratio of a photo's side to a preset's, up to which a reduction would matter too little.
+NEARLY = 1.5
+PRECISION_OF_INKS = 0.1  # px: edges of opaque ellipses at a tenth of one (docs/decisions/inks.md)
 
 
 @dataclass(frozen=True)
@@ -174,7 +153,7 @@ class Plan:
     def plain_limit(self) -> int | None:
         """About the bytes of the file before gzip that a limit stands for."""
         limit = self.byte_limit
-        return limit if limit is None or not self.counts_gzipped else TUNING.gzip * limit
+        return limit if limit is None or not self.counts_gzipped else GZIP * limit
 
     @property
     def counts_gzipped(self) -> bool:
@@ -191,7 +170,7 @@ class Plan:
         presets = list(PRESETS.values())
         cheaper = [] if self.is_budget else presets[: presets.index(self.preset)]
         side = math.inf if self.fit_side is None else self.fit_side
-        fits = [p.iterations for p in cheaper if side <= TUNING.nearly * p.max_size]
+        fits = [p.iterations for p in cheaper if side <= NEARLY * p.max_size]
         return max([self.preset.iterations, *fits])
 
     @property
@@ -252,11 +231,11 @@ class Plan:
     def _config(self, blend: str) -> FitConfig:
         options, iterations = self.options, self.options.fit.iterations
         if iterations is None:
-            iterations = TUNING.most_steps if self.only_time_limits else self.iterations
+            iterations = MOST_STEPS if self.only_time_limits else self.iterations
         densify = options.densify
         given = options.fit.iterations or densify.round_iterations
         if self.only_time_limits and given is None:
-            densify = dataclasses.replace(densify, round_iterations=TUNING.steps_a_round)
+            densify = dataclasses.replace(densify, round_iterations=STEPS_A_ROUND)
         falloff = options.fit.falloff if blend == options.written_blend else None
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(
@@ -307,27 +286,27 @@ class Plan:
         limit, asked = self.plain_limit, self.options.svg.markup
         if limit is None or self.aim is not None:
             return [self]
-        tuning, found = TUNING, list[Plan]()
-        up_to = math.inf if self.has_edges else tuning.by_bytes_up_to
+        found = list[Plan]()
+        up_to = math.inf if self.has_edges else BY_BYTES_UP_TO
         by_bytes = asked != EDITABLE and self._may_be_by_bytes and limit <= up_to
         if by_bytes:
             found.append(self._search(MINIMAL, by_bytes=True))
-        unasked_up_to = tuning.editable_is_closer * tuning.minimal_up_to
+        unasked_up_to = EDITABLE_IS_CLOSER * UNASKED_UP_TO
         unasked = asked == AUTO and self._may_be_minimal and limit <= unasked_up_to
-        if (asked == MINIMAL or unasked) and (limit >= tuning.minimal_from or not by_bytes):
+        if (asked == MINIMAL or unasked) and (limit >= MINIMAL_FROM or not by_bytes):
             found.append(self._search(MINIMAL))
-        if asked == EDITABLE or (asked == AUTO and (limit >= tuning.editable_from or not found)):
+        if asked == EDITABLE or (asked == AUTO and (limit >= EDITABLE_FROM or not found)):
             found.append(self._search(EDITABLE))
         if self.options.goal.time_limit is None:
             return found
         # The one that is the closest most often.
-        return found[-1:] if limit > tuning.minimal_up_to else found[-2:-1] or found
+        return found[-1:] if limit > UNASKED_UP_TO else found[-2:-1] or found
 
     def _search(self, markup: Markup, by_bytes: bool = False) -> Plan:
         svg = dataclasses.replace(self.options.svg, markup=markup)
         goal, limit = self.options.goal, self.byte_limit
         if markup == MINIMAL and self.options.svg.markup == AUTO and limit is not None:
-            most = TUNING.minimal_up_to // (TUNING.gzip if self.counts_gzipped else 1)
+            most = UNASKED_UP_TO // (GZIP if self.counts_gzipped else 1)
             goal = dataclasses.replace(goal, max_bytes=min(limit, most))
         options = dataclasses.replace(self.options, svg=svg, goal=goal)
         return dataclasses.replace(self, options=options, by_bytes=by_bytes)
@@ -340,7 +319,7 @@ class Plan:
     def format_at(self, psnr: float | None) -> SvgFormat:
         """The format of the shapes of a scene of this PSNR in dB, None for any."""
         svg, preset = self.options.svg, self._written_like(psnr)
-        precision = TUNING.precision_of_inks if self.in_inks else preset.precision
+        precision = PRECISION_OF_INKS if self.in_inks else preset.precision
         return SvgFormat(
             form=svg.form,
             markup=self.markup,
@@ -356,11 +335,11 @@ class Plan:
         palette, loss = self.options.svg.palette, 0.0
         if palette is None:
             palette = 0 if self.count_adapts else preset.palette_for(gaussians)
-            palette = TUNING.most_colors if self.is_budget else palette
-            loss = preset.color_loss if self.count_adapts else TUNING.unseen_color_loss
+            palette = MOST_COLORS if self.is_budget else palette
+            loss = preset.color_loss if self.count_adapts else UNSEEN_COLOR_LOSS
         color_error = 0.0
         if error is not None and self.options.svg.palette is None:
-            color_error = min(error * (10 ** (loss / 10) - 1), TUNING.largest_color_error)
+            color_error = min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
         return Quantization(palette, color_error)
 
     def _written_like(self, psnr: float | None) -> Preset:

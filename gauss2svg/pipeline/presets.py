@@ -9,26 +9,13 @@ from dataclasses import dataclass
 from gauss2svg.fit.options import MOST_GAUSSIANS
 from gauss2svg.pipeline import bytes_each
 
-
-@dataclass(frozen=True)
-class PresetsTuning:
-    """Bounds of the numbers of a run.
-
-    fewest_colors  of a palette; fewer cost PSNR visibly even with a thousand Gaussians
-                   (docs/decisions/palette.md)
-    most_a_second  Gaussians that a second fits at most (docs/decisions/time.md, also for the next
-                   two)
-    pixels_each    px of the fit for each usual shape that a limit of bytes allows
-    least_cap      of Gaussians, however small the limit is
-    """
-
-    fewest_colors: int = 192
-    most_a_second: int = 5000
-    pixels_each: int = 30
-    least_cap: int = 150
-
-
-TUNING = PresetsTuning()
+# Bounds of the numbers of a run.
+# Fewest entries of a palette. Fewer cost PSNR visibly even with a thousand Gaussians
+# (docs/decisions/palette.md).
+FEWEST_COLORS = 192
+MOST_A_SECOND = 5000  # most Gaussians for each second of a limit (docs/decisions/time.md)
+PIXELS_EACH = 30  # px of the fit for each usual shape within a limit (docs/decisions/time.md)
+LEAST_CAP = 150  # fewest Gaussians, however small the limit (docs/decisions/time.md)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +48,7 @@ class Preset:
         """Palette entries for a given number of Gaussians; 0 for all colours."""
         if not self.colors:
             return 0
-        return max(TUNING.fewest_colors, math.ceil(gaussians * self.colors))
+        return max(FEWEST_COLORS, math.ceil(gaussians * self.colors))
 
 
 # What more exact numbers and larger palettes gain for their bytes: docs/decisions/numbers.md and
@@ -108,11 +95,11 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
     usual, finest = PRESETS[DEFAULT_PRESET], PRESETS["max"]
     side, caps = finest.max_size, [MOST_GAUSSIANS]
     if time_limit is not None:
-        caps.append(int(TUNING.most_a_second * time_limit))
+        caps.append(int(MOST_A_SECOND * time_limit))
     if max_bytes is not None:
-        least = bytes_each.TUNING.least_in_inks if inks else bytes_each.TUNING.least
+        least = bytes_each.LEAST_IN_INKS if inks else bytes_each.LEAST
         caps.append(max_bytes // least)
-        square = math.sqrt(TUNING.pixels_each * max_bytes / bytes_each.TUNING.limited)
+        square = math.sqrt(PIXELS_EACH * max_bytes / bytes_each.LIMITED)
         side = round(min(max(square, usual.max_size), finest.max_size))
-    cap = max(TUNING.least_cap, min(caps))
+    cap = max(LEAST_CAP, min(caps))
     return dataclasses.replace(usual, gain=0.0, enough=NOTHING_TO_GAIN, cap=cap, max_size=side)

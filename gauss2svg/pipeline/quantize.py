@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,21 +16,11 @@ from gauss2svg.svg.blur import GRADIENT, drawn_blurs
 from gauss2svg.svg.plain_ellipse import drawn_beta, is_plain
 from gauss2svg.svg.snap import snapped, with_falloffs
 
-
-@dataclass(frozen=True)
-class EdgesTuning:
-    """Which shapes of a drawing are edges (docs/decisions/enlarged.md).
-
-    rim   px across the minor axis, from .9 to .1, at most
-    half  px from the middle to the edge at least: what is thinner cannot be seen to be crisp, and
-          is closer as it was fitted
-    """
-
-    rim: float = 1.5
-    half: float = 1.0
-
-
-TUNING = EdgesTuning()
+# Shapes of a drawing that are edges (docs/decisions/enlarged.md).
+RIM = 1.5  # longest rim of an edge, px across the minor axis from .9 to .1
+# Least distance in px from the middle to the edge. What is thinner cannot be seen to be crisp,
+# and is closer as it was fitted.
+HALF = 1.0
 
 
 def quantize(
@@ -78,8 +67,8 @@ def with_plain_edges(scene: Scene) -> Scene:
     each pixel it covers.
     """
     minor = scene.ellipse_axes[0][:, 1]
-    crisp = RIM_WIDTH * minor < TUNING.rim * scene.beta
-    plain = is_plain(scene) | (crisp & (minor * covered_radius(scene.beta) > TUNING.half))
+    crisp = RIM_WIDTH * minor < RIM * scene.beta
+    plain = is_plain(scene) | (crisp & (minor * covered_radius(scene.beta) > HALF))
     beta = scene.beta.copy()
     beta[plain] = drawn_beta(scene, plain)
     return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, scene.drawn))

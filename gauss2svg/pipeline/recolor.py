@@ -8,7 +8,6 @@ rounding the geometry costs (docs/decisions/small.md).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,21 +26,10 @@ if TYPE_CHECKING:
 _LEAST_WEIGHT = 1e-9
 
 
-@dataclass(frozen=True)
-class RecolorTuning:
-    """How colours are found by least squares (docs/decisions/small.md).
-
-    bounded_sweeps  sweeps over all colours that keep them within their bounds
-    rounded_sweeps  sweeps over all colours that round them
-    damping         of the diagonal, for shapes that are nearly hidden
-    """
-
-    bounded_sweeps: int = 20
-    rounded_sweeps: int = 3
-    damping: float = 1e-6
-
-
-TUNING = RecolorTuning()
+# Colours by least squares (docs/decisions/small.md).
+BOUNDED_SWEEPS = 20  # sweeps over all colours that keep them within their bounds
+ROUNDED_SWEEPS = 3  # sweeps over all colours that round them
+DAMPING = 1e-6  # share of the diagonal that is added to it, for nearly hidden shapes
 
 
 def recolored(
@@ -155,12 +143,12 @@ def _solved(
     others: a rounding error is made up for by the colours that are rounded later.
     """
     diagonal = np.maximum(np.diag(products), 1e-9)
-    damped = products + TUNING.damping * np.diag(diagonal + diagonal.max())
+    damped = products + DAMPING * np.diag(diagonal + diagonal.max())
     color = np.linalg.solve(damped, given)
-    bounded = 0 if (color >= 0).all() and (color <= 1).all() else TUNING.bounded_sweeps
+    bounded = 0 if (color >= 0).all() and (color <= 1).all() else BOUNDED_SWEEPS
     color = np.minimum(np.maximum(color, 0), 1)
     order = np.argsort(-diagonal)
-    for sweep in range(bounded + TUNING.rounded_sweeps):
+    for sweep in range(bounded + ROUNDED_SWEEPS):
         for k in order:
             best = color[k] + (given[k] - products[k] @ color) / diagonal[k]
             if sweep >= bounded:

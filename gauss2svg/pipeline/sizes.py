@@ -12,22 +12,10 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import CAP_FOR_TARGET
 from gauss2svg.pipeline.search.enlarged import may_enlarge
 
-
-@dataclass(frozen=True)
-class SizesTuning:
-    """The size of a fit within a time limit (docs/decisions/time.md).
-
-    pixels_per_second  of the fit at most, for a second of the limit
-    start_s            seconds of it that the start takes
-    least_s            seconds of it that are left at least
-    """
-
-    pixels_per_second: int = 150_000
-    start_s: float = 0.5
-    least_s: float = 0.25
-
-
-TUNING = SizesTuning()
+# The size of a fit within a time limit (docs/decisions/time.md).
+PIXELS_PER_SECOND = 150_000  # most pixels of the fit for each second of the limit
+START_S = 0.5  # seconds of the limit that the start takes
+LEAST_S = 0.25  # fewest seconds of the limit that are left
 
 
 @dataclass(frozen=True)
@@ -64,8 +52,8 @@ def load_of(plan: Plan, photo: Header) -> Load:
     width, height = photo.width, photo.height
     scale = min(1.0, plan.side / max(width, height))
     if goal.time_limit is not None and run.max_size is None:
-        seconds = max(goal.time_limit - TUNING.start_s, TUNING.least_s)
-        pixels = TUNING.pixels_per_second * seconds
+        seconds = max(goal.time_limit - START_S, LEAST_S)
+        pixels = PIXELS_PER_SECOND * seconds
         scale = min(scale, math.sqrt(pixels / (width * height)))
     fit_width, fit_height = (max(1, round(side * scale)) for side in (width, height))
     most = plan.preset.cap if plan.aim is None else CAP_FOR_TARGET

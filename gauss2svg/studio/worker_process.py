@@ -149,7 +149,7 @@ class _Worker:
                 "psnr": fit.psnr if np.isfinite(fit.psnr) else None,
                 "elapsed_s": fit.elapsed_s,
                 "remaining_s": fit.remaining_s,
-                "bytes_estimate": bytes_each.TUNING.usual * fit.gaussians,
+                "bytes_estimate": bytes_each.USUAL * fit.gaussians,
             }
             self._send(job, "progress", frame, progress=figures)
 

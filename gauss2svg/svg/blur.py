@@ -32,25 +32,14 @@ _LOG_STEP = 0.04  # of exponents at which differences are cached
 LEAST_RATIO, MOST_RATIO = 0.5, 16.0  # of the ratios that are recognised
 
 
-@dataclass(frozen=True)
-class BlurTuning:
-    """Which shapes are blurred (docs/decisions/svg.md).
-
-    least_half_width  px from the mean to half the height, across the minor axis: smaller shapes are
-                      not blurred
-    most_differing    largest change by blurring, as a share of the full height: as large as that by
-                      a gradient's nearest exponent
-    overfull          relative excess over a disc's largest opacity that is clipped
-    clear             standard deviations around the disc that a filter region includes
-    """
-
-    least_half_width: float = 1.8
-    most_differing: float = 0.08
-    overfull: float = 0.02
-    clear: float = 3.5
-
-
-TUNING = BlurTuning()
+# Shapes that are blurred (docs/decisions/svg.md).
+# Px from the mean to half the height, across the minor axis. Smaller shapes are not blurred.
+LEAST_HALF_WIDTH = 1.8
+# Largest change by blurring, as a share of the full height: as large as that by a gradient's
+# nearest exponent.
+MOST_DIFFERING = 0.08
+OVERFULL = 0.02  # relative excess over a disc's largest opacity that is clipped
+CLEAR = 3.5  # standard deviations around the disc that a filter region includes
 
 
 @dataclass(frozen=True)
@@ -71,7 +60,7 @@ class Blur:
     @property
     def margin(self) -> float:
         """Radii around the disc that the blur fills."""
-        return TUNING.clear * self.deviation
+        return CLEAR * self.deviation
 
 
 # The blurs of files, the softest first: blur_of for discs of 1.4, 2, 2.6, 3.4, 5, 8 and 12
@@ -140,17 +129,17 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
     if form == GRADIENT or not len(scene):
         return index
     half_width = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta)
-    large = (half_width >= TUNING.least_half_width) & ~is_plain(scene)
+    large = (half_width >= LEAST_HALF_WIDTH) & ~is_plain(scene)
     before = drawn_blurs(scene) >= 0
     candidates = large | before
     beta, opacity = scene.beta[candidates], scene.opacity[candidates]
     distance = np.abs(np.log(beta[:, None] / [blur.beta for blur in BLURS]))
     full = np.array([blur.peak for blur in BLURS]) * opacity[:, None]
-    nearest = np.where(full <= 1 + TUNING.overfull, distance, np.inf).argmin(axis=1)
+    nearest = np.where(full <= 1 + OVERFULL, distance, np.inf).argmin(axis=1)
     differing = opacity * [
         _differing(round(math.log(b) / _LOG_STEP), k) for b, k in zip(beta, nearest, strict=True)
     ]
-    kept = before[candidates] | (differing <= TUNING.most_differing)
+    kept = before[candidates] | (differing <= MOST_DIFFERING)
     index[candidates] = np.where(kept, nearest, -1)
     return index
 

@@ -62,23 +62,12 @@ _LARGE = 100  # radius of gradients of large exponents
 _FOCUS = 0.001
 
 
-@dataclass(frozen=True)
-class EncodeTuning:
-    """How crisp rims are kept in place (docs/decisions/svg.md).
-
-    large_from        exponent from which gradients have a large radius
-    soft_rim          px of rim across the minor axis above which the circle's edge does little harm
-    clear_of_the_rim  px from a gradient's end to that edge, where it would
-    most_margin       times the gradient's radius: shapes that need more are too thin to be drawn
-    """
-
-    large_from: float = 16.0
-    soft_rim: float = 1.0
-    clear_of_the_rim: float = 0.7
-    most_margin: float = 20.0
-
-
-TUNING = EncodeTuning()
+# Position of crisp rims (docs/decisions/svg.md).
+LARGE_FROM = 16.0  # exponent from which gradients have a large radius
+SOFT_RIM = 1.0  # px of rim across the minor axis above which the circle's edge does little harm
+CLEAR_OF_THE_RIM = 0.7  # px from a gradient's end to the circle's edge for crisper rims
+# Multiple of the gradient's radius. Shapes that need more are too thin to be drawn.
+MOST_MARGIN = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +123,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     radius[plain] = plain_radius(scene.beta[plain])
     radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
     opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
-    unit = np.where((scene.beta >= TUNING.large_from) & shaded, _LARGE, 1)
+    unit = np.where((scene.beta >= LARGE_FROM) & shaded, _LARGE, 1)
     discs = _Discs(
         fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
         scene.factor * radius[:, None, None], scene.mean,
@@ -219,7 +208,7 @@ def matrix_text(
 
 def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) -> Element:
     """Return the gradient of an exponent and a colour, with `count` stops."""
-    shade, unit = hex_color(color), _LARGE if beta >= TUNING.large_from else 1
+    shade, unit = hex_color(color), _LARGE if beta >= LARGE_FROM else 1
     stops = [
         Element(
             "stop",
@@ -254,7 +243,7 @@ def _filter(name: str, blur: Blur) -> Element:
 def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the radius of each shape's circle (n,), in tenths of its gradient's radius."""
     minor = scene.ellipse_axes[0][:, 1]
-    crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < TUNING.soft_rim * scene.beta)
+    crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < SOFT_RIM * scene.beta)
     end = minor * cut_radius(scene.beta)
-    margin = np.where(crisp, TUNING.clear_of_the_rim / end, 0.0)
-    return 1 + np.minimum(np.ceil(10 * margin) / 10, TUNING.most_margin)
+    margin = np.where(crisp, CLEAR_OF_THE_RIM / end, 0.0)
+    return 1 + np.minimum(np.ceil(10 * margin) / 10, MOST_MARGIN)

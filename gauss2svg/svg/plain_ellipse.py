@@ -13,7 +13,6 @@ squared mass of the shape and with the length of the rim (docs/decisions/svg.md)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -30,20 +29,11 @@ _WIDTHS = np.geomspace(0.05, 8, 48)  # px
 _GRID = tuple(np.round(np.geomspace(LEAST_PLAIN_BETA, MOST_BETA, 78), 2).tolist())
 
 
-@dataclass(frozen=True)
-class PlainEllipseTuning:
-    """What a plain ellipse may be off (docs/decisions/svg.md).
-
-    largest_error   share of the squared mass: a compromise of PSNR and bytes
-    largest_on_rim  px, times the rim's length: the error of rims of 0.5 and of 1.2 px. Without this
-                    limit large soft discs would become visibly crisper
-    """
-
-    largest_error: float = 0.003
-    largest_on_rim: float = 0.013
-
-
-TUNING = PlainEllipseTuning()
+# Largest errors at which a shape is drawn as a plain ellipse (docs/decisions/svg.md).
+LARGEST_ERROR = 0.003  # share of the squared mass: a compromise of PSNR and bytes
+# Px, times the rim's length: the error of rims of 0.5 and of 1.2 px. Without this limit large
+# soft discs would become visibly crisper.
+LARGEST_ON_RIM = 0.013
 
 
 def is_plain(scene: Scene) -> NDArray[np.bool_]:
@@ -97,8 +87,8 @@ def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.
     length *= math.sqrt(2) * 2 * np.pi / _DIRECTIONS
     error = (np.interp(np.log(width), np.log(_WIDTHS), _errors()) * length).sum(axis=1)
     squared_mass = np.array([_integrals(b)[1] for b in np.round(beta, 2)]) * axes.prod(axis=1)
-    on_rim = TUNING.largest_on_rim * length.sum(axis=1)
-    return error / np.minimum(TUNING.largest_error * squared_mass, on_rim)
+    on_rim = LARGEST_ON_RIM * length.sum(axis=1)
+    return error / np.minimum(LARGEST_ERROR * squared_mass, on_rim)
 
 
 def plain_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:

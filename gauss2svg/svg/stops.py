@@ -13,7 +13,6 @@ again, and has the errors of docs/decisions/svg.md.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 
@@ -31,17 +30,8 @@ _SAMPLES = 2000
 CRISP = 8.0
 
 
-@dataclass(frozen=True)
-class StopsTuning:
-    """How many stops a gradient has (docs/decisions/svg.md).
-
-    lenience  allowed error of another exponent, as a multiple of that at beta = 1
-    """
-
-    lenience: float = 1.2
-
-
-TUNING = StopsTuning()
+# Number of stops of a gradient (docs/decisions/svg.md).
+LENIENCE = 1.2  # ratio of another exponent's allowed error to that of beta = 1
 Stops = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -60,7 +50,7 @@ def gradient_stops(count: int, beta: float = 1.0) -> Stops:
         needed = ", ".join(f"{known:g}" for known in BETA_CLASSES)
         raise InputError(f"beta of a gradient must be one of {needed}; got {quoted(beta)}")
     if beta != 1:
-        allowed = TUNING.lenience * _best(count, 1.0)[1]
+        allowed = LENIENCE * _best(count, 1.0)[1]
         for fewer in range(FEWEST_STOPS, count):
             stops, error = _best(fewer, float(beta))
             if error <= allowed:

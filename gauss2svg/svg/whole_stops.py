@@ -12,7 +12,6 @@ decimals, lose little by the same way (docs/decisions/minimal.md).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -27,21 +26,10 @@ _STEP = 10  # places, of offsets with two decimals
 _SAMPLES_A_PLACE = 8
 
 
-@dataclass(frozen=True)
-class WholeStopsTuning:
-    """How long whole stops are looked for (docs/decisions/svg.md).
-
-    tried   offsets that are tried for a stop between its neighbours
-    sweeps  how often each stop is moved
-    gap     places between stops, at least
-    """
-
-    tried: int = 24
-    sweeps: int = 3
-    gap: int = 8
-
-
-TUNING = WholeStopsTuning()
+# Search for whole stops (docs/decisions/svg.md).
+TRIED = 24  # offsets that are tried for a stop between its neighbours
+SWEEPS = 3  # moves of each stop
+GAP = 8  # least distance in places between two stops
 _Integrals = tuple[NDArray[np.float64], ...]
 
 
@@ -79,9 +67,9 @@ def _moved(
     rounded = step * np.round(offsets * (_PLACES / step)).astype(np.intp)
     places = np.tile(rounded, (len(levels), 1))
     colors = np.round(levels[:, None, :] * values[:, None])
-    share, gap = (np.arange(TUNING.tried) + 0.5) / TUNING.tried, max(TUNING.gap, step)
+    share, gap = (np.arange(TRIED) + 0.5) / TRIED, max(GAP, step)
     rows = np.arange(len(levels))
-    for k in [*range(count)] * TUNING.sweeps:
+    for k in [*range(count)] * SWEEPS:
         first = places[:, k - 1] + gap if k else np.zeros(len(levels), np.intp)
         last = places[:, k + 1] - gap if k + 1 < count else np.full(len(levels), _PLACES)
         moved = np.round(share * (last - first)[:, None] / step).astype(np.intp)

@@ -85,14 +85,14 @@ def test_axis_without_default_values_is_refused_unless_they_are_given(name):
         parse_axes([name])
 
 
-FULL = "pipeline.search.correction.full"
+FULL = "pipeline.search.correction.FULL"
 
 
 def test_a_constant_of_the_code_is_an_axis_and_is_replaced_where_it_is_read(monkeypatch):
     assert parse_axis(f"{FULL}=0.5,1") == (FULL, (0.5, 1.0))
     (settings,) = settings_of({FULL: [0.5], "gaussians": [7]})
     assert options_in(dict(settings)) == {"gaussians": 7}
-    monkeypatch.setattr(correction, "TUNING", correction.TUNING)
+    monkeypatch.setattr(correction, "FULL", correction.FULL)
     corrections = Corrections(Plan(Options.from_flat({"max_bytes": 1000})))
     corrections.made = [SimpleNamespace(size=900, model=30.0)]  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -105,7 +105,7 @@ def test_a_constant_of_the_code_is_an_axis_and_is_replaced_where_it_is_read(monk
 
 
 @pytest.mark.parametrize(
-    "text", [f"{FULL}=x", f"{FULL}=nan", "pipeline.search.correction.few=1.5", FULL, "a.b=1",
+    "text", [f"{FULL}=x", f"{FULL}=nan", "pipeline.search.correction.FEW=1.5", FULL, "a.b=1",
              "pipeline.plan.b=1", "pipeline.options.b=1"],
 )  # fmt: skip
 def test_an_unknown_constant_and_a_value_that_it_cannot_have_are_refused(text):

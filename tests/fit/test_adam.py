@@ -1,13 +1,12 @@
 """Adam's step of all Gaussians at once, against the same step of one after the other."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from gauss2svg.fit import adam
-from gauss2svg.fit.adam import EPSILON, RATES, TUNING, Limits
+from gauss2svg.fit.adam import EPSILON, RATES, Limits
 from gauss2svg.fit.state import GEOMETRY, STEPS, State
 from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA, STEPPED
@@ -18,7 +17,7 @@ NAMES = ("mean", "factor", "raw_opacity", "color", "raw_beta", "first", "second"
 
 @pytest.fixture(autouse=True)
 def limits_are_reached_more_often(monkeypatch):
-    monkeypatch.setattr(adam, "TUNING", dataclasses.replace(TUNING, most_aspect=10.0))
+    monkeypatch.setattr(adam, "MOST_ASPECT", 10.0)
 
 
 def random_state(count: int, seed: int) -> State:
@@ -47,13 +46,13 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
         d = []
         for k in range(STEPS):
             g = gradient[i, k]
-            state.first[i, k] += (1 - TUNING.first_decay) * (g - state.first[i, k])
-            state.second[i, k] += (1 - TUNING.second_decay) * (g * g - state.second[i, k])
-            first = state.first[i, k] / (1 - TUNING.first_decay ** state.age[i])
+            state.first[i, k] += (1 - adam.FIRST_DECAY) * (g - state.first[i, k])
+            state.second[i, k] += (1 - adam.SECOND_DECAY) * (g * g - state.second[i, k])
+            first = state.first[i, k] / (1 - adam.FIRST_DECAY ** state.age[i])
             root = math.sqrt(state.second[i, k]) + EPSILON
-            unbiased = root / math.sqrt(1 - TUNING.second_decay ** state.age[i])
+            unbiased = root / math.sqrt(1 - adam.SECOND_DECAY ** state.age[i])
             d.append(-rate * sizes[k] * first / unbiased)
-        d[:5] = [x * math.exp(state.raw_beta[i]) ** TUNING.step_by_beta for x in d[:5]]
+        d[:5] = [x * math.exp(state.raw_beta[i]) ** adam.STEP_BY_BETA for x in d[:5]]
         l11, l21, l22 = state.factor[i]
         lower = np.array([[l11, 0], [l21, l22]])
         state.mean[i] += lower @ d[:2]
@@ -62,14 +61,14 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
         u, axes, _ = np.linalg.svd(stretched)
         minor = np.clip(axes[1], limits.least_sigma, limits.most_sigma)
         major = np.clip(axes[0], limits.least_sigma, limits.most_sigma)
-        major = min(major, adam.TUNING.most_aspect * minor)
+        major = min(major, adam.MOST_ASPECT * minor)
         shape = np.linalg.cholesky(u @ np.diag([major**2, minor**2]) @ u.T)
         state.factor[i] = shape[0, 0], shape[1, 0], shape[1, 1]
         state.raw_opacity[i] = np.clip(state.raw_opacity[i] + d[5], -8, 12)
         color = state.color[i] + d[6:9]
         state.color[i] = np.clip(color, limits.least_color, limits.most_color)
         if rates["beta"]:
-            sharpest = math.log(max(RIM_WIDTH / TUNING.least_rim * minor, 1e-300))
+            sharpest = math.log(max(RIM_WIDTH / adam.LEAST_RIM * minor, 1e-300))
             sharpest = min(max(sharpest, LEAST_RAW_BETA), MOST_RAW_BETA)
             moved = max(state.raw_beta[i] + d[9], LEAST_RAW_BETA)
             state.raw_beta[i] = min(moved, sharpest)

@@ -11,8 +11,10 @@ from flat import fit_config
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.densification import (
     _CONVERGES_AFTER,
+    CONVERGES_ABOVE,
+    GAIN_OF_A_ROUND,
+    MOST_CHANGE,
     STOP_REASONS,
-    TUNING,
     AdaptiveCount,
     FixedCount,
     GrowthLimits,
@@ -48,7 +50,7 @@ def test_growth_stops_where_a_kilobyte_gains_no_more_than_the_limit():
     for gain in (0.2, 0.05, 0.0125):
         counts, reason = grown(power_law(0.5), GrowthLimits(gain, KILOBYTES, math.inf, 10**6))
         # s / (n ln 2 kilobytes) = gain, with the s that the policy extrapolates
-        worth = 0.5 / TUNING.gain_of_a_round / (math.log(2) * KILOBYTES * gain)
+        worth = 0.5 / GAIN_OF_A_ROUND / (math.log(2) * KILOBYTES * gain)
         assert reason == "gain"
         assert worth / 1.15 < counts[-1] <= worth + 1
 
@@ -127,11 +129,11 @@ def test_refinement_corrects_the_count_by_the_slope():
     def adjusted(psnr):
         return policy.adjust(Snapshot(1000, 0.55, lambda: psnr, lambda: None))
 
-    assert adjusted(20.0) == math.ceil((1 + TUNING.most_change) * 1000)
-    assert adjusted(40.0) == math.ceil((1 - TUNING.most_change) * 1000)
+    assert adjusted(20.0) == math.ceil((1 + MOST_CHANGE) * 1000)
+    assert adjusted(40.0) == math.ceil((1 - MOST_CHANGE) * 1000)
     assert 1000 < adjusted(29.4) < 1300
     rate = _CONVERGES_AFTER[0.55]
-    steady = 30.0 - rate * (30.0 - TUNING.converges_above) / (1 + rate)
+    steady = 30.0 - rate * (30.0 - CONVERGES_ABOVE) / (1 + rate)
     assert adjusted(steady) == 1000
 
 

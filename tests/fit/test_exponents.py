@@ -95,7 +95,7 @@ def test_smooth_scene_keeps_its_gaussians():
 def test_price_of_an_exponent_keeps_shapes_gaussian(photo, monkeypatch):
     shares = []
     for price in (0.0, 0.06, 1.0):
-        monkeypatch.setattr(session, "TUNING", session.SessionTuning(beta_price=price))
+        monkeypatch.setattr(session, "BETA_PRICE", price)
         betas = vectorize(photo, gaussians=150, **QUICK).scene.beta
         shares.append((betas == 1).mean())
     assert shares[0] < shares[1] < shares[2]
@@ -113,7 +113,7 @@ def test_rims_stay_as_wide_as_they_must_be_and_exponents_in_their_range():
     minor = state.scene(np.ones(3), 80, 60).ellipse_axes[0][:, 1]
     assert (free >= LEAST_RAW_BETA).all()
     assert (free <= MOST_RAW_BETA).all()
-    sharpest = np.maximum(np.log(RIM_WIDTH * minor / adam.TUNING.least_rim), LEAST_RAW_BETA)
+    sharpest = np.maximum(np.log(RIM_WIDTH * minor / adam.LEAST_RIM), LEAST_RAW_BETA)
     assert (free <= sharpest + 1e-9).all()
     assert (free > 1).any()
 

@@ -5,7 +5,7 @@ import pytest
 from flat import fit_config
 
 from gauss2svg.fit.densification import FixedCount
-from gauss2svg.fit.schedule import TUNING, refinement_reduction, steps_of
+from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, refinement_reduction, steps_of
 from gauss2svg.fit.session import FitSession
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
@@ -31,8 +31,8 @@ def test_refinement_ends_at_full_size_and_is_all_at_it_where_the_count_adapts(go
     options = Options.from_flat({"gaussians": 40, "iterations": 60, **goal})
     session, sizes = large(40, config=Plan(options).fit_config)
     session.fit()
-    early = [size for done, size in sizes if TUNING.growth_share < done < TUNING.full_from]
-    late = [size for done, size in sizes if done >= TUNING.full_from]
+    early = [size for done, size in sizes if GROWTH_SHARE < done < FULL_FROM]
+    late = [size for done, size in sizes if done >= FULL_FROM]
     assert len(early) > 10
     assert len(late) > 10
     assert set(late) == {session.population.reduction} == {1}

@@ -18,7 +18,7 @@ from gauss2svg.fit.adam import RATES, Limits, gradients
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.placement import place
-from gauss2svg.fit.population import LEAST_OPACITY, PopulationTuning
+from gauss2svg.fit.population import LEAST_OPACITY
 from gauss2svg.fit.schedule import rate, reduction, totals
 from gauss2svg.fit.session import LEAST_SIGMA, FitSession
 from gauss2svg.fit.state import STEPS, State
@@ -105,7 +105,7 @@ def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype):
 @pytest.mark.parametrize("loss", ["mse", "mse+ssim"])
 def test_dtype_changes_the_bits_and_not_the_quality(photo, loss, monkeypatch):
     # Without relocation: one Gaussian moved instead of another is worth 0.2 dB either way.
-    monkeypatch.setattr(population_module, "TUNING", PopulationTuning(relocated=0.0))
+    monkeypatch.setattr(population_module, "RELOCATED", 0.0)
     single, double = (
         fit_in(dtype, photo, fit_config(200, 60, loss=loss, falloff="gaussian")).scene
         for dtype in DTYPES
@@ -168,7 +168,7 @@ def test_relocation_moves_the_least_useful_and_raises_psnr(photo, monkeypatch):
         relocated = quality_of(photo, gaussians=400, iterations=120)
     # the first relocations happen on a reduced target, which the spy does not see
     assert sum(moved) >= len(moved) - 2 > 2
-    monkeypatch.setattr(population_module, "TUNING", PopulationTuning(relocated=0.0))
+    monkeypatch.setattr(population_module, "RELOCATED", 0.0)
     assert relocated > quality_of(photo, gaussians=400, iterations=120) + 0.2
 
 
@@ -310,7 +310,7 @@ def test_first_adam_step_moves_by_the_rates_against_the_gradient():
     state = state_of(scene)
     gradient = np.random.default_rng(0).choice([-1.0, 1.0], (5, STEPS))
     adam.step(state, gradient, RATES, Limits(0.1, 100.0), 0.1)
-    shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.beta[:, None] ** adam.TUNING.step_by_beta
+    shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.beta[:, None] ** adam.STEP_BY_BETA
     expected = scene.mean + np.einsum("nij,nj->ni", scene.factor, shift)
     np.testing.assert_allclose(state.mean, expected, atol=1e-6)
     moved = scene.color - 0.1 * RATES["color"] * gradient[:, 6:9]
@@ -326,7 +326,7 @@ def test_step_keeps_every_shape_within_its_limits(size):
     axes = state.scene(np.ones(3), 40, 30).ellipse_axes[0]
     assert (axes[:, 1] >= 0.35 * (1 - 1e-6)).all()
     assert (axes[:, 0] <= 50 * (1 + 1e-6)).all()
-    assert (axes[:, 0] <= adam.TUNING.most_aspect * axes[:, 1] * (1 + 1e-6)).all()
+    assert (axes[:, 0] <= adam.MOST_ASPECT * axes[:, 1] * (1 + 1e-6)).all()
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)

@@ -12,7 +12,7 @@ from gauss2svg.fit.fit import fit
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.target import Target, target_of
-from gauss2svg.fit.weight import TUNING
+from gauss2svg.fit.weight import CONTRAST, LEAST_BOUND, MOST_BOUND, TIMES_MEDIAN
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
@@ -94,16 +94,16 @@ def test_weight_lowers_the_error_of_flat_areas(tune, monkeypatch):
     assert weighted < 0.8 * flat_error()
 
 
-LEAST, MOST = TUNING.least_bound, TUNING.most_bound
+LEAST, MOST = LEAST_BOUND, MOST_BOUND
 
 
 @pytest.mark.parametrize("median", [0, LEAST / 250, LEAST / 83, MOST / 40])
 def test_texture_masks_up_to_a_hundred_times_the_median_variance_within_bounds(median):
-    most = np.clip(TUNING.times_median * median, LEAST, MOST)
+    most = np.clip(TIMES_MEDIAN * median, LEAST, MOST)
     contrast = np.repeat([0.0, median**0.5, 0.5], [40, 100, 60])
     weight = target_of(chequered(40, 200, contrast), np.float64, "perceptual").weight
     flat, strong = weight[20, 15], weight[20, 185]
-    assert TUNING.contrast**2 * ((flat / strong) ** 2 - 1) == pytest.approx(most, rel=0.01)
+    assert CONTRAST**2 * ((flat / strong) ** 2 - 1) == pytest.approx(most, rel=0.01)
 
 
 @pytest.mark.parametrize("tune", ["perceptual", "psnr"])

@@ -11,7 +11,7 @@ from test_image_planes import packed
 from gauss2svg.errors import InputError
 from gauss2svg.photo.load import header_of, load_image
 from gauss2svg.photo.photo import Header
-from gauss2svg.pipeline.memory_budget import MemoryTuning, check_decoding
+from gauss2svg.pipeline.memory_budget import check_decoding
 
 WIDTH, HEIGHT = 1200, 800
 SIZE = {"t256": WIDTH, "t257": HEIGHT, "t278": HEIGHT}
@@ -127,7 +127,8 @@ def test_decoding_takes_no_more_memory_than_its_header_says(name, monkeypatch):
         tracemalloc.stop()
     assert photo.pixels.shape == (HEIGHT, WIDTH, 3)
     module = "gauss2svg.pipeline.memory_budget"
-    monkeypatch.setattr(f"{module}.TUNING", MemoryTuning(base=0, margin=1))
+    monkeypatch.setattr(f"{module}.BASE", 0)
+    monkeypatch.setattr(f"{module}.MARGIN", 1)
     with pytest.raises(InputError, match="a photo of 1200x800 px"):
         check_decoding(header, taken - 1)
 

@@ -12,13 +12,12 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.session import FitSession
 from gauss2svg.pipeline.options import Goal, Options
-from gauss2svg.pipeline.plan import TUNING as MARKUPS
-from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.plan import BY_BYTES_UP_TO, MINIMAL_FROM, Plan
 from gauss2svg.pipeline.presets import PRESETS
-from gauss2svg.pipeline.search.correction import TUNING
+from gauss2svg.pipeline.search.correction import FULL
 from gauss2svg.pipeline.time_budget import TimeBudget
 
-LEAST_USED = TUNING.full
+LEAST_USED = FULL
 DECIDED_BY_8_BITS = 50.0  # dB, from which the rounding of renderers decides: decisions/monotone.md
 
 
@@ -127,10 +126,10 @@ def test_a_limit_of_bytes_is_used_where_more_shapes_help(photo, limit, markup):
 
 @pytest.mark.sweep
 def test_more_bytes_are_never_worse_across_markups(photo):
-    part, last = photo[:48, 48:96], MARKUPS.by_bytes_up_to
+    part, last = photo[:48, 48:96], BY_BYTES_UP_TO
     found = [
         vectorize(part, max_bytes=limit, tune="psnr", iterations=20).report["psnr_svg"]
-        for limit in (3_000, MARKUPS.minimal_from, last, last + 1)
+        for limit in (3_000, MINIMAL_FROM, last, last + 1)
     ]
     assert all(b > a - 0.1 for a, b in pairwise(found))
 

@@ -244,7 +244,7 @@ def test_a_pruned_file_has_as_many_gaussians_as_fit(markup):
 def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
     result = vectorize(photo, gaussians="auto", max_bytes=4000, **QUICK)
     exact = rasterize(write_svg(result.scene, SvgFormat()), 128, 128)
-    assert np.mean((exact - result.raster) ** 2) < 2 * plan.TUNING.largest_color_error
+    assert np.mean((exact - result.raster) ** 2) < 2 * plan.LARGEST_COLOR_ERROR
 
 
 def test_late_run_says_so():

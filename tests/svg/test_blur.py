@@ -126,9 +126,9 @@ def test_blurred_shapes_are_large_and_as_opaque_as_a_disc_can_be(seed):
     index = chosen_blurs(scene, BLUR)
     blurred = index >= 0
     half = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta)
-    assert (half[blurred] >= blurs.TUNING.least_half_width).all()
+    assert (half[blurred] >= blurs.LEAST_HALF_WIDTH).all()
     full = scene.opacity[blurred] * [BLURS[k].peak for k in index[blurred]]
-    assert (full <= 1.001 + blurs.TUNING.overfull).all()
+    assert (full <= 1.001 + blurs.OVERFULL).all()
     assert not (blurred & is_plain(scene)).any()
 
 

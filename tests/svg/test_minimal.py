@@ -16,7 +16,14 @@ from PIL import Image
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import TUNING, Plan
+from gauss2svg.pipeline.plan import (
+    BY_BYTES_UP_TO,
+    EDITABLE_FROM,
+    EDITABLE_IS_CLOSER,
+    MINIMAL_FROM,
+    UNASKED_UP_TO,
+    Plan,
+)
 from gauss2svg.raster import rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
@@ -62,13 +69,13 @@ def match(scene: Scene, unit: float, digits: int = 6, renderer: str = "resvg") -
 @pytest.mark.parametrize("make", [lambda: soft_scene(40), several_falloffs], ids=["one", "several"])
 @pytest.mark.parametrize("most_masked", [500, 25, 0], ids=["masks", "both", "gradients"])
 def test_the_file_draws_the_rounded_scene(make, unit, most_masked, monkeypatch):
-    monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked))
+    monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
     scene = make()
     assert match(scene, unit) > (NEAR if scene.beta.max() == 1 else NEAR_CRISP)
 
 
 def test_shapes_change_from_masks_to_gradients_one_by_one(monkeypatch):
-    monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=20))
+    monkeypatch.setattr(shapes, "MOST_MASKED", 20)
     scene = soft_scene(44)
     files = [minimal_svg(scene.select(np.arange(n)), 1.5, 6) for n in range(16, 35)]
     masked = [text.count("<use") for text in files]
@@ -84,7 +91,7 @@ def test_librsvg_draws_the_same(most_masked, monkeypatch):
         renderer_version("librsvg")
     except RendererError as missing:
         pytest.skip(str(missing))
-    monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked))
+    monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
     assert match(soft_scene(40), 1.5, renderer="librsvg") > NEAR
     assert match(several_falloffs(), 1.5, renderer="librsvg") > NEAR_CRISP
 
@@ -92,7 +99,7 @@ def test_librsvg_draws_the_same(most_masked, monkeypatch):
 @pytest.mark.browser
 @pytest.mark.parametrize("most_masked", [500, 25, 0], ids=["masks", "both", "gradients"])
 def test_chromium_draws_the_same(most_masked, monkeypatch, browser):
-    monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked))
+    monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
     assert match(soft_scene(40), 1.5, renderer="chromium") > NEAR
     assert match(several_falloffs(), 1.5, renderer="chromium") > NEAR_CRISP
 
@@ -129,7 +136,7 @@ def test_a_minimal_file_is_shorter_than_an_editable_one_of_the_same_scene():
 
 def test_xml_is_well_formed_ids_are_unique_and_every_reference_is_defined(monkeypatch):
     for most_masked in (500, 0):
-        monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked))
+        monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
         svg = minimal_svg(several_falloffs(), 1.5)
         root = ElementTree.fromstring(svg)
         ids = [e.get("id") for e in root.iter() if e.get("id")]
@@ -309,17 +316,17 @@ def test_auto_tries_each_markup_that_may_be_the_closest_in_its_bytes():
 
     small, minimal, editable = ("minimal", True), ("minimal", False), ("editable", False)
     assert searches() == [editable]
-    last = int(TUNING.editable_is_closer * TUNING.minimal_up_to)
+    last = int(EDITABLE_IS_CLOSER * UNASKED_UP_TO)
     for least, most, found in (
-        (1, TUNING.editable_from - 1, [small]),
-        (TUNING.editable_from, TUNING.minimal_from - 1, [small, editable]),
-        (TUNING.minimal_from, TUNING.by_bytes_up_to, [small, minimal, editable]),
-        (TUNING.by_bytes_up_to + 1, last, [minimal, editable]),
+        (1, EDITABLE_FROM - 1, [small]),
+        (EDITABLE_FROM, MINIMAL_FROM - 1, [small, editable]),
+        (MINIMAL_FROM, BY_BYTES_UP_TO, [small, minimal, editable]),
+        (BY_BYTES_UP_TO + 1, last, [minimal, editable]),
         (last + 1, 10 * last, [editable]),
     ):
         assert searches(max_bytes=least) == searches(max_bytes=most) == found
     for more in ({"markup": "editable"}, {"renderer": "cairo"}, {"fragments": True}):
-        assert searches(max_bytes=TUNING.editable_from, **more) == [editable]
+        assert searches(max_bytes=EDITABLE_FROM, **more) == [editable]
     assert searches(max_bytes=10 * last, markup="minimal") == [minimal]
     assert searches(max_bytes=20_000, time_limit=5) == [minimal]
     with pytest.raises(RendererError, match="renderer must be one of resvg"):
@@ -327,7 +334,7 @@ def test_auto_tries_each_markup_that_may_be_the_closest_in_its_bytes():
 
 
 def test_a_limit_beyond_that_of_minimal_files_is_not_worse_than_theirs():
-    most = TUNING.minimal_up_to
+    most = UNASKED_UP_TO
     plan = Plan(Options.from_flat({"max_bytes": most + 1}))
     assert [search.byte_limit for search in plan.searches()] == [most, most + 1]
 

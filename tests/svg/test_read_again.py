@@ -55,7 +55,7 @@ def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
 ):
     scene = mixed_scene(count, seed)
     written = SvgFormat(markup="minimal", precision=precision, stops=stops)
-    with patch.object(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked)):
+    with patch.object(shapes, "MOST_MASKED", most_masked):
         svg = write_svg(scene, written)
         back = read_svg(svg)
         assert_read_as(back, minimal_rounded(scene, precision, 6), rtol=1e-9, atol=1e-9)

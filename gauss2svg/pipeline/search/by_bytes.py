@@ -45,31 +45,16 @@ from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
 from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_falloffs
 
-
-@dataclass(frozen=True)
-class ByBytesTuning:
-    """The fits of small files of photos (docs/decisions/small.md).
-
-    side_per_root  longest side of the working picture in px, per square root of the count
-    least_side     that side at least
-    most_side      that side at most
-    shorter        times shorter that shapes may turn out; where they seem shorter most were written
-                   as nothing
-    plain_under    bytes under which every second fit has plain ellipses alone, like cut paper
-    some           shapes up to which there are three fits on two grids, beyond two on one
-    iterations     steps of a fit
-    """
-
-    side_per_root: float = 12.0
-    least_side: int = 96
-    most_side: int = 256
-    shorter: float = 3.0
-    plain_under: int = 900
-    some: int = 60
-    iterations: int = 200
-
-
-TUNING = ByBytesTuning()
+# The fits of small files of photos (docs/decisions/small.md).
+SIDE_PER_ROOT = 12.0  # longest side of the working picture in px, per square root of the count
+LEAST_SIDE = 96  # least longest side of the working picture in px
+MOST_SIDE = 256  # largest longest side of the working picture in px
+# Ratio by which shapes may turn out shorter than expected. If they seem shorter, most were
+# written as nothing.
+SHORTER = 3.0
+PLAIN_UNDER = 900  # bytes under which every second fit has plain ellipses alone, like cut paper
+SOME = 60  # shapes up to which there are three fits on two grids, and beyond two on one
+ITERATIONS = 200  # steps of a fit
 
 _GRIDS = (0.8, 1.2)  # finer and coarser than units_per_root
 # Placement and learning rate of each fit to a photo.
@@ -178,9 +163,9 @@ class ByBytes:
     def _reduced(self, subject: Subject) -> Subject:
         """Return the subject with a working picture for as many shapes as the bytes allow."""
         count = max((self._limit - self.flat.size) / self._each[0], 1)
-        most = self._plan.options.run.max_size or TUNING.most_side
-        side = TUNING.side_per_root * math.sqrt(count)
-        return reduced_to(subject, min(max(side, TUNING.least_side), TUNING.most_side, most))
+        most = self._plan.options.run.max_size or MOST_SIDE
+        side = SIDE_PER_ROOT * math.sqrt(count)
+        return reduced_to(subject, min(max(side, LEAST_SIDE), MOST_SIDE, most))
 
     def _costs(self, best: SmallFile) -> FitResult:
         """Return the costs of all fits, and why they ended."""
@@ -210,17 +195,17 @@ class ByBytes:
     def _recipes(self) -> list[Recipe]:
         """Return the fits to make."""
         soft, plain, _ = self._each
-        few = (self._limit - self.flat.size) / soft <= TUNING.some
+        few = (self._limit - self.flat.size) / soft <= SOME
         grids = _GRIDS if few else (1.0,)
         exponents, learned = (1.0,), self._options.learned_falloff
         if learned:
             exponents = self._exponents
         recipes = []
         for k, (init, rate) in enumerate(_BEGINNINGS if few else _BEGINNINGS[:2]):
-            is_plain = k % 2 == 0 and learned and self._limit < TUNING.plain_under
+            is_plain = k % 2 == 0 and learned and self._limit < PLAIN_UNDER
             classes, each = ((), plain) if is_plain else (exponents, soft)
             writing = Writing(each, grids)
-            recipes.append(Recipe(init, rate, TUNING.iterations, classes, writing))
+            recipes.append(Recipe(init, rate, ITERATIONS, classes, writing))
         return recipes
 
     def _count(self, recipe: Recipe, earlier: tuple[int, int] | None) -> int:
@@ -228,7 +213,7 @@ class ByBytes:
         count, size = earlier or (0, 0)
         expected = recipe.writing.each
         each = (size - self.flat.size) / max(count, 1)
-        if each >= expected / TUNING.shorter:
+        if each >= expected / SHORTER:
             by_bytes = count + (self._limit - size) / min(each, expected)
         else:
             # One shape of each exponent: what defines an exponent takes more than a shape.

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 from functools import partial
 
 from gauss2svg.fit import schedule
@@ -35,30 +34,14 @@ from gauss2svg.pipeline.search.outcome import Outcome, Watch
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
 
-
-@dataclass(frozen=True)
-class ByCountTuning:
-    """How often and how long a count is corrected (docs/decisions/monotone.md).
-
-    corrections       of a count, at most
-    calibrations      of a search on a smaller image, at most
-    correction_share  of the iterations of a fit that a correction takes
-    least_steps       of a correction
-    additive_share    of the time, for the additive fit before a portable file
-    at_the_cap        share of the largest count from which it is what ended the fit
-    bound             share of the allowed bytes from which these are what ended the fit
-    """
-
-    corrections: int = 5
-    calibrations: int = 2
-    correction_share: float = 0.25
-    least_steps: int = 40
-    additive_share: float = 0.35
-    at_the_cap: float = 0.95
-    bound: float = 0.93
-
-
-TUNING = ByCountTuning()
+# Number and length of corrections (docs/decisions/monotone.md).
+CORRECTIONS = 5  # most corrections of a count
+CALIBRATIONS = 2  # most calibrations of a search on a smaller image
+CORRECTION_SHARE = 0.25  # share of a fit's iterations that a correction takes
+LEAST_STEPS = 40  # fewest steps of a correction
+ADDITIVE_SHARE = 0.35  # share of the time that the additive fit before a portable file takes
+AT_THE_CAP = 0.95  # share of the largest count from which the cap ended the fit
+BOUND = 0.93  # share of the allowed bytes from which they ended the fit
 
 
 class ByCount:
@@ -85,7 +68,7 @@ class ByCount:
             self._fit()
             self._export()
             best, found, reached = self._corrected()
-            for _ in range(TUNING.calibrations):
+            for _ in range(CALIBRATIONS):
                 if self._ended or not self._calibrate(best, found, reached):
                     break
                 best, found, reached = self._corrected()
@@ -132,7 +115,7 @@ class ByCount:
         white = over(subject.working)
         session = FitSession(
             white, self._plan.additive_config, self._policy,
-            self._budget.fit_deadline(self._growth.count, TUNING.additive_share),
+            self._budget.fit_deadline(self._growth.count, ADDITIVE_SHARE),
             lambda progress: self._after_step("additive", progress),
             stop=self._is_ended,
             targets=subject.targets(self._plan.tune) if white is subject.working else None,
@@ -149,7 +132,7 @@ class ByCount:
 
     def _on_step(self, progress: FitProgress) -> None:
         target = self._session.population.target
-        growing = progress.done <= schedule.TUNING.growth_share
+        growing = progress.done <= schedule.GROWTH_SHARE
         self._budget.stepped(target.width * target.height, progress.gaussians, growing)
         self._after_step(self._phase, progress)
         reserved = self._budget.reserve(
@@ -202,8 +185,8 @@ class ByCount:
         if not isinstance(policy, AdaptiveCount):
             return
         iterations = self._plan.fit_config.iterations or self._plan.iterations
-        steps = max(TUNING.least_steps, round(TUNING.correction_share * iterations))
-        for _ in range(TUNING.corrections):
+        steps = max(LEAST_STEPS, round(CORRECTION_SHARE * iterations))
+        for _ in range(CORRECTIONS):
             if self._ended or self._session.clock.out_of_time:
                 break
             count, cap = len(self._session.state), self._cap_now()
@@ -256,10 +239,10 @@ class ByCount:
         if self._ended or self._session.clock.out_of_time:
             return "interrupted" if self._ended else "time_limit"
         by_bytes = aim is not None and self._policy.stop_reason == "max_bytes"
-        if best.size > TUNING.bound * limit or by_bytes:
+        if best.size > BOUND * limit or by_bytes:
             return "max_bytes"
         if aim is None or not len(best.scene):
             return self._policy.stop_reason
         # Whatever ended the growth, corrections did not reach the target.
         cap = self._growth.cap
-        return cap.name if len(best.scene) > TUNING.at_the_cap * cap.gaussians else "iterations"
+        return cap.name if len(best.scene) > AT_THE_CAP * cap.gaussians else "iterations"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from gauss2svg.fit import densification, schedule
@@ -24,37 +23,19 @@ from gauss2svg.pipeline.presets import CAP_FOR_TARGET
 from gauss2svg.pipeline.search.export import Exporter
 from gauss2svg.pipeline.time_budget import TimeBudget
 
-
-@dataclass(frozen=True)
-class CapTuning:
-    """How many Gaussians a limit of bytes stands for (docs/decisions/markup.md).
-
-    least_measured         Gaussians from which the bytes of one are measured
-    overfill_growing       times the allowed bytes that growth aims at: the least useful shapes go
-                           afterwards
-    overfill_refining      the same for refinement until its last steps
-    spare                  times the allowed bytes beyond 1, over the root of the count, that the
-                           last steps begin with: the file is then full, and a few shapes more are
-                           pruned
-    bytes_to_come          share by which a shape's bytes, its colour's above all, grow in
-                           refinement
-    pixels_each            pixels for each Gaussian at least: nine numbers would exceed its share of
-                           the image
-    pixels_each_of_budget  the same where the best in some bytes or seconds is wanted
-    writing_loss           share of the scene's error that writing is expected to add
-    """
-
-    least_measured: int = 200
-    overfill_growing: float = 1.25
-    overfill_refining: float = 1.03
-    spare: float = 0.4
-    bytes_to_come: float = 0.25
-    pixels_each: int = 3
-    pixels_each_of_budget: int = 2
-    writing_loss: float = 0.06
-
-
-TUNING = CapTuning()
+# Gaussians that fit into a limit of bytes (docs/decisions/markup.md).
+LEAST_MEASURED = 200  # gaussians from which the bytes of one are measured
+# Multiple of the allowed bytes that growth aims at. The least useful shapes go afterwards.
+OVERFILL_GROWING = 1.25
+OVERFILL_REFINING = 1.03  # the same for refinement until its last steps
+# Excess over the allowed bytes, times the root of the count, that the last steps begin with: the
+# file is then full, and a few shapes more are pruned.
+SPARE = 0.4
+BYTES_TO_COME = 0.25  # share by which a shape's bytes, its colour's above all, grow in refinement
+# Fewest pixels for each Gaussian. Nine numbers would exceed its share of the image.
+PIXELS_EACH = 3
+PIXELS_EACH_OF_BUDGET = 2  # fewest pixels where the best in some bytes or seconds is wanted
+WRITING_LOSS = 0.06  # share of the scene's error that writing is expected to add
 
 
 class Cap(NamedTuple):
@@ -79,9 +60,8 @@ class Growth:
 
     def __init__(self, plan: Plan, exporter: Exporter, budget: TimeBudget, pixels: int) -> None:
         self._plan, self._exporter, self._budget = plan, exporter, budget
-        usual = bytes_each.TUNING
-        self._usual = usual.in_inks if plan.in_inks else usual.usual
-        self._bytes_each = self._usual * (usual.gzipped if plan.counts_gzipped else 1.0)
+        self._usual = bytes_each.IN_INKS if plan.in_inks else bytes_each.USUAL
+        self._bytes_each = self._usual * (bytes_each.GZIPPED if plan.counts_gzipped else 1.0)
         self._bytes_known = False
         self.for_target = 0
         self.expected: int | None = None
@@ -99,8 +79,8 @@ class Growth:
             return FixedCount(self._plan.fit_config)
         if self.expected is None:
             return AdaptiveCount(self._first, revise)
-        last_round = self.expected >> (schedule.TUNING.rounds - 1)
-        first = max(densification.TUNING.first_round, last_round)
+        last_round = self.expected >> (schedule.ROUNDS - 1)
+        first = max(densification.FIRST_ROUND, last_round)
         return AdaptiveCount(dataclasses.replace(self._first, cap=self.expected), revise, first)
 
     @property
@@ -110,7 +90,7 @@ class Growth:
 
     def _first_limits(self, pixels: int) -> GrowthLimits:
         plan, aim, kilobytes = self._plan, self._plan.aim, self._usual / 1000
-        each = TUNING.pixels_each_of_budget if plan.is_budget else TUNING.pixels_each
+        each = PIXELS_EACH_OF_BUDGET if plan.is_budget else PIXELS_EACH
         if plan.count is None:
             cap = min(plan.preset.cap, max(1, pixels // each))
             limits = GrowthLimits(plan.preset.gain, kilobytes, plan.enough, cap)
@@ -121,7 +101,7 @@ class Growth:
         if plan.byte_limit is not None or aim is not None:  # the best, not what is worth its bytes
             limits = dataclasses.replace(limits, gain=0.0)
         if aim is not None and aim.slope is None:  # that of the growth, which can aim at it
-            wanted = aim.value + aim.over + 10 * math.log10(1 + TUNING.writing_loss)
+            wanted = aim.value + aim.over + 10 * math.log10(1 + WRITING_LOSS)
             limits = dataclasses.replace(
                 limits, psnr=wanted, psnr_named=aim.name, cap=self.for_target
             )
@@ -143,21 +123,21 @@ class Growth:
         size  bytes of the scene's file, once it has been written
         """
         limit, exporter = self._plan.byte_limit, self._exporter
-        refining = now.done > schedule.TUNING.growth_share
+        refining = now.done > schedule.GROWTH_SHARE
         if limit is None:
             return self.cap
-        share = TUNING.overfill_refining if refining else TUNING.overfill_growing
-        if now.done >= schedule.TUNING.quantized_from:
-            share = 1 + TUNING.spare / math.sqrt(max(now.count, 1))
+        share = OVERFILL_REFINING if refining else OVERFILL_GROWING
+        if now.done >= schedule.QUANTIZED_FROM:
+            share = 1 + SPARE / math.sqrt(max(now.count, 1))
         if now.done >= 1 or self._plan.aim is not None:  # what is over is not pruned
             share = 1.0
         room = max(limit * share - exporter.empty_bytes, 0)
         known = self._bytes_known and not refining
-        if now.count >= (1 if refining else TUNING.least_measured) and not known:
+        if now.count >= (1 if refining else LEAST_MEASURED) and not known:
             self._bytes_known = True
             to_come = 0.0
             if refining:
-                to_come = TUNING.bytes_to_come * max(schedule.TUNING.quantized_from - now.done, 0)
+                to_come = BYTES_TO_COME * max(schedule.QUANTIZED_FROM - now.done, 0)
             psnr = now.psnr
             if session.population.reduction > 1:
                 psnr = psnr_of(session.population.error())
@@ -167,5 +147,5 @@ class Growth:
     def _by_time(self, now: Snapshot, most: int, session: FitSession) -> int:
         if self._plan.only_time_limits:
             return self._budget.most_gaussians(now.count, now.done)
-        late = session.clock.growth_is_late and now.done <= schedule.TUNING.growth_share
+        late = session.clock.growth_is_late and now.done <= schedule.GROWTH_SHARE
         return max(now.count, 1) if late else most

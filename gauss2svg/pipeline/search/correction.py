@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from gauss2svg.fit import densification
@@ -16,47 +15,27 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.cap import Cap, fewest
 from gauss2svg.pipeline.search.export import Export
 
-
-@dataclass(frozen=True)
-class CorrectionTuning:
-    """When a count is corrected, and how far (docs/decisions/monotone.md and numbers.md).
-
-    full              share of the allowed bytes from which a file counts as full
-    nearly_full       the same after one correction
-    too_large         times the allowed bytes from which a fit is corrected; fewer are lost by
-                      pruning
-    pruned            dB for each halving of the count by pruning alone
-    less_than_enough  dB under the preset's PSNR up to which there is no correction; with the next
-                      one less than the presets lie apart, so that none ends under a cheaper one
-    far_more          dB over the preset's PSNR up to which there is no correction
-    few               Gaussians that are not removed for that: they are a kilobyte or two, and each
-                      shows
-    same              relative difference up to which counts are the same
-    telling           doublings between two exports from which a slope is derived
-    most_reduced      doublings of a reduction at most: many at once end worse than a few after one
-                      another
-    for_edges         times the count of the first fit, up to which one of a drawing grows whose
-                      edges are ellipses (docs/decisions/enlarged.md)
-    flattest          dB per doubling, below which a slope is clipped
-    steepest          dB per doubling, above which a slope is clipped
-    """
-
-    full: float = 0.985
-    nearly_full: float = 0.97
-    too_large: float = 1.1
-    pruned: float = 8.0
-    less_than_enough: float = 0.8
-    far_more: float = 3.0
-    few: int = 16
-    same: float = 0.004
-    telling: float = 0.25
-    most_reduced: float = -0.5
-    for_edges: float = 1.4
-    flattest: float = 1.5
-    steepest: float = 12.0
-
-
-TUNING = CorrectionTuning()
+# Corrections of a count (docs/decisions/monotone.md and numbers.md).
+FULL = 0.985  # share of the allowed bytes from which a file is full
+NEARLY_FULL = 0.97  # that share after one correction
+# Multiple of the allowed bytes from which a fit is corrected. A smaller excess is pruned.
+TOO_LARGE = 1.1
+PRUNED = 8.0  # dB that are lost for each halving of the count by pruning alone
+# dB under the preset's PSNR up to which there is no correction. LESS_THAN_ENOUGH and FAR_MORE
+# together are less than the presets lie apart, so that none ends under a cheaper one.
+LESS_THAN_ENOUGH = 0.8
+FAR_MORE = 3.0  # dB over the preset's PSNR up to which there is no correction
+# Gaussians that are not removed for FAR_MORE. They are a kilobyte or two, and each shows.
+FEW = 16
+SAME = 0.004  # relative difference up to which two counts are the same
+TELLING = 0.25  # least doublings between two exports from which a slope is derived
+# Largest reduction in doublings. Many at once end worse than a few after one another.
+MOST_REDUCED = -0.5
+# Ratio of the last to the first count, up to which a fit of a drawing whose edges are ellipses
+# grows (docs/decisions/enlarged.md).
+FOR_EDGES = 1.4
+FLATTEST = 1.5  # least slope in dB for each doubling
+STEEPEST = 12.0  # largest slope in dB for each doubling
 
 
 class Correction(NamedTuple):
@@ -96,10 +75,10 @@ class Corrections:
         if not count:
             lacking = aim is not None and not aim.reached(self.score(last))
             room = last.size < (self._limit or math.inf)
-            few = min(densification.TUNING.first_round, cap.gaussians)
+            few = min(densification.FIRST_ROUND, cap.gaussians)
             return Correction(few if lacking and room else 0, stop_reason)
         if self._limit is not None:
-            if last.size > TUNING.too_large * self._limit:
+            if last.size > TOO_LARGE * self._limit:
                 return Correction(min(self._filling(cap), count - 1), "max_bytes")
             if last.size > self._limit and aim is None:  # a few are pruned
                 return Correction(count, "max_bytes")
@@ -113,13 +92,13 @@ class Corrections:
             wanted, stop_reason = self._filled(count, cap, stop_reason, self._limit)
         else:
             wanted, stop_reason = self._enough(count, cap, stop_reason, slope)
-        same = abs(wanted - count) <= TUNING.same * count
+        same = abs(wanted - count) <= SAME * count
         return Correction(count if same else wanted, stop_reason)
 
     def _filled(self, count: int, cap: Cap, stop_reason: str, limit: int) -> Correction:
         """Count for a limit of bytes: as many as it allows, until no more show."""
         last = self.made[-1]
-        share = TUNING.full if len(self.made) < 2 else TUNING.nearly_full
+        share = FULL if len(self.made) < 2 else NEARLY_FULL
         full = last.size > share * limit or last.model >= self._plan.enough
         wanted = count if full else min(4 * count, self._filling(cap))
         return Correction(wanted, cap.name if wanted > count else stop_reason)
@@ -138,16 +117,16 @@ class Corrections:
         """Count for the preset's PSNR."""
         missing = self._plan.enough - self.made[-1].model
         given = self._plan.is_budget or self._plan.count is not None
-        if given or -TUNING.far_more <= missing <= TUNING.less_than_enough:
+        if given or -FAR_MORE <= missing <= LESS_THAN_ENOUGH:
             return Correction(count, stop_reason)
         if missing > 0 and stop_reason != "enough":
             return Correction(count, stop_reason)
-        needed = count * 2 ** max(min(missing / slope, 2.0), TUNING.most_reduced)
+        needed = count * 2 ** max(min(missing / slope, 2.0), MOST_REDUCED)
         if self._plan.covering:  # what a fit loses where soft shapes become edges, few regain
-            most = math.ceil(TUNING.for_edges * len(self.made[0].scene))
+            most = math.ceil(FOR_EDGES * len(self.made[0].scene))
             cap = fewest(cap, Cap(most, "gain"))
         if missing < 0:
-            needed = max(needed, min(count, TUNING.few))
+            needed = max(needed, min(count, FEW))
         stop_reason = "enough" if needed < cap.gaussians else cap.name
         return Correction(min(math.ceil(needed), cap.gaussians), stop_reason)
 
@@ -163,12 +142,12 @@ class Corrections:
         if len(self.made) >= 2:
             before, last = self.made[-2:]
             doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
-            if abs(doublings) > TUNING.telling:
+            if abs(doublings) > TELLING:
                 rise = last.model - before.model
                 if aim is not None:
                     rise = self.score(last) - self.score(before)
                 slope = rise / doublings
-        least, most = (TUNING.flattest, TUNING.steepest) if aim is None else aim.slopes
+        least, most = (FLATTEST, STEEPEST) if aim is None else aim.slopes
         if slope <= 0:  # of fits that scatter or diverge
             slope = usual
         return min(max(slope, least), most)
@@ -184,12 +163,12 @@ class Corrections:
             nearest = max(below, key=_size)
             share = (self._limit - nearest.size) / (export.size - nearest.size)
             kept = len(nearest.scene) + share * (count - len(nearest.scene))
-        return TUNING.pruned * math.log2(count / max(kept, 1))
+        return PRUNED * math.log2(count / max(kept, 1))
 
     def best(self) -> Export:
         """The smallest file that meets every target, else the nearest one."""
         limit, aim = self._limit or math.inf, self._aim
-        tolerated = limit if aim is not None else TUNING.too_large * limit  # pruned to it
+        tolerated = limit if aim is not None else TOO_LARGE * limit  # pruned to it
         small = [e for e in self.made if e.size <= tolerated]
         if not small:
             return min(self.made, key=lambda e: e.size)
@@ -197,8 +176,8 @@ class Corrections:
             return _nearest(small, lambda e: self.score(e) - aim.value, aim.tolerance, aim.too_good)
         if self._plan.count is not None or limit < math.inf or self._plan.is_budget:
             return max(small, key=lambda e: e.model - self._pruning(e))
-        enough, tuning = self._plan.enough, TUNING
-        return _nearest(small, lambda e: e.model - enough, tuning.less_than_enough, tuning.far_more)
+        enough = self._plan.enough
+        return _nearest(small, lambda e: e.model - enough, LESS_THAN_ENOUGH, FAR_MORE)
 
 
 def _size(export: Export) -> int:

@@ -151,8 +151,8 @@ class Exporter:
         if written.markup != MINIMAL:
             return each(self._written(quantized, written))
         share = max(np.count_nonzero(~is_plain(quantized)), 1) / max(len(scene), 1)
-        most = shapes.TUNING.most_masked / share
-        all_by_gradients = most * (1 + 1 / shapes.TUNING.fading)
+        most = shapes.MOST_MASKED / share
+        all_by_gradients = most * (1 + 1 / shapes.FADING)
         under_masks, by_gradients = each(minimal(masked=True)), each(minimal(masked=False))
         low, high = most * under_masks, all_by_gradients * by_gradients
         if not low < room < high:

@@ -36,22 +36,11 @@ LEAST_GAIN = 1.0
 EXACT = (0.5 / 255) ** 2  # mean squared error under which no level of 8 bits is wrong
 
 
-@dataclass(frozen=True)
-class GridTuning:
-    """The unit of a small file's whole numbers (docs/decisions/small.md).
-
-    units_per_root  units along the longest side of the file, per square root of the count
-    across          units along the shortest side at least: shapes under half a unit are not drawn
-    finer           times as many units as are wanted, up to which they are taken for sides of whole
-                    units
-    """
-
-    units_per_root: float = 32.0
-    across: int = 8
-    finer: int = 10
-
-
-TUNING = GridTuning()
+# The unit of a small file's whole numbers (docs/decisions/small.md).
+UNITS_PER_ROOT = 32.0  # units along the longest side of the file, per square root of the count
+# Fewest units along the shortest side. Shapes under half a unit are not drawn.
+ACROSS = 8
+FINER = 10  # multiple of the wanted units up to which they are rounded to sides of whole units
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +76,7 @@ class Writing:
     """How a fitted scene becomes a small file.
 
     each    bytes of a shape, until they are measured
-    grids   units to try, times GridTuning.units_per_root
+    grids   units to try, times UNITS_PER_ROOT
     digits  of hex colours, 3 or 6, to try
     shared  share of the squared error for which shapes get colours in common
     """
@@ -177,7 +166,7 @@ class SmallFiles:
         for grid in writing.grids:
             if best is not None and stop():
                 break
-            units = math.ceil(grid * TUNING.units_per_root * math.sqrt(max(len(fitted), 1)))
+            units = math.ceil(grid * UNITS_PER_ROOT * math.sqrt(max(len(fitted), 1)))
             unit = self._unit(units)
             for digits in writing.digits:
                 file, size = self._pruned(fitted, order, unit, digits, writing)
@@ -222,9 +211,9 @@ class SmallFiles:
         """
         width, height = self.subject.canvas
         longest = max(width, height)
-        units = max(units, math.ceil(TUNING.across * longest / min(width, height)))
+        units = max(units, math.ceil(ACROSS * longest / min(width, height)))
         unit = whole_unit(width, height, units)
-        return unit if longest / unit <= TUNING.finer * units else longest / units
+        return unit if longest / unit <= FINER * units else longest / units
 
 
 def _error(drawn: NDArray[np.float32], picture: NDArray[np.float32]) -> float:

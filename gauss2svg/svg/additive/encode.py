@@ -51,19 +51,10 @@ from gauss2svg.svg.whole_stops import whole_stops
 _TRANSFER_DECIMALS = 5
 
 
-@dataclass(frozen=True)
-class AdditiveTuning:
-    """The levels of the canvas that partial sums have (docs/decisions/svg.md).
-
-    margin      share of the span of partial sums, at either end, for the rounding of layers
-    least_span  of them; less would only magnify the rounding of renderers
-    """
-
-    margin: float = 0.01
-    least_span: float = 0.1
-
-
-TUNING = AdditiveTuning()
+# Levels of the canvas for partial sums (docs/decisions/svg.md).
+MARGIN = 0.01  # share of the span that is left at either end for the rounding of layers
+# Least span of partial sums. A smaller one only magnifies the rounding of renderers.
+LEAST_SPAN = 0.1
 
 
 @dataclass(frozen=True)
@@ -110,8 +101,8 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
         )
     phases, low, high = phases_of(scene)
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
-    least = np.maximum(largest, TUNING.least_span)
-    span = np.maximum((1 + 2 * TUNING.margin) * (high - low), least)
+    least = np.maximum(largest, LEAST_SPAN)
+    span = np.maximum((1 + 2 * MARGIN) * (high - low), least)
     middle = 0.5 * (low + high)
     scale = WHITE / span  # levels of the canvas for 1 of the picture
     begin = np.round(scale * (scene.background - middle + 0.5 * span))

@@ -19,7 +19,6 @@ memory is that of the samples.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -40,22 +39,12 @@ _STEPS_EACH = _TABLE / _RADIUS**2
 _NOWHERE = -1
 
 
-@dataclass(frozen=True)
-class HeadroomTuning:
-    """How finely partial sums are looked at (docs/decisions/svg.md).
-
-    finest   samples of the grid per px, each way, at most
-    side     samples of a side of the grid, at most
-    touched  samples of the grid that all Gaussians together may touch, without means: a coarser
-             grid is enough for wider Gaussians
-    """
-
-    finest: float = 4.0
-    side: int = 1536
-    touched: float = 3e7
-
-
-TUNING = HeadroomTuning()
+# Grid on which partial sums are sampled (docs/decisions/svg.md).
+FINEST = 4.0  # most samples for each px, each way
+SIDE = 1536  # most samples of a side
+# Samples that all Gaussians together may touch, without means. A coarser grid is enough for wider
+# Gaussians.
+TOUCHED = 3e7
 
 
 class Samples(NamedTuple):
@@ -81,8 +70,8 @@ def samples_of(scene: Scene) -> Samples:
     canvas = np.array([scene.width, scene.height])
     sides = np.minimum(2 * _RADIUS * scene.sigma, canvas)
     touched = max(1.0, float(sides.prod(axis=1).sum()))
-    coarse = float(np.sqrt(TUNING.touched / touched))
-    factor = min(TUNING.finest, TUNING.side / canvas.max(), coarse)
+    coarse = float(np.sqrt(TOUCHED / touched))
+    factor = min(FINEST, SIDE / canvas.max(), coarse)
     size = np.maximum(1, np.ceil(factor * canvas)).astype(int)
     mean, sigma = scene.mean * (size / canvas), scene.sigma * (size / canvas)
     y, x = np.mgrid[: size[1], : size[0]] + 0.5

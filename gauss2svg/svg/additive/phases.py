@@ -25,17 +25,9 @@ _EQUAL = 1e-3
 _GRAY = np.array([k ^ (k >> 1) for k in range(8)])
 
 
-@dataclass(frozen=True)
-class PhasesTuning:
-    """The order of additive Gaussians (docs/decisions/svg.md).
-
-    spare  of a channel, at either end: fewer Gaussians wait for each other
-    """
-
-    spare: float = 0.02
-
-
-TUNING = PhasesTuning()
+# The order of additive Gaussians (docs/decisions/svg.md).
+# Share of a channel that is spared at either end, so that fewer Gaussians wait for each other.
+SPARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -61,7 +53,7 @@ def phases_of(
     mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
     by_mass = np.argsort(-mass, kind="stable")
     order = order_of(
-        samples, picture, low - TUNING.spare, high + TUNING.spare, scene.background.copy(),
+        samples, picture, low - SPARE, high + SPARE, scene.background.copy(),
         pattern, _GRAY, by_mass,
     )  # fmt: skip
     ends = np.flatnonzero(np.diff(pattern[order])) + 1

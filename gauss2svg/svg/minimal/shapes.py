@@ -32,23 +32,15 @@ LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px
 OPACITY_DECIMALS = 2
 
 
-@dataclass(frozen=True)
-class ShapesTuning:
-    """What the shapes of a minimal file are drawn by (docs/decisions/minimal.md).
-
-    most_masked  soft shapes that are drawn under masks; more of them are slow
-    fading       shapes fewer under masks for each shape beyond these, until there are none: with
-                 all at once the file would grow by a third at one shape more
-    crisp_rim    px of rim across the major axis under which a shape is a plain ellipse, whose edge,
-                 of about a pixel, is no crisper
-    """
-
-    most_masked: int = 500
-    fading: int = 2
-    crisp_rim: float = 1.0
-
-
-TUNING = ShapesTuning()
+# Masks, gradients and plain ellipses of a minimal file (docs/decisions/minimal.md).
+# Most soft shapes that are drawn under masks. More of them are slow.
+MOST_MASKED = 500
+# Shapes that leave the masks for each shape beyond MOST_MASKED, until none is left. If all left
+# at once, the file would grow by a third at one shape more.
+FADING = 2
+# Px of rim across the major axis under which a shape is a plain ellipse, whose edge, of about a
+# pixel, is no crisper.
+CRISP_RIM = 1.0
 
 
 @dataclass(frozen=True)
@@ -128,8 +120,8 @@ def shapes_of(
 
 def masked_count(soft: int) -> int:
     """Return how many of so many soft shapes are drawn under masks."""
-    most = TUNING.most_masked
-    return soft if soft <= most else max(most - TUNING.fading * (soft - most), 0)
+    most = MOST_MASKED
+    return soft if soft <= most else max(most - FADING * (soft - most), 0)
 
 
 def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Scene:
@@ -169,7 +161,7 @@ def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
 def _is_arc(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(n,) whether an arc draws shapes of such one-sigma axes: nearly their rim, or a wider one."""
     across = RIM_WIDTH * axes[:, 0] / beta
-    crisp = (beta >= LEAST_PLAIN_BETA) & (across < TUNING.crisp_rim)
+    crisp = (beta >= LEAST_PLAIN_BETA) & (across < CRISP_RIM)
     return looks_plain(axes, beta) | crisp
 
 

@@ -35,7 +35,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
@@ -68,21 +67,10 @@ from gauss2svg.svg.whole_stops import grey_stops
 MASK_STOPS = (3, 5)  # of few soft shapes, and of many
 
 
-@dataclass(frozen=True)
-class MinimalTuning:
-    """What a minimal file writes more or less exactly (docs/decisions/minimal.md).
-
-    many           soft shapes, from which on two stops more of a mask are worth their bytes
-    view_error     user units that a side of the view box may be off
-    view_error_px  px that it may be off, where the file has a size
-    """
-
-    many: int = 60
-    view_error: float = 0.02
-    view_error_px: float = 0.25
-
-
-TUNING = MinimalTuning()
+# Accuracy of a minimal file (docs/decisions/minimal.md).
+MANY = 60  # soft shapes from which two more stops of a mask are worth their bytes
+VIEW_ERROR = 0.02  # largest error of a side of the view box in user units
+VIEW_ERROR_PX = 0.25  # largest error of it in px, if the file has a size
 # Without userSpaceOnUse librsvg 2.54 loses shapes under a rotation.
 _UNIT_DISC = {"gradientUnits": "userSpaceOnUse", "cx": "0", "cy": "0", "r": "1"}
 
@@ -163,7 +151,7 @@ def whole_unit(width: int, height: int, about: float = 0) -> float:
 def _view(side: float, unit: float) -> str:
     """A side of the view box with the fewest decimals."""
     units = side / unit
-    error = min(TUNING.view_error * min(1.0, units), TUNING.view_error_px / unit)
+    error = min(VIEW_ERROR * min(1.0, units), VIEW_ERROR_PX / unit)
     return next(
         text
         for text in (number(units, decimals) for decimals in range(11))
@@ -249,7 +237,7 @@ def _masked(falloff: NDArray[np.intp]) -> tuple[list[Element], dict[int, Element
     Their ids are the first ones, three for each class.
     """
     kinds = _most_used(falloff)
-    count = MASK_STOPS[int(len(falloff) >= TUNING.many)]
+    count = MASK_STOPS[int(len(falloff) >= MANY)]
     uses, definitions = {}, []
     for k, kind in enumerate(kinds):
         name, mask, ramp = (short_id(k + part * len(kinds)) for part in range(3))
