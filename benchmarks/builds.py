@@ -139,10 +139,10 @@ def main() -> int:
     given = parser.parse_args()
     if given.pictures is not None:
         given.pictures.mkdir(parents=True, exist_ok=True)
-    api = chromium._playwright()
+    api = chromium.playwright_api()
     with tempfile.TemporaryDirectory() as folder, api.sync_playwright() as playwright:
         pages = built(Path(folder))
-        program = chromium.launch(api, playwright, chromium._program(), flags=())
+        program = chromium.launch(playwright, flags=())
         wrong = look(pages, program, given.pictures)
         program.close()
     for line in wrong:

@@ -123,9 +123,9 @@ def main() -> None:
     parser.add_argument("--page", action="store_true")
     parser.add_argument("--screenshots", type=Path, help="folder for pictures of the pages")
     given = parser.parse_args()
-    api = chromium._playwright()
+    api = chromium.playwright_api()
     with tempfile.TemporaryDirectory() as folder, api.sync_playwright() as playwright:
-        browser = chromium.launch(api, playwright, chromium._program(), flags=())
+        browser = chromium.launch(playwright, flags=())
         made = of_placeholders if given.page else by_shapes
         made(browser, Path(folder), given)
         browser.close()

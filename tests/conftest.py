@@ -237,7 +237,7 @@ def headless(request, tmp_path_factory):
     """A browser for that gallery."""
     needs("chromium")
     site = request.getfixturevalue("gallery").directory
-    with chromium._playwright().sync_playwright() as playwright:
+    with chromium.playwright_api().sync_playwright() as playwright:
         browser = gallery_site.Headless(playwright, site, tmp_path_factory.mktemp("alone"))
         yield browser
         browser.close()

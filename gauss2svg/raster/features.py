@@ -8,17 +8,18 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from enum import StrEnum
 from functools import lru_cache
 from typing import Any
 
-from gauss2svg.errors import RendererError
-from gauss2svg.svg.syntax.affine import COUNTS, IDENTITY, Affine, affine_of, compose
-from gauss2svg.svg.syntax.css import declarations, nodes_of, words, written
+from gauss2svg.errors import InputError
+from gauss2svg.svg.syntax.affine import IDENTITY, Affine, compose, parse_transform
+from gauss2svg.svg.syntax.css import nodes_of, words, written
 from gauss2svg.svg.syntax.parse import ANIMATIONS, HREFS
-from gauss2svg.svg.syntax.values import NUMBER
+from gauss2svg.svg.syntax.values import view_box
 
-_Box = tuple[float, ...]
+_Box = tuple[float, float, float, float]
 
 
 class Feature(StrEnum):
@@ -53,24 +54,21 @@ _ELEMENTS = {
     "mask": Feature.MASK,
 }
 _BLURRED = (Feature.BLUR, Feature.ROTATED_BLUR, Feature.SKEWED_BLUR)
+_BLURS = {"blur", "drop-shadow"}  # functions of CSS
 _LINKING = ("use", "image", "pattern", "filter", "linearGradient", "radialGradient")
 _UNUSED = ("none", "normal", "inherit", "initial", "unset")  # values that switch a property off
 # CSS without any of these is not parsed; an escape could hide a word.
 _CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
 _NEEDS_MOTION = "(prefers-reduced-motion:no-preference)"
-_CALL = re.compile(r"\b(\w++)\s*+\(([^()]*+)\)")
-_NUMBER = re.compile(NUMBER)
-_ANGLE = re.compile(rf"({NUMBER})(grad|rad|turn)", re.IGNORECASE)
-_DEGREES = {"grad": 0.9, "rad": math.degrees(1), "turn": 360.0}
-# Of the matrix's norm: so small a rotation has no visible effect.
-_STRAIGHT = 1e-3
-
-_KINDS = {kind.lower(): kind for kind in COUNTS}
+_CSS_TRANSFORM = re.compile(r"(?<![\w-])(transform|rotate|scale|translate)\s*:|\\", re.IGNORECASE)
+_STRAIGHT = 1e-3  # share of a matrix's norm; a smaller rotation has no visible effect
+_SKEW: Affine = (1.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # stands for a transform that is not read
 
 
 def _box(root: Mapping[str, str]) -> _Box | None:
-    found = [float(number) for number in _NUMBER.findall(root.get("viewBox", ""))]
-    return tuple(found) if len(found) == 4 and min(found[2:]) > 0 else None
+    with suppress(InputError):
+        return view_box(root.get("viewBox", ""))
+    return None
 
 
 def may_have_features(svg: str) -> bool:
@@ -80,12 +78,12 @@ def may_have_features(svg: str) -> bool:
 
 
 class Features:
-    """What a document uses that some renderers do not draw, at width x height px.
+    """An observer that notes what a document uses that some renderers draw wrongly.
 
-    view_box  x, y, width and height of the visible part, of the root's attributes; None where they
-              have none
+    view_box  returns x, y, width and height of the visible part by the root's attributes, or None
+              where they have none
 
-    `use` elements count as filtered, and under a style sheet with filters all elements do.
+    Each `use` counts as filtered, and under a style sheet with filters every element does.
     """
 
     def __init__(
@@ -93,62 +91,53 @@ class Features:
     ) -> None:
         self._width, self._height, self._view_box = width, height, view_box
         self._used: set[Feature] = set()
-        # To px from what the last element is in, and how they turn.
-        self._maps: list[tuple[Affine, int]] = []
-        self._by_sheet = False
-        # Whether a blur differs along x and y even where the scales are equal.
-        self._uneven = False
-        self._turned = self._any_turned = 0  # the largest index in _BLURRED
+        self._maps: list[Affine] = []  # to px, of the last element and those that it is in
+        self._sheet_filters = False
+        self._is_uneven = False  # whether a blur can differ along x and y at equal scales
+        self._turned = self._filtered_turned = 0  # largest index in _BLURRED
 
     @property
     def used(self) -> set[Feature]:
-        """What the elements and style sheets so far use."""
+        """Features of the elements and style sheets so far."""
         if Feature.BLUR not in self._used:
             return self._used
-        turned = self._any_turned if self._by_sheet else self._turned
-        return self._used - {Feature.BLUR} | {_BLURRED[2 if turned and self._uneven else turned]}
+        turned = self._turned if self._sheet_filters else self._filtered_turned
+        blur = _BLURRED[2 if turned and self._is_uneven else turned]
+        return self._used - {Feature.BLUR} | {blur}
 
     def start(self, tag: str, attributes: dict[str, str], depth: int) -> None:
-        """Add the features of an element, and how much it is turned."""
-        if not depth:
-            box = self._view_box(attributes)
-            canvas = (self._width / box[2], 0, 0, self._height / box[3], 0, 0) if box else IDENTITY
-            self._maps = [(canvas, 0)]
+        """Add the features of an element, and how it is turned."""
         tag, style = tag.rpartition("}")[2], attributes.get("style", "")
         if tag in _ELEMENTS:
             self._used.add(_ELEMENTS[tag])
-            self._uneven |= len(_NUMBER.findall(attributes.get("stdDeviation", ""))) > 1
+            self._is_uneven |= len(attributes.get("stdDeviation", "").replace(",", " ").split()) > 1
         elif tag in _LINKING and HREFS[0] in attributes and HREFS[1] not in attributes:
             self._used.add(Feature.PLAIN_HREF)
-        self._uneven |= "objectBoundingBox" in attributes.values()
-        filtered = tag == "use"
+        self._is_uneven |= "objectBoundingBox" in attributes.values()
+        is_filtered = self._add_css(style) or tag == "use"
         for name in ("filter", "mix-blend-mode"):
             if name in attributes:
-                filtered |= self._add_css(f"{name}:{attributes[name]}")
-        if style:
-            filtered |= self._add_css(style)
-        del self._maps[depth + 1 :]
-        matrix, turned = self._maps[-1]
-        transforms = [attributes["transform"]] if "transform" in attributes else []
-        if "transform" in style.lower():
-            found = declarations(style)
-            found = [written(one.value) for one in found if one.lower_name == "transform"]
-            transforms += [_ANGLE.sub(_in_degrees, text) for text in found]
-        for transform in transforms:
-            matrix = compose(matrix, _product(transform))
-        if transforms or not depth:
-            turned = _turn_of(matrix)
-        self._maps.append((matrix, turned))
-        if turned:
-            self._any_turned = max(self._any_turned, turned)
-            self._turned = max(self._turned, turned if filtered else 0)
+                is_filtered |= self._add_css(f"{name}:{attributes[name]}")
+        del self._maps[depth:]
+        matrix = self._maps[-1] if depth else self._canvas(attributes)
+        if "transform" in attributes or _CSS_TRANSFORM.search(style):
+            matrix = compose(matrix, _own_map(attributes.get("transform", "none"), style))
+        self._maps.append(matrix)
+        turned = _turn_of(matrix)
+        self._turned = max(self._turned, turned)
+        if is_filtered:
+            self._filtered_turned = max(self._filtered_turned, turned)
 
     def sheet(self, text: str) -> None:
         """Add the features of a style sheet."""
-        self._by_sheet |= self._add_css(text, is_sheet=True)
+        self._sheet_filters |= self._add_css(text, is_sheet=True)
+
+    def _canvas(self, root: dict[str, str]) -> Affine:
+        box = self._view_box(root)
+        return (self._width / box[2], 0, 0, self._height / box[3], 0, 0) if box else IDENTITY
 
     def _add_css(self, text: str, is_sheet: bool = False) -> bool:
-        """Add the features of a style sheet or attribute; returns whether it filters."""
+        """Add the features of a style sheet or attribute, and return whether it filters."""
         found = _features_of(text, is_sheet)
         self._used |= found
         return Feature.FILTER in found
@@ -165,7 +154,7 @@ def _features_of(css: str, is_sheet: bool) -> frozenset[Feature]:
     if not any(word in lowered for word in _CSS_WORDS):
         return frozenset()
     found = set()
-    for node in nodes_of(css, is_sheet, lambda node: not _needs_motion(node)):
+    for node in nodes_of(css, is_sheet, _accepts_no_motion):
         if node.type == "at-rule" and node.lower_at_keyword == "starting-style":
             found.add(Feature.MOVING)
         if node.type != "declaration":
@@ -175,46 +164,31 @@ def _features_of(css: str, is_sheet: bool) -> frozenset[Feature]:
             continue
         if name == "filter":
             functions = {t.lower_name for t in node.value if t.type == "function"}
-            blurs = functions & {"blur", "drop-shadow"}
-            found |= {Feature.FILTER, Feature.BLUR} if blurs else {Feature.FILTER}
+            found |= {Feature.FILTER, *([Feature.BLUR] if functions & _BLURS else [])}
         elif name == "mix-blend-mode":
-            found |= {Feature.BLEND, Feature.LIGHTER} if first[:5] == "plus-" else {Feature.BLEND}
+            found |= {Feature.BLEND, *([Feature.LIGHTER] if first[:5] == "plus-" else [])}
         elif name in ("animation", "animation-name"):
             found.add(Feature.MOVING)
     return frozenset(found)
 
 
 def _first_word(value: list[Any]) -> str:
-    """The first word of a value; "" for what is not a word, "none" for an empty value."""
-    for token in words(value):
-        return token.lower_value if token.type == "ident" else ""
-    return "none"
+    """Return the first word of a value, "" for what is not a word, "none" for an empty value."""
+    token = next(iter(words(value)), None)
+    return "none" if token is None else token.lower_value if token.type == "ident" else ""
 
 
-def _needs_motion(node: Any) -> bool:
+def _accepts_no_motion(node: Any) -> bool:
     is_media = node.type == "at-rule" and node.lower_at_keyword == "media"
-    return is_media and written(node.prelude).lower() == _NEEDS_MOTION
+    return not (is_media and written(node.prelude).lower() == _NEEDS_MOTION)
 
 
-def _in_degrees(angle: re.Match[str]) -> str:
-    return repr(float(angle[1]) * _DEGREES[angle[2].lower()])
-
-
-def _product(transform: str) -> Affine:
-    """The product of a transform list; functions that are unknown or incomplete are left out."""
-    product = IDENTITY
-    for name, inside in _CALL.findall(transform.lower()):
-        numbers = [float(number) for number in _NUMBER.findall(inside)]
-        if not all(map(math.isfinite, numbers)):
-            raise RendererError(
-                f"transform of the SVG must have finite numbers; got {name} of "
-                f"{numbers[:6]}. Try smaller ones"
-            )
-        kind = _KINDS.get(name, "")
-        count = max((n for n in COUNTS.get(kind, ()) if n <= len(numbers)), default=0)
-        if count:
-            product = compose(product, affine_of(kind, numbers[:count]))
-    return product
+def _own_map(transform: str, style: str) -> Affine:
+    """Return the map of an element, or a skew where CSS transforms it or the list is invalid."""
+    if not _CSS_TRANSFORM.search(style):
+        with suppress(InputError):
+            return parse_transform(transform)
+    return _SKEW
 
 
 def _turn_of(m: Affine) -> int:

@@ -2,7 +2,6 @@
 
 import json
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -11,22 +10,22 @@ from numpy.typing import NDArray
 from gauss2svg.errors import RendererError
 from gauss2svg.photo.alpha import from_views
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.program import BLACK, IMAGE, WHITE, find, from_png, html, run, version_line
+from gauss2svg.raster.program import BLACK, DRAWING, WHITE, drawn, find, html, version_line
 
 # Found by Firefox 153.
 CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
+# Colours are not converted to the screen's profile, and are the same on every graphics card.
+# Animated files are shown in their final state. A proxy that is not there blocks the network.
 _PREFERENCES = {
-    "gfx.color_management.mode": 0,  # colours are not converted to the screen's profile
-    "gfx.webrender.software": True,  # the same image on every graphics card
+    "gfx.color_management.mode": 0,
+    "gfx.webrender.software": True,
     "layout.css.devPixelsPerPx": "1.0",
-    "ui.prefersReducedMotion": 1,  # animated files are shown in their final state
-    "network.proxy.type": 1,  # a proxy that is not there, so that nothing reaches the network
+    "ui.prefersReducedMotion": 1,
+    "network.proxy.type": 1,
     "network.proxy.http": "127.0.0.1",
     "network.proxy.http_port": 9,
     "network.proxy.ssl": "127.0.0.1",
     "network.proxy.ssl_port": 9,
-    "network.captive-portal-service.enabled": False,
-    "network.connectivity-service.enabled": False,
 }
 # Firefox does not report a broken image, so the page does, by a row of pixels under it: black for
 # no image, white for the right size, red for another.
@@ -49,67 +48,55 @@ addEventListener("load", () => {{
 
 
 def version() -> str:
-    """Name and version of Firefox."""
+    """Return the name and version of Firefox."""
     return version_line(_program()).removeprefix("Mozilla ")
 
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Pixels (height, width, 4) of the SVG, over white."""
+    """Return the pixels (height, width, 4) of the SVG over white."""
     return _draw(svg, width, height, WHITE)
 
 
 def draw_clear(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Pixels (height, width, 4) of the SVG with alpha, by rasters over white and over black."""
+    """Return the pixels (height, width, 4) with alpha, by rasters over white and over black."""
     white, black = (_draw(svg, width, height, color)[:, :, :3] for color in (WHITE, BLACK))
     return from_views(white, black)
 
 
 def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
-    with tempfile.TemporaryDirectory(prefix="gauss2svg-", ignore_cleanup_errors=True) as name:
-        folder = Path(name)
-        (folder / IMAGE).write_text(svg, encoding="utf-8")
-        page = folder / "page.html"
-        verdict = _VERDICT.format(width=width, height=height, color=color)
-        page.write_text(html(WHITE) + verdict, encoding="utf-8")
-        profile = folder / "profile"
-        profile.mkdir()
-        preferences = (
-            f'user_pref("{key}", {json.dumps(_PREFERENCES[key])});' for key in _PREFERENCES
-        )
-        (profile / "user.js").write_text("\n".join(preferences), encoding="utf-8")
-        screenshot = folder / "drawn.png"
-        command = [
+    page_end = _VERDICT.format(width=width, height=height, color=color)
+    user_js = "\n".join(
+        f'user_pref("{key}", {json.dumps(value)});' for key, value in _PREFERENCES.items()
+    )
+    files = {DRAWING: svg, "page.html": html(WHITE) + page_end, "profile/user.js": user_js}
+
+    def command(folder: Path) -> list[str]:
+        return [
             _program(),
             "--headless",
             "--no-remote",  # otherwise a Firefox that is already open would open the page
             "--profile",
-            str(profile),
+            str(folder / "profile"),
             f"--window-size={width},{height + 1}",
             "--screenshot",
-            str(screenshot),
-            page.as_uri(),
+            str(folder / "drawn.png"),
+            (folder / "page.html").as_uri(),
             # On Windows the program starts another, and would end before that.
             *(["--wait-for-browser"] if sys.platform == "win32" else []),
         ]
-        run(command, folder=folder, environment={"HOME": name})
-        if not screenshot.exists():
-            raise RendererError("Firefox cannot draw the SVG: it wrote no file")
-        drawn = from_png(screenshot.read_bytes())
-    verdict = drawn[height:, :width, :3]
-    if drawn.shape[:2] != (height + 1, width):
+
+    pixels = drawn("Firefox", files, command)
+    if pixels.shape[:2] != (height + 1, width):
         raise RendererError(
             f"screenshot of Firefox must be {width}x{height + 1} px; got "
-            f"{drawn.shape[1]}x{drawn.shape[0]} px. Try to draw it smaller, or another "
-            "--renderer"
+            f"{pixels.shape[1]}x{pixels.shape[0]} px. Try to draw it smaller, or another --renderer"
         )
+    verdict = pixels[height:, :, :3]
     if not verdict.any():
         raise RendererError("Firefox cannot draw the SVG: not a supported image")
     if (verdict[:, :, 1:] == 0).any():
-        raise RendererError(
-            f"raster of firefox must be {width}x{height} px; got another size. Try an SVG with "
-            "a viewBox"
-        )
-    return drawn[:height]
+        return pixels[:0]  # which is refused
+    return pixels[:height]
 
 
 def _program() -> str:

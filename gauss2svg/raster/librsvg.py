@@ -15,12 +15,12 @@ CANNOT_DRAW = {
 
 
 def version() -> str:
-    """Name and version of librsvg."""
+    """Return the name and version of librsvg."""
     return f"librsvg {version_line(_program()).split()[-1]}"
 
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Pixels (height, width, 4) of the SVG."""
+    """Return the pixels (height, width, 4) of the SVG."""
     # Without --unlimited it refuses large files. A file on standard input has no folder from which
     # it could load others.
     size = ["--width", str(width), "--height", str(height)]

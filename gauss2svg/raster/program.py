@@ -1,4 +1,4 @@
-"""What the renderers share: programs found and run in limited time, browsers' pages, PNGs read."""
+"""What renderers share: programs found and run in limited time, browsers' pages, PNGs read."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import io
 import os
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -17,48 +18,44 @@ from PIL.PngImagePlugin import PngImageFile
 from gauss2svg import processes
 from gauss2svg.errors import RendererError
 
-# Inkscape takes up to a minute for a large file of blurs; a program that takes longer hangs.
-TIMEOUT_S = 300
-_DRAWING = "draw the SVG"
-IMAGE = "drawing.svg"
+TIMEOUT_S = 300  # Inkscape takes up to a minute for a large file of blurs
+DRAWING = "drawing.svg"
 WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # pages of browsers
 # Where installers put programs that are not on PATH, relative to the folders of `places`.
-_MACOS = {
-    "chromium": (
+_INSTALLED = {
+    ("darwin", "chromium"): (
         "Google Chrome.app/Contents/MacOS/Google Chrome",
         "Chromium.app/Contents/MacOS/Chromium",
     ),
-    "firefox": ("Firefox.app/Contents/MacOS/firefox",),
-    "inkscape": ("Inkscape.app/Contents/MacOS/inkscape",),
-}
-_WINDOWS = {
-    "chromium": ("Google/Chrome/Application/chrome.exe", "Chromium/Application/chrome.exe"),
-    "firefox": ("Mozilla Firefox/firefox.exe",),
+    ("darwin", "firefox"): ("Firefox.app/Contents/MacOS/firefox",),
+    ("darwin", "inkscape"): ("Inkscape.app/Contents/MacOS/inkscape",),
+    ("win32", "chromium"): (
+        "Google/Chrome/Application/chrome.exe",
+        "Chromium/Application/chrome.exe",
+    ),
+    ("win32", "firefox"): ("Mozilla Firefox/firefox.exe",),
     # The .com writes to the terminal, the .exe opens a window.
-    "inkscape": ("Inkscape/bin/inkscape.com", "Inkscape/bin/inkscape.exe"),
+    ("win32", "inkscape"): ("Inkscape/bin/inkscape.com", "Inkscape/bin/inkscape.exe"),
 }
-_PROGRAM_FILES = ("ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPPDATA")
 
 
 def places(renderer: str) -> list[str]:
     """Return where installers put a renderer's program that is not on PATH."""
-    if sys.platform == "darwin":
-        folders = ["/Applications", os.path.join(os.environ.get("HOME", "/"), "Applications")]
-        names = _MACOS.get(renderer, ())
-    elif sys.platform == "win32":
-        folders = [os.environ[name] for name in _PROGRAM_FILES if os.environ.get(name)]
-        names = _WINDOWS.get(renderer, ())
+    if sys.platform == "win32":
+        names = "ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPPDATA"
+        folders = [os.environ[name] for name in names if os.environ.get(name)]
     else:
-        return []
-    return [os.path.join(folder, *name.split("/")) for name in names for folder in folders]
+        folders = ["/Applications", os.path.expanduser("~/Applications")]
+    programs = _INSTALLED.get((sys.platform, renderer), ())
+    return [os.path.join(folder, *one.split("/")) for one in programs for folder in folders]
 
 
 def find(renderer: str, names: Sequence[str], install: str) -> str:
-    """Path of the first of the programs that is there; raises RendererError where there is none."""
+    """Return the path of the first of the programs that is installed, or raise RendererError."""
     elsewhere = places(renderer)
-    found = (path for path in (*map(shutil.which, names), *map(shutil.which, elsewhere)) if path)
-    if path := next(found, None):
-        return path
+    for path in map(shutil.which, (*names, *elsewhere)):
+        if path:
+            return path
     where = "on PATH or where it is usually installed" if elsewhere else "on PATH"
     raise RendererError(
         f"renderer {renderer} needs the program {names[0]}; got none {where}. Try to install it "
@@ -66,72 +63,65 @@ def find(renderer: str, names: Sequence[str], install: str) -> str:
     )
 
 
-def wrong_size(what: str, got: Sequence[int], needed: Sequence[int]) -> RendererError:
-    """The error of a raster of got instead of needed (width, height) px."""
-    width, height = needed
-    return RendererError(
-        f"{what} must be {width}x{height} px; got {got[0]}x{got[1]} px. Try an SVG with a viewBox"
-    )
-
-
 @cache
 def version_line(path: str) -> str:
-    """First line that the program prints for --version; asked once."""
-    try:
-        printed = run([path, "--version"], timeout_s=30, task="say its version")
-    except RendererError as error:
-        raise RendererError(f"{error}. Try to reinstall it, or --renderer resvg") from error
-    lines = printed.decode(errors="replace").strip().splitlines()
-    if not lines:
-        raise RendererError(f"{path} --version printed nothing. Try to reinstall it")
-    return lines[0].strip()
+    """Return the first line that a program prints for --version."""
+    printed = run([path, "--version"], 30, "say its version").decode(errors="replace").strip()
+    return printed.partition("\n")[0].strip()
 
 
 def run(
     command: Sequence[str],
-    *,
+    timeout_s: float = TIMEOUT_S,
+    task: str = "draw the SVG",
     stdin: bytes | None = None,
     folder: Path | None = None,
-    environment: Mapping[str, str] | None = None,
-    timeout_s: float = TIMEOUT_S,
-    task: str = _DRAWING,
 ) -> bytes:
-    """Standard output of a command.
-
-    Raises RendererError with the last line of its standard error if it fails, and where it takes
-    longer than timeout_s; task is what the program then could not do.
-    """
-    name = Path(command[0]).name
+    """Return the standard output of a command that is to do a task, or raise RendererError."""
+    # The user's settings could change the image, and two processes cannot share a profile.
+    own = {"INKSCAPE_PROFILE_DIR": str(folder), "HOME": str(folder)} if folder else {}
     try:
-        ended = processes.run(
-            command, stdin, timeout_s=timeout_s, folder=folder, environment=environment
-        )
-    except TimeoutError as error:
-        advice = ". Try to draw it smaller, or another --renderer" if task == _DRAWING else ""
-        raise RendererError(f"{name} cannot {task} in {timeout_s:g} s{advice}") from error
+        ended = processes.run(command, stdin, timeout_s=timeout_s, folder=folder, environment=own)
+        reason = f"{ended.complaint or 'no reason given'} (exit status {ended.status})"
     except OSError as error:
-        raise RendererError(f"{command[0]} cannot be started: {error.strerror}") from error
-    if ended.status:
-        why = ended.complaint or "no reason given"
-        raise RendererError(f"{name} cannot {task}: {why} (exit status {ended.status})")
+        ended, reason = None, error.strerror or str(error)
+    if ended is None or ended.status:
+        name = Path(command[0]).name
+        raise RendererError(
+            f"{name} cannot {task}: {reason}. Try to reinstall it, or another --renderer"
+        )
     return ended.output
 
 
-def html(page: str) -> str:
-    """The page that shows an SVG in a browser, of the colour WHITE, BLACK or CLEAR.
+def drawn(
+    renderer: str, files: Mapping[str, str], command: Callable[[Path], Sequence[str]]
+) -> NDArray[np.float32]:
+    """Return the pixels of drawn.png, which a command writes in a new folder with these files."""
+    with tempfile.TemporaryDirectory(prefix="gauss2svg-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        for file, text in files.items():
+            (folder / file).parent.mkdir(exist_ok=True)
+            (folder / file).write_text(text, encoding="utf-8")
+        run(command(folder), folder=folder)
+        png = folder / "drawn.png"
+        if not png.exists():  # programs may fail with exit status 0
+            raise RendererError(f"{renderer} cannot draw the SVG: it wrote no file")
+        return from_png(png.read_bytes())
 
-    It does so in an <img>, in which an SVG runs no script and loads nothing.
+
+def html(page: str) -> str:
+    """Return a page that shows the drawing in a browser, of the colour WHITE, BLACK or CLEAR.
+
+    The SVG is in an <img>, where it runs no script and loads nothing.
     """
     return f"""<!doctype html><meta charset="utf-8">
 <style>html, body {{ margin: 0; background: {page} }} img {{ display: block }}</style>
-<img src="{IMAGE}">
+<img src="{DRAWING}">
 """
 
 
 def from_png(png: bytes) -> NDArray[np.float32]:
-    """Unpremultiplied RGBA (h, w, 4) float32 in 0..1 of a PNG that a renderer wrote."""
+    """Return straight RGBA (h, w, 4) float32 in 0..1 of a PNG that a renderer wrote."""
     # Not by Image.open, whose size limits are for untrusted images: this size was requested.
     with PngImageFile(io.BytesIO(png)) as picture:
-        pixels = np.array(picture.convert("RGBA"), np.float32)
-    pixels /= 255
-    return pixels
+        return np.array(picture.convert("RGBA"), np.float32) / np.float32(255)

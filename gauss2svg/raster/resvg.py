@@ -16,12 +16,12 @@ CANNOT_DRAW = {
 
 
 def version() -> str:
-    """Name and version of resvg."""
+    """Return the name and version of resvg."""
     return f"resvg {resvg_py.__resvg_version__}"
 
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Pixels (height, width, 4) of the SVG."""
+    """Return the pixels (height, width, 4) of the SVG."""
     try:
         png = resvg_py.svg_to_bytes(
             svg_string=svg, width=width, height=height, skip_system_fonts=True

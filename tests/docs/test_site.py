@@ -109,7 +109,7 @@ def test_pictures_are_small(site):
 @pytest.fixture(scope="module")
 def open_page(site, tmp_path_factory):
     needs("chromium")
-    with chromium._playwright().sync_playwright() as playwright:
+    with chromium.playwright_api().sync_playwright() as playwright:
         browser = Headless(playwright, site, tmp_path_factory.mktemp("alone"))
         with closed_after(browser.visit) as visit:  # fails on errors and on requests to elsewhere
 

@@ -132,7 +132,7 @@ class Headless:
 
     def __init__(self, playwright: Any, site: Path, scratch: Path) -> None:
         self.site = site
-        self._browser = chromium.launch(chromium._playwright(), playwright, chromium._program())
+        self._browser = chromium.launch(playwright)
         self._alone = scratch / "alone.html"
         self._bare = self._browser.new_page()
 

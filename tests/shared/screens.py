@@ -29,9 +29,8 @@ def expect(what: Any) -> Any:
 @contextmanager
 def opened_page(motion: str, width: int, height: int) -> Iterator[Any]:
     """A page of Chromium, without the flags by which a renderer starts it."""
-    api = chromium._playwright()
-    with api.sync_playwright() as playwright:
-        browser = chromium.launch(api, playwright, chromium._program(), flags=())
+    with chromium.playwright_api().sync_playwright() as playwright:
+        browser = chromium.launch(playwright, flags=())
         yield browser.new_page(reduced_motion=motion, viewport={"width": width, "height": height})
         browser.close()
 
@@ -50,9 +49,9 @@ def captured(page, **options) -> bytes:
 
 def drawn_in_pages(bodies: Iterable[str], width: int, height: int) -> list[NDArray[np.float64]]:
     """Pixels (h, w, 3), 0..255, of pages of these bodies, each a page without margins."""
-    api, found = chromium._playwright(), []
-    with api.sync_playwright() as playwright:
-        browser = chromium.launch(api, playwright, chromium._program(), flags=())
+    found = []
+    with chromium.playwright_api().sync_playwright() as playwright:
+        browser = chromium.launch(playwright, flags=())
         for body in bodies:
             page = browser.new_page(viewport={"width": width, "height": height})
             page.set_content(f'<!doctype html><body style="margin:0">{body}</body>')

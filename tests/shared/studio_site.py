@@ -95,8 +95,8 @@ def server(photos: dict[str, Path], pytestconfig) -> Server:
 @pytest.fixture(scope="module")
 def tabs():
     """The browser of the renderer chromium."""
-    with chromium._playwright().sync_playwright() as playwright:
-        browser = chromium.launch(chromium._playwright(), playwright, chromium._program())
+    with chromium.playwright_api().sync_playwright() as playwright:
+        browser = chromium.launch(playwright)
         yield browser
         browser.close()
 

@@ -77,7 +77,7 @@ def test_image_shows_the_rounds_up_to_the_one_in_its_address(name, monkeypatch):
     needs(name)
     expected = rasterize(written("plain", 2), 60, 45, name)
     svg = written("animated", fragments=True)
-    monkeypatch.setattr("gauss2svg.raster.program.IMAGE", "drawing.svg#round-2")
+    monkeypatch.setattr("gauss2svg.raster.program.DRAWING", "drawing.svg#round-2")
     assert (rasterize(svg, 60, 45, name) == expected).all()
 
 
