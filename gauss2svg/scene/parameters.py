@@ -1,10 +1,10 @@
-"""The parameters of a shape, declared once.
+"""The parameters of a scene, declared once.
 
-Scenes (validation, selection, concatenation, scaling, saved files) and fits (raw values,
-activation, learning rates, Adam's columns, rows that come and go) follow this table. A new
-parameter is one record here, one field of gauss2svg.scene.scene.Scene and, if a fit steps it, one
-of gauss2svg.fit.state.State. Renderers, writer and reader say for themselves what they draw of it:
-docs/development.md has the recipe.
+Scenes (checks, selection, concatenation, scaling, saved files) and fits (raw values, activation,
+learning rates, Adam's columns, rows that come and go) follow these tables. A new parameter of
+shapes is one record of PARAMETERS, one field of gauss2svg.scene.scene.Scene and, if a fit steps
+it, one of gauss2svg.fit.state.State. Renderers, writer and reader say for themselves what they draw
+of it: docs/development.md has the recipe.
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.errors import SceneError, brief
 from gauss2svg.scene import ADD
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
+LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # px, of a side
 # The largest absolute value of a signed colour: larger ones drown in the rounding of renderers.
 MOST_SIGNED = 100.0
 # The largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
@@ -32,11 +34,6 @@ MOST_MEAN = 1e12
 # How a file draws a shape: by the stops of a gradient, or by a plain ellipse where that looks the
 # same; by a plain ellipse in any case; as a blurred disc.
 SOFT, PLAIN, BLURRED = range(3)
-BLUR_BETAS = (
-    1.01147233778, 1.14528662352, 1.36563435691, 1.74340697660, 2.60683835486, 4.31967523876,
-    6.64289524310,
-)  # fmt: skip
-BLUR_TOLERANCE = 1e-6  # of the ratio: no exponent of a gradient is as near to one of a blur
 
 # Logits: opacities from 0.0003 to 0.999994, beyond which an 8-bit image shows no change.
 LEAST_RAW_OPACITY, MOST_RAW_OPACITY = -8.0, 12.0
@@ -69,20 +66,20 @@ class Raw:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of every shape.
+    """A parameter of a scene: of every shape, or of its canvas.
 
     name         of its array in a scene
     width        numbers for each shape: the array is (n,) for 1, else (n, width)
     least, most  its domain; `added` is that of additive scenes, where it is another
     default      of a scene that does not give it; None: it must be given
     dtype        of its array in a scene
-    followed     how values change with a canvas whose sides are multiplied by scale (2,), a factor
-                 below 0 mirroring it; None: not at all
+    scaled       whether it is in px, and scales with the canvas
     raw          how a fit holds it; None: with the geometry, or unchanged
     rate         learning rate in the frame of gauss2svg.fit.adam; 0: it is not stepped
     shared       whether the shapes of a file share its values by their gradients: a fit's last
                  steps keep those of the file
     advice       for values out of the domain
+    once         whether a scene has one, and not one for each shape
     """
 
     name: str
@@ -92,70 +89,91 @@ class Parameter:
     added: tuple[float, float] | None = None
     default: float | None = None
     dtype: type[np.generic] = np.float64
-    followed: Callable[[_Values, NDArray[np.float64]], _Values] | None = None
+    scaled: bool = False
     raw: Raw | None = None
     rate: float = 0.0
     shared: bool = False
     advice: str = "to clip it"
+    once: bool = False
 
     def domain(self, blend: str) -> tuple[float, float]:
-        """Least and largest value of the parameter in scenes of a blend."""
+        """Return the least and the largest value of the parameter in scenes of a blend."""
         return self.added if blend == ADD and self.added else (self.least, self.most)
 
     def shape(self, count: int) -> tuple[int, ...]:
-        """Shape of the parameter's array for so many Gaussians."""
-        return (count,) if self.width == 1 else (count, self.width)
+        """Return the shape of the parameter's array for `count` Gaussians."""
+        each = () if self.width == 1 else (self.width,)
+        return each if self.once else (count, *each)
+
+    def checked(self, values: Any, count: int | None, blend: str) -> _Values:
+        """Return a read-only copy of `values` of the parameter's dtype, for `count` Gaussians.
+
+        None stands for the default. If `count` is None, any number of Gaussians will do.
+        Raise SceneError for values of another shape, or out of the domain.
+        """
+        low, high = self.domain(blend)
+        if values is None:
+            size = 0 if self.default is None else count or 0
+            values = np.full(self.shape(size), self.default or 0)
+        try:
+            values = np.ma.filled(np.asanyarray(values), np.nan)  # masked values are none
+            array = values.astype(np.float64, "C", "same_kind", subok=False)
+        except Exception as error:  # NumPy's, and that of a tensor that requires grad
+            raise SceneError(f"scene {self.name} must be numbers; got {brief(error)}") from None
+        shape = self.shape(len(np.atleast_1d(array)) if count is None else count)
+        if array.shape != shape:
+            raise SceneError(f"scene {self.name} must be of shape {shape}; got {array.shape}")
+        whole = np.issubdtype(self.dtype, np.integer)
+        bad = ~((array >= low) & (array <= high)) | (whole & (array != np.rint(array)))
+        if bad.any():
+            at = tuple(int(i) for i in np.argwhere(bad)[0])
+            raise SceneError(
+                f"scene {self.name}{list(at) or ''} must be finite{' and whole' * whole} and in "
+                f"{low:.16g}..{high:.16g}{' in an additive scene' * (blend == ADD)}; got "
+                f"{array[at]!s}. Try {self.advice}"
+            )
+        array = array.astype(self.dtype, copy=False)
+        array.flags.writeable = False
+        return array
 
 
-def logistic(logit: _Values) -> _Values:
-    """Opacities in 0..1 of logits; any shape."""
-    return 1 / (1 + np.exp(-logit))
-
-
-def logit(opacity: _Values) -> _Values:
-    """The inverse of `logistic`."""
-    return np.log(opacity / (1 - opacity))
-
-
-def _as_it_is(values: _Values) -> _Values:
-    return values
-
-
+_OF_COLORS = "to clip it, or to divide by 255 what is in 8 bits"
+_OF_SIDES = "to scale the scene"
+# What a scene has once.
+CANVAS = (
+    Parameter("width", 1, LEAST_CANVAS, MOST_CANVAS, advice=_OF_SIDES, scaled=True, once=True),
+    Parameter("height", 1, LEAST_CANVAS, MOST_CANVAS, advice=_OF_SIDES, scaled=True, once=True),
+    Parameter("background", 3, 0.0, 1.0, default=1.0, advice=_OF_COLORS, once=True),
+)
 # Rates are those of the ablations in docs/decisions/fit.md. mean and sigma are stepped in shares of
 # the shape's own sigma, rho as the shear of its frame, opacity as a logit, beta as a logarithm.
 PARAMETERS = (
     Parameter(
-        "mean", 2, -MOST_MEAN, MOST_MEAN, rate=0.3,
-        followed=lambda values, scale: values * scale,
+        "mean", 2, -MOST_MEAN, MOST_MEAN, rate=0.3, scaled=True,
         advice="to drop what lies so far off, or to scale the scene down",
     ),
     Parameter(
-        "sigma", 2, LEAST_SIGMA, MOST_SIGMA, rate=0.15,
-        followed=lambda values, scale: values * np.abs(scale),
+        "sigma", 2, LEAST_SIGMA, MOST_SIGMA, rate=0.15, scaled=True,
         advice="to clip it, to scale the scene, or to drop the Gaussian",
     ),
-    Parameter(
-        "rho", 1, -RHO_LIMIT, RHO_LIMIT, rate=0.15,
-        followed=lambda values, scale: values * np.sign(scale[0] * scale[1]),
-        advice="to clip it to RHO_LIMIT",
-    ),
+    Parameter("rho", 1, -RHO_LIMIT, RHO_LIMIT, rate=0.15, advice="to clip it to RHO_LIMIT"),
     Parameter(
         "opacity", 1, 0.0, 1.0, added=(1.0, 1.0), rate=0.15,
-        raw=Raw("raw_opacity", logistic, logit, LEAST_RAW_OPACITY, MOST_RAW_OPACITY),
+        raw=Raw(
+            "raw_opacity", lambda logit: 1 / (1 + np.exp(-logit)), lambda p: np.log(p / (1 - p)),
+            LEAST_RAW_OPACITY, MOST_RAW_OPACITY,
+        ),
         advice="to clip it, and in an additive scene to multiply the colour by it",
     ),
     Parameter(
         "color", 3, 0.0, 1.0, added=(-MOST_SIGNED, MOST_SIGNED), rate=0.045, shared=True,
-        raw=Raw("color", _as_it_is, _as_it_is, 0.0, 1.0),
+        advice=_OF_COLORS, raw=Raw("color", np.asarray, np.asarray, 0.0, 1.0),
     ),
     Parameter(
         "beta", 1, LEAST_BETA, MOST_BETA, added=(1.0, 1.0), default=1.0, rate=0.05,
         raw=Raw("raw_beta", np.exp, np.log, LEAST_RAW_BETA, MOST_RAW_BETA), shared=True,
     ),
-    Parameter(
-        "round_index", 1, 0, math.inf, default=0, dtype=np.int32,
-        advice="to number the rounds from 0",
-    ),
+    Parameter("round_index", 1, 0, 2**31 - 1, default=0, dtype=np.int32, advice="to count from 0"),
     Parameter("drawn", 1, SOFT, BLURRED, added=(SOFT, SOFT), default=SOFT, dtype=np.int8),
 )  # fmt: skip
 

@@ -5,9 +5,10 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
+from scipy.spatial import KDTree
 from skimage.measure import label
 from skimage.metrics import structural_similarity
 
@@ -16,8 +17,7 @@ from gauss2svg.files import as_png
 from gauss2svg.fit.components import components_of
 from gauss2svg.measure import metrics
 from gauss2svg.photo.smooth import smoothed
-from gauss2svg.scene import nearest
-from gauss2svg.scene.nearest import by_tree, nearest_entry
+from gauss2svg.scene.nearest import nearest_entry
 
 
 def loaded_by(code, names, *arguments):
@@ -116,24 +116,13 @@ def test_components_are_scikit_images_with_their_numbers(height, width, levels, 
     assert np.array_equal(components_of(plane), expected)
 
 
-@given(st.integers(1, 40), st.integers(0, 300), st.integers(1, 9), st.integers(), st.booleans())
+@given(st.integers(1, 40), st.integers(0, 300), st.integers(1, 7), st.integers(), st.booleans())
+@example(2000, 3000, 3, 0, False)  # more pairs than are compared one by one
 def test_the_nearest_entry_is_that_of_a_tree_also_where_several_are(few, many, axes, seed, tied):
     rng = np.random.default_rng(abs(seed))
     entries, points = rng.random((few, axes)), rng.random((many, axes))
     if tied:
         entries, points = np.round(entries * 3), np.round(points * 3)
-    for found, expected in zip(
-        nearest_entry(entries, points), by_tree(entries, points), strict=True
-    ):
-        assert np.array_equal(found, expected)
-
-
-def test_many_pairs_are_left_to_a_tree(monkeypatch):
-    called = []
-    monkeypatch.setattr(nearest, "by_tree", lambda *given: called.append(given) or by_tree(*given))
-    monkeypatch.setattr(nearest, "_FEW", 50)
-    rng = np.random.default_rng(0)
-    nearest_entry(rng.random((5, 3)), rng.random((10, 3)))
-    assert not called
-    nearest_entry(rng.random((5, 3)), rng.random((11, 3)))
-    assert called
+    expected = KDTree(entries).query(points)
+    for one, other in zip(nearest_entry(entries, points), expected, strict=True):
+        assert np.array_equal(one, other)
