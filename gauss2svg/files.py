@@ -96,7 +96,7 @@ def write_atomically(path: FileName, data: bytes) -> None:
     write_all_atomically({path: data})
 
 
-def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
+def write_all_atomically(files: Mapping[Any, bytes]) -> None:
     """Write each file as write_atomically does, and rename none before all are on the disk.
 
     A full disk thus leaves every old file as it was. The files are renamed one by one: where one

@@ -191,11 +191,11 @@ class Batch:
             yield record
 
     def finish(self) -> list[str]:
-        """Write the table of all photos and remove unfinished files; returns its files' names."""
+        """Write the table of all photos, remove unfinished files, and return the table's paths."""
         from gauss2svg.batch.table import write_table
 
         self.store.sweep(time.time() - _STALE_S)
-        return write_table(self.store, self.index)
+        return [self.store.path(name) for name in write_table(self.store, self.index)]
 
     def _spec(self, folder: bytes | None = None) -> BatchSpec:
         identity = identity_of(self.options)

@@ -42,6 +42,7 @@ class Summary:
         self.reasons: Counter[str] = Counter()
         self.named: list[str] = []
         self._begun = time.monotonic()
+        self._work_begun_s = 0.0
 
     def add(self, record: PhotoRecord) -> None:
         """Count a photo; one that failed counts as failed also where it was skipped."""
@@ -73,6 +74,19 @@ class Summary:
     def seconds(self) -> float:
         """Seconds since the summary was made."""
         return time.monotonic() - self._begun
+
+    def begin_work(self) -> None:
+        """Let `state` count photos a second from now on."""
+        self._work_begun_s = self.seconds
+
+    def state(self, count: int) -> str:
+        """Return photos a second, failures and time left, of so many photos."""
+        rate = self.worked / max(self.seconds - self._work_begun_s, 0.2)
+        left_s = (count - self.total) / rate if rate else 0.0
+        hours, minutes = divmod(round(left_s / 60), 60)
+        time_left = f"{hours} h {minutes} min" if hours else f"{minutes} min"
+        time_left = time_left if left_s >= 90 else f"{left_s:.0f} s"
+        return f"{rate:.3g} photos/s, {self.failures}, {time_left} left"
 
     @property
     def failures(self) -> str:

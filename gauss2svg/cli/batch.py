@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
+import tomllib
+from collections.abc import Generator
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from cyclopts import Group, Parameter
+from cyclopts import App, ArgumentCollection, Group, Parameter
+from cyclopts.config import Toml
 
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.cli.parameters import (
-    STATUS_SOME_FAILED,
-    Quiet,
-    options_of,
-    refuse_unknown_options,
-)
-from gauss2svg.cli.streams import counting_bar, say, standard_stream, write_output
+from gauss2svg.cli import streams
+from gauss2svg.cli.parameters import Output, Quiet, options_of, refuse_unknown_options
+from gauss2svg.cli.streams import say
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.files import reading, refuse_option_like
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
+
+if TYPE_CHECKING:
+    from gauss2svg.batch.many import Batch
+    from gauss2svg.batch.records import PhotoRecord
+    from gauss2svg.batch.table import Summary
 
 _SHOW_S = 0.2  # between two states of the bar
 _OPTIONS_FILE = "--options"
@@ -30,120 +34,101 @@ _DEFAULTS = _Parsed()
 
 
 def batch_command(
-    photos: Annotated[
-        list[str],
-        Parameter(
-            negative="",
-            allow_leading_hyphen=True,
-            help="Folders, globs, photos, lists (.txt, - for standard input), or URLs of these.",
-        ),
-    ],
+    photos: Annotated[list[str], Parameter(negative="", allow_leading_hyphen=True)],
     *,
-    output: Annotated[
-        str,
-        Parameter(
-            name=["--output", "-o"],
-            allow_leading_hyphen=True,
-            help="Folder or URL for the SVGs. Run the command again to continue: what is done is "
-            "skipped.",
-        ),
-    ],
+    output: Output,
     batch: Annotated[BatchOptions, Parameter(name="*", group="Batch")] = BatchOptions(),
-    options: Annotated[
-        Path | None,
-        Parameter(
-            name=_OPTIONS_FILE,
-            help='TOML file of options, such as quality = "draft"; those given here count first.',
-        ),
-    ] = None,
+    options: Annotated[Path | None, Parameter(name=_OPTIONS_FILE)] = None,
     given: Annotated[_Parsed, Parameter(name="*")] = _DEFAULTS,  # pyright: ignore[reportInvalidTypeForm]
-    log: Annotated[
-        Literal["json"] | None,
-        Parameter(
-            help="Write a line of JSON for each photo, as it is known, on standard output: the "
-            "columns of the table."
-        ),
-    ] = None,
+    log: Literal["json"] | None = None,
     quiet: Quiet = False,
 ) -> int:
-    """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster."""
+    """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster.
+
+    Parameters
+    ----------
+    photos
+        Folders, globs, photos, lists (.txt, - for standard input), or URLs of these.
+    output
+        Folder or URL for the SVGs. Run the command again to continue: what is done is skipped.
+    options
+        TOML file of options, such as quality = "draft"; those given here count first.
+    log
+        Write a line of JSON for each photo, as it is known, on standard output: the columns of the
+        table.
+    batch, given
+        Options.
+    quiet
+        Show neither progress nor summary.
+
+    """
     from gauss2svg.batch.many import Batch
     from gauss2svg.batch.table import Summary
 
-    own = ["output", "options", "log", "quiet", *vars(batch)]
-    refuse_unknown_options(photos, own + option_names())
+    refuse_unknown_options(photos, batch_command)
     refuse_option_like(output)
     if log == "json":
-        standard_stream(sys.stdout, "output")  # is refused now, not at the first record
+        streams.standard_stream(sys.stdout, "output")  # is refused now, not at the first record
     with Batch(photos, output, Options(**vars(given)), batch) as made:
-        with counting_bar(quiet) as update:
-            summary, count = Summary(), made.index.count
-            update("", 0, count)
-            shown, has_waited = 0.0, False
-
-            def waiting() -> None:
-                nonlocal has_waited
-                # A worker of this machine that died is being started again.
-                if not (has_waited or quiet) and batch.scheduler is not None:
-                    say(f"no workers at {batch.scheduler} yet; waiting for them")
-                has_waited = True
-
-            def add(records: Iterable[Any]) -> None:
-                nonlocal shown
-                begun, before = summary.seconds, summary.worked
+        summary, count, shown_s = Summary(), made.index.count, 0.0
+        try:
+            with (
+                streams.counting_bar(quiet) as update,
+                closing(_records(made, summary, quiet)) as records,
+            ):
+                update("", 0, count)
                 for record in records:
                     summary.add(record)
                     if log == "json":
                         line = {**record.line(), "skipped": record.skipped}
-                        write_output(json.dumps(line).encode() + b"\n")
-                    if summary.seconds - shown > _SHOW_S:
-                        shown = summary.seconds
-                        rate = (summary.worked - before) / max(shown - begun, _SHOW_S)
-                        update(_state(summary, rate, count), summary.total, count)
-
-            add(made.unchanged())
-            if made.index.left:
-                try:
-                    with made.connected() as client:
-                        if not quiet and find_spec("bokeh"):  # which draws it
-                            say(f"Dask's dashboard: {client.dashboard_link}")
-                        add(made.records(client, waiting))
-                except KeyboardInterrupt:
-                    tables = made.finish()  # of the shards that are done
-                    say(f"see {', '.join(made.store.path(name) for name in tables)}")
-                    raise
+                        streams.write_output(json.dumps(line).encode() + b"\n")
+                    if summary.seconds - shown_s > _SHOW_S:
+                        shown_s = summary.seconds
+                        update(summary.state(count), summary.total, count)
+        except KeyboardInterrupt:
+            say(f"see {', '.join(made.finish())}")  # of what is done
+            raise
         tables = made.finish()
     if not quiet:
         for line in summary.lines():
             say(line)
-        say(f"see {', '.join(made.store.path(name) for name in tables)}")
+        say(f"see {', '.join(tables)}")
     elif summary.failed:
-        say(f"{summary.failures}; see {made.store.path(tables[0])}")
-    return STATUS_SOME_FAILED if summary.failed else 0
+        say(f"{summary.failures}; see {tables[0]}")
+    return streams.STATUS_SOME_FAILED if summary.failed else 0
 
 
-def _state(summary: Any, rate: float, count: int) -> str:
-    """Photos a second, failures and time left."""
-    left = (count - summary.total) / rate if rate else 0.0
-    hours, minutes = divmod(round(left / 60), 60)
-    time_left = f"{hours} h {minutes} min" if hours else f"{minutes} min"
-    time_left = time_left if left >= 90 else f"{left:.0f} s"
-    return f"{rate:.3g} photos/s, {summary.failures}, {time_left} left"
+def _records(made: Batch, summary: Summary, quiet: bool) -> Generator[PhotoRecord]:
+    """Yield what becomes of each photo, by a cluster where something is left to be done."""
+    scheduler, is_said = made.batch.scheduler, False
+
+    def waiting() -> None:
+        nonlocal is_said
+        # A worker of this machine that died is being started again.
+        if not (is_said or quiet) and scheduler is not None:
+            say(f"no workers at {scheduler} yet; waiting for them")
+        is_said = True
+
+    yield from made.unchanged()
+    if made.index.left:
+        with made.connected() as client:
+            if not quiet and find_spec("bokeh"):  # which draws it
+                say(f"Dask's dashboard: {client.dashboard_link}")
+            summary.begin_work()
+            yield from made.records(client, waiting)
 
 
-def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None:
+def take_options_of_file(
+    app: App, commands: tuple[str, ...], arguments: ArgumentCollection
+) -> None:
     """Take the options of a TOML file that --options names, where they are not given as well.
 
-    A hook of the parser's. Raises InputError for a file that is no TOML, and for unknown keys.
+    A hook of the parser's. Raise InputError for a file that is no TOML, and for unknown keys.
     """
-    import tomllib
-
-    from cyclopts.config import Toml
-
-    given = [a.tokens for a in arguments if _OPTIONS_FILE in a.names and a.tokens]
+    given = [token for one in arguments if _OPTIONS_FILE in one.names for token in one.tokens]
     if not given:
         return
-    path = given[0][0].value
+    path = given[0].value
     with reading(path, "a TOML file") as file:
         try:
             keys = tomllib.load(file)

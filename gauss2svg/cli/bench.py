@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, photos_given, words
-from gauss2svg.cli.streams import counting_bar, say
+from gauss2svg.cli.parameters import Photos, Quiet, photos_given, words
+from gauss2svg.cli.streams import STATUS_SOME_FAILED, counting_bar, say
 
 if TYPE_CHECKING:
     from gauss2svg.compare.grid import Progress
@@ -66,22 +65,21 @@ def bench_command(
     from gauss2svg.compare.tables.bench import run_bench
     from gauss2svg.measure.perceptual import packages_missing
 
-    names = words(peers)
-    axes = parse_axes(axis or ())
-    absent = check_peers(names)[1]
-    if absent:
+    names, axes = words(peers), parse_axes(axis or ())
+    if absent := check_peers(names)[1]:
         say(f"skipped, not installed: {', '.join(absent)}")
     for line in packages_missing():
         say(line)
-    last: list[Progress] = []
+    kept = 0
     with counting_bar(quiet) as update:
 
         def progress(at: Progress) -> None:
-            last[:] = [at]
+            nonlocal kept
+            kept = at.kept
             update("; ".join(at.now), at.done, at.total)
 
         rows = run_bench(
-            photos_given(images, inspect.signature(bench_command).parameters),
+            photos_given(images, bench_command),
             output,
             axes=axes or None,
             peers=names,
@@ -94,8 +92,8 @@ def bench_command(
         )
     failed = [row for row in rows if "error" in row]
     if not quiet:
-        kept = f", {last[-1].kept} of them kept from before" if last[-1].kept else ""
-        say(f"{len(rows)} runs{kept}; {len(failed)} failed; see {output / 'summary.md'}")
+        before = f", {kept} of them kept from before" if kept else ""
+        say(f"{len(rows)} runs{before}; {len(failed)} failed; see {output / 'summary.md'}")
     for row in failed:
         say(f"failed: {row['label']} on {row['image']}: {row['error']}")
     return STATUS_SOME_FAILED if failed else 0

@@ -1,31 +1,24 @@
 """The command `gauss2svg check`, imported only where it is run."""
 
 import dataclasses
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
+from gauss2svg import files
 from gauss2svg.cli.parameters import refuse_unknown_options
 from gauss2svg.cli.streams import say, standard_stream
 from gauss2svg.errors import InputError, brief
-from gauss2svg.files import (
-    STANDARD_STREAM,
-    as_json,
-    as_png,
-    check_outputs,
-    expanded,
-    refuse_option_like,
-    write_all_atomically,
-)
+from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.options import Number, OptionGroup, Renderer, Whole, byte_size
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.pipeline.options import color_name
 
 STATUS_UNDER = 1
+_Name = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,65 +74,64 @@ class CheckOutput(OptionGroup):
 
 
 def check_command(
-    photo: Annotated[
-        str, Parameter(allow_leading_hyphen=True, help="Photo; - reads standard input.")
-    ],
-    svg: Annotated[
-        str,
-        Parameter(
-            allow_leading_hyphen=True,
-            help="SVG, also gzipped; - reads standard input. It is stretched to the photo's size, "
-            "or to that of --max-size.",
-        ),
-    ],
+    photo: _Name,
+    svg: _Name,
     *,
     reference: Annotated[
-        str | None,
-        Parameter(
-            group="Measuring",
-            allow_leading_hyphen=True,
-            help="What the photo was made from, an SVG or a larger picture, with which the SVG is "
-            "compared as well, enlarged by --reference-scale.",
-        ),
+        str | None, Parameter(group="Measuring", allow_leading_hyphen=True)
     ] = None,
     options: Annotated[CheckOptions, Parameter(name="*", group="Measuring")] = CheckOptions(),
     output: Annotated[
         CheckOutput, Parameter(name="*", group="Output", negative=())
     ] = CheckOutput(),
 ) -> int:
-    """Measure how closely any SVG matches a photo."""
+    """Measure how closely any SVG matches a photo.
+
+    Parameters
+    ----------
+    photo
+        Photo; - reads standard input.
+    svg
+        SVG, also gzipped; - reads standard input. It is stretched to the photo's size, or to that
+        of --max-size.
+    reference
+        What the photo was made from, an SVG or a larger picture, with which the SVG is compared as
+        well, enlarged by --reference-scale.
+    options, output
+        Options.
+
+    """
     from gauss2svg.cli.summary import print_check
     from gauss2svg.measure.check import check
 
-    names = expanded([photo, svg])
-    refuse_unknown_options(names, ["reference", *vars(options), *vars(output)])
+    names = files.expanded([photo, svg])
+    refuse_unknown_options(names, check_command)
     if len(names) != 2:
         raise InputError(f"photo and SVG must be one file each; got {brief(', '.join(names))}")
     photo, svg = names
-    refuse_option_like(reference or "")
     if photo == svg == STANDARD_STREAM:
         raise InputError("photo and SVG must not both be -. Try a file name for one of them")
-    paths = [path for path in (output.heatmap, output.preview, output.report) if path is not None]
     inputs = {photo: "the photo", svg: "the SVG"}
-    check_outputs(inputs if reference is None else {**inputs, reference: "the reference"}, paths)
-
-    photo_source: Any = photo
-    if photo == STANDARD_STREAM:
-        photo_source = standard_stream(sys.stdin, "input").read()
-    svg_source: Any = Path(svg)  # a path, also where it begins with <
-    if svg == STANDARD_STREAM:
-        svg_source = standard_stream(sys.stdin, "input")
-    result = check(photo_source, svg_source, reference=reference, **dataclasses.asdict(options))
-    files: dict[str | os.PathLike[str], bytes] = {}
-    if output.heatmap is not None:
-        files[output.heatmap] = result.heatmap()
-    if output.preview is not None:
-        files[output.preview] = as_png(result.raster)
-    if output.report is not None:
-        files[output.report] = as_json(result.report)
-    write_all_atomically(files)
+    if reference is not None:
+        files.refuse_option_like(reference)
+        inputs[reference] = "the reference"
+    targets = [output.heatmap, output.preview, output.report]
+    files.check_outputs(inputs, [path for path in targets if path is not None])
+    read = standard_stream(sys.stdin, "input") if STANDARD_STREAM in names else None
+    result = check(
+        photo if read is None or svg == STANDARD_STREAM else read.read(),
+        Path(svg) if read is None or photo == STANDARD_STREAM else read,
+        reference=reference,
+        **dataclasses.asdict(options),
+    )
+    written = {
+        output.heatmap: result.heatmap,
+        output.preview: lambda: files.as_png(result.raster),
+        output.report: lambda: files.as_json(result.report),
+    }
+    files.write_all_atomically({path: made() for path, made in written.items() if path is not None})
     if not output.quiet:
-        print_check(result.report, None if svg == STANDARD_STREAM else svg)
+        print_check(result.report, "standard input" if svg == STANDARD_STREAM else svg)
     lowest = result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)
     if output.min_psnr is not None and lowest < output.min_psnr:
         say(f"PSNR is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}")

@@ -9,8 +9,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from gauss2svg.batch.inputs import check_apart
-from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, photos_given, words
-from gauss2svg.cli.streams import counting_bar, say
+from gauss2svg.cli.parameters import Photos, Quiet, photos_given, words
+from gauss2svg.cli.streams import STATUS_SOME_FAILED, counting_bar, say
 from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.processes import command_line
@@ -21,40 +21,40 @@ _DEFAULTS = GalleryOptions()
 def gallery_command(
     photos: Photos,
     *,
-    output: Annotated[
-        Path,
-        Parameter(
-            name=["--output", "-o"],
-            help="Folder for the pages; open its index.html. Run the command again to continue "
-            "after an interruption or to add photos or variants: finished SVGs are kept.",
-        ),
-    ],
-    variants: Annotated[
-        str | None,
-        Parameter(
-            help="Presets to compare, separated by commas: draft, fast, balanced, high, max. If "
-            "neither this nor --counts is given: draft,balanced,high."
-        ),
-    ] = None,
-    counts: Annotated[
-        str | None,
-        Parameter(help="Numbers of Gaussians to compare, separated by commas: 500,2000,8000."),
-    ] = None,
-    peers: Annotated[
-        str,
-        Parameter(
-            help="Other tools to compare, separated by commas, where installed: vtracer, "
-            "splatthis, primitive, also with other settings of theirs, such as vtracer:detailed."
-        ),
-    ] = "",
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    variants: str | None = None,
+    counts: str | None = None,
+    peers: str = "",
     options: Annotated[GalleryOptions, Parameter(name="*", group="Gallery")] = _DEFAULTS,
     quiet: Quiet = False,
 ) -> int:
-    """Write web pages that compare the results for photos; they open from the disk."""
+    """Write web pages that compare the results for photos; they open from the disk.
+
+    Parameters
+    ----------
+    photos
+        Photos.
+    output
+        Folder for the pages; open its index.html. Run the command again to continue after an
+        interruption or to add photos or variants: finished SVGs are kept.
+    variants
+        Presets to compare, separated by commas: draft, fast, balanced, high, max. If neither this
+        nor --counts is given: draft,balanced,high.
+    counts
+        Numbers of Gaussians to compare, separated by commas: 500,2000,8000.
+    peers
+        Other tools to compare, separated by commas, where installed: vtracer, splatthis,
+        primitive, also with other settings of theirs, such as vtracer:detailed.
+    options
+        Options.
+    quiet
+        Show neither progress nor summary.
+
+    """
     from gauss2svg.compare.pages.build import build_gallery
     from gauss2svg.measure.perceptual import packages_missing
 
-    given = photos_given(photos, ["output", "variants", "counts", "peers", "quiet", *vars(options)])
+    given = photos_given(photos, gallery_command)
     check_apart(photos, os.fspath(output))
     with counting_bar(quiet) as update:
         gallery = build_gallery(
@@ -72,15 +72,13 @@ def gallery_command(
     if gallery.absent:
         say(f"skipped, not installed: {', '.join(gallery.absent)}")
     for failure in gallery.failures:
-        named = failure.photo.name + (f", {failure.variant.name}" if failure.variant else "")
-        say(f"failed: {named}: {failure.error}")
+        variant = f", {failure.variant.name}" if failure.variant else ""
+        say(f"failed: {failure.photo.name}{variant}: {failure.error}")
     if not quiet:
         count = len(gallery.rows)
         kept = f", {gallery.kept} of them kept from before" if gallery.kept else ""
-        say(
-            f"{count} SVG{'s' if count != 1 else ''}{kept}; {len(gallery.failures)} failed; "
-            f"open {gallery.index}"
-        )
+        failed = f"{len(gallery.failures)} failed"
+        say(f"{count} SVG{'s' * (count != 1)}{kept}; {failed}; open {gallery.index}")
     return STATUS_SOME_FAILED if gallery.failures else 0
 
 

@@ -7,11 +7,10 @@ import signal
 import sys
 import warnings
 from collections.abc import Sequence
-from typing import Any
 
-from cyclopts import App, CoercionError, CycloptsError, Group, Parameter
+from cyclopts import App, ArgumentCollection, CoercionError, CycloptsError, Group, Parameter
 
-from gauss2svg.cli.signals import SIGNALS, Terminated, raising, status_of
+from gauss2svg.cli.signals import Terminated, ignore, raising, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError
@@ -27,7 +26,7 @@ _SHORT = ([], ["--help"], ["-h"], ["--version"])
 
 
 def build_app(everything: bool = False, short: bool = False) -> App:
-    """The command line; its help lists what most people use, or everything.
+    """Return the command line; its help lists what most people use, or everything.
 
     short  whether it is only asked for its short help or its version
     """
@@ -60,15 +59,15 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     return app
 
 
-def _config(app: App, commands: tuple[str, ...], arguments: Any) -> None:
+def _config(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     if commands == ("batch",):
-        from gauss2svg.cli.batch import options_of_file
+        from gauss2svg.cli.batch import take_options_of_file
 
-        options_of_file(app, commands, arguments)
+        take_options_of_file(app, commands, arguments)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command; returns the exit status: 0, or 2 with one line on standard error.
+    """Run the command and return the exit status: 0, or 2 with one line on standard error.
 
     130 and 143 are those of Ctrl-C and SIGTERM, also where the best so far was written. 1 is that
     of a benchmark, a batch, a gallery or placeholders of which something failed, and of a check
@@ -94,9 +93,9 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except (KeyboardInterrupt, SystemError) as error:
         # A Ctrl-C inside a kernel arrives wrapped in numba's SystemError.
-        cause = error if isinstance(error, KeyboardInterrupt) else None
-        cause = cause or error.__cause__ or error.__context__
-        if not isinstance(cause, KeyboardInterrupt):
+        causes = error, error.__cause__, error.__context__
+        cause = next((one for one in causes if isinstance(one, KeyboardInterrupt)), None)
+        if cause is None:
             raise
         say("interrupted; every file is whole or untouched")
         return status_of(signal.SIGTERM if isinstance(cause, Terminated) else signal.SIGINT)
@@ -104,10 +103,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def run() -> None:
-    """The command as a program: once its status is known, signals change nothing any more."""
+    """Run the command as a program."""
     status = main()
-    for number in SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
+    ignore()
     # Python run by -m ends by SIGINT if a KeyboardInterrupt, though caught, left the last text that
     # was executed: numba executes some where it compiles.
     exec("")
@@ -115,31 +113,27 @@ def run() -> None:
 
 
 def _in_our_words(error: CycloptsError) -> str:
-    """The line of an error of the parser of the command line."""
-    if isinstance(error, CoercionError) and error.token is not None and error.token.keyword:
-        option = error.token.keyword
-        found = field_named(option.lstrip("-").replace("-", "_"))
-        if found is not None:
-            try:
-                found[1].parsed(error.token.value)
-            except InputError as refusal:
-                return _as_typed(str(refusal), [option])
+    """Return the line of an error of the parser of the command line."""
+    token = error.token if isinstance(error, CoercionError) else None
+    option = token.keyword if token is not None else None
+    found = field_named(option.lstrip("-").replace("-", "_")) if option else None
+    if token is not None and found is not None:
+        try:
+            found[1].parsed(token.value)
+        except InputError as refusal:
+            return _as_typed(str(refusal), [str(option)])
     line = " ".join(str(error).split()).rstrip(".")
     return f"{line}. Try gauss2svg --help-all, or --help after the name of a command"
 
 
 def _as_typed(line: str, given: Sequence[str]) -> str:
-    """An error line whose option is named as on the command line, where it was given there."""
+    """Return an error line whose option is named as it was on the command line."""
     name, _, rest = line.partition(" ")
     option = f"--{name.replace('_', '-')}"
-    typed = any(one == option or one.startswith(f"{option}=") for one in given)
-    return f"{option} {rest}" if typed else line
+    is_typed = option in (one.partition("=")[0] for one in given)
+    return f"{option} {rest}" if is_typed else line
 
 
 def _refuse(message: str) -> int:
     say(" ".join(message.split()))
     return STATUS_BAD_INPUT
-
-
-if __name__ == "__main__":
-    run()

@@ -1,16 +1,18 @@
-"""Parameters that several commands have: photos, --quiet, lists, the options of a run."""
+"""Parameters that several commands have: photos, output, --quiet, lists, the options of a run."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from difflib import get_close_matches
 from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
 from gauss2svg.batch.inputs import local_photos
 from gauss2svg.errors import InputError
-from gauss2svg.pipeline.options import GROUPS
+from gauss2svg.pipeline.options import GROUPS, Options
 
 Photos = Annotated[
     list[str],
@@ -21,26 +23,20 @@ Photos = Annotated[
         "input).",
     ),
 ]
+Output = Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)]
 Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor summary.")]
-STATUS_SOME_FAILED = 1
-# Groups with a flag that is on by default, which --no-NAME turns off.
-_NEGATED: dict[str, Any] = {"densify": {"negative_bool": "no-", "negative": None}}
 
 
-def photos_given(names: list[str], known: Iterable[str] = ()) -> list[str]:
-    """The paths that `Photos` stand for; raises InputError as refuse_unknown_options."""
-    refuse_unknown_options(names, known)
+def photos_given(names: list[str], command: Callable[..., int]) -> list[str]:
+    """Return the paths that `Photos` of a command stand for."""
+    refuse_unknown_options(names, command)
     return local_photos(names)
 
 
-def refuse_unknown_options(names: Sequence[str], known: Iterable[str] = ()) -> None:
-    """Raise InputError for a name such as --treads: what is no option ends up among the photos.
-
-    known  names of the command's own options, as in Python: max_bytes
-    """
-    from difflib import get_close_matches
-
-    options = [f"--{option.replace('_', '-')}" for option in known]
+def refuse_unknown_options(names: Iterable[str], command: Callable[..., int]) -> None:
+    """Raise InputError for a name such as --treads: what is no option ends up among the photos."""
+    parameters = inspect.signature(command).parameters.values()
+    options = [one for p in parameters for one in _option_names(p.name, p.default)]
     for name in names:
         if name.startswith("-") and name != "-":
             # At less --colors is like --scores.
@@ -49,25 +45,33 @@ def refuse_unknown_options(names: Sequence[str], known: Iterable[str] = ()) -> N
             raise InputError(f"{name} must be an option; got an unknown one. Try {advice}")
 
 
+def _option_names(name: str, default: Any) -> Iterator[str]:
+    """Return the options of a parameter: of a group of options those of its fields."""
+    if dataclasses.is_dataclass(default):
+        for field in dataclasses.fields(default):
+            yield from _option_names(field.name, getattr(default, field.name))
+    else:
+        yield f"--{name.replace('_', '-')}"
+
+
 def words(text: str) -> list[str]:
-    """The words of a list that is separated by commas."""
+    """Return the words of a list that is separated by commas."""
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def options_of(shown: Mapping[str, Group]) -> Any:
-    """A class with some groups of `Options` as the parser takes them: each field is an option.
+def options_of(groups: Mapping[str, Group]) -> type[Options]:
+    """Return a class with some groups of `Options` as the parser takes them.
 
-    shown  the groups by their keys of GROUPS, with the titles under which help lists them
+    groups  titles under which help lists the options of a group, by the keys of GROUPS
     `Options(**vars(parsed))` has the defaults of the others.
     """
-    fields = [
-        (
-            key,
-            Annotated[GROUPS[key], Parameter(name="*", group=group, **_NEGATED.get(key, {}))],
-            dataclasses.field(default=GROUPS[key]()),
-        )
-        for key, group in shown.items()
-    ]
+    fields = []
+    for key, group in groups.items():
+        # The group with a flag that is on by default, which --no-NAME turns off.
+        negated: dict[str, Any] = {"negative_bool": "no-", "negative": None}
+        parameter = Parameter(name="*", group=group, **(negated if key == "densify" else {}))
+        default = dataclasses.field(default=GROUPS[key]())
+        fields.append((key, Annotated[GROUPS[key], parameter], default))
     # The parser takes classes of the module `types` for builtins.
     namespace = {"__module__": __name__}
     return dataclasses.make_dataclass("ParsedOptions", fields, namespace=namespace, kw_only=True)

@@ -10,10 +10,11 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from types import FrameType
+from typing import Any
 
 from gauss2svg import batch
 
@@ -40,7 +41,7 @@ class Interruption:
         self._fitting = self._has_fitted = False
 
     def asked(self) -> bool:
-        """The `stop` of `vectorize`; it is called after every step, so a fit is under way.
+        """Return whether the fit is to end; the `stop` of `vectorize`, called after every step.
 
         Where a signal came before the first step, and what it raised was lost in a callback of a
         C library, this raises it again: there is nothing to write.
@@ -75,7 +76,7 @@ def _tell(line: bytes) -> None:
 
 
 def status_of(number: int) -> int:
-    """Exit status after a signal: that of shells, and for Ctrl-Break that of SIGTERM."""
+    """Return the exit status after a signal: that of shells, and for Ctrl-Break that of SIGTERM."""
     return 128 + (signal.SIGINT if number == signal.SIGINT else signal.SIGTERM)
 
 
@@ -100,9 +101,7 @@ def exit_before_fits() -> None:
     """Let signals end a command's process at once, until a fit or another command runs."""
     global _before_the_fit
     _before_the_fit = exit_for
-    for number in SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, exit_for)
+    _set(dict.fromkeys(SIGNALS, exit_for))
 
 
 @contextmanager
@@ -131,20 +130,29 @@ def interruptible() -> Iterator[Interruption]:
 
 
 @contextmanager
-def _handled(handler: object) -> Iterator[None]:
+def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
     """Let a handler receive SIGNALS inside, if this is the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in SIGNALS}
+    is_main = threading.current_thread() is threading.main_thread()
+    before = _set(dict.fromkeys(SIGNALS, handler)) if is_main else {}
     try:
-        for number in SIGNALS:
-            # Signals that were ignored at the start stay ignored, as by nohup or in the background
-            # of a shell without job control.
-            if before[number] is not signal.SIG_IGN:
-                signal.signal(number, handler)  # pyright: ignore[reportArgumentType]
         yield
     finally:
-        for number, old in before.items():
-            if old is not None:
-                signal.signal(number, old)
+        _set(before)
+
+
+def ignore() -> None:
+    """Let signals change nothing any more: the status of the command is known."""
+    _set(dict.fromkeys(SIGNALS, signal.SIG_IGN))
+
+
+def _set(handlers: Mapping[int, Any]) -> dict[int, Any]:
+    """Set handlers of signals, and return those that they replace.
+
+    Signals that were ignored at the start stay ignored, as by nohup or in the background of a shell
+    without job control.
+    """
+    before = {number: signal.getsignal(number) for number in handlers}
+    for number, handler in handlers.items():
+        if handler is not None and before[number] is not signal.SIG_IGN:
+            signal.signal(number, handler)
+    return before

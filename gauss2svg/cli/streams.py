@@ -6,11 +6,12 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from typing import Any
+from contextlib import contextmanager, nullcontext, suppress
+from typing import IO, Any
 
 from gauss2svg.errors import InputError, on_one_line
 
+STATUS_SOME_FAILED = 1
 _LINE_S = 60.0  # between two lines of progress in a log, which a night makes some hundreds long
 
 
@@ -19,8 +20,8 @@ def say(line: str) -> None:
     print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)
 
 
-def standard_stream(stream: Any, name: str) -> Any:
-    """The binary side of sys.stdin or sys.stdout; raises InputError if it is closed."""
+def standard_stream(stream: Any, name: str) -> IO[bytes]:
+    """Return the binary side of sys.stdin or sys.stdout; raise InputError if it is closed."""
     if stream is None:  # Python's value for a closed descriptor
         raise InputError(
             f"standard {name} must be open; got a closed stream. Try a file name instead of -"
@@ -29,7 +30,7 @@ def standard_stream(stream: Any, name: str) -> Any:
 
 
 def write_output(data: bytes) -> None:
-    """Write to standard output; raises InputError if it is closed."""
+    """Write to standard output; raise InputError if it is closed."""
     stdout = standard_stream(sys.stdout, "output")
     stdout.write(data)
     stdout.flush()
@@ -68,39 +69,23 @@ def drop_output() -> None:
 def counting_bar(
     quiet: bool, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Callable[[str, int, int], None]]:
-    """A progress bar on standard error: yields update(current step, finished steps, total steps).
+    """Yield update(current step, finished steps, total steps), which shows how far a command is.
 
-    clock  seconds: where standard error is no terminal, a line a minute stands in its place
+    clock  seconds: where standard error is no terminal, a line a minute stands in for the bar
     Nothing is shown if quiet.
     """
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-    )
+    from gauss2svg.pipeline.progress_display import terminal_bar
 
-    console = Console(stderr=True)
-    columns = (
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
-    shown = console.is_terminal and not quiet
     said = clock()
-    with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
-        task = bar.add_task("reading the photos", total=None)
+    with nullcontext() if quiet else terminal_bar("reading the photos") as show:
 
         def update(now: str, done: int, total: int) -> None:
             nonlocal said
-            # A file name may contain markup.
-            bar.update(task, description=escape(now), completed=done, total=total)
-            if not (quiet or shown) and clock() - said >= _LINE_S:
+            line = f"{done:,} of {total:,}: {now}"
+            if show is not None:
+                show(line, done / max(total, 1))
+            elif not quiet and clock() - said >= _LINE_S:
                 said = clock()
-                say(f"{done:,} of {total:,}: {now}")
+                say(line)
 
         yield update

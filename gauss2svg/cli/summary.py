@@ -37,8 +37,53 @@ _FEW = 60  # Gaussians, of which each is a large part of a file
 _MOST_TAGS = 6  # of a checked SVG, the most frequent
 
 
+def print_summary(report: dict[str, Any], output: str) -> None:
+    """Print what was written, its size, how closely it matches the photo, and the time."""
+    r = report
+    measured = r["measured_width"], r["measured_height"]
+    at = "" if measured == (r["width"], r["height"]) else f" at {measured[0]}x{measured[1]} px"
+    rows = {
+        "file": f"{output}, {r['width']}x{r['height']} px",
+        "size": f"{r['svg_bytes']:,} bytes, {r['svgz_bytes']:,} gzipped; gradients are "
+        f"{r['bytes_by_part']['gradients'] / r['svg_bytes']:.0%} of it",
+        "Gaussians": f"{r['gaussians']:,}, fitted in {r['iterations']} iterations",
+        "match": f"{_match(r)}{at}, rasterised by {r['renderer']}",
+        "transparency": _alpha(r),
+        "inks": (r["inks"] or "").replace(",", ", "),
+        "scores": _scores(r),
+        "fit": f"PSNR {decibels(r['psnr_model'])} before writing; the SVG against it: "
+        f"{decibels(r['psnr_roundtrip'])}, {r['bias_roundtrip']:+.2f} of 255 on average",
+        "time": f"{r['total_s']:.1f} s, of which {r['fit_s']:.1f} s for the fit"
+        + _compilation(r["compile_s"]),
+        "in a page": _page(r),
+        "limit": _limit(r),
+        "finished": _finished(r),
+    }
+    _print_table(rows, [("not reached", line) for line in r["unreached"]], r["notes"])
+
+
+def print_check(report: dict[str, Any], svg: str) -> None:
+    """Print what an SVG contains, how large it is, and how closely it matches the photo."""
+    r = report
+    tags = [f"{count:,} {tag.rpartition('}')[2]}" for tag, count in r["elements_by_tag"].items()]
+    others = f", {len(tags) - _MOST_TAGS} other tags" if len(tags) > _MOST_TAGS else ""
+    rows = {
+        "file": f"{svg}, {r['svg_width']:g}x{r['svg_height']:g} px",
+        "size": f"{r['svg_bytes']:,} bytes, {r['svgz_bytes']:,} gzipped",
+        "elements": f"{r['elements']:,}: {', '.join(tags[:_MOST_TAGS])}{others}",
+        "match": f"{_match(r)}, MS-SSIM {_ssim(r['ms_ssim_svg'], 176)}, rasterised by "
+        f"{r['renderer']} at {r['width']}x{r['height']} px",
+        "enlarged": _enlarged(r),
+        "transparency": _alpha(r),
+        "scores": _scores(r),
+        "errors": f"{r['largest_error_svg']:.0f} of 255 at most, {r['bias_svg']:+.2f} of 255 on "
+        "average",
+    }
+    _print_table(rows, [], r["notes"])
+
+
 def _compilation(seconds: float) -> str:
-    """What the time of a compilation was for, where there was one."""
+    """Return what the time of a compilation was for; "" where there was none, as below."""
     from gauss2svg.kernel_cache import are_kept
 
     if seconds <= COMPILED_S:
@@ -47,88 +92,25 @@ def _compilation(seconds: float) -> str:
     return f" and {seconds:.0f} s for a compilation, {again}"
 
 
-def print_summary(report: dict[str, Any], output: str | None) -> None:
-    """What was written, how large it is, how closely it matches the photo, how long it took."""
-    rows = {
-        "file": f"{output or 'standard output'}, {report['width']}x{report['height']} px",
-        "size": f"{report['svg_bytes']:,} bytes, {report['svgz_bytes']:,} gzipped; gradients are "
-        f"{report['bytes_by_part']['gradients'] / report['svg_bytes']:.0%} of it",
-        "Gaussians": f"{report['gaussians']:,}, fitted in {report['iterations']} iterations",
-        "match": f"{_match(report)}{_at(report)}, rasterised by {report['renderer']}",
-        **_of_alpha(report),
-        **_of_inks(report),
-        **_scores(report),
-        "fit": f"PSNR {decibels(report['psnr_model'])} before writing; the SVG against it: "
-        f"{decibels(report['psnr_roundtrip'])}, {report['bias_roundtrip']:+.2f} of 255 on average",
-        "time": f"{report['total_s']:.1f} s, of which {report['fit_s']:.1f} s for the fit"
-        + _compilation(report["compile_s"]),
-        **_of_page(report),
-        **_of_limit(report),
-        "finished": _finished(report),
-    }
-    missed = [("not reached", line) for line in report["unreached"]]
-    _print_table([*rows.items(), *missed, *_notes(report)])
-
-
-def print_check(report: dict[str, Any], svg: str | None) -> None:
-    """What an SVG contains, how large it is, how closely it matches the photo."""
-    tags = [
-        f"{count:,} {tag.rpartition('}')[2]}" for tag, count in report["elements_by_tag"].items()
-    ]
-    others = f", {len(tags) - _MOST_TAGS} other tags" if len(tags) > _MOST_TAGS else ""
-    rows = {
-        "file": f"{svg or 'standard input'}, {report['svg_width']:g}x{report['svg_height']:g} px",
-        "size": f"{report['svg_bytes']:,} bytes, {report['svgz_bytes']:,} gzipped",
-        "elements": f"{report['elements']:,}: {', '.join(tags[:_MOST_TAGS])}{others}",
-        "match": f"{_match(report)}, MS-SSIM {_ssim(report['ms_ssim_svg'], 176)}, rasterised by "
-        f"{report['renderer']} at {report['width']}x{report['height']} px",
-        **_of_enlargement(report),
-        **_of_alpha(report),
-        **_scores(report),
-        "errors": f"{report['largest_error_svg']:.0f} of 255 at most, "
-        f"{report['bias_svg']:+.2f} of 255 on average",
-    }
-    _print_table([*rows.items(), *_notes(report)])
-
-
-def _of_enlargement(report: dict[str, Any]) -> dict[str, str]:
-    """A row for the match against the reference, none without one."""
+def _enlarged(report: dict[str, Any]) -> str:
+    """Return the match against the reference."""
     scale = report["reference_scale"]
     if scale is None:
-        return {}
-    score, ssim = decibels(report["psnr_svg_enlarged"]), _ssim(report["ssim_svg_enlarged"])
-    return {
-        "enlarged": f"PSNR {score}, SSIM {ssim} against the reference at {scale:g} times the size"
-    }
-
-
-def _at(report: dict[str, Any]) -> str:
-    """The size at which a run was measured, where that is not the photo's."""
-    measured = report["measured_width"], report["measured_height"]
-    if measured == (report["width"], report["height"]):
         return ""
-    return f" at {measured[0]}x{measured[1]} px"
+    score, ssim = decibels(report["psnr_svg_enlarged"]), _ssim(report["ssim_svg_enlarged"])
+    return f"PSNR {score}, SSIM {ssim} against the reference at {scale:g} times the size"
 
 
 def _match(report: dict[str, Any]) -> str:
-    return (
-        f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])} against the photo"
-    )
+    score, ssim = decibels(report["psnr_svg"]), _ssim(report["ssim_svg"])
+    return f"PSNR {score}, SSIM {ssim} against the photo"
 
 
-def _scores(report: dict[str, Any]) -> dict[str, str]:
-    """A row for the perceptual scores, and why one is missing; none where they were not asked."""
-    parts = [
-        f"{axis.name} {axis.text(report[axis.key])}"
-        for axis in ON_REQUEST
-        if axis.has(report[axis.key])
-    ]
-    text = "; ".join([*([", ".join(parts)] if parts else []), *report["scores_missing"]])
-    return {"scores": text} if text else {}
-
-
-def _notes(report: dict[str, Any]) -> list[tuple[str, str]]:
-    return [("note", note) for note in report["notes"]]
+def _scores(report: dict[str, Any]) -> str:
+    """Return the perceptual scores that were asked for, and why one is missing."""
+    found = [one for one in ON_REQUEST if one.has(report[one.key])]
+    known = ", ".join(f"{one.name} {one.text(report[one.key])}" for one in found)
+    return "; ".join(filter(None, [known, *report["scores_missing"]]))
 
 
 def _finished(report: dict[str, Any]) -> str:
@@ -137,59 +119,50 @@ def _finished(report: dict[str, Any]) -> str:
     return alone.get(reason, _STOPPED[reason])
 
 
-def _of_limit(report: dict[str, Any]) -> dict[str, str]:
-    """A row for how much of a limit of bytes is used, and why no more."""
-    limit, reason = report["max_bytes"], report["stop_reason"]
+def _limit(report: dict[str, Any]) -> str:
+    """Return how much of a limit of bytes is used, and why no more."""
+    limit, why = report["max_bytes"], _finished(report)
     if limit is None or not report["gaussians"]:
-        return {}
+        return ""
     counted = report["gzip"] or report["count_gzipped"]
     size = report["svgz_bytes" if counted else "svg_bytes"]
     text = f"{size:,} of {limit:,} {'gzipped ' * counted}bytes, {size / limit:.1%}"
-    if size >= _WELL_USED * limit:
-        return {"limit": text}
-    why = _finished(report)
-    if reason == "max_bytes":
-        why = "no larger one within the limit is closer"
-        if report["gaussians"] < _FEW:
-            why = "one Gaussian more would not fit"
-    return {"limit": f"{text}: {why}"}
+    if report["stop_reason"] == "max_bytes":
+        few = report["gaussians"] < _FEW
+        why = (
+            "one Gaussian more would not fit" if few else "no larger one within the limit is closer"
+        )
+    return text if size >= _WELL_USED * limit else f"{text}: {why}"
 
 
-def _of_page(report: dict[str, Any]) -> dict[str, str]:
-    """A row for a file that is heavy for a web page."""
+def _page(report: dict[str, Any]) -> str:
+    """Return how heavy the file is for a web page, where it is."""
     spent = report["paint_ms"]
     if spent is None or spent < HEAVY_MS:
-        return {}
+        return ""
     lighter = "--markup editable" if report["markup"] == MINIMAL else "fewer Gaussians"
-    return {
-        "in a page": f"about {spent / 1000:.1f} s for a browser to paint it "
+    return (
+        f"about {spent / 1000:.1f} s for a browser to paint it "
         f"{report['paint_width']:.0f} px wide, and again at each repaint; lighter with {lighter}"
-    }
+    )
 
 
-def _of_alpha(report: dict[str, Any]) -> dict[str, str]:
-    """A row for a transparent photo, whose match is that over white."""
+def _alpha(report: dict[str, Any]) -> str:
+    """Return the match of a transparent photo, whose match elsewhere is that over white."""
     if not report["transparent"]:
-        return {}
-    return {
-        "transparency": f"PSNR {decibels(report['psnr_svg'])} over white, "
-        f"{decibels(report['psnr_svg_black'])} over black, "
-        f"{decibels(report['psnr_svg_alpha'])} of alpha"
-    }
+        return ""
+    white, black, alpha = (decibels(report[f"psnr_svg{over}"]) for over in ("", "_black", "_alpha"))
+    return f"PSNR {white} over white, {black} over black, {alpha} of alpha"
 
 
-def _of_inks(report: dict[str, Any]) -> dict[str, str]:
-    """A row for the inks, which may have been chosen."""
-    return {"inks": report["inks"].replace(",", ", ")} if report["inks"] else {}
-
-
-def _print_table(rows: list[tuple[str, str]]) -> None:
+def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: list[str]) -> None:
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim")
     table.add_column()
-    for name, text in rows:
-        # Text without markup or escapes, which a file name may contain.
-        table.add_row(name, Text(on_one_line(text)))
+    for name, text in (*rows.items(), *further, *(("note", note) for note in notes)):
+        if text:
+            # Text without markup or escapes, which a file name may contain.
+            table.add_row(name, Text(on_one_line(text)))
     Console(stderr=True, highlight=False).print(table)
 
 

@@ -3,32 +3,27 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 
-from gauss2svg.cli.parameters import options_of, refuse_unknown_options
-from gauss2svg.cli.signals import interruptible
+from gauss2svg import files
+from gauss2svg.cli.parameters import Output, options_of, refuse_unknown_options
+from gauss2svg.cli.signals import Interruption, interruptible
 from gauss2svg.cli.streams import say, standard_stream, write_output
 from gauss2svg.errors import InputError, brief, quoted, whole_number
-from gauss2svg.files import (
-    STANDARD_STREAM,
-    as_json,
-    as_png,
-    check_outputs,
-    check_writable,
-    expanded,
-    refuse_option_like,
-    saved,
-    write_all_atomically,
-)
+from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.photo.formats import TITLES
-from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
+from gauss2svg.pipeline.options import GROUP_TITLES, Options
 from gauss2svg.scene import ADD
 from gauss2svg.scene.inks import MOST_INKS, PALETTE_SUFFIX
+
+if TYPE_CHECKING:
+    from gauss2svg.pipeline.result import Result
+    from gauss2svg.pipeline.run import Progress
 
 _BEGUN = time.perf_counter()
 
@@ -42,6 +37,14 @@ HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matche
 )
 _OURS = b"written by gauss2svg"  # of the description of every file
 _HEAD = 65536  # bytes within which it stands
+# Suffix and type of what further files have.
+_TYPES = {
+    "preview": (".png", "image/png"),
+    "report": (".json", "application/json"),
+    "outline": (".svg", ""),
+    "separations": (".svg", ""),
+    "save_scene": (".npz", "application/x-npz"),
+}
 _ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
 _PARAMETERS = f"""
 
@@ -94,9 +97,16 @@ class MakerFiles:
 class Files(MakerFiles, OutputFiles):
     """All further files."""
 
+    def plates(self, count: int) -> list[Path]:
+        """Return the names of the files of so many plates."""
+        path = self.separations
+        if path is None:
+            return []
+        return [path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
+
 
 def vectorize_command(everything: bool, short: bool = False) -> Callable[..., int]:
-    """The command as a function of options whose groups are shown in its help, or most of them.
+    """Return the command as a function of options, of which its help shows all or the most used.
 
     short  whether it has no others, which the short help need not read
     """
@@ -110,103 +120,52 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
 
     def command(
         *photo: Annotated[str, Parameter(allow_leading_hyphen=True, group="Parameters")],
-        output: Annotated[
-            str | None, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)
-        ] = None,
+        output: Output | None = None,
         options: Annotated[parsed, Parameter(name="*")] = defaults,  # pyright: ignore[reportInvalidTypeForm]
-        files: Annotated[
+        others: Annotated[
             OutputFiles, Parameter(name="*", group=Group("Output files", sort_key=0.5))
         ] = OutputFiles(),
         makers: Annotated[MakerFiles, Parameter(name="*", group=makers_group)] = MakerFiles(),
     ) -> int:
-        both = Files(**vars(files), **vars(makers))
-        return _run(_one_photo(photo), output, Options(**vars(options)), both)
+        photos = files.expanded(photo)
+        refuse_unknown_options(photos, command)
+        if len(photos) != 1:
+            got = brief(", ".join(photos)) if photos else "none"
+            advice = "gauss2svg batch" if photos else "gauss2svg --help"
+            raise InputError(f"the photo must be one file; got {got}. Try {advice}")
+        both = Files(**vars(others), **vars(makers))
+        return _run(photos[0], output, Options(**vars(options)), both)
 
     command.__doc__ = HELP + _PARAMETERS
     return command
 
 
-def _one_photo(photos: tuple[str, ...]) -> str:
-    photos = tuple(expanded(photos))
-    refuse_unknown_options(photos, option_names())
-    if len(photos) != 1:
-        got, advice = brief(", ".join(photos)), "gauss2svg batch"
-        if not photos:
-            got, advice = "none", "gauss2svg --help"
-        raise InputError(f"the photo must be one file; got {got}. Try {advice}")
-    return photos[0]
-
-
-def _run(photo: str, output: str | None, options: Any, files: Files) -> int:
+def _run(photo: str, output: str | None, options: Options, further: Files) -> int:
+    files.refuse_option_like(photo, output or "")
     with interruptible() as interruption:
-        output, options = _checked(photo, output, options, files)
-        result = _result(photo, output, options, files, interruption)
-        left_out = _write(result, output, files)
-        _report(result, output, files, interruption, left_out)
+        if output is None:
+            output = _default_output(photo, further.overwrite)
+        options = _checked(photo, output, options, further)
+        result = _result(photo, output, options, further, interruption)
+        lines = [*result.report["unreached"]] if further.quiet else []  # bad news all the same
+        lines += _write(result, output, further)
+        where = "standard output" if output == STANDARD_STREAM else output
+        if not further.quiet:
+            from gauss2svg.cli.summary import print_summary
+
+            print_summary(result.report, where)
+        if interruption.signal is not None:
+            steps = result.report["iterations"]
+            lines.append(f"interrupted after {steps} iterations; the best so far is in {where}")
+        for line in lines:
+            say(line)
     return interruption.status
 
 
-def _checked(photo: str, output: str | None, options: Any, files: Files) -> tuple[str, Any]:
-    """The name of the SVG and the options that follow from it, once all names are checked."""
-    from gauss2svg.svg.file import check_svg_name, is_svgz
-
-    refuse_option_like(photo, output or "")
-    if output is None:
-        output = _default_output(photo, files.overwrite)
-    if files.outline is not None and options.fit.blend == ADD and not options.svg.portable:
-        raise InputError(
-            "--outline must not be given with --blend add, whose signed colours have no strokes. "
-            "Try --portable"
-        )
-    _check_pens(options, files)
-    if not output:
-        check_svg_name("--output", output)
-    _check_files(photo, output, options, files)
-    if output != STANDARD_STREAM:
-        check_svg_name("--output", output)
-    _check_names(
-        [
-            ("--preview", files.preview, ".png"),
-            ("--report", files.report, ".json"),
-            ("--outline", files.outline, ".svg"),
-            ("--separations", files.separations, ".svg"),
-            ("--save-scene", files.save_scene, ".npz"),
-        ]
-    )
-    return output, options.changed(gzip=True) if is_svgz(output) else options
-
-
-def _check_pens(options: Any, files: Files) -> None:
-    """Refuse pens without outlines, and plates without inks."""
-    from gauss2svg.svg.outlines import MOST_PENS
-
-    if files.separations is not None:
-        if options.fit.inks is None:
-            raise InputError("--separations must be given with --inks; got none. Try --inks 3")
-        check_writable(files.separations)  # no folder: then plates would have no name
-    if files.pens is None:
-        return
-    whole_number("--pens", files.pens, 1, MOST_PENS)
-    if files.outline is None:
-        raise InputError(
-            f"--pens must be given with --outline; got {files.pens} alone. Try --outline plot.svg"
-        )
-    for name in options.document.layered:
-        raise InputError(f"--pens must not be given with {name}, whose layers are rounds")
-
-
-def _plates(files: Files, count: int) -> list[Path]:
-    """Names of the files of so many plates."""
-    path = files.separations
-    if path is None:
-        return []
-    return [path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
-
-
 def _default_output(photo: str, overwrite: bool) -> str:
-    """The name of the SVG beside a photo: photo.svg of photo.jpg.
+    """Return the name of the SVG beside a photo: photo.svg of photo.jpg.
 
-    Raises InputError where that is the photo itself or, unless overwrite is True, an existing file
+    Raise InputError where that is the photo itself or, unless overwrite is True, an existing file
     that gauss2svg did not write.
     """
     if photo == STANDARD_STREAM:
@@ -233,115 +192,117 @@ def _is_ours(path: Path) -> bool:
         return False
 
 
-def _check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]]) -> None:
-    """check_svg_name of further files: option, path or None, and the suffix of what is written."""
-    import mimetypes
+def _checked(photo: str, output: str, options: Options, further: Files) -> Options:
+    """Return the options, once they are compatible with the files, which can be written."""
+    from gauss2svg.svg.file import check_svg_name, check_type, is_svgz
 
-    from gauss2svg.svg.file import check_svg_name, check_type
-
-    for name, path, suffix in files:
-        if path is None:
-            continue
-        if os.fspath(path).lower().endswith(PALETTE_SUFFIX):  # the inks may be read from it
+    _check_makers(options, further)
+    named = {name: getattr(further, name) for name in _TYPES if getattr(further, name) is not None}
+    targets = [path for name, path in named.items() if name != "separations"]
+    inks = options.fit.inks
+    if inks is not None:
+        targets += further.plates(inks if isinstance(inks, int) else str(inks).count(",") + 1)
+    if not output:
+        check_svg_name("--output", output)
+    if output != STANDARD_STREAM:
+        targets.insert(0, Path(output))
+    files.check_outputs({photo: "the photo"}, targets)
+    if output != STANDARD_STREAM:
+        check_svg_name("--output", output)
+    for option, path in named.items():
+        suffix, kind = _TYPES[option]
+        name = f"--{option.replace('_', '-')}"
+        if path.suffix.lower() == PALETTE_SUFFIX:  # the inks may be read from it
             raise InputError(f"{name} must be no palette file; got {brief(path)}. Try another name")
         if suffix == ".svg":
             check_svg_name(name, path)
         else:
-            known = mimetypes.guess_type(f"x{suffix}")[0]
-            allowed = (known,) if known else ()
-            check_type(name, os.fspath(path), (*allowed, "text/plain"), suffix)
+            check_type(name, os.fspath(path), (kind, "text/plain"), suffix)
+    return options.changed(gzip=True) if is_svgz(output) else options
 
 
-def _result(photo: str, output: str, options: Any, files: Files, interruption: Any) -> Any:
-    from gauss2svg.pipeline.shown import watched
+def _check_makers(options: Options, further: Files) -> None:
+    """Raise InputError for outlines, plates and pens that the options cannot have."""
+    from gauss2svg.svg.outlines import MOST_PENS
+
+    if further.outline is not None and options.fit.blend == ADD and not options.svg.portable:
+        raise InputError(
+            "--outline must not be given with --blend add, whose signed colours have no strokes. "
+            "Try --portable"
+        )
+    if further.separations is not None:
+        if options.fit.inks is None:
+            raise InputError("--separations must be given with --inks; got none. Try --inks 3")
+        files.check_writable(further.separations)  # no folder: then plates would have no name
+    if further.pens is None:
+        return
+    whole_number("--pens", further.pens, 1, MOST_PENS)
+    if further.outline is None:
+        raise InputError(
+            f"--pens must be given with --outline; got {further.pens} alone. Try --outline plot.svg"
+        )
+    for name in options.document.layered:
+        raise InputError(f"--pens must not be given with {name}, whose layers are rounds")
+
+
+def _result(
+    photo: str, output: str, options: Options, further: Files, interruption: Interruption
+) -> "Result":
+    from gauss2svg.pipeline.progress_display import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
 
-    source: Any = photo
-    if photo == STANDARD_STREAM:
-        source = standard_stream(sys.stdin, "input").read()
+    source = standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
     if output == STANDARD_STREAM:
         standard_stream(sys.stdout, "output")  # refused now where it is closed
-    with watched(not files.quiet) as show:
+    with watched(not further.quiet) as show:
 
-        def progress(now: Any) -> None:
+        def progress(now: "Progress") -> None:
             if now.phase in ("write", "measure"):
                 interruption.after_fit()
             if show is not None:
                 show(now)
 
+        started = _BEGUN if options.goal.time_limit is not None else None
         return vectorize_by(
-            options,
-            source,
-            progress=progress,
-            stop=interruption.asked,
-            started=_BEGUN if options.goal.time_limit is not None else None,
+            options, source, progress=progress, stop=interruption.asked, started=started
         )
 
 
-def _write(result: Any, output: str, files: Files) -> list[str]:
-    """Write all files; a line for each plate that is left out or of an earlier run."""
+def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
+    """Write all files, and yield a line for what these do not have as it might seem."""
     from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])
     written: dict[str | os.PathLike[str], bytes] = {}
-    left_out: list[str] = []
     if output == STANDARD_STREAM:
         write_output(svg)
     else:
         written[output] = svg
-    if files.outline is not None:
-        written[files.outline] = file_bytes(result.outline(files.pens), is_svgz(files.outline))
-    if files.separations is not None:
+    if further.outline is not None:
+        written[further.outline] = file_bytes(
+            result.outline(further.pens), is_svgz(further.outline)
+        )
+    left_out: dict[Path, str] = {}
+    if further.separations is not None:
         plates, inks = result.plates(), result.report["inks"].split(",")
-        for path, ink in zip(_plates(files, len(inks)), inks, strict=True):
+        for path, ink in zip(further.plates(len(inks)), inks, strict=True):
             if ink in plates:
                 written[path] = file_bytes(plates[ink], is_svgz(path))
             else:
-                left_out.append(f"{path} is not written: no shape of {ink} is seen")
-        older = (path for path in _plates(files, MOST_INKS) if path not in written)
-        said = "is of an earlier run, and not a plate of this picture"
-        left_out += [f"{path} {said}" for path in older if path.exists()]
-    if files.preview is not None:
-        written[files.preview] = as_png(result.raster)
-    if files.save_scene is not None:
-        written[files.save_scene] = saved(result.scene.save)
-    if files.report is not None:
-        written[files.report] = as_json(result.report)
-    write_all_atomically(written)
-    return left_out
-
-
-def _report(result: Any, output: str, files: Files, interruption: Any, left_out: list[str]) -> None:
-    """What a person reads at the end, on standard error."""
-    from gauss2svg.cli.summary import print_summary
-
-    report, where = result.report, "standard output" if output == STANDARD_STREAM else output
-    if files.quiet:
-        lines = list(report["unreached"])  # bad news is reported all the same
-    else:
-        lines = []
-        print_summary(report, None if output == STANDARD_STREAM else output)
-        if files.outline is not None and (hiding := result.hiding) > 0:
-            lines.append(
-                f"{hiding} opaque ellipses hide what is below them in the picture, where "
-                f"{files.outline} has all lines"
-            )
-    lines += left_out
-    if interruption.signal is not None:
-        lines.append(
-            f"interrupted after {report['iterations']} iterations; the best so far is in {where}"
+                left_out[path] = f"{path} is not written: no shape of {ink} is seen"
+    if further.preview is not None:
+        written[further.preview] = files.as_png(result.raster)
+    if further.save_scene is not None:
+        written[further.save_scene] = files.saved(result.scene.save)
+    if further.report is not None:
+        written[further.report] = files.as_json(result.report)
+    files.write_all_atomically(written)
+    if further.outline is not None and not further.quiet and (hiding := result.hiding) > 0:
+        yield (
+            f"{hiding} opaque ellipses hide what is below them in the picture, where "
+            f"{further.outline} has all lines"
         )
-    for line in lines:
-        say(line)
-
-
-def _check_files(photo: str, output: str, options: Any, files: Files) -> None:
-    """Refuse outputs that could not be written, or would overwrite an input or each other."""
-    further = (files.outline, files.report, files.preview, files.save_scene)
-    outputs = [path for path in further if path is not None]
-    inks = options.fit.inks
-    if inks is not None:
-        outputs += _plates(files, inks if isinstance(inks, int) else inks.count(",") + 1)
-    if output != STANDARD_STREAM:
-        outputs.insert(0, Path(output))
-    check_outputs({photo: "the photo"}, outputs)
+    yield from left_out.values()
+    for path in further.plates(MOST_INKS):
+        if path not in written and path.exists():
+            yield f"{path} is of an earlier run, and not a plate of this picture"

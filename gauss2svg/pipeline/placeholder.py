@@ -19,11 +19,11 @@ from gauss2svg.photo.alpha import alpha_of, has_alpha, pixels_of
 from gauss2svg.photo.load import ImageSource
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
+from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.run import ProgressCallback, Run
 from gauss2svg.pipeline.search.drawing import search_by_bytes
 from gauss2svg.pipeline.search.outcome import Watch
 from gauss2svg.pipeline.search.subject import Subject
-from gauss2svg.pipeline.shown import watched
 from gauss2svg.svg.element import hex_color
 from gauss2svg.svg.format import MINIMAL
 

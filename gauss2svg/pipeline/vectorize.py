@@ -16,12 +16,12 @@ from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions, unknown_option
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.run import ProgressCallback, Run
 from gauss2svg.pipeline.search.outcome import Outcome, Search, Watch, best_of
 from gauss2svg.pipeline.search.subject import Subject, document_for
-from gauss2svg.pipeline.shown import watched
 from gauss2svg.pipeline.sizes import Sizes, sizes_of
 from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
 from gauss2svg.svg.document import Document

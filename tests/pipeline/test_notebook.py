@@ -15,8 +15,8 @@ from rich.console import Console
 import gauss2svg
 from gauss2svg.fit.options import FitProgress
 from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.run import Progress
-from gauss2svg.pipeline.shown import watched
 from gauss2svg.render import render
 
 _SOURCE = re.compile(r'<img [^>]*src="data:image/jpeg;base64,([^"]+)"')

@@ -1,11 +1,11 @@
-"""What `progress=True` shows: a bar in a terminal, the forming picture in a notebook."""
+"""Progress as people see it: a bar in a terminal, the forming picture in a notebook."""
 
 from __future__ import annotations
 
 import html
 import importlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
@@ -27,7 +27,7 @@ _FRAMES_A_SECOND, _MOST_SIDE = 4, 400
 def watched(
     progress: ProgressCallback | bool | None,
 ) -> AbstractContextManager[ProgressCallback | None]:
-    """The callback of a run: the one that is given, for True one that shows the run."""
+    """Return the callback of a run: the one that is given, for True one that shows the run."""
     if progress is not True:
         return nullcontext(None if progress is False else progress)
     # IPython runs, if at all, before this; elsewhere it need not be installed.
@@ -36,39 +36,50 @@ def watched(
 
 
 @contextmanager
-def _terminal() -> Iterator[ProgressCallback | None]:
-    """A callback that updates a bar on standard error; None where that is no terminal."""
+def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | None]:
+    """Yield update(text, share), which shows a bar on standard error; None if it is no terminal.
+
+    share  of the work that is done, 0..1, or None where it is unknown
+    """
     from rich.console import Console
-    from rich.progress import BarColumn, SpinnerColumn, TextColumn
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
 
     console = Console(stderr=True)
     if not console.is_terminal:
         yield None
         return
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
-        TextColumn("{task.fields[state]}"),
-    )
+    # A file name may contain markup.
+    shown = TextColumn("{task.description}", markup=False)
+    columns = SpinnerColumn(), BarColumn(bar_width=24), TimeElapsedColumn(), shown
     with Bar(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("starting", total=None, state="")
+        task = bar.add_task(text, total=None)
 
-        def update(progress: Progress) -> None:
-            description, done = _said(progress)
-            total = None if done is None else 1.0
-            state = (
-                "" if progress.fit is None else f"{_figures(progress.fit)}, {_left(progress.fit)}"
+        def update(text: str, share: float | None) -> None:
+            bar.update(
+                task, description=text, completed=share, total=None if share is None else 1.0
             )
-            bar.update(task, description=description, completed=done, total=total, state=state)
 
         yield update
 
 
 @contextmanager
+def _terminal() -> Iterator[ProgressCallback | None]:
+    with terminal_bar("starting") as show:
+
+        def update(progress: Progress) -> None:
+            assert show is not None
+            text, share = _said(progress)
+            if progress.fit is not None:
+                text += f": {_figures(progress.fit)}, {_left(progress.fit)}"
+            show(text, share)
+
+        yield None if show is None else update
+
+
+@contextmanager
 def _notebook() -> Iterator[ProgressCallback]:
-    """A callback that updates one output of a cell; the last picture and its figures stay."""
+    """Yield a callback that updates one output of a cell; the last picture and its figures stay."""
     from gauss2svg.render.frame import FrameMaker
     from gauss2svg.svg.notebook import image
 
@@ -101,7 +112,7 @@ def _notebook() -> Iterator[ProgressCallback]:
 
 
 def _said(progress: Progress) -> tuple[str, float | None]:
-    """What a run does, and how far it is in 0..1 where that is known."""
+    """Return what a run does, and the share that is done, 0..1, or None where it is unknown."""
     now = progress.fit
     if now is None:
         return _PHASES[progress.phase], None
