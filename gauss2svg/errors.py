@@ -6,6 +6,7 @@ import decimal
 import math
 import numbers
 import operator
+from contextlib import suppress
 from typing import Any, TypeVar
 
 _Kind = TypeVar("_Kind")
@@ -43,19 +44,27 @@ class ClusterError(Gauss2SvgError, RuntimeError):
     """A scheduler that does not answer or went away, or workers that cannot do the work."""
 
 
+def refusal(name: str, needed: str, got: str, advice: str = "") -> InputError:
+    """Return the error of a value that cannot be used: what is needed, what was given, what to try.
+
+    "NAME must be NEEDED; got GOT. Try ADVICE". Texts of users go through `quoted` or `brief`.
+    """
+    return InputError(f"{name} must be {needed}; got {got}" + (f". Try {advice}" if advice else ""))
+
+
 def on_one_line(text: str) -> str:
-    """Text for a terminal: one line, its control characters escaped."""
+    """Return text for a terminal: one line, its control characters escaped."""
     plain = (" " if c.isspace() else c for c in text)
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in plain)
 
 
 def error_line(text: str) -> str:
-    """The text of an error in a record: on one line, at most 400 characters of it."""
+    """Return the text of an error for a record: one line of at most 400 characters."""
     return " ".join(text.split())[:400]
 
 
 def quoted(value: Any) -> str:
-    """A value in the sentence of an error: as Python writes it, on one line, not at length."""
+    """Return a value for the sentence of an error, as Python writes it: one line, not at length."""
     try:
         return brief(" ".join(repr(plain_scalar(value)).split()))
     except Exception:  # of the value's own methods: the error is about the value all the same
@@ -63,56 +72,54 @@ def quoted(value: Any) -> str:
 
 
 def brief(text: Any) -> str:
-    """Text of any length in the sentence of an error: at most 200 characters of it."""
+    """Return text for the sentence of an error: at most 200 characters of it."""
     text = str(text)
     return text if len(text) <= _MOST_SHOWN else text[:_MOST_SHOWN] + "..."
 
 
 def plain_scalar(value: Any) -> Any:
-    """A NumPy scalar as the Python value that it holds; any other value as it is."""
+    """Return the Python value that a NumPy scalar holds; any other value as it is."""
     item = getattr(value, "item", None)
     return item() if item is not None and getattr(value, "ndim", 1) == 0 else value
 
 
 def instance(value: _Kind | None, name: str, kind: type[_Kind]) -> _Kind:
-    """Value if it is of the kind, the kind's default if it is None; raises InputError else."""
+    """Return `value`, or `kind()` if it is None. Raise InputError if it is not a `kind`."""
     return kind() if value is None else required(value, name, kind)
 
 
 def required(value: Any, name: str, kind: type[_Kind]) -> _Kind:
-    """Value if it is of the kind; raises InputError that names it else."""
+    """Return `value`. Raise InputError that names it if it is not a `kind`."""
     if not isinstance(value, kind):
-        raise InputError(f"{name} must be a {kind.__name__}; got {type(value).__name__}")
+        raise refusal(name, f"a {kind.__name__}", type(value).__name__)
     return value
 
 
 def whole_number(name: str, value: Any, least: int, most: int) -> int:
-    """Value as an int in least..most; raises InputError that names it."""
+    """Return `value` as an int in least..most. Raise InputError that names it if it is not one."""
     try:
         number = None if isinstance(value, bool) else operator.index(value)
     except Exception:  # of the value's own methods
         number = None
     if number is None or not least <= number <= most:
-        raise InputError(f"{name} must be a whole number in {least}..{most}; got {quoted(value)}")
+        raise refusal(name, f"a whole number in {least}..{most}", quoted(value))
     return number
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a number and no truth value, text or bytes, which float() takes too."""
+    """Return whether a value is no truth value, text or bytes, which float() takes too."""
     return isinstance(value, (numbers.Number, decimal.Decimal)) and not isinstance(value, bool)
 
 
 def number_within(
     name: str, value: Any, least: float, most: float, advice: str = "", needed: str = ""
 ) -> float:
-    """Value as a float in least..most; raises InputError that names it."""
-    try:
+    """Return `value` as a float in least..most. Raise InputError that names it if it is not one."""
+    number = math.nan
+    with suppress(Exception):  # of the value's own methods
         plain = plain_scalar(value)
         number = float(plain) if _is_number(plain) else math.nan
-    except Exception:  # of the value's own methods
-        number = math.nan
     if not least <= number <= most:
         needed = needed or f"in {least:g}..{most:g}"
-        advice = f". Try {advice}" if advice else ""
-        raise InputError(f"{name} must be a number {needed}; got {quoted(value)}{advice}")
+        raise refusal(name, f"a number {needed}", quoted(value), advice)
     return number

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import glob
 import io
 import json
 import os
@@ -13,12 +12,12 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
-from gauss2svg.errors import InputError, OutputError
+from gauss2svg.errors import InputError, OutputError, refusal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,14 +25,13 @@ if TYPE_CHECKING:
 
 STANDARD_STREAM = "-"
 FileName = str | os.PathLike[str]
-PATTERN = re.compile(r"[*?\[]")  # what makes a name that of many files
+_Name = TypeVar("_Name", str, Path, FileName)
 # Devices of Windows, also with a suffix; Microsoft, "Naming Files, Paths, and Namespaces".
 _DEVICE = re.compile(
     r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9¹²³]) *([.:]|$)", re.IGNORECASE
 )
 # s between tries to rename on Windows: scanners for viruses hold a new file open for moments.
 _PAUSES_S = (0.01, 0.03, 0.1, 0.3, 1.0)
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # by OWASP's page on CSV injection
 _NOT_BLOCKING, _BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
 
 
@@ -96,7 +94,7 @@ def write_atomically(path: FileName, data: bytes) -> None:
     write_all_atomically({path: data})
 
 
-def write_all_atomically(files: Mapping[Any, bytes]) -> None:
+def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
     """Write each file as write_atomically does, and rename none before all are on the disk.
 
     A full disk thus leaves every old file as it was. The files are renamed one by one: where one
@@ -106,31 +104,27 @@ def write_all_atomically(files: Mapping[Any, bytes]) -> None:
     """
     for path in files:
         check_writable(path)
-    beside: list[tuple[Path, Path]] = []  # where each regular file is written at first, and goes
+    parts: dict[Path, Path] = {}  # where each regular file is written at first, and goes
     target = Path()
     try:
-        streams = []
-        for path, data in files.items():
-            target = Path(path)
+        for target, data in zip(map(Path, files), files.values(), strict=True):
+            if not target.exists() or target.is_file():
+                real = Path(os.path.realpath(target))  # what a link points to is replaced
+                part = real.with_name(f".{real.name[:40]}.{secrets.token_hex(6)}")
+                parts[part] = real  # before it is made, so that an interruption leaves no part
+                _write_new(part, data, _mode_of(real))
+        for target, data in zip(map(Path, files), files.values(), strict=True):
             if target.exists() and not target.is_file():
-                streams.append((target, data))
-                continue
-            real = Path(os.path.realpath(target))  # replaces what a link points to, not the link
-            name = f".{real.name[:40]}.{secrets.token_hex(6)}"
-            # Listed before it is made, so that an interruption leaves no temporary file.
-            beside.append((real.parent / name, real))
-            _write_new(beside[-1][0], data, _mode_of(real))
-        for target, data in streams:
-            with target.open("wb", buffering=0) as stream:
-                _write_all(stream.fileno(), data)
-        for made, target in beside:
-            replace(made, target)
+                with target.open("wb", buffering=0) as stream:
+                    _write_all(stream.fileno(), data)
+        for part, target in parts.items():
+            replace(part, target)
     except (OSError, ValueError) as error:
         raise _cannot_write(target, error) from error
     finally:
-        for made, _ in beside:  # renamed ones no longer exist
-            with suppress(OSError):
-                os.unlink(made)
+        for part in parts:
+            with suppress(OSError):  # it was renamed
+                os.unlink(part)
 
 
 def replace(made: FileName, target: FileName) -> None:
@@ -155,38 +149,24 @@ def _refuse_device(path: Path) -> None:
         raise OSError(errno.EINVAL, "Windows takes the name for that of a device")
 
 
-def expanded(names: Iterable[str]) -> list[str]:
-    """Names of files, with those that match in place of a pattern such as *.jpg.
-
-    Shells of Windows leave that to programs. A name that exists is no pattern; a pattern that
-    matches nothing stays, as in other shells.
-    """
-    found: list[str] = []
-    for name in names:
-        is_pattern = PATTERN.search(name) is not None and not os.path.lexists(name)
-        found += (is_pattern and sorted(glob.glob(name, recursive=True))) or [name]
-    return found
-
-
 def write_whole(path: Path, data: bytes, part: Path) -> None:
     """Write to `part`, on the same disk, and rename it: one file of many that are known to be ours.
 
-    Unlike write_atomically it tries nothing beforehand. Raises OutputError.
+    Unlike write_atomically it tries nothing beforehand. Raise OutputError.
     """
     try:
-        try:
-            _refuse_device(path)
-            _write_new(part, data, None)
-            replace(part, path)
-        except BaseException:
-            part.unlink(missing_ok=True)
-            raise
+        _refuse_device(path)
+        _write_new(part, data, None)
+        replace(part, path)
     except (OSError, ValueError) as error:
         raise _cannot_write(path, error) from error
+    finally:
+        with suppress(OSError, ValueError):  # it was renamed
+            part.unlink()
 
 
 def _mode_of(target: Path) -> int | None:
-    """Permissions of a file, None where there is none."""
+    """Return the permissions of a file, None where there is none."""
     try:
         return stat.S_IMODE(target.stat().st_mode)
     except FileNotFoundError:
@@ -235,16 +215,6 @@ def _cannot_read(path: FileName, reason: str, advice: str) -> InputError:
     return InputError(f"cannot read {os.fsdecode(path)}: {reason}. Try {advice}")
 
 
-def refuse_option_like(*names: str) -> None:
-    """Raise InputError for a name that begins with -, unless it is the standard stream."""
-    for name in names:
-        if name.startswith("-") and name != STANDARD_STREAM:
-            raise InputError(
-                f"file must be a name that does not begin with -; got {name}, which reads like "
-                f"an option. Try ./{name}"
-            )
-
-
 def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
     """Refuse outputs that cannot be written or would overwrite an input or each other.
 
@@ -255,10 +225,8 @@ def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
     for target in map(os.fspath, targets):
         for name, what in taken.items():
             if _are_one(name, target):
-                raise InputError(
-                    f"output must be a file of its own; got {target}, which is also {what}. Try "
-                    "another name"
-                )
+                got = f"{target}, which is also {what}"
+                raise refusal("output", "a file of its own", got, "another name")
         taken[target] = "another output"
     for target in targets:
         check_writable(target)
@@ -287,11 +255,6 @@ def _is_standard_input(path: str) -> bool:
         return stat.S_ISREG(read.st_mode) and os.path.samestat(read, os.stat(path))
     except (AttributeError, OSError, ValueError):  # it is closed or no file, or nothing is there
         return False
-
-
-def as_cell(value: Any) -> Any:
-    """A value for a CSV: text that a spreadsheet would calculate, such as =1+1, begins with a '."""
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
 
 
 def saved(save: Callable[[BinaryIO], object]) -> bytes:

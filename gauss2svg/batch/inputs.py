@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import codecs
+import glob
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, lines_of, reason_of
 from gauss2svg.errors import InputError
-from gauss2svg.files import PATTERN, STANDARD_STREAM
+from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.photo.formats import SUFFIXES
 
 MANIFESTS = (".txt", ".lst")
+PATTERN = re.compile(r"[*?\[]")  # what makes a name that of many files
 
 
 class Source(NamedTuple):
@@ -42,6 +45,19 @@ def photos_of(sources: Iterable[str]) -> Iterator[Source]:
             raise InputError(
                 f"photos must be one or more; got none in {source}. Try a folder of photos"
             )
+
+
+def expanded(names: Iterable[str]) -> list[str]:
+    """Return names of files, with those that match in place of a pattern such as *.jpg.
+
+    Shells of Windows leave that to programs. A name that exists is no pattern; a pattern that
+    matches nothing stays, as in other shells.
+    """
+    found: list[str] = []
+    for name in names:
+        is_pattern = PATTERN.search(name) is not None and not os.path.lexists(name)
+        found += (is_pattern and sorted(glob.glob(name, recursive=True))) or [name]
+    return found
 
 
 def local_photos(sources: Iterable[str]) -> list[str]:

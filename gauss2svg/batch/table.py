@@ -22,11 +22,11 @@ from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.records import PhotoRecord
 from gauss2svg.batch.stores import PARTS, STATE, Store, reason_of
 from gauss2svg.errors import OutputError
-from gauss2svg.files import as_cell
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
 _COLUMNS = PhotoRecord.__struct_fields__
 _MOST_REASONS = 1000  # of failures that are distinguished
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # by OWASP's page on CSV injection
 _NAMED = 5  # failed photos, in the summary
 
 
@@ -110,6 +110,11 @@ class Summary:
             others = self.failed - len(self.named)
             more = f" and {others:,} more" if others else ""
             yield f"failed photos: {', '.join(self.named)}{more}"
+
+
+def as_cell(value: Any) -> Any:
+    """A value for a CSV: text that a spreadsheet would calculate, such as =1+1, begins with a '."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
 
 
 def kind_of_failure(record: PhotoRecord) -> str:

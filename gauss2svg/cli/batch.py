@@ -16,10 +16,10 @@ from cyclopts.config import Toml
 
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.cli import streams
-from gauss2svg.cli.parameters import Output, Quiet, options_of, refuse_unknown_options
+from gauss2svg.cli.parameters import Output, Quiet, options_of, refuse_options
 from gauss2svg.cli.streams import say
-from gauss2svg.errors import InputError, brief, quoted
-from gauss2svg.files import reading, refuse_option_like
+from gauss2svg.errors import brief, quoted, refusal
+from gauss2svg.files import reading
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
 
 if TYPE_CHECKING:
@@ -65,8 +65,7 @@ def batch_command(
     from gauss2svg.batch.many import Batch
     from gauss2svg.batch.table import Summary
 
-    refuse_unknown_options(photos, batch_command)
-    refuse_option_like(output)
+    refuse_options(batch_command, photos, output)
     if log == "json":
         streams.standard_stream(sys.stdout, "output")  # is refused now, not at the first record
     with Batch(photos, output, Options(**vars(given)), batch) as made:
@@ -133,11 +132,11 @@ def take_options_of_file(
         try:
             keys = tomllib.load(file)
         except (ValueError, RecursionError) as error:
-            raise InputError(f"{path} must be a TOML file; got {brief(error)}") from error
+            raise refusal(path, "a TOML file", brief(error)) from error
     names = option_names()
     for key, value in keys.items():
         if key.replace("-", "_") not in names:
-            raise InputError(f"key of {path} must be one of {', '.join(names)}; got {quoted(key)}")
+            raise refusal(f"key of {path}", f"one of {', '.join(names)}", quoted(key))
         if isinstance(value, (dict, list)):
-            raise InputError(f"{key} of {path} must be a plain value; got {quoted(value)}")
+            raise refusal(f"{key} of {path}", "a plain value", quoted(value))
     Toml(path, use_commands_as_keys=False)(app, commands, arguments)

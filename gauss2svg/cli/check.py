@@ -9,9 +9,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from gauss2svg import files
-from gauss2svg.cli.parameters import refuse_unknown_options
+from gauss2svg.batch.inputs import expanded
+from gauss2svg.cli.parameters import refuse_options
 from gauss2svg.cli.streams import say, standard_stream
-from gauss2svg.errors import InputError, brief
+from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.options import Number, OptionGroup, Renderer, Whole, byte_size
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
@@ -104,16 +105,15 @@ def check_command(
     from gauss2svg.cli.summary import print_check
     from gauss2svg.measure.check import check
 
-    names = files.expanded([photo, svg])
-    refuse_unknown_options(names, check_command)
+    names = expanded([photo, svg])
+    refuse_options(check_command, names, reference or "")
     if len(names) != 2:
-        raise InputError(f"photo and SVG must be one file each; got {brief(', '.join(names))}")
+        raise refusal("photo and SVG", "one file each", brief(", ".join(names)))
     photo, svg = names
     if photo == svg == STANDARD_STREAM:
         raise InputError("photo and SVG must not both be -. Try a file name for one of them")
     inputs = {photo: "the photo", svg: "the SVG"}
     if reference is not None:
-        files.refuse_option_like(reference)
         inputs[reference] = "the reference"
     targets = [output.heatmap, output.preview, output.report]
     files.check_outputs(inputs, [path for path in targets if path is not None])

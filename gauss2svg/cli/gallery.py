@@ -12,7 +12,7 @@ from gauss2svg.batch.inputs import check_apart
 from gauss2svg.cli.parameters import Photos, Quiet, photos_given, words
 from gauss2svg.cli.streams import STATUS_SOME_FAILED, counting_bar, say
 from gauss2svg.compare.pages.options import GalleryOptions
-from gauss2svg.errors import InputError, quoted
+from gauss2svg.errors import quoted, refusal
 from gauss2svg.processes import command_line
 
 _DEFAULTS = GalleryOptions()
@@ -84,7 +84,5 @@ def gallery_command(
 
 def _whole(word: str) -> int:
     if not re.fullmatch("[0-9]{1,18}", word):
-        raise InputError(
-            f"counts must be whole numbers separated by commas; got {quoted(word)}. Try 500,2000"
-        )
+        raise refusal("counts", "whole numbers separated by commas", quoted(word), "500,2000")
     return int(word)

@@ -11,7 +11,8 @@ from typing import Annotated, Any
 from cyclopts import Group, Parameter
 
 from gauss2svg.batch.inputs import local_photos
-from gauss2svg.errors import InputError
+from gauss2svg.errors import refusal
+from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.pipeline.options import GROUPS, Options
 
 Photos = Annotated[
@@ -27,22 +28,29 @@ Output = Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=
 Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor summary.")]
 
 
-def photos_given(names: list[str], command: Callable[..., int]) -> list[str]:
-    """Return the paths that `Photos` of a command stand for."""
-    refuse_unknown_options(names, command)
+def photos_given(names: list[str], command: Callable[..., int], output: str = "") -> list[str]:
+    """Return the paths that `Photos` of a command stand for, or raise InputError as below."""
+    refuse_options(command, names, output)
     return local_photos(names)
 
 
-def refuse_unknown_options(names: Iterable[str], command: Callable[..., int]) -> None:
-    """Raise InputError for a name such as --treads: what is no option ends up among the photos."""
-    parameters = inspect.signature(command).parameters.values()
-    options = [one for p in parameters for one in _option_names(p.name, p.default)]
+def refuse_options(command: Callable[..., int], names: Iterable[str], other: str = "") -> None:
+    """Raise InputError for names that are meant as options.
+
+    names  of photos, among which the parser leaves what is no option, such as --treads
+    other  name that followed an option, as in -o --quiet
+    """
     for name in names:
-        if name.startswith("-") and name != "-":
+        if name.startswith("-") and name != STANDARD_STREAM:
+            parameters = inspect.signature(command).parameters.values()
+            options = [one for p in parameters for one in _option_names(p.name, p.default)]
             # At less --colors is like --scores.
-            close = get_close_matches(name, options, 1, cutoff=0.8)
-            advice = f"{close[0] if close else '--help'}, or ./{name} for a file of that name"
-            raise InputError(f"{name} must be an option; got an unknown one. Try {advice}")
+            close = [*get_close_matches(name, options, 1, cutoff=0.8), "--help"][0]
+            advice = f"{close}, or ./{name} for a file of that name"
+            raise refusal(name, "an option", "an unknown one", advice)
+    if other.startswith("-") and other != STANDARD_STREAM:
+        got = f"{other}, which reads like an option"
+        raise refusal("file", "a name that does not begin with -", got, f"./{other}")
 
 
 def _option_names(name: str, default: Any) -> Iterator[str]:

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 from gauss2svg.cli.parameters import Output, Photos, Quiet, photos_given
 from gauss2svg.cli.streams import STATUS_SOME_FAILED, counting_bar, say, write_output
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.files import STANDARD_STREAM, refuse_option_like, write_all_atomically
+from gauss2svg.files import STANDARD_STREAM, write_all_atomically
 from gauss2svg.pipeline.placeholder_list import PlaceholderList, PlaceholderOptions
 
 _DEFAULTS = PlaceholderOptions()
@@ -35,8 +35,8 @@ def placeholder_command(
         Show neither progress nor summary.
 
     """
-    refuse_option_like(output)
-    listed = PlaceholderList(given := photos_given(photos, placeholder_command), output, options)
+    given = photos_given(photos, placeholder_command, output)
+    listed = PlaceholderList(given, output, options)
     with counting_bar(quiet) as update:
         try:
             for at, photo in enumerate(listed.photos):

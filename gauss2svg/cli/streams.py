@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from typing import IO, Any
 
-from gauss2svg.errors import InputError, on_one_line
+from gauss2svg.errors import on_one_line, refusal
 
 STATUS_SOME_FAILED = 1
 _LINE_S = 60.0  # between two lines of progress in a log, which a night makes some hundreds long
@@ -23,9 +23,8 @@ def say(line: str) -> None:
 def standard_stream(stream: Any, name: str) -> IO[bytes]:
     """Return the binary side of sys.stdin or sys.stdout; raise InputError if it is closed."""
     if stream is None:  # Python's value for a closed descriptor
-        raise InputError(
-            f"standard {name} must be open; got a closed stream. Try a file name instead of -"
-        )
+        advice = "a file name instead of -"
+        raise refusal(f"standard {name}", "open", "a closed stream", advice)
     return stream.buffer
 
 

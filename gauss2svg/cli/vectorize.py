@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Group, Parameter
 
 from gauss2svg import files
-from gauss2svg.cli.parameters import Output, options_of, refuse_unknown_options
+from gauss2svg.batch.inputs import expanded
+from gauss2svg.cli.parameters import Output, options_of, refuse_options
 from gauss2svg.cli.signals import Interruption, interruptible
 from gauss2svg.cli.streams import say, standard_stream, write_output
-from gauss2svg.errors import InputError, brief, quoted, whole_number
+from gauss2svg.errors import InputError, brief, quoted, refusal, whole_number
 from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.photo.formats import TITLES
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
@@ -127,12 +128,12 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         ] = OutputFiles(),
         makers: Annotated[MakerFiles, Parameter(name="*", group=makers_group)] = MakerFiles(),
     ) -> int:
-        photos = files.expanded(photo)
-        refuse_unknown_options(photos, command)
+        photos = expanded(photo)
+        refuse_options(command, photos, output or "")
         if len(photos) != 1:
             got = brief(", ".join(photos)) if photos else "none"
             advice = "gauss2svg batch" if photos else "gauss2svg --help"
-            raise InputError(f"the photo must be one file; got {got}. Try {advice}")
+            raise refusal("the photo", "one file", got, advice)
         both = Files(**vars(others), **vars(makers))
         return _run(photos[0], output, Options(**vars(options)), both)
 
@@ -141,7 +142,6 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
 
 
 def _run(photo: str, output: str | None, options: Options, further: Files) -> int:
-    files.refuse_option_like(photo, output or "")
     with interruptible() as interruption:
         if output is None:
             output = _default_output(photo, further.overwrite)
@@ -170,12 +170,11 @@ def _default_output(photo: str, overwrite: bool) -> str:
     """
     if photo == STANDARD_STREAM:
         raise InputError(
-            "--output must be given where the photo is standard input. Try -o out.svg, or -o - for "
-            "standard output"
+            "--output must be given where the photo is standard input. Try -o out.svg or -o -"
         )
     output = Path(photo).with_suffix(".svg")
     if output == Path(photo):
-        raise InputError(f"the photo must be an image other than an SVG; got {quoted(photo)}")
+        raise refusal("the photo", "an image other than an SVG", quoted(photo))
     if not overwrite and output.is_file() and not _is_ours(output):
         raise InputError(
             f"{output} must be given by name, for it exists and gauss2svg did not write it. Try "
@@ -213,7 +212,7 @@ def _checked(photo: str, output: str, options: Options, further: Files) -> Optio
         suffix, kind = _TYPES[option]
         name = f"--{option.replace('_', '-')}"
         if path.suffix.lower() == PALETTE_SUFFIX:  # the inks may be read from it
-            raise InputError(f"{name} must be no palette file; got {brief(path)}. Try another name")
+            raise refusal(name, "no palette file", brief(path), "another name")
         if suffix == ".svg":
             check_svg_name(name, path)
         else:
@@ -232,15 +231,14 @@ def _check_makers(options: Options, further: Files) -> None:
         )
     if further.separations is not None:
         if options.fit.inks is None:
-            raise InputError("--separations must be given with --inks; got none. Try --inks 3")
+            raise refusal("--separations", "given with --inks", "none", "--inks 3")
         files.check_writable(further.separations)  # no folder: then plates would have no name
     if further.pens is None:
         return
     whole_number("--pens", further.pens, 1, MOST_PENS)
     if further.outline is None:
-        raise InputError(
-            f"--pens must be given with --outline; got {further.pens} alone. Try --outline plot.svg"
-        )
+        alone = f"{further.pens} alone"
+        raise refusal("--pens", "given with --outline", alone, "--outline plot.svg")
     for name in options.document.layered:
         raise InputError(f"--pens must not be given with {name}, whose layers are rounds")
 

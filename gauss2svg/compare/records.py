@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from gauss2svg.batch.table import as_cell
 from gauss2svg.errors import Gauss2SvgError, OutputError, error_line
-from gauss2svg.files import as_cell
 
 Row = dict[str, Any]
 TOOL = "gauss2svg"  # the tool of all rows that are not a peer's

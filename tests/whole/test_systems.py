@@ -17,11 +17,12 @@ from conftest import has_ended
 from PIL import Image
 
 from gauss2svg import files
+from gauss2svg.batch.inputs import expanded
 from gauss2svg.batch.stores import Store
 from gauss2svg.cli import signals
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError, RendererError
-from gauss2svg.files import expanded, is_device
+from gauss2svg.files import is_device
 from gauss2svg.photo.listing import slug_of
 from gauss2svg.processes import (
     command_line,
