@@ -18,9 +18,9 @@ from gauss2svg.batch.options import BatchOptions
 from gauss2svg.cli import streams
 from gauss2svg.cli.parameters import Output, Quiet, options_of, refuse_options
 from gauss2svg.cli.streams import say
-from gauss2svg.errors import brief, quoted, refusal
+from gauss2svg.errors import InputError
 from gauss2svg.files import reading
-from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
+from gauss2svg.pipeline.options import GROUP_TITLES, Options
 
 if TYPE_CHECKING:
     from gauss2svg.batch.many import Batch
@@ -122,7 +122,7 @@ def take_options_of_file(
 ) -> None:
     """Take the options of a TOML file that --options names, where they are not given as well.
 
-    A hook of the parser's. Raise InputError for a file that is no TOML, and for unknown keys.
+    A hook of the parser's. Raise InputError for a file that is no TOML, or has no valid options.
     """
     given = [token for one in arguments if _OPTIONS_FILE in one.names for token in one.tokens]
     if not given:
@@ -131,12 +131,7 @@ def take_options_of_file(
     with reading(path, "a TOML file") as file:
         try:
             keys = tomllib.load(file)
+            Options.from_flat({key.replace("-", "_"): value for key, value in keys.items()})
         except (ValueError, RecursionError) as error:
-            raise refusal(path, "a TOML file", brief(error)) from error
-    names = option_names()
-    for key, value in keys.items():
-        if key.replace("-", "_") not in names:
-            raise refusal(f"key of {path}", f"one of {', '.join(names)}", quoted(key))
-        if isinstance(value, (dict, list)):
-            raise refusal(f"{key} of {path}", "a plain value", quoted(value))
+            raise InputError(f"cannot take the options of {path}: {error}") from error
     Toml(path, use_commands_as_keys=False)(app, commands, arguments)

@@ -4,6 +4,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -38,14 +39,9 @@ HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matche
 )
 _OURS = b"written by gauss2svg"  # of the description of every file
 _HEAD = 65536  # bytes within which it stands
-# Suffix and type of what further files have.
-_TYPES = {
-    "preview": (".png", "image/png"),
-    "report": (".json", "application/json"),
-    "outline": (".svg", ""),
-    "separations": (".svg", ""),
-    "save_scene": (".npz", "application/x-npz"),
-}
+# Suffixes of further files.
+_SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
+_SUFFIXES |= {"save_scene": ".npz"}
 _ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
 _PARAMETERS = f"""
 
@@ -145,6 +141,8 @@ def _run(photo: str, output: str | None, options: Options, further: Files) -> in
     with interruptible() as interruption:
         if output is None:
             output = _default_output(photo, further.overwrite)
+        elif not output:
+            raise refusal("--output", "the name of a file", "''")
         options = _checked(photo, output, options, further)
         result = _result(photo, output, options, further, interruption)
         lines = [*result.report["unreached"]] if further.quiet else []  # bad news all the same
@@ -169,13 +167,15 @@ def _default_output(photo: str, overwrite: bool) -> str:
     that gauss2svg did not write.
     """
     if photo == STANDARD_STREAM:
-        raise InputError(
-            "--output must be given where the photo is standard input. Try -o out.svg or -o -"
-        )
+        advice = "-o out.svg, or -o - for standard output"
+        raise InputError(f"--output must be given where the photo is standard input. Try {advice}")
     output = Path(photo).with_suffix(".svg")
     if output == Path(photo):
         raise refusal("the photo", "an image other than an SVG", quoted(photo))
-    if not overwrite and output.is_file() and not _is_ours(output):
+    if output.is_file() and not overwrite:
+        with suppress(OSError), output.open("rb") as file:
+            if _OURS in file.read(_HEAD):
+                return os.fspath(output)
         raise InputError(
             f"{output} must be given by name, for it exists and gauss2svg did not write it. Try "
             f"-o {output} to replace it, or -o with another name"
@@ -183,40 +183,29 @@ def _default_output(photo: str, overwrite: bool) -> str:
     return os.fspath(output)
 
 
-def _is_ours(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            return _OURS in file.read(_HEAD)
-    except OSError:
-        return False
-
-
 def _checked(photo: str, output: str, options: Options, further: Files) -> Options:
     """Return the options, once they are compatible with the files, which can be written."""
-    from gauss2svg.svg.file import check_svg_name, check_type, is_svgz
+    from gauss2svg.svg.file import check_suffix, check_svg_name, is_svgz
 
     _check_makers(options, further)
-    named = {name: getattr(further, name) for name in _TYPES if getattr(further, name) is not None}
+    named = {name: path for name in _SUFFIXES if (path := getattr(further, name)) is not None}
     targets = [path for name, path in named.items() if name != "separations"]
     inks = options.fit.inks
     if inks is not None:
         targets += further.plates(inks if isinstance(inks, int) else str(inks).count(",") + 1)
-    if not output:
-        check_svg_name("--output", output)
-    if output != STANDARD_STREAM:
-        targets.insert(0, Path(output))
-    files.check_outputs({photo: "the photo"}, targets)
-    if output != STANDARD_STREAM:
+    if output == STANDARD_STREAM:
+        files.check_outputs({photo: "the photo"}, targets)
+    else:
+        files.check_outputs({photo: "the photo"}, [Path(output), *targets])
         check_svg_name("--output", output)
     for option, path in named.items():
-        suffix, kind = _TYPES[option]
         name = f"--{option.replace('_', '-')}"
         if path.suffix.lower() == PALETTE_SUFFIX:  # the inks may be read from it
             raise refusal(name, "no palette file", brief(path), "another name")
-        if suffix == ".svg":
+        if _SUFFIXES[option] == ".svg":
             check_svg_name(name, path)
         else:
-            check_type(name, os.fspath(path), (kind, "text/plain"), suffix)
+            check_suffix(name, path, _SUFFIXES[option])
     return options.changed(gzip=True) if is_svgz(output) else options
 
 
@@ -288,12 +277,12 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
                 written[path] = file_bytes(plates[ink], is_svgz(path))
             else:
                 left_out[path] = f"{path} is not written: no shape of {ink} is seen"
-    if further.preview is not None:
-        written[further.preview] = files.as_png(result.raster)
-    if further.save_scene is not None:
-        written[further.save_scene] = files.saved(result.scene.save)
-    if further.report is not None:
-        written[further.report] = files.as_json(result.report)
+    made = {
+        further.preview: lambda: files.as_png(result.raster),
+        further.save_scene: lambda: files.saved(result.scene.save),
+        further.report: lambda: files.as_json(result.report),
+    }
+    written |= {path: make() for path, make in made.items() if path is not None}
     files.write_all_atomically(written)
     if further.outline is not None and not further.quiet and (hiding := result.hiding) > 0:
         yield (

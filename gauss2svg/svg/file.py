@@ -7,7 +7,7 @@ import mimetypes
 import os
 import re
 
-from gauss2svg.errors import InputError, quoted
+from gauss2svg.errors import quoted, refusal
 
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
 _SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
@@ -22,17 +22,22 @@ def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
     """Raise InputError for a file name that an SVG cannot have: empty, or of another format."""
     text = os.fspath(path)
     if not text:
-        raise InputError(f"{name} must be the name of a file; got {quoted(text)}")
+        raise refusal(name, "the name of a file", quoted(text))
     if text.endswith(("/", os.sep)):
-        raise InputError(f"{name} must be the name of a file, not of a folder; got {quoted(text)}")
-    check_type(name, text, ("image/svg+xml", "text/xml", "application/xml"), ".svg or .svgz")
+        raise refusal(name, "the name of a file, not of a folder", quoted(text))
+    if _type_of(text) not in (None, "image/svg+xml", "text/xml", "application/xml"):
+        raise refusal(name, "a name that ends in .svg or .svgz", quoted(text))
 
 
-def check_type(name: str, path: str, allowed: tuple[str, ...], suffixes: str) -> None:
-    """Raise InputError for a name whose suffix is known as another type than the allowed ones."""
-    kind = mimetypes.guess_type(os.path.basename(path), strict=False)[0]
-    if kind is not None and kind not in allowed:
-        raise InputError(f"{name} must be a name that ends in {suffixes}; got {quoted(path)}")
+def check_suffix(name: str, path: str | os.PathLike[str], suffix: str) -> None:
+    """Raise InputError for a file name whose suffix is known as of another type than `suffix`."""
+    text = os.fspath(path)
+    if _type_of(text) not in (None, "text/plain", _type_of(f"x{suffix}")):
+        raise refusal(name, f"a name that ends in {suffix}", quoted(text))
+
+
+def _type_of(path: str) -> str | None:
+    return mimetypes.guess_type(os.path.basename(path), strict=False)[0]
 
 
 def file_bytes(svg: str, gzipped: bool) -> bytes:

@@ -212,9 +212,9 @@ def refused(tmp_path, monkeypatch, refusal):
         (["in", "-o", "out", "--workers", "0"], "workers must be a whole number in 1.."),
         (["in", "-o", "out", "--portable"], "blend must be add with portable"),
         (["in", "-o", "out", "--options", "gone.toml"], "cannot read gone.toml: No such file"),
-        (["in", "-o", "out", "--options", "bad.toml"], "bad.toml must be a TOML file; got"),
-        (["in", "-o", "out", "--options", "key.toml"], "key of key.toml must be one of quality,"),
-        (["in", "-o", "out", "--options", "list.toml"], "stops of list.toml must be a plain value"),
+        (["in", "-o", "out", "--options", "bad.toml"], "the options of bad.toml: Invalid"),
+        (["in", "-o", "out", "--options", "key.toml"], "key.toml: option must be one of"),
+        (["in", "-o", "out", "--options", "list.toml"], "list.toml: stops must be one of 5,"),
         (["in", "-o", "out", "--options", "high.toml"], "stops must be one of 5, 6, 8, 10, 12"),
     ],
 )  # fmt: skip
