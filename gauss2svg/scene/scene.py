@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted
+from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted, required
 from gauss2svg.files import write_atomically
 from gauss2svg.options import OneOf, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
@@ -229,7 +229,7 @@ class Scene:
         Canvas, background and transparency are those of this scene. Raises SceneError if the blends
         differ.
         """
-        if self.blend != top.blend:
+        if self.blend != required(top, "upper scene", Scene).blend:
             raise SceneError(
                 f"blend of the upper scene must be {self.blend!r}; got {quoted(top.blend)}"
             )

@@ -4,10 +4,10 @@ import io
 
 import numpy as np
 import pytest
-from conftest import random_scene, random_sum
+from conftest import random_scene
 from flat import choices, fit_config
 
-from gauss2svg.errors import InputError, SceneError
+from gauss2svg.errors import InputError
 from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.fit import fit
@@ -209,13 +209,6 @@ def test_scene_comes_back_transparent_from_a_file_and_stays_so():
         assert back.transparent is True
     assert scene.concatenate(random_scene(2)).transparent
     assert not random_scene(2).concatenate(scene).transparent
-
-
-def test_additive_scene_cannot_be_transparent():
-    with pytest.raises(SceneError, match="background"):
-        random_sum(3, 20, 20, 0).replace(transparent=True)
-    with pytest.raises(SceneError, match=r"transparent must be .*got 1"):
-        random_scene(1).replace(transparent=1)
 
 
 @pytest.mark.parametrize(
