@@ -36,8 +36,7 @@ from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_accumulate, fast_composite
-from gauss2svg.render.domain import below_one
-from gauss2svg.render.reference import accumulate, composite, render_reference
+from gauss2svg.render.reference import accumulate, below_one, composite, render_reference
 from gauss2svg.scene import ADD, RHO_LIMIT, narrowing_of
 
 WIDTH, HEIGHT = 40, 36  # px: two and a half tiles by two and a quarter

@@ -14,7 +14,7 @@ from gauss2svg.render.cpu import (
     render_planar,
     splats_from,
 )
-from gauss2svg.render.domain import shapes_of, torch
+from gauss2svg.render.reference import shapes_of, torch
 from gauss2svg.scene import whitening_of
 
 # At an opacity of 0 the falloff that its gradient needs is lost. At these it is not, and ten
@@ -119,7 +119,7 @@ def fast_composite(
     them are, else float32. Gradients flow to every tensor, but only once: a second derivative
     raises torch's error. Where r^2 / 2 < 1e-12 the power of 1e-12 is used, which bounds the
     gradients of beta < 1; they grow with r^(2 beta - 1) or faster. Raises InputError outside the
-    domain (gauss2svg.render.domain).
+    domain (gauss2svg.render.reference.shapes_of).
     """
     shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
     return _drawn(shapes, height, width, additive=False)

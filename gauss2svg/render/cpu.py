@@ -30,40 +30,23 @@ from gauss2svg.render.walk import (
     add_pairs,
     tile_buffers,
     walk_tiles,
-    walk_tiles_additive,
 )
 from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
 from gauss2svg.scene.falloff import covered_radius, cut_radius, longer_axes
 
-
-class _KernelLock:
-    """A re-entrant lock, which a forked process finds held by nobody but the thread that forked."""
-
-    def __init__(self) -> None:
-        self._lock = threading.RLock()
-
-    def __enter__(self) -> None:
-        self._lock.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
-
-    def is_open(self) -> bool:
-        """Whether this thread can take the lock at once; the lock is not kept."""
-        free = self._lock.acquire(blocking=False)
-        if free:
-            self._lock.release()
-        return free
-
-    def forget_others(self) -> None:
-        """Free the lock from threads that do not exist in this process."""
-        if not self.is_open():
-            self._lock = threading.RLock()
-
-
 # A whole fit holds this lock. Fits that run at the same time would share the threads of one
 # machine, and none would be the faster for it.
-kernel_lock = _KernelLock()
+kernel_lock = threading.RLock()
+
+
+def _free_kernel_lock() -> None:
+    """Free the lock, in a process that was forked, from threads that do not exist there."""
+    if kernel_lock.acquire(blocking=False):  # nobody has it, or the thread that forked
+        kernel_lock.release()
+    else:
+        kernel_lock._at_fork_reinit()  # pyright: ignore[reportAttributeAccessIssue] (as in logging)
+
+
 if hasattr(os, "register_at_fork"):
     # Threads do not survive a fork, but what they hold stays held. A fit may take minutes, so its
     # lock is freed in the child; a compilation takes seconds and is awaited, as LLVM has state.
@@ -72,7 +55,7 @@ if hasattr(os, "register_at_fork"):
         after_in_parent=global_compiler_lock.release,
         after_in_child=global_compiler_lock.release,
     )
-    os.register_at_fork(after_in_child=kernel_lock.forget_others)
+    os.register_at_fork(after_in_child=_free_kernel_lock)
 
 # Pair rows that take about as long as waking up a thread, of all kernels and of add_pairs.
 _LEAST_SHARE, _LEAST_ADDED = 4096, 65536
@@ -206,13 +189,12 @@ def _visit(
     loss = np.zeros(len(pairs.start) - 1)
     totals = np.zeros((len(splats.mean), pair_width))
     background = splats.background.astype(image.dtype)
-    walk = walk_tiles_additive if splats.additive else walk_tiles
 
     def walk_share(share: int, shares: int) -> None:
-        walk(
+        walk_tiles(
             mode, share, shares, splats.shape, splats.opacity_color, background, image, weight,
             pairs.gaussian, pairs.rows, pairs.start, pairs.order,
-            *tile_buffers(pairs.most_rows, image.dtype), pair_out, out, loss,
+            *tile_buffers(pairs.most_rows, image.dtype, splats.additive), pair_out, out, loss,
         )  # fmt: skip
 
     def add_share(share: int, shares: int) -> None:

@@ -1,7 +1,4 @@
-"""Alpha compositing of one tile: forward, backward and removal, sixteen lanes at a time.
-
-It is long because the forward and the backward loop of a kind of shape must agree line by line, and
-are read together.
+"""Blending of one tile: forward, backward and removal, sixteen lanes at a time.
 
 The buffers are all float32 or all float64, and so is the arithmetic between lanes; shape
 and opacity_color are float64 in both.
@@ -36,8 +33,9 @@ A plain ellipse covers a share of each pixel instead (gauss2svg.scene.falloff), 
 clip(1/2 + (R - r) / g) where it is wider than a pixel. g = n / r with n = |W^T z| counts as
 constant beside r, so that h = dL/dalpha opacity / n where the pixel is on the rim, and 0 elsewhere.
 
-Gaussians, other exponents and plain ellipses have a loop each and pay nothing for what they do not
-have: the second takes about 1.5 times as long as the first (docs/decisions/kernels.md).
+With additive blending C = background + sum a_k c_k, a_k = f(r_k), with signed colours and in any
+order, so that dL/da_k = g.c_k and dL/dc_k = sum a_k g. The kernels are then compiled with None in
+place of the transmittance. Opacities and exponents are not read.
 """
 
 # pyright: reportCallIssue=false
@@ -45,12 +43,14 @@ have: the second takes about 1.5 times as long as the first (docs/decisions/kern
 
 from numba import njit
 
-from gauss2svg.render.powers import LOG2_E, LOGARITHM_FROM, exp2, log
 from gauss2svg.render.simd import (
     LANES,
+    LOG2_E,
     constant,
+    exp2,
     least,
     load,
+    log,
     most,
     narrow,
     polynomial,
@@ -66,6 +66,7 @@ from gauss2svg.scene.falloff import CUT, RIM
 assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
 PLANE = TILE_WIDTH * TILE_HEIGHT
 MOMENTS = 10
+LOGARITHM_FROM = 1e-12  # least r^2 / 2 whose power is computed: nearer to the mean this is used
 
 # exp(u) on -1.125..0, least squares on Chebyshev nodes with p(0) = 1; its fourth
 # power is exp(-q / 2) for 0 <= q <= 9 within 2e-6 in float32 and a relative 3e-15
@@ -111,21 +112,7 @@ def _exp_half(q):
 
 
 @njit(inline="always")
-def falloff_row(q):
-    """A Gaussian's falloff f(r) lane by lane for q = r^2 >= 0, exactly 0 from the cut on."""
-    norm = splat(_norm(q), q)
-    bell = _exp_half(least(q, splat(_CUT, q)))
-    return most(norm * bell - norm * splat(_rim(q), q), splat(0.0, q))
-
-
-@njit(inline="always")
-def rim_of_gaussians(like):
-    """Lanes of rim / (1 - rim): f(r) plus this is proportional to exp(-r^2 / 2)."""
-    return splat(_norm(like) * _rim(like), like)
-
-
-@njit(inline="always")
-def whitened(i, p, x0, y0, column, like, shape, rows):
+def _whitened(i, p, x0, y0, column, like, shape, rows):
     """z1, z2 on the middle row of a pair, both as lanes like `like`, and that row in the tile.
 
     z2 grows by w22 from each row to the next; pairs of the thinnest shapes have only one row
@@ -165,13 +152,27 @@ def _covered(i, z1, z2, radius, shape):
 
 
 @njit(inline="always")
-def _layer(j, at, a, c0, c1, c2, alpha, transmittance, color, remaining):
-    """Composite alpha a behind what a tile's row at j shows; returns the next free `at`."""
-    t = load(remaining, j)
+def _kind(i, shape, opacity_color, transmittance, like):
+    """Whether a shape is a plain ellipse, whether it has an exponent, its opacity, the rim of f."""
+    if transmittance is None:
+        return False, False, 1.0, _norm(like) * _rim(like)
+    plain = shape[i, 7] != 0.0
+    powered = shape[i, 5] != 1.0 and not plain
+    rim = _power_norm(like) * _power_rim(like) if powered else _norm(like) * _rim(like)
+    return plain, powered, opacity_color[i, 0], rim
+
+
+@njit(inline="always")
+def _layer(y, at, a, c0, c1, c2, alpha, transmittance, color, remaining):
+    """Blend alpha a behind row y of a tile, store a at `at`, and return the next `at`."""
+    j = y * TILE_WIDTH
+    w = a
+    if transmittance is not None:
+        t = load(remaining, j)
+        store(transmittance, at, t)
+        w = a * t
+        store(remaining, j, t - w)
     store(alpha, at, a)
-    store(transmittance, at, t)
-    w = a * t
-    store(remaining, j, t - w)
     store(color, j, load(color, j) + w * c0)
     store(color, j + PLANE, load(color, j + PLANE) + w * c1)
     store(color, j + 2 * PLANE, load(color, j + 2 * PLANE) + w * c2)
@@ -183,112 +184,71 @@ def compose_tile(
     order, first, end, x0, y0, column, inside, shape, opacity_color, gaussian, rows,
     alpha, transmittance, steep, logs, color, remaining,
 ):  # fmt: skip
-    """Composite the pairs of one tile; returns how far alpha and transmittance were filled.
+    """Blend the pairs of one tile; return how far alpha and transmittance were filled.
 
     order[first:end]  indices of the tile's pairs, front to back
     x0, y0  the tile's first pixel; column: (16,) 0..15, float64
-    inside  (16,): 1 for columns of the image, 0 beyond its right edge, where
-            the transmittance starts at 0 and nothing counts
+    inside  (16,): 1 for columns of the image, 0 beyond its right edge, where nothing counts
     shape   (n, 11) float64: mean x, y, whitening w11, w21, w22, beta, R^2 = 2 CUT^(1 / beta);
             plain ellipses have the R of their rim, and of what they cover o11, o21, o22, most
     opacity_color  (n, 4) float64: opacity, r, g, b
-    alpha, transmittance  flat buffers, 16 for each row of each pair, in visiting order
-    steep, logs  the same for s^(beta - 1) and ln s; not written for Gaussians (beta = 1)
-    color   (3, TILE_HEIGHT, 16) premultiplied colour
-    remaining  (TILE_HEIGHT, 16) transmittance behind all pairs
+    alpha, transmittance  flat buffers, 16 for each row of each pair, in visiting order;
+            transmittance is None for additive blending
+    steep   the same for s^(beta - 1), or for 1 / n on the rim of plain ellipses
+    logs    the same for ln s; for Gaussians (beta = 1) neither is written
+    color   (3, TILE_HEIGHT, 16) sum of w c
+    remaining  (TILE_HEIGHT, 16) transmittance behind all pairs; not written for additive blending
     """
     columns = load(column, 0)
-    centre = load(inside, 0)
-    cut = splat(_CUT, centre)
-    zero = splat(0.0, centre)
-    half = splat(0.5, centre)
-    tiny = splat(LOGARITHM_FROM, centre)
+    mask = load(inside, 0)
+    zero = splat(0.0, mask)
+    half = splat(0.5, mask)
+    tiny = splat(LOGARITHM_FROM, mask)
     for y in range(0, PLANE, TILE_WIDTH):
-        store(remaining, y, load(inside, 0))
+        if transmittance is not None:
+            store(remaining, y, mask)
         for channel in range(3):
             store(color, channel * PLANE + y, zero)
     at = 0
     for k in range(first, end):
         p = order[k]
         i = gaussian[p]
-        powered = shape[i, 5] != 1.0
-        norm = _power_norm(centre) if powered else _norm(centre)
-        peak = splat(opacity_color[i, 0] * norm, centre)
-        rim = splat(
-            opacity_color[i, 0] * norm * (_power_rim(centre) if powered else _rim(centre)), centre
-        )
-        c0 = splat(opacity_color[i, 1], centre)
-        c1 = splat(opacity_color[i, 2], centre)
-        c2 = splat(opacity_color[i, 3], centre)
-        z1, across, middle = whitened(i, p, x0, y0, columns, centre, shape, rows)
+        plain, powered, opacity, rim_share = _kind(i, shape, opacity_color, transmittance, mask)
+        peak = splat(opacity * (_power_norm(mask) if powered else _norm(mask)), mask)
+        rim = splat(opacity * rim_share, mask)
+        c0 = splat(opacity_color[i, 1], mask)
+        c1 = splat(opacity_color[i, 2], mask)
+        c2 = splat(opacity_color[i, 3], mask)
+        z1, across, middle = _whitened(i, p, x0, y0, columns, mask, shape, rows)
+        square = z1 * z1
+        power = splat((shape[i, 5] - 1.0) * LOG2_E, mask)
+        reach = splat(shape[i, 6], mask)
         w22 = shape[i, 4]
-        power = splat((shape[i, 5] - 1.0) * LOG2_E, centre)
-        reach = splat(shape[i, 6], centre)
-        if shape[i, 7] != 0.0:
-            opacity = splat(opacity_color[i, 0], centre)
+        if transmittance is not None and plain:  # a loop of its own, of which the other has nothing
+            opaque = splat(opacity, mask)
             radius = root(reach)
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-                z2 = across + splat(w22 * (y - middle), centre)
-                share, on_rim = _covered(i, z1, z2, radius, shape)
-                store(steep, at, on_rim)
+                z2 = across + splat(w22 * (y - middle), mask)
+                share, slope = _covered(i, z1, z2, radius, shape)
+                store(steep, at, slope)
                 at = _layer(
-                    y * TILE_WIDTH, at, opacity * share, c0, c1, c2, alpha, transmittance, color,
-                    remaining,
-                )  # fmt: skip
-            continue
-        z1 = z1 * z1
-        if powered:
-            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-                z2 = across + splat(w22 * (y - middle), centre)
-                q = least(z1 + z2 * z2, reach)
-                ln = log(most(q * half, tiny))
-                steepness = exp2(ln * power)
-                a = most(peak * _exp_half(steepness * q) - rim, zero)
-                store(steep, at, steepness)
-                store(logs, at, ln)
-                at = _layer(
-                    y * TILE_WIDTH, at, a, c0, c1, c2, alpha, transmittance, color, remaining
+                    y, at, opaque * share, c0, c1, c2, alpha, transmittance, color, remaining
                 )
             continue
         for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-            z2 = across + splat(w22 * (y - middle), centre)
-            q = least(z1 + z2 * z2, cut)
+            z2 = across + splat(w22 * (y - middle), mask)
+            q = least(square + z2 * z2, reach)
+            if transmittance is not None and powered:
+                ln = log(most(q * half, tiny))
+                steepness = exp2(ln * power)
+                store(steep, at, steepness)
+                store(logs, at, ln)
+                q = steepness * q
             a = most(peak * _exp_half(q) - rim, zero)
-            at = _layer(y * TILE_WIDTH, at, a, c0, c1, c2, alpha, transmittance, color, remaining)
+            if transmittance is None:
+                a = a * mask
+            at = _layer(y, at, a, c0, c1, c2, alpha, transmittance, color, remaining)
     return at
-
-
-@njit(inline="always")
-def _unlayer(j, row, rim, c0, c1, c2, alpha, transmittance, g, behind):
-    """Undo _layer for one row: w, w dL/dalpha, h and the pixels' gradient; see the module."""
-    a = load(alpha, row)
-    t = load(transmittance, row)
-    g0 = load(g, j)
-    g1 = load(g, j + PLANE)
-    g2 = load(g, j + 2 * PLANE)
-    b = load(behind, j)
-    d = g0 * c0 + g1 * c1 + g2 * c2 - b
-    store(behind, j, b + a * d)
-    w = a * t
-    wd = w * d
-    # rim where alpha > 0, 0 where it is 0, without a branch
-    h = wd + least(rim, a * splat(1e30, a)) * (t * d)
-    return w, wd, h, g0, g1, g2
-
-
-@njit(inline="always")
-def put_moments(moments, p, z1, h1, h2, h22, so, s0, s1, s2, hb):
-    """Write the sums over a pair's lanes to row p of moments: see the module."""
-    moments[p, 0] = total(h1)
-    moments[p, 1] = total(h2)
-    moments[p, 2] = total(h1 * z1)
-    moments[p, 3] = total(h2 * z1)
-    moments[p, 4] = total(h22)
-    moments[p, 5] = total(so)
-    moments[p, 6] = total(s0)
-    moments[p, 7] = total(s1)
-    moments[p, 8] = total(s2)
-    moments[p, 9] = 0.5 * total(hb)
 
 
 @tile_kernel
@@ -296,7 +256,7 @@ def backpropagate_tile(
     order, first, end, x0, y0, column, shape, opacity_color, gaussian, rows,
     alpha, transmittance, steep, logs, at, g, behind, moments,
 ):  # fmt: skip
-    """Moments of every pair of a composited tile, by the formula of the module.
+    """Write the moments of every pair of a blended tile, by the formula of the module.
 
     g       (3, TILE_HEIGHT, 16) dL/dpixel, 0 outside the image
     behind  (TILE_HEIGHT, 16) g . background on entry, overwritten
@@ -305,80 +265,70 @@ def backpropagate_tile(
     columns = load(column, 0)
     centre = load(g, 0)
     zero = splat(0.0, centre)
+    steepest = splat(1e30, centre)
     for k in range(end - 1, first - 1, -1):
         p = order[k]
         i = gaussian[p]
-        powered = shape[i, 5] != 1.0
-        rim_share = _power_norm(centre) * _power_rim(centre)
-        if not powered:
-            rim_share = _norm(centre) * _rim(centre)
-        rim = splat(opacity_color[i, 0] * rim_share, centre)
+        plain, powered, opacity, rim_share = _kind(i, shape, opacity_color, transmittance, centre)
+        rim = splat(opacity * (1.0 if plain else rim_share), centre)
         c0 = splat(opacity_color[i, 1], centre)
         c1 = splat(opacity_color[i, 2], centre)
         c2 = splat(opacity_color[i, 3], centre)
-        z1, across, middle = whitened(i, p, x0, y0, columns, centre, shape, rows)
-        w22 = shape[i, 4]
+        z1, across, middle = _whitened(i, p, x0, y0, columns, centre, shape, rows)
         at -= (rows[p, 1] - rows[p, 0]) * TILE_WIDTH
         row = at
-        s0 = s1 = s2 = so = h0 = h2 = h22 = hb = zero
         reach = splat(shape[i, 6], centre)
-        beta = splat(shape[i, 5], centre)
-        if shape[i, 7] != 0.0:
-            # _unlayer's h is w dL/dalpha and, where alpha > 0, this times T dL/dalpha
-            whole = splat(opacity_color[i, 0], centre)
-            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-                z2 = across + splat(w22 * (y - middle), centre)
-                w, wd, h, g0, g1, g2 = _unlayer(
-                    y * TILE_WIDTH, row, whole, c0, c1, c2, alpha, transmittance, g, behind
-                )
-                s0 = s0 + w * g0
-                s1 = s1 + w * g1
-                s2 = s2 + w * g2
-                so = so + wd
-                h = (h - wd) * load(steep, row)
-                hz = h * z2
-                h0 = h0 + h
-                h2 = h2 + hz
-                h22 = h22 + hz * z2
-                row += TILE_WIDTH
-            put_moments(moments, p, z1, h0 * z1, h2, h22, so, s0, s1, s2, hb)
-            continue
-        if powered:
-            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-                z2 = across + splat(w22 * (y - middle), centre)
-                w, wd, h, g0, g1, g2 = _unlayer(
-                    y * TILE_WIDTH, row, rim, c0, c1, c2, alpha, transmittance, g, behind
-                )
-                s0 = s0 + w * g0
-                s1 = s1 + w * g1
-                s2 = s2 + w * g2
-                so = so + wd
-                h = h * load(steep, row)
-                hb = hb + h * (least(z1 * z1 + z2 * z2, reach) * load(logs, row))
-                hz = h * z2
-                h0 = h0 + h
-                h2 = h2 + hz
-                h22 = h22 + hz * z2
-                row += TILE_WIDTH
-            h0 = h0 * beta
-            h2 = h2 * beta
-            h22 = h22 * beta
-        else:
-            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-                z2 = across + splat(w22 * (y - middle), centre)
-                w, wd, h, g0, g1, g2 = _unlayer(
-                    y * TILE_WIDTH, row, rim, c0, c1, c2, alpha, transmittance, g, behind
-                )
-                s0 = s0 + w * g0
-                s1 = s1 + w * g1
-                s2 = s2 + w * g2
-                so = so + wd
-                hz = h * z2
-                h0 = h0 + h
-                h2 = h2 + hz
-                h22 = h22 + hz * z2
-                row += TILE_WIDTH
-        put_moments(moments, p, z1, h0 * z1, h2, h22, so, s0, s1, s2, hb)
+        s0 = s1 = s2 = so = h0 = h2 = h22 = hb = zero
+        for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+            j = y * TILE_WIDTH
+            z2 = across + splat(shape[i, 4] * (y - middle), centre)
+            a = load(alpha, row)
+            g0 = load(g, j)
+            g1 = load(g, j + PLANE)
+            g2 = load(g, j + 2 * PLANE)
+            d = g0 * c0 + g1 * c1 + g2 * c2
+            # rim where alpha > 0, 0 where it is 0, without a branch
+            rest = least(rim, a * steepest)
+            if transmittance is None:
+                w = a
+                wd = a * d
+                h = (a + rest) * d
+            else:
+                t = load(transmittance, row)
+                b = load(behind, j)
+                d = d - b
+                store(behind, j, b + a * d)
+                w = a * t
+                wd = w * d
+                h = wd + rest * (t * d)
+                if plain:
+                    h = (h - wd) * load(steep, row)
+                if powered:
+                    h = h * load(steep, row)
+                    hb = hb + h * (least(z1 * z1 + z2 * z2, reach) * load(logs, row))
+            s0 = s0 + w * g0
+            s1 = s1 + w * g1
+            s2 = s2 + w * g2
+            so = so + wd
+            hz = h * z2
+            h0 = h0 + h
+            h2 = h2 + hz
+            h22 = h22 + hz * z2
+            row += TILE_WIDTH
+        beta = splat(shape[i, 5] if powered else 1.0, centre)
+        h0 = h0 * beta
+        h2 = h2 * beta
+        h22 = h22 * beta
+        moments[p, 0] = total(h0 * z1)
+        moments[p, 1] = total(h2)
+        moments[p, 2] = total(h0 * z1 * z1)
+        moments[p, 3] = total(h2 * z1)
+        moments[p, 4] = total(h22)
+        moments[p, 5] = total(so)
+        moments[p, 6] = total(s0)
+        moments[p, 7] = total(s1)
+        moments[p, 8] = total(s2)
+        moments[p, 9] = 0.5 * total(hb)
 
 
 @tile_kernel
@@ -386,10 +336,10 @@ def removal_tile(
     order, first, end, y0, opacity_color, gaussian, rows, alpha, transmittance, at, error, weight,
     behind, cost,
 ):  # fmt: skip
-    """Change of the weighted sum of squared errors if a pair's Gaussian alone were removed.
+    """Write what the weighted sum of squared errors changes by if one Gaussian were removed.
 
-    Without k its pixels change by d = w_k (B_k - c_k), so the sum changes by
-    weight d.(d + 2 error).
+    Without k its pixels change by d = w_k (B_k - c_k), with additive blending by d = -a_k c_k, so
+    the sum changes by weight d.(d + 2 error).
 
     error   (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image
     weight  (TILE_HEIGHT, 16) of the pixels
@@ -405,17 +355,19 @@ def removal_tile(
         change = zero
         mass = zero
         for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-            a = load(alpha, row)
-            t = load(transmittance, row)
+            w = a = load(alpha, row)
+            if transmittance is not None:
+                w = a * load(transmittance, row)
             row += TILE_WIDTH
-            w = a * t
             counts = load(weight, y * TILE_WIDTH)
             mass = mass + counts * (w * w)
             for channel in range(3):
                 j = channel * PLANE + y * TILE_WIDTH
-                b = load(behind, j)
-                lift = b - splat(opacity_color[i, 1 + channel], error)
-                store(behind, j, b - a * lift)
+                lift = splat(-opacity_color[i, 1 + channel], error)
+                if transmittance is not None:
+                    b = load(behind, j)
+                    lift = b + lift
+                    store(behind, j, b - a * lift)
                 d = w * lift
                 e = load(error, j)
                 change = change + counts * (d * (d + e + e))

@@ -17,6 +17,12 @@ behave as they do in scalar code.
     whole(v)            rounded to whole numbers
     power_of_two(v)     2^v for whole v in the range of the type's normal numbers
     total(v)            sum of the lanes, by pairs, in a fixed order
+    log(v)              natural logarithm of normal v > 0: within 3e-7 in float32 and 2e-15 in
+                        float64, plus a rounding of the result
+    exp2(v)             two to the power of v: relative 3e-6 in float32 and 1e-15 in float64, plus
+                        roundings; v is clipped to the exponents of the type's normal numbers
+
+tests/render/test_simd.py checks the errors of log and exp2.
 
 What differs between the precisions is chosen when a kernel is compiled, so that one source
 serves both:
@@ -25,15 +31,20 @@ serves both:
     polynomial(single, double)  makes f(u) = 1 + c1 u + c2 u^2 + ..
 """
 
+# pyright: reportCallIssue=false
+# The intrinsics take a typing context that numba passes by itself.
+
+import math
 import operator
 from collections.abc import Sequence
 from typing import Any
 
 from llvmlite import ir
-from numba import types
+from numba import njit, types
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
 LANES = 16
+LOG2_E = 1 / math.log(2)
 _ELEMENTS = {types.float32: ir.FloatType(), types.float64: ir.DoubleType()}
 # Of IEEE 754: bits of an element, bits of its fraction, bias of its exponent.
 _LAYOUT = {types.float32: (32, 23, 127), types.float64: (64, 52, 1023)}
@@ -49,93 +60,73 @@ class _Lanes(types.Type):
 @register_model(_Lanes)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, ir.VectorType(_ELEMENTS[fe_type.dtype], LANES))
+        super().__init__(dmm, fe_type, _vector(fe_type))
 
 
-def _lane_pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
+def _vector(lanes_type: Any) -> Any:
+    """Return LLVM's type of lanes, or of lanes of the elements of an array."""
+    return ir.VectorType(_ELEMENTS[lanes_type.dtype], LANES)
+
+
+def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
     data = context.make_array(array_type)(context, builder, array).data
     element = builder.gep(data, [index], inbounds=True)
-    return builder.bitcast(element, ir.VectorType(_ELEMENTS[array_type.dtype], LANES).as_pointer())
-
-
-def _alignment(array_type: Any) -> int:
-    return array_type.dtype.bitwidth // 8
-
-
-def _has_lanes(like: Any) -> bool:
-    return isinstance(like, (_Lanes, types.Array)) and like.dtype in _ELEMENTS
-
-
-def _is_lane_source(array: Any) -> bool:
-    return isinstance(array, types.Array) and _has_lanes(array) and array.layout == "C"
+    return builder.bitcast(element, _vector(array_type).as_pointer())
 
 
 @intrinsic
 def load(typingctx, array, index):
     """Lanes from the 16 elements of a C-contiguous array that start at flat index."""
-    if not _is_lane_source(array):
-        return None
+    assert array.layout == "C"
 
     def codegen(context, builder, signature, args):
-        at = context.cast(builder, args[1], signature.args[1], types.intp)
-        pointer = _lane_pointer(context, builder, signature.args[0], args[0], at)
-        return builder.load(pointer, align=_alignment(signature.args[0]))
+        pointer = _pointer(context, builder, array, *args)
+        return builder.load(pointer, align=array.dtype.bitwidth // 8)
 
-    return _Lanes(array.dtype)(array, index), codegen
+    return _Lanes(array.dtype)(array, types.intp), codegen
 
 
 @intrinsic
 def store(typingctx, array, index, value):
     """Write lanes to the 16 elements that start at flat index."""
-    if not _is_lane_source(array) or value != _Lanes(array.dtype):
-        return None
+    assert (array.layout, array.dtype) == ("C", value.dtype)
 
     def codegen(context, builder, signature, args):
-        at = context.cast(builder, args[1], signature.args[1], types.intp)
-        pointer = _lane_pointer(context, builder, signature.args[0], args[0], at)
-        builder.store(args[2], pointer, align=_alignment(signature.args[0]))
+        pointer = _pointer(context, builder, array, *args[:2])
+        builder.store(args[2], pointer, align=array.dtype.bitwidth // 8)
         return context.get_dummy_value()
 
-    return types.void(array, index, value), codegen
+    return types.void(array, types.intp, value), codegen
 
 
 @intrinsic
 def splat(typingctx, value, like):
     """Sixteen lanes of one number, converted to the element type of like."""
-    if not isinstance(value, (types.Float, types.Integer)) or not _has_lanes(like):
-        return None
 
     def codegen(context, builder, signature, args):
-        scalar = context.cast(builder, args[0], signature.args[0], signature.args[1].dtype)
-        undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
-        single = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
+        undefined = ir.Constant(_vector(like), ir.Undefined)
+        single = builder.insert_element(undefined, args[0], ir.Constant(ir.IntType(32), 0))
         mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
         return builder.shuffle_vector(single, undefined, mask)
 
-    return _Lanes(like.dtype)(value, like), codegen
+    return _Lanes(like.dtype)(like.dtype, like), codegen
 
 
 @intrinsic
 def narrow(typingctx, value, like):
     """Lanes of float64, rounded to the element type of like; as they are where that is float64."""
-    if value != _Lanes(types.float64) or not _has_lanes(like):
-        return None
 
     def codegen(context, builder, signature, args):
-        if signature.args[1].dtype == types.float64:
-            return args[0]
-        return builder.fptrunc(args[0], ir.VectorType(_ELEMENTS[types.float32], LANES))
+        return args[0] if like.dtype == value.dtype else builder.fptrunc(args[0], _vector(like))
 
     return _Lanes(like.dtype)(value, like), codegen
 
 
 def constant(single: float, double: float) -> Any:
-    """A function of like: single if its elements are float32, double if float64, as float64."""
+    """Return a function of like: single if its elements are float32, double if float64."""
 
     @intrinsic
     def operation(typingctx, like):
-        if not _has_lanes(like):
-            return None
         value = single if like.dtype == types.float32 else double
 
         def codegen(context, builder, signature, args):
@@ -146,25 +137,13 @@ def constant(single: float, double: float) -> Any:
     return operation
 
 
-def polynomial(single: Sequence[float], double: Sequence[float]) -> Any:
-    """A function of lanes u: 1 + c1 u + c2 u^2 + .., lowest power first, by Horner's rule."""
-
+def _unary(emit):
     @intrinsic
-    def operation(typingctx, u):
-        if not isinstance(u, _Lanes):
-            return None
-        *lower, highest = (1.0, *(single if u.dtype == types.float32 else double))
-
+    def operation(typingctx, value):
         def codegen(context, builder, signature, args):
-            vector = args[0].type
-            value = ir.Constant(vector, [highest] * LANES)
-            for coefficient in reversed(lower):
-                product = builder.fmul(args[0], value, flags=_CONTRACT)
-                added = ir.Constant(vector, [coefficient] * LANES)
-                value = builder.fadd(added, product, flags=_CONTRACT)
-            return value
+            return emit(builder, args[0], *_LAYOUT[value.dtype])
 
-        return u(u), codegen
+        return value(value), codegen
 
     return operation
 
@@ -172,11 +151,10 @@ def polynomial(single: Sequence[float], double: Sequence[float]) -> Any:
 def _binary(emit):
     @intrinsic
     def operation(typingctx, left, right):
-        if not isinstance(left, _Lanes) or left != right:
-            return None
+        assert left == right
 
         def codegen(context, builder, signature, args):
-            return emit(builder, args[0], args[1])
+            return emit(builder, *args)
 
         return left(left, right), codegen
 
@@ -191,14 +169,11 @@ def _overload_operator(symbol, emit):
     # Lowered directly: numba's `overload` would compile each use of an operator as a function.
     @type_callable(symbol)
     def type_of(context):
-        def typer(left, right):
-            return left if isinstance(left, _Lanes) and left == right else None
-
-        return typer
+        return lambda left, right: left if isinstance(left, _Lanes) and left == right else None
 
     @lower_builtin(symbol, _Lanes, _Lanes)
     def lower(context, builder, signature, args):
-        return emit(builder, args[0], args[1])
+        return emit(builder, *args)
 
 
 _overload_operator(operator.add, lambda builder, a, b: builder.fadd(a, b, flags=_CONTRACT))
@@ -207,18 +182,19 @@ _overload_operator(operator.mul, lambda builder, a, b: builder.fmul(a, b, flags=
 _overload_operator(operator.truediv, lambda builder, a, b: builder.fdiv(a, b))
 
 
-def _unary(emit):
-    @intrinsic
-    def operation(typingctx, value):
-        if not isinstance(value, _Lanes):
-            return None
+def polynomial(single: Sequence[float], double: Sequence[float]) -> Any:
+    """Return a function of lanes u: 1 + c1 u + c2 u^2 + .., by Horner's rule."""
 
-        def codegen(context, builder, signature, args):
-            return emit(builder, args[0], *_LAYOUT[signature.args[0].dtype])
+    def emit(builder, u, bits, *_):
+        *lower, highest = (1.0, *(single if bits == 32 else double))
+        value = ir.Constant(u.type, [highest] * LANES)
+        for coefficient in reversed(lower):
+            product = builder.fmul(u, value, flags=_CONTRACT)
+            added = ir.Constant(u.type, [coefficient] * LANES)
+            value = builder.fadd(added, product, flags=_CONTRACT)
+        return value
 
-        return value(value), codegen
-
-    return operation
+    return _unary(emit)
 
 
 def _split(builder, value, bits, fraction, bias):
@@ -230,26 +206,23 @@ def _split(builder, value, bits, fraction, bias):
     return as_bits, builder.ashr(above, ir.Constant(integers, [fraction] * LANES))
 
 
-def _emit_exponent(builder, value, *layout):
+@_unary
+def exponent(builder, value, *layout):
+    """Exponent of lanes as numbers."""
     return builder.sitofp(_split(builder, value, *layout)[1], value.type)
 
 
-def _emit_mantissa(builder, value, *layout):
+@_unary
+def mantissa(builder, value, *layout):
+    """Mantissa of lanes, in 0.75..1.5."""
     as_bits, power = _split(builder, value, *layout)
     shifted = builder.shl(power, ir.Constant(power.type, [layout[1]] * LANES))
     return builder.bitcast(builder.sub(as_bits, shifted), value.type)
 
 
-def _emit_intrinsic(name):
-    def emit(builder, value, *layout):
-        signature = ir.FunctionType(value.type, [value.type])
-        full = f"llvm.{name}.v{LANES}f{layout[0]}"
-        return builder.call(builder.module.declare_intrinsic(full, fnty=signature), [value])
-
-    return emit
-
-
-def _emit_power_of_two(builder, value, bits, fraction, bias):
+@_unary
+def power_of_two(builder, value, bits, fraction, bias):
+    """Two to the power of whole lanes."""
     integers = ir.VectorType(ir.IntType(bits), LANES)
     power = builder.fptosi(value, integers)
     biased = builder.add(power, ir.Constant(integers, [bias] * LANES))
@@ -257,18 +230,21 @@ def _emit_power_of_two(builder, value, bits, fraction, bias):
     return builder.bitcast(raised, value.type)
 
 
-exponent = _unary(_emit_exponent)
-mantissa = _unary(_emit_mantissa)
-whole = _unary(_emit_intrinsic("rint"))
-root = _unary(_emit_intrinsic("sqrt"))
-power_of_two = _unary(_emit_power_of_two)
+def _intrinsic_of_llvm(name):
+    def emit(builder, value, bits, *_):
+        signature = ir.FunctionType(value.type, [value.type])
+        full = f"llvm.{name}.v{LANES}f{bits}"
+        return builder.call(builder.module.declare_intrinsic(full, fnty=signature), [value])
+
+    return _unary(emit)
+
+
+whole, root = _intrinsic_of_llvm("rint"), _intrinsic_of_llvm("sqrt")
 
 
 @intrinsic
 def total(typingctx, value):
     """Sum of the lanes: halves added to halves, so the order never changes."""
-    if not isinstance(value, _Lanes):
-        return None
 
     def codegen(context, builder, signature, args):
         vector, width = args[0], LANES
@@ -285,3 +261,39 @@ def total(typingctx, value):
         return builder.extract_element(vector, ir.Constant(ir.IntType(32), 0))
 
     return value.dtype(value), codegen
+
+
+# ln(1 + u) / u on -0.25..0.5 and 2^u on -0.5..0.5, minimax for float32 and least squares on
+# Chebyshev nodes for float64.
+_log_ratio = polynomial(
+    (-0.4999786647381979, 0.3331604554922196, -0.25090916436329785, 0.20691373305725377,
+     -0.16575104713970026, 0.07944019106468078),
+    (-0.5000000000000548, 0.3333333333331913, -0.24999999998209857, 0.20000000000595142,
+     -0.16666666866293955, 0.14285714556075513, -0.12499989577936857, 0.11111081830769431,
+     -0.10000268978114876, 0.09092107600498316, -0.0833055290284183, 0.07669299666707963,
+     -0.07130476727220882, 0.0685273527995908, -0.06711635413331628, 0.05802458618907468,
+     -0.03466566693531796, 0.009872262001040057),
+)  # fmt: skip
+_exp2_part = polynomial(
+    (0.6931241927588543, 0.24024098682901, 0.055906428246032355, 0.009582850681341234),
+    (0.6931471805599501, 0.2402265069590916, 0.05550410866445849, 0.00961812910795129,
+     0.0013333558228595145, 0.00015403530034444139, 1.5252658065656096e-05,
+     1.321563522364695e-06, 1.0208556826465857e-07, 7.041314080487328e-09),
+)  # fmt: skip
+_least_exponent = constant(-126.0, -1022.0)
+_most_exponent = constant(127.0, 1023.0)
+
+
+@njit(inline="always")
+def log(v):
+    """Natural logarithm of lanes."""
+    u = mantissa(v) - splat(1.0, v)
+    return exponent(v) * splat(1 / LOG2_E, v) + u * _log_ratio(u)
+
+
+@njit(inline="always")
+def exp2(v):
+    """Two to the power of lanes."""
+    v = least(most(v, splat(_least_exponent(v), v)), splat(_most_exponent(v), v))
+    n = whole(v)
+    return power_of_two(n) * _exp2_part(v - n)

@@ -8,17 +8,11 @@ any result.
 # pyright: reportCallIssue=false
 # The intrinsics of simd.py take a typing context that numba passes by itself.
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from gauss2svg.render.additive import (
-    backpropagate_additive_tile,
-    compose_additive_tile,
-    removal_additive_tile,
-)
 from gauss2svg.render.kernels import backpropagate_tile, compose_tile, removal_tile
 from gauss2svg.render.simd import load, splat, store, total
 from gauss2svg.render.threads import kernel
@@ -29,38 +23,20 @@ from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH
 RENDER, SQUARED_ERROR, GIVEN_GRADIENT, REMOVAL = range(4)
 
 
-class TileBuffers(NamedTuple):
-    """Working memory for one tile at a time, all of one dtype save columns.
+def tile_buffers(most_rows: int, dtype: Any, additive: bool) -> tuple[Any, ...]:
+    """Return working memory for a tile of up to most_rows pair rows: `alpha` to `columns`.
 
-    layers   (4, rows * TILE_WIDTH) alpha, transmittance, s^(beta - 1) and ln s of each pair row
-    color    (3, TILE_HEIGHT, TILE_WIDTH) premultiplied colour
-    gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH) see gauss2svg.render.kernels
+    alpha, transmittance, steep, logs  (most_rows * TILE_WIDTH,) see gauss2svg.render.kernels
+    color, gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH) as there
     remaining  (TILE_HEIGHT, TILE_WIDTH) transmittance behind all Gaussians; 1 on entry
-    inside   (TILE_WIDTH,) 1 for columns of the image, 0 beyond its right edge
-    columns  (TILE_WIDTH,) float64: 0, 1, ...
+    inside     (TILE_WIDTH,) 1 for columns of the image, 0 beyond its right edge
+    columns    (TILE_WIDTH,) float64: 0, 1, ...
     """
-
-    layers: NDArray[np.floating]
-    color: NDArray[np.floating]
-    gradient: NDArray[np.floating]
-    behind: NDArray[np.floating]
-    remaining: NDArray[np.floating]
-    inside: NDArray[np.floating]
-    columns: NDArray[np.float64]
-
-
-def tile_buffers(most_rows: int, dtype: Any) -> TileBuffers:
-    """Buffers for tiles of up to most_rows pair rows."""
-    tile = TILE_HEIGHT, TILE_WIDTH
-    return TileBuffers(
-        layers=np.empty((4, most_rows * TILE_WIDTH), dtype),
-        color=np.empty((3, *tile), dtype),
-        gradient=np.empty((3, *tile), dtype),
-        behind=np.empty((3, *tile), dtype),
-        remaining=np.ones(tile, dtype),
-        inside=np.empty(TILE_WIDTH, dtype),
-        columns=np.arange(TILE_WIDTH, dtype=np.float64),
-    )
+    alpha, transmittance, *powers = np.empty((4, most_rows * TILE_WIDTH), dtype)
+    tiles = np.empty((3, 3, TILE_HEIGHT, TILE_WIDTH), dtype)
+    remaining, inside = np.ones((TILE_HEIGHT, TILE_WIDTH), dtype), np.empty(TILE_WIDTH, dtype)
+    columns = np.arange(TILE_WIDTH, dtype=np.float64)
+    return (alpha, None if additive else transmittance, *powers, *tiles, remaining, inside, columns)
 
 
 @njit(inline="always")
@@ -134,18 +110,17 @@ def _weights_of_tile(x0, y0, h, w, weight, out):
 @kernel
 def walk_tiles(
     mode, share, shares, shape, opacity_color, background, image, weight,
-    gaussian, rows, start, order, layers, color, gradient, behind, remaining, inside, columns,
-    pair_out, out, loss,
+    gaussian, rows, start, order, alpha, transmittance, steep, logs, color, gradient, behind,
+    remaining, inside, columns, pair_out, out, loss,
 ):  # fmt: skip
     """Alpha-composite one share of the tiles, front to back, in one of the four modes.
 
     background, image, weight, pair_out and out are all float32 or all float64.
     weight (h, w) scales the squared error's gradient and removal costs, and is read for these.
-    gaussian to order are those of gauss2svg.render.tiles.Pairs, layers to columns TileBuffers.
+    gaussian to order are those of gauss2svg.render.tiles.Pairs, alpha to columns tile_buffers.
     """
     height, width = out.shape[1:]
     tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
-    alpha, transmittance, steep, logs = layers[0], layers[1], layers[2], layers[3]
     for tile in range(share, start.size - 1, shares):
         x0 = (tile % tile_columns) * TILE_WIDTH
         y0 = (tile // tile_columns) * TILE_HEIGHT
@@ -178,49 +153,10 @@ def walk_tiles(
                 for y in range(TILE_HEIGHT):
                     for x in range(TILE_WIDTH):
                         behind[channel, y, x] = background[channel]
-            # The transmittance has been read; the next tile begins with its own.
-            _weights_of_tile(x0, y0, h, w, weight, remaining)
+            _weights_of_tile(x0, y0, h, w, weight, color[0])  # the colours have been read
             removal_tile(
                 order, first, end, y0, opacity_color, gaussian, rows,
-                alpha, transmittance, filled, gradient, remaining, behind, pair_out,
-            )  # fmt: skip
-
-
-@kernel
-def walk_tiles_additive(
-    mode, share, shares, shape, opacity_color, background, image, weight,
-    gaussian, rows, start, order, layers, color, gradient, behind, remaining, inside, columns,
-    pair_out, out, loss,
-):  # fmt: skip
-    """walk_tiles by additive blending: opacities are not read, the background is never covered."""
-    height, width = out.shape[1:]
-    tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
-    alpha = layers[0]
-    for tile in range(share, start.size - 1, shares):
-        x0 = (tile % tile_columns) * TILE_WIDTH
-        y0 = (tile // tile_columns) * TILE_HEIGHT
-        h = min(TILE_HEIGHT, height - y0)
-        w = min(TILE_WIDTH, width - x0)
-        for x in range(TILE_WIDTH):
-            inside[x] = 1.0 if x < w else 0.0
-        first, end = start[tile], start[tile + 1]
-        compose_additive_tile(
-            order, first, end, x0, y0, columns, inside, shape, opacity_color, gaussian, rows,
-            alpha, color,
-        )  # fmt: skip
-        loss[tile] = _errors_of_tile(
-            mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
-        )
-        if mode in (SQUARED_ERROR, GIVEN_GRADIENT):
-            backpropagate_additive_tile(
-                order, first, end, x0, y0, columns, shape, opacity_color, gaussian, rows,
-                alpha, gradient, pair_out,
-            )  # fmt: skip
-        elif mode == REMOVAL:
-            _weights_of_tile(x0, y0, h, w, weight, behind[0])
-            removal_additive_tile(
-                order, first, end, y0, opacity_color, gaussian, rows, alpha, gradient, behind[0],
-                pair_out,
+                alpha, transmittance, filled, gradient, color[0], behind, pair_out,
             )  # fmt: skip
 
 

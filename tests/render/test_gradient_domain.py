@@ -22,8 +22,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gauss2svg.render.autograd import fast_accumulate, fast_composite
-from gauss2svg.render.domain import below_one
-from gauss2svg.render.reference import accumulate, composite
+from gauss2svg.render.reference import accumulate, below_one, composite
 from gauss2svg.scene import ADD, LEAST_SIGMA, OVER, Scene, narrowing_of
 
 STEP, MASKED = 2e-5, 2e-3

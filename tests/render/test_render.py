@@ -3,7 +3,6 @@
 import itertools
 from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import numpy as np
 import pytest
 import torch
@@ -129,26 +128,6 @@ def test_reference_gradients_match_finite_differences(scene_of):
 
 
 @of_either_blend
-@pytest.mark.parametrize(("dtype", "off"), [(np.float32, 1e-3), (np.float64, 1e-8)])
-def test_fast_gradients_match_float64_finite_differences(scene_of, dtype, off):
-    scene = scene_of(5, 24, 18, 4, sigma=(2.0, 7.0))
-    target = torch.tensor(np.random.default_rng(1).random((18, 24, 3)))
-    fast, exact = tensors_of(scene, TORCH[dtype]), tensors_of(scene)
-    ((drawn(scene, fast, fast=True).double() - target) ** 2).sum().backward()
-    for which, tensor in enumerate(fast):
-        difference = np.zeros(tensor.shape)
-        for place in np.ndindex(*tensor.shape):
-            values = []
-            for step in (1e-5, -1e-5):
-                moved = [t.detach().clone() for t in exact]
-                moved[which][place] += step
-                values.append(((drawn(scene, moved) - target) ** 2).sum().item())
-            difference[place] = (values[0] - values[1]) / 2e-5
-        scale = np.abs(difference).max()
-        np.testing.assert_allclose(tensor.grad.numpy() / scale, difference / scale, atol=off)
-
-
-@of_either_blend
 @weighted_or_not
 @in_both
 def test_fused_squared_error_equals_the_torch_loss(scene_of, weighted, dtype):
@@ -252,20 +231,6 @@ def test_the_thinnest_shapes_are_pairs_of_one_row_and_reach_the_same_rows():
     assert heights.max() > 1
 
 
-def test_tile_lists_run_from_front_to_back():
-    scene = random_scene(40, 64, 48, 12)
-    _, gaussian, _, start, order, _ = pairs_of_scene(scene, cut_radius(scene.beta), 48, 64)
-    for tile in range(len(start) - 1):
-        assert (np.diff(gaussian[order[start[tile] : start[tile + 1]]]) < 0).all()
-
-
-def test_translation_by_whole_tiles_translates_every_bit():
-    scene = random_scene(20, 64, 64, 13).replace(mean=random_scene(20).mean % 16 + 16)
-    moved = scene.replace(mean=scene.mean + [TILE_WIDTH, TILE_HEIGHT])
-    one, other = render(scene), render(moved)
-    assert (one[:-TILE_HEIGHT, :-TILE_WIDTH] == other[TILE_HEIGHT:, TILE_WIDTH:]).all()
-
-
 def test_second_derivatives_are_refused_not_wrong():
     scene = random_scene(3, 20, 16, 1)
     inputs = tensors_of(scene)
@@ -287,32 +252,6 @@ def test_empty_scene_is_its_background():
     scene = Scene(5, 4, background=np.array([0.25, 0.5, 0.75]))
     assert (render(scene) == np.float32([0.25, 0.5, 0.75])).all()
     assert (render_reference(scene).numpy() == [0.25, 0.5, 0.75]).all()
-
-
-def test_later_gaussians_cover_earlier_ones():
-    wide = np.full((2, 2), 1e6)
-    scene = Scene(
-        3, 3, np.full((2, 2), 1.5), wide, np.zeros(2), np.array([[1, 0, 0], [0, 0, 1]]), np.ones(2)
-    )
-    np.testing.assert_allclose(render(scene), np.broadcast_to([0, 0, 1], (3, 3, 3)), atol=1e-6)
-
-
-@of_either_blend
-@in_both
-@pytest.mark.usefixtures("threads_given_back")
-@pytest.mark.parametrize("threads", [1, 2])
-def test_thread_count_changes_no_bit(scene_of, threads, dtype):
-    splats = splats_of(scene_of(300, 150, 90, 14))
-    target = np.random.default_rng(4).random((3, 90, 150)).astype(dtype)
-    numba.set_num_threads(1)
-    image, loss, moments, _ = squared_error(splats, target)
-    cost = removal_cost(splats, target)[1]
-    numba.set_num_threads(threads)
-    again = squared_error(splats, target)
-    assert (again[0] == image).all()
-    assert again[1] == loss
-    assert (again[2] == moments).all()
-    assert (removal_cost(splats, target)[1] == cost).all()
 
 
 def test_reference_renders_in_float32_too():

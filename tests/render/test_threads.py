@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 import numba
@@ -16,6 +17,9 @@ from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.render.threads import in_shares
 from gauss2svg.render.walk import add_pairs
+
+forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")  # of forks beside threads
 
 
 @pytest.mark.parametrize(
@@ -63,8 +67,7 @@ def test_pairs_are_added_to_their_gaussian(dtype, shares):
     np.testing.assert_array_equal(totals, expected)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
-@pytest.mark.filterwarnings("default::DeprecationWarning")
+@forks
 @pytest.mark.parametrize("loss", ["mse", "l1+ssim"])
 def test_a_forked_process_renders_and_fits_with_threads_of_its_own(loss, threads_given_back, photo):
     numba.set_num_threads(2)
@@ -113,8 +116,7 @@ class HeldElsewhere:
         self.thread.join()
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
-@pytest.mark.filterwarnings("default::DeprecationWarning")
+@forks
 def test_a_process_that_is_forked_while_another_thread_fits_can_fit(photo):
     options = {"gaussians": 3, "iterations": 2}
     svg = vectorize(photo[:9, :9], **options).svg
@@ -122,24 +124,22 @@ def test_a_process_that_is_forked_while_another_thread_fits_can_fit(photo):
         assert forked(lambda: vectorize(photo[:9, :9], **options).svg == svg)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
-@pytest.mark.filterwarnings("default::DeprecationWarning")
+@forks
 def test_a_process_that_is_forked_inside_of_a_fit_keeps_its_lock_and_can_give_it_back():
+    def taken_by_another_thread():
+        with ThreadPoolExecutor(1) as pool:
+            return pool.submit(kernel_lock.acquire, blocking=False).result()
+
+    def own_lock_is_still_held():
+        refused = not taken_by_another_thread()
+        kernel_lock.release()
+        return refused and taken_by_another_thread()
+
     with kernel_lock:
-
-        def own_lock_is_still_held():
-            refused = []
-            other = threading.Thread(target=lambda: refused.append(not kernel_lock.is_open()))
-            other.start()
-            other.join()
-            kernel_lock.__exit__()
-            return refused == [True] and kernel_lock.is_open()
-
         assert forked(own_lock_is_still_held)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
-@pytest.mark.filterwarnings("default::DeprecationWarning")
+@forks
 def test_a_fork_awaits_the_compilation_of_another_thread(monkeypatch):
     order, lock, parent = [], global_compiler_lock._lock, os.getpid()
 

@@ -31,7 +31,7 @@ def test_photos_are_vectorised_without_it():
 
 
 def test_a_module_that_needs_it_says_so():
-    modules = "autograd", "reference", "domain"
+    modules = "autograd", "reference"
     code = "".join(
         f"try:\n    import gauss2svg.render.{module}\n"
         "except ImportError as error:\n    print(type(error).__name__, error)\n"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from gauss2svg.render.powers import LOGARITHM_FROM, exp2, log
-from gauss2svg.render.simd import LANES, load, store
+from gauss2svg.render.kernels import LOGARITHM_FROM
+from gauss2svg.render.simd import LANES, exp2, load, log, store
 
 
 @njit
