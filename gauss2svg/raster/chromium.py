@@ -39,10 +39,7 @@ PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
 _FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars", "--force-prefers-reduced-motion")
 _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
 _SITE, _HTML, _SVG = "http://gauss2svg.invalid/", "text/html", "image/svg+xml"
-_PLACE = """([x, y]) => {
-    Object.assign(document.images[0].style, {position: "absolute", left: `${x}px`, top: `${y}px`});
-    return true;
-}"""
+_PLACE = "([x, y]) => document.images[0].style = `position: absolute; left: ${x}px; top: ${y}px`"
 _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
 
 

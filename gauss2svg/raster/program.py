@@ -21,33 +21,30 @@ from gauss2svg.errors import RendererError
 TIMEOUT_S = 300  # Inkscape takes up to a minute for a large file of blurs
 DRAWING = "drawing.svg"
 WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # pages of browsers
-# Where installers put programs that are not on PATH, relative to the folders of `places`.
-_INSTALLED = {
-    ("darwin", "chromium"): (
-        "Google Chrome.app/Contents/MacOS/Google Chrome",
-        "Chromium.app/Contents/MacOS/Chromium",
-    ),
-    ("darwin", "firefox"): ("Firefox.app/Contents/MacOS/firefox",),
-    ("darwin", "inkscape"): ("Inkscape.app/Contents/MacOS/inkscape",),
-    ("win32", "chromium"): (
-        "Google/Chrome/Application/chrome.exe",
-        "Chromium/Application/chrome.exe",
-    ),
-    ("win32", "firefox"): ("Mozilla Firefox/firefox.exe",),
+# Where installers put programs that are not on PATH: apps of macOS, paths in folders of Windows.
+_APPS = {"chromium": ("Google Chrome", "Chromium"), "firefox": ("Firefox",)}
+_APPS |= {"inkscape": ("Inkscape",)}
+_PATHS = {
+    "chromium": ("Google/Chrome/Application/chrome.exe", "Chromium/Application/chrome.exe"),
+    "firefox": ("Mozilla Firefox/firefox.exe",),
     # The .com writes to the terminal, the .exe opens a window.
-    ("win32", "inkscape"): ("Inkscape/bin/inkscape.com", "Inkscape/bin/inkscape.exe"),
+    "inkscape": ("Inkscape/bin/inkscape.com", "Inkscape/bin/inkscape.exe"),
 }
+_FOLDERS = ("ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPPDATA")
 
 
 def places(renderer: str) -> list[str]:
     """Return where installers put a renderer's program that is not on PATH."""
-    if sys.platform == "win32":
-        names = "ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPPDATA"
-        folders = [os.environ[name] for name in names if os.environ.get(name)]
+    if sys.platform == "darwin":
+        folders = "/Applications", os.path.expanduser("~/Applications")
+        apps = [(app, name) for app in _APPS.get(renderer, ()) for name in (app, app.lower())]
+        names = [f"{app}.app/Contents/MacOS/{name}" for app, name in apps]
+    elif sys.platform == "win32":
+        folders = [os.environ[name] for name in _FOLDERS if os.environ.get(name)]
+        names = [os.path.normpath(name) for name in _PATHS.get(renderer, ())]
     else:
-        folders = ["/Applications", os.path.expanduser("~/Applications")]
-    programs = _INSTALLED.get((sys.platform, renderer), ())
-    return [os.path.join(folder, *one.split("/")) for one in programs for folder in folders]
+        return []
+    return [os.path.join(folder, name) for name in names for folder in folders]
 
 
 def find(renderer: str, names: Sequence[str], install: str) -> str:

@@ -45,6 +45,28 @@ def test_photo_becomes_svg_with_all_that_was_asked_for(picture, tmp_path):
     assert len(Scene.load(scene)) == numbers["gaussians"]
 
 
+COMMANDS = {
+    "check photo.png o.svg --report r.json --heatmap h.png": ("r.json", "h.png"),
+    "placeholder photo.png --format html -o page.html": ("page.html",),
+    "batch photo.png -o many --gaussians 9 --workers 1": ("many/photo.svg",),
+    "bench photo.png -o bench --axis gaussians=5,9": ("bench/summary.md", "bench/bench.csv"),
+    "gallery photo.png -o site --counts 9": ("site/index.html",),
+}
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_writes_its_files_and_says_what_it_did(command, picture, tmp_path):
+    picture.rename(tmp_path / "photo.png")
+    svg = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><path d="M0 0h2v3"/></svg>'
+    (tmp_path / "o.svg").write_text(svg)
+    done = run(*command.split(), cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, b""), done.stderr
+    assert done.stderr
+    for name in COMMANDS[command]:
+        assert (tmp_path / name).stat().st_size > 100
+
+
 def test_quiet_is_quiet(picture, tmp_path, capfd):
     assert main([str(picture), "-o", str(tmp_path / "o.svg"), *QUICK, "--quiet"]) == 0
     assert capfd.readouterr() == ("", "")
