@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import secrets
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext, suppress
+from functools import cache
+from importlib.util import find_spec
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -70,10 +72,7 @@ def vectorize_many(
 
     def records() -> Iterator[PhotoRecord]:
         with made:
-            yield from made.unchanged()
-            if made.index.left:
-                with made.connected() if client is None else nullcontext(client) as found:
-                    yield from made.records(found)
+            yield from made.run(client)
             made.finish()
 
     return records()
@@ -126,6 +125,26 @@ class Batch:
 
     def __exit__(self, *_: object) -> None:
         self.index.close()
+
+    def run(
+        self, client: Client | None = None, say: Callable[[str], None] = lambda _: None
+    ) -> Generator[PhotoRecord]:
+        """Yield what becomes of each photo; a cluster is needed where one is left to be done.
+
+        say  called with a line about the cluster
+        """
+        said, scheduler = cache(say), self.batch.scheduler  # each line once
+        yield from self.unchanged()
+        if self.index.left:
+            with self.connected() if client is None else nullcontext(client) as found:
+                if find_spec("bokeh"):  # which draws it
+                    say(f"Dask's dashboard: {found.dashboard_link}")
+
+                def waiting() -> None:
+                    if scheduler is not None:  # a dead worker of this machine is started again
+                        said(f"no workers at {scheduler} yet; waiting for them")
+
+                yield from self.records(found, waiting)
 
     def connected(self) -> AbstractContextManager[Client]:
         """A client of the scheduler, or of worker processes of this machine."""

@@ -42,10 +42,12 @@ class Summary:
         self.reasons: Counter[str] = Counter()
         self.named: list[str] = []
         self._begun = time.monotonic()
-        self._work_begun_s = 0.0
+        self._first_s = 0.0  # when the first photo that is not skipped was done
 
     def add(self, record: PhotoRecord) -> None:
         """Count a photo; one that failed counts as failed also where it was skipped."""
+        if not (self.worked or record.skipped):
+            self._first_s = self.seconds
         if record.error is not None:
             self.failed += 1
             self.earlier += record.skipped
@@ -75,13 +77,9 @@ class Summary:
         """Seconds since the summary was made."""
         return time.monotonic() - self._begun
 
-    def begin_work(self) -> None:
-        """Let `state` count photos a second from now on."""
-        self._work_begun_s = self.seconds
-
     def state(self, count: int) -> str:
-        """Return photos a second, failures and time left, of so many photos."""
-        rate = self.worked / max(self.seconds - self._work_begun_s, 0.2)
+        """Return photos a second since the first, failures and time left, of so many photos."""
+        rate = (self.worked - 1) / max(self.seconds - self._first_s, 0.2) if self.worked else 0.0
         left_s = (count - self.total) / rate if rate else 0.0
         hours, minutes = divmod(round(left_s / 60), 60)
         time_left = f"{hours} h {minutes} min" if hours else f"{minutes} min"

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import sys
 import tomllib
-from collections.abc import Generator
 from contextlib import closing
-from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import App, ArgumentCollection, Group, Parameter
 from cyclopts.config import Toml
@@ -21,11 +19,6 @@ from gauss2svg.cli.streams import say
 from gauss2svg.errors import InputError
 from gauss2svg.files import reading
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
-
-if TYPE_CHECKING:
-    from gauss2svg.batch.many import Batch
-    from gauss2svg.batch.records import PhotoRecord
-    from gauss2svg.batch.table import Summary
 
 _SHOW_S = 0.2  # between two states of the bar
 _OPTIONS_FILE = "--options"
@@ -73,7 +66,7 @@ def batch_command(
         try:
             with (
                 streams.counting_bar(quiet) as update,
-                closing(_records(made, summary, quiet)) as records,
+                closing(made.run(say=(lambda _: None) if quiet else say)) as records,
             ):
                 update("", 0, count)
                 for record in records:
@@ -95,26 +88,6 @@ def batch_command(
     elif summary.failed:
         say(f"{summary.failures}; see {tables[0]}")
     return streams.STATUS_SOME_FAILED if summary.failed else 0
-
-
-def _records(made: Batch, summary: Summary, quiet: bool) -> Generator[PhotoRecord]:
-    """Yield what becomes of each photo, by a cluster where something is left to be done."""
-    scheduler, is_said = made.batch.scheduler, False
-
-    def waiting() -> None:
-        nonlocal is_said
-        # A worker of this machine that died is being started again.
-        if not (is_said or quiet) and scheduler is not None:
-            say(f"no workers at {scheduler} yet; waiting for them")
-        is_said = True
-
-    yield from made.unchanged()
-    if made.index.left:
-        with made.connected() as client:
-            if not quiet and find_spec("bokeh"):  # which draws it
-                say(f"Dask's dashboard: {client.dashboard_link}")
-            summary.begin_work()
-            yield from made.records(client, waiting)
 
 
 def take_options_of_file(
