@@ -35,7 +35,7 @@ from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr, ssim
 from gauss2svg.photo.alpha import shrunk
 from gauss2svg.photo.load import load_image
-from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.run import compile_kernels
 from gauss2svg.raster import rasterize
 from gauss2svg.scene.inks import ink_colors, inks_of
 from gauss2svg.scene.nearest import nearest_entry

@@ -21,10 +21,10 @@ import numpy as np
 from PIL import Image
 
 from gauss2svg.photo.load import header_of
-from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.memory_budget import load_of
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.sizes import load_of
+from gauss2svg.pipeline.run import compile_kernels
 from gauss2svg.scene import BLENDS
 
 _RUN = """

@@ -23,8 +23,8 @@ from gauss2svg import FitOptions, RendererError, RunOptions, Scene, vectorize
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize, renderer_version
 from gauss2svg.render import render
-from gauss2svg.svg.minimal import shapes
-from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg
+from gauss2svg.svg import minimal_shapes
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
 
 _WIDTH, _HEIGHT = 768, 512
 _UNIT = 0.04
@@ -63,7 +63,7 @@ def forms(counts: list[int], renderers: list[str]) -> None:
         scene = random_scene(count)
         model = render(scene, _WIDTH, _HEIGHT)
         for form, most in _FORMS.items():
-            with patch.object(shapes, "MOST_MASKED", most):
+            with patch.object(minimal_shapes, "MOST_MASKED", most):
                 svg = minimal_svg(scene, _UNIT, 6)
             cells = [f"{count}, {form}", f"{len(svg):,}"]
             for name in renderers:

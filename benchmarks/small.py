@@ -24,9 +24,9 @@ from gauss2svg import SvgOptions, vectorize
 from gauss2svg.measure.metrics import psnr, ssim
 from gauss2svg.photo.alpha import over, shrunk
 from gauss2svg.photo.load import load_image
-from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.run import compile_kernels
 from gauss2svg.pipeline.search.by_bytes import ByBytes
 from gauss2svg.pipeline.search.outcome import Watch
 from gauss2svg.pipeline.search.subject import Subject

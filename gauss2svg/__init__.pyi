@@ -27,12 +27,12 @@ from .pipeline.options import (
     SvgOptions as SvgOptions,
 )
 from .pipeline.placeholder import Placeholder as Placeholder, placeholder as placeholder
-from .pipeline.quantize import quantize as quantize
+from .pipeline.palette import quantize as quantize
 from .pipeline.result import Result as Result
 from .pipeline.run import Progress as Progress
 from .pipeline.vectorize import vectorize as vectorize
 from .svg.document import Document as Document
-from .svg.format import SvgFormat as SvgFormat
+from .svg.document import SvgFormat as SvgFormat
 from .svg.notebook import Scene as Scene
 from .svg.reader.read import read_svg as read_svg
 from .svg.write import outline_svg as outline_svg, plate_svg as plate_svg, write_svg as write_svg

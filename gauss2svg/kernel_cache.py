@@ -145,7 +145,9 @@ class KernelCache:
         except OSError:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
-            _lost |= not path.exists()  # on Windows, a file that another process reads
+            _lost |= not os.path.exists(
+                path
+            )  # it may, on Windows, a file that another process reads
 
     def _file(self, sig: Any, codegen: Any) -> Path:
         key = f"{self._stamp} {sig} {codegen.magic_tuple()}"

@@ -20,7 +20,7 @@ from gauss2svg import __version__
 from gauss2svg.compare.machine import machine
 from gauss2svg.compare.records import finite
 from gauss2svg.errors import InputError
-from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.run import compile_kernels
 
 from . import model_sections, svg_sections, table
 from .book import ZOOM, Book, counted

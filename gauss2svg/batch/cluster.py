@@ -23,7 +23,7 @@ from gauss2svg.batch.records import BatchSpec
 from gauss2svg.batch.stores import reason_of
 from gauss2svg.batch.worker import cannot_run, check_worker
 from gauss2svg.errors import ClusterError, Gauss2SvgError, brief, quoted
-from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.run import compile_kernels
 from gauss2svg.processes import end_family
 
 T = TypeVar("T")

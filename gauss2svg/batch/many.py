@@ -149,7 +149,7 @@ class Batch:
     def connected(self) -> AbstractContextManager[Client]:
         """A client of the scheduler, or of worker processes of this machine."""
         from gauss2svg.batch.cluster import local_client, remote_client
-        from gauss2svg.pipeline.kernels import compile_kernels
+        from gauss2svg.pipeline.run import compile_kernels
 
         if self.batch.scheduler is not None:
             return remote_client(self.batch.scheduler)
@@ -239,7 +239,7 @@ class Batch:
 
     def _estimate(self) -> int:
         """Bytes that a run on the largest photos takes, by the headers of the largest files."""
-        from gauss2svg.pipeline.sizes import load_of  # and numba, which takes a while
+        from gauss2svg.pipeline.memory_budget import load_of  # and numba, which takes a while
 
         given = self.options.run.max_memory
         if given is not None:

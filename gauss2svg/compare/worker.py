@@ -54,8 +54,7 @@ def _run_own(request: Mapping[str, Any]) -> dict[str, Any]:
     from gauss2svg.measure.check import enlarged
     from gauss2svg.measure.perceptual import perceptual_scores
     from gauss2svg.pipeline.options import Options
-    from gauss2svg.pipeline.vectorize import vectorize_by
-    from gauss2svg.pipeline.warm_up import warm_up
+    from gauss2svg.pipeline.vectorize import vectorize_by, warm_up
 
     apply_constants(request["settings"])
     given = options_in(request["settings"])

@@ -47,7 +47,7 @@ def convert_additive(
     """Convert an additive scene to as many alpha-composited shapes, which every renderer draws.
 
     They are fitted to pixels (h, w, 3) float32 in 0..1, by default to the render of the scene; see
-    gauss2svg.fit.convert. The count and the schedule of config are not used. Raises InputError
+    gauss2svg.fit.population. The count and the schedule of config are not used. Raises InputError
     unless the scene is additive and config.fit.blend is "over".
     """
     if scene.blend != ADD:

@@ -1,4 +1,8 @@
-"""Placement of new Gaussians: position, size and direction (docs/decisions/placement.md)."""
+"""Placement of new Gaussians: position, size and direction (docs/decisions/placement.md).
+
+Connected components have a kernel here, because scikit-image takes a third of a second to import
+(docs/decisions/start.md).
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.blending import Blending
-from gauss2svg.fit.components import components_of
+from gauss2svg.fit.adam import Blending
 from gauss2svg.fit.options import PERCEPTUAL, FitOptions
 from gauss2svg.fit.target import Target
+from gauss2svg.kernel_cache import cached
 from gauss2svg.photo.smooth import smoothed
 
 _PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
@@ -247,3 +251,52 @@ def _oriented(
     l11 = np.hypot(co * major, si * minor)
     l21 = co * si * (np.square(major) - np.square(minor)) / l11
     return np.stack([l11, l21, major * minor / l11], axis=1).astype(np.float64)
+
+
+@cached(nogil=True)
+def components_of(levels):  # numba kernel
+    """Components (h, w) of equal numbers in levels (h, w), which touch along sides or at corners.
+
+    They are numbered from 1 in the order of their first pixels, row by row; levels of 0 are 0.
+    """
+    height, width = levels.shape
+    # Of each pixel an earlier one of its component, or itself: union-find.
+    parent = np.zeros(height * width, np.int64)
+    for y in range(height):
+        for x in range(width):
+            level = levels[y, x]
+            if level == 0:
+                continue
+            at = y * width + x
+            root = at
+            for k in range(4):  # left, and three above
+                ny, nx = (y, x - 1) if k == 0 else (y - 1, x + k - 2)
+                if ny < 0 or nx < 0 or nx >= width or levels[ny, nx] != level:
+                    continue
+                other = ny * width + nx
+                while parent[other] != other:
+                    parent[other] = parent[parent[other]]
+                    other = parent[other]
+                if other < root:
+                    parent[root] = other
+                    root = other
+                else:
+                    parent[other] = root
+            parent[at] = root
+    found = np.zeros((height, width), np.int64)
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            if levels[y, x] == 0:
+                continue
+            at = y * width + x
+            root = parent[at]
+            while parent[root] != root:
+                root = parent[root]
+            parent[at] = root
+            if root == at:
+                count += 1
+                found[y, x] = count
+            else:
+                found[y, x] = found[root // width, root % width]
+    return found

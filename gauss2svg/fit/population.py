@@ -1,4 +1,10 @@
-"""The Gaussians of a fit on the current target: added, relocated, pruned."""
+"""The Gaussians of a fit on the current target: added, relocated, pruned.
+
+An additive fit is converted to an alpha-composited one, which every renderer draws. An additive
+scene has no order and no opacity: its Gaussians are composited largest first, each in the target's
+colour at its mean, as the initial state of another fit. They keep their position, size and
+direction (docs/decisions/fit.md has what that gains).
+"""
 
 from __future__ import annotations
 
@@ -8,17 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.blending import OPAQUE_LOGIT, blending, in_inks
-from gauss2svg.fit.convert import composited
+from gauss2svg.fit.adam import OPAQUE_LOGIT, blending, in_inks
 from gauss2svg.fit.inks import Inks, crisp
-from gauss2svg.fit.options import FitConfig
+from gauss2svg.fit.options import FitConfig, FitOptions
 from gauss2svg.fit.placement import NewGaussians, first_raw_betas, place
-from gauss2svg.fit.schedule import enlarged_reduction, reduction, refinement_reduction
+from gauss2svg.fit.schedule import enlarged_reduction, reduction, refinement_reduction, totals
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import LossAndGradient, TargetPyramid
+from gauss2svg.fit.target import LossAndGradient, Target, TargetPyramid
 from gauss2svg.photo.alpha import has_alpha
 from gauss2svg.render.cpu import Splats
-from gauss2svg.scene import ADD, PLAIN, Scene
+from gauss2svg.scene import ADD, OVER, PLAIN, Scene
 from gauss2svg.scene.inks import ink_colors, inks_of
 
 # Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off (docs/decisions/renderers.md).
@@ -243,3 +248,31 @@ class Population:
         total = target.rendered(alone.splats(np.zeros(3), ADD))[0]
         x, y = np.clip(new.mean.astype(np.intp), 0, [target.width - 1, target.height - 1]).T
         return np.maximum(total[y, x].astype(np.float64), 1.0)
+
+
+def composited(scene: Scene, target: Target, options: FitOptions) -> State:
+    """The initial state of an alpha-composited fit to target, from an additive scene.
+
+    options are those of that fit; its rounds replace the scene's, largest Gaussians first.
+    Gaussians whose mean lies on an invisible pixel of the target are left out.
+    """
+    height, width = target.height, target.width
+    scene = scene.scaled(width / scene.width, height / scene.height)
+    order = np.argsort(-scene.sigma.prod(axis=1) * np.sqrt(1 - scene.rho**2), kind="stable")
+    mean, factor = scene.mean[order], scene.factor[order]
+    x, y = np.clip(mean.astype(np.intp), 0, [width - 1, height - 1]).T
+    if target.visible is not None:
+        visible = target.visible[y, x]
+        mean, factor, x, y = mean[visible], factor[visible], x[visible], y[visible]
+    count = len(mean)
+    state = State.of(
+        mean,
+        np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1),
+        0,
+        raw_opacity=target.opacity_logits(mean, blending(OVER).initial_opacity_logit),
+        color=target.source_color[:, y, x].T.astype(np.float64),
+        raw_beta=first_raw_betas(count, options),
+    )
+    rounds = totals("exponential", count, None)[:-1]
+    state.round_index = np.searchsorted(rounds, np.arange(count), side="right").astype(np.int32)
+    return state

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit import adam, schedule
-from gauss2svg.fit.adam import Rates
-from gauss2svg.fit.blending import OPAQUE_LOGIT
+from gauss2svg.fit.adam import OPAQUE_LOGIT, Rates
 from gauss2svg.fit.clock import Clock, Stopwatch
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, FixedCount, Snapshot
 from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
@@ -270,7 +269,7 @@ class FitSession:
         self._quantized = True
 
     def _shared_rates(self) -> Rates:
-        """The rates where what shapes share is no longer stepped shape by shape."""
+        """Return the learning rates with shared parameters set to 0, which SharedColors steps."""
         return {**self._rates, **dict.fromkeys((p.name for p in PARAMETERS if p.shared), 0.0)}
 
     def _snapshot(self, done: float, psnr: Callable[[], float]) -> Snapshot:

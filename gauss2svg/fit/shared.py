@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit import adam
-from gauss2svg.fit.blending import Blending
+from gauss2svg.fit.adam import Blending
 from gauss2svg.fit.state import COLOR, State
 from gauss2svg.fit.target import Target
 from gauss2svg.render.cpu import Splats

@@ -10,7 +10,7 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS
 from gauss2svg.scene import ADD
 from gauss2svg.svg.blur import GRADIENT
-from gauss2svg.svg.format import EDITABLE, MINIMAL
+from gauss2svg.svg.document import EDITABLE, MINIMAL
 
 
 def check_together(options: Options) -> None:

@@ -22,8 +22,7 @@ from gauss2svg.options import (
 )
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.scene import OVER
-from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION, STOP_COUNTS, Form
+from gauss2svg.svg.document import LEAST_PRECISION, MOST_PRECISION, STOP_COUNTS, Document, Form
 
 AUTO = "auto"
 _MOST_DECIBELS = 100.0  # 8-bit images that differ have less up to 65 megapixels

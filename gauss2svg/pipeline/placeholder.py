@@ -24,8 +24,8 @@ from gauss2svg.pipeline.run import ProgressCallback, Run
 from gauss2svg.pipeline.search.drawing import search_by_bytes
 from gauss2svg.pipeline.search.outcome import Watch
 from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.svg.document import MINIMAL
 from gauss2svg.svg.element import hex_color
-from gauss2svg.svg.format import MINIMAL
 
 DEFAULT_BYTES = 1000
 # Attributes of Placeholder of which the bytes may be limited.

@@ -1,4 +1,4 @@
-"""The speed and quality presets."""
+"""The presets of speed and quality, and the bytes of a Gaussian that are assumed at first."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass
 
 from gauss2svg.fit.options import MOST_GAUSSIANS
-from gauss2svg.pipeline import bytes_each
 
 # Bounds of the numbers of a run.
 # Fewest entries of a palette. Fewer cost PSNR visibly even with a thousand Gaussians
@@ -16,6 +15,17 @@ FEWEST_COLORS = 192
 MOST_A_SECOND = 5000  # most Gaussians for each second of a limit (docs/decisions/time.md)
 PIXELS_EACH = 30  # px of the fit for each usual shape within a limit (docs/decisions/time.md)
 LEAST_CAP = 150  # fewest Gaussians, however small the limit (docs/decisions/time.md)
+
+# Bytes of a Gaussian in editable markup.
+USUAL_BYTES = 120  # bytes of an ellipse and its share of the palette (docs/decisions/numbers.md)
+GZIPPED_SHARE = 0.17  # share of the bytes that gzip leaves (docs/decisions/numbers.md)
+BYTES_IN_LIMIT = 100  # bytes of an ellipse in a file that fills a limit (docs/decisions/time.md)
+LEAST_BYTES_IN_LIMIT = 60  # fewest bytes of such an ellipse
+BYTES_IN_INKS = 60  # bytes of an ellipse of one of a few inks (docs/decisions/inks.md)
+LEAST_BYTES_IN_INKS = 20  # fewest bytes of it, in minimal markup
+# In minimal markup of a soft shape, of a plain ellipse, of a shape of a drawing; and gzipped
+# (docs/decisions/small.md).
+MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES = (62, 44, 36), (22, 20, 18)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,9 +107,9 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
     if time_limit is not None:
         caps.append(int(MOST_A_SECOND * time_limit))
     if max_bytes is not None:
-        least = bytes_each.LEAST_IN_INKS if inks else bytes_each.LEAST
+        least = LEAST_BYTES_IN_INKS if inks else LEAST_BYTES_IN_LIMIT
         caps.append(max_bytes // least)
-        square = math.sqrt(PIXELS_EACH * max_bytes / bytes_each.LIMITED)
+        square = math.sqrt(PIXELS_EACH * max_bytes / BYTES_IN_LIMIT)
         side = round(min(max(square, usual.max_size), finest.max_size))
     cap = max(LEAST_CAP, min(caps))
     return dataclasses.replace(usual, gain=0.0, enough=NOTHING_TO_GAIN, cap=cap, max_size=side)

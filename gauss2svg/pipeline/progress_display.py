@@ -80,25 +80,28 @@ def _terminal() -> Iterator[ProgressCallback | None]:
 @contextmanager
 def _notebook() -> Iterator[ProgressCallback]:
     """Yield a callback that updates one output of a cell; the last picture and its figures stay."""
-    from gauss2svg.render.frame import FrameMaker
+    from gauss2svg.render.frame import FrameMaker, as_jpeg
     from gauss2svg.svg.notebook import image
 
     display: Any = importlib.import_module("IPython.display")
     frames = FrameMaker(_FRAMES_A_SECOND, _MOST_SIDE)
     handle = display.display(display.HTML("starting"), display_id=True)
+    newest: FitProgress | None = None
     last = phase = ""
 
+    def picture(frame: bytes, fit: FitProgress) -> str:
+        return image(frame, "image/jpeg", "the picture so far") + f"<br/>{_figures(fit)}"
+
     def update(progress: Progress) -> None:
-        nonlocal last, phase
+        nonlocal last, newest, phase
         description, done = _said(progress)
         if progress.fit is not None:
-            frame = frames.frame(progress.fit.scene)
+            newest = progress.fit
+            frame = frames.frame(newest.scene)
             if not frame:
                 return
-            last = (
-                image(frame, "image/jpeg", "the picture so far") + f"<br/>{_figures(progress.fit)}"
-            )
-            description += f", {_left(progress.fit)}"
+            last = picture(frame, newest)
+            description += f", {_left(newest)}"
         elif progress.phase == phase:
             return
         phase = progress.phase
@@ -108,6 +111,8 @@ def _notebook() -> Iterator[ProgressCallback]:
     try:
         yield update
     finally:
+        if newest is not None:  # of which no frame may have been due
+            last = picture(as_jpeg(newest.scene(), _MOST_SIDE), newest)
         handle.update(display.HTML(last))
 
 

@@ -16,14 +16,12 @@ from gauss2svg.measure.paint import paint_ms, shown_width
 from gauss2svg.measure.perceptual import Scores
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.photo import Photo
-from gauss2svg.pipeline.aims import unreached
 from gauss2svg.pipeline.drawings import outline_bytes
-from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.plan import Plan, unreached
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.search.outcome import Outcome
-from gauss2svg.svg.document import Document
+from gauss2svg.svg.document import MINIMAL, Document
 from gauss2svg.svg.file import bytes_by_part
-from gauss2svg.svg.format import MINIMAL
 from gauss2svg.svg.plates import ink_name, inks_of_scene
 from gauss2svg.version import __version__
 

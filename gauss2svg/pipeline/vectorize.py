@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
-from typing import Never
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Never
+
+import numpy as np
 
 from gauss2svg.errors import InputError, instance
 from gauss2svg.fit.options import DensifyOptions, FitOptions, FitProgress
@@ -14,18 +16,18 @@ from gauss2svg.measure.scores import Score
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.photo import Header, Photo
+from gauss2svg.pipeline.memory_budget import Sizes, sizes_of
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions, unknown_option
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.result import Result
-from gauss2svg.pipeline.run import ProgressCallback, Run
+from gauss2svg.pipeline.run import ProgressCallback, Run, compile_kernels
 from gauss2svg.pipeline.search.outcome import Outcome, Search, Watch, best_of
 from gauss2svg.pipeline.search.subject import Subject, document_for
-from gauss2svg.pipeline.sizes import Sizes, sizes_of
 from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.limits import LARGEST_NUMBER
+from gauss2svg.svg.element import LARGEST_NUMBER
 
 
 def vectorize(
@@ -216,3 +218,13 @@ def _check_side(side: int, score: Score | None) -> None:
             f"which {score.name} is measured; got {side} px. Try another target than "
             f"--{score.option.replace('_', '-')}, or a larger --max-size"
         )
+
+
+_SIDE = 32  # px
+
+
+def warm_up(given: Mapping[str, Any]) -> Result:
+    """Load the kernels and vectorise noise in two iterations, with these options by their names."""
+    compile_kernels()
+    noise = np.random.default_rng(0).random((_SIDE, _SIDE, 3))
+    return vectorize_by(Options.from_flat({**given, "iterations": 2}), noise)

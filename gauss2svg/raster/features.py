@@ -14,10 +14,17 @@ from functools import lru_cache
 from typing import Any
 
 from gauss2svg.errors import InputError
-from gauss2svg.svg.syntax.affine import IDENTITY, Affine, compose, parse_transform
-from gauss2svg.svg.syntax.css import nodes_of, words, written
 from gauss2svg.svg.syntax.parse import ANIMATIONS, HREFS
-from gauss2svg.svg.syntax.values import view_box
+from gauss2svg.svg.syntax.values import (
+    IDENTITY,
+    Affine,
+    compose,
+    nodes_of,
+    parse_transform,
+    view_box,
+    words,
+    written,
+)
 
 _Box = tuple[float, float, float, float]
 

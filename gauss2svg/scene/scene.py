@@ -265,7 +265,7 @@ class Scene:
     def load(cls, file: str | os.PathLike[str] | BinaryIO) -> Self:
         """Read a scene written by save.
 
-        Raises InputError for another file, SceneError for arrays that no scene has.
+        Raise InputError for another file, SceneError for arrays that no scene has.
         """
         try:
             with np.load(file, allow_pickle=False) as stored:
@@ -275,7 +275,7 @@ class Scene:
         except Exception as error:  # NumPy, zipfile and zlib each raise their own
             raise InputError(
                 f"scene file must be one written by Scene.save, in version {_FORMAT_VERSION}; got "
-                f"{brief(error)}"
+                f"{brief(error)}. Try to fit the photo again, and to save its scene"
             ) from error
         return cls(**values)
 

@@ -34,16 +34,15 @@ from gauss2svg.files import as_json, as_png, saved, write_whole
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.alpha import over
 from gauss2svg.photo.stderr import own_standard_error
-from gauss2svg.pipeline import bytes_each
+from gauss2svg.pipeline import presets
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.run import Progress
-from gauss2svg.pipeline.vectorize import vectorize_by
-from gauss2svg.pipeline.warm_up import warm_up
+from gauss2svg.pipeline.vectorize import vectorize_by, warm_up
 from gauss2svg.render.frame import FrameMaker, as_jpeg
-from gauss2svg.svg.format import EDITABLE, MINIMAL
+from gauss2svg.svg.document import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
 _LEAST_BETWEEN_S = 0.05  # progress messages without a frame
@@ -149,7 +148,7 @@ class _Worker:
                 "psnr": fit.psnr if np.isfinite(fit.psnr) else None,
                 "elapsed_s": fit.elapsed_s,
                 "remaining_s": fit.remaining_s,
-                "bytes_estimate": bytes_each.USUAL * fit.gaussians,
+                "bytes_estimate": presets.USUAL_BYTES * fit.gaussians,
             }
             self._send(job, "progress", frame, progress=figures)
 

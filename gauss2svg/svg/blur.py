@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import BLURRED, Scene
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
-from gauss2svg.svg.format import Form
+from gauss2svg.svg.document import Form
 from gauss2svg.svg.plain_ellipse import is_plain
 
 GRADIENT, BLUR = get_args(Form)

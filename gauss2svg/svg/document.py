@@ -1,4 +1,4 @@
-"""How a document presents its picture: names, size on paper, layers, animation, fragments."""
+"""Options of a file: SvgFormat says how a scene is written, Document how the file presents it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.options import Number, OptionGroup
+from gauss2svg.options import Number, OneOf, OptionGroup, Whole
 
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
@@ -78,7 +78,7 @@ class Document(OptionGroup):
 
     @property
     def layered(self) -> list[str]:
-        """Which of animate and fragments are given: they need layers of rounds."""
+        """Return the names of the given options that need layers of rounds."""
         given = {"animate": self.animate is not None, "fragments": self.fragments}
         return [name for name, is_given in given.items() if is_given]
 
@@ -156,3 +156,41 @@ def _width_of(name: str, size: Any) -> tuple[float, str]:
             f"{quoted(size)}"
         )
     return across, match[2]
+
+
+Form = Literal["gradient", "blur"]
+EDITABLE, MINIMAL = "editable", "minimal"
+ROUNDS, INKS = "rounds", "inks"
+# Over 1 px thin shapes would be rounded to nothing.
+LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
+STOP_COUNTS = (5, 6, 8, 10, 12)  # of a gradient
+
+
+@dataclass(frozen=True, kw_only=True)
+class SvgFormat(OptionGroup):
+    """How write_svg writes a scene, as its caller says it.
+
+    A run of vectorize takes SvgOptions, and finds this by them, its preset and its limits.
+
+    An additive scene is written in gradients alone, and without opacities.
+    """
+
+    form: Form = "gradient"
+    """Form of the shapes that are not plain ellipses: a radial gradient, or, except for small
+    ones, a disc under feGaussianBlur."""
+
+    markup: Literal["editable", "minimal"] = "editable"
+    """editable: layers with names, for editors; minimal: nothing that does not draw."""
+
+    stops: Annotated[int, OneOf(STOP_COUNTS)] = 5
+    """Stops of a gradient, one of STOP_COUNTS."""
+
+    precision: Annotated[float, Number(LEAST_PRECISION, MOST_PRECISION)] = 0.04
+    """The file's user unit in px, of which coordinates are whole numbers: docs/decisions/numbers.md
+    has what rounding costs."""
+
+    layers: Literal["rounds", "inks"] = "rounds"
+    """Layers of editable markup: the rounds of the fit, or shapes of one ink."""
+
+    opacity_decimals: Annotated[int, Whole(1, 6)] = 2
+    """Decimals of fill-opacity."""

@@ -43,16 +43,17 @@ from numpy.typing import NDArray
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.blur import BLURS, GRADIENT, Blur, drawn_blurs
+from gauss2svg.svg.document import SvgFormat
 from gauss2svg.svg.element import (
     Element,
+    check_canvas,
     hex_color,
     number,
     radial_gradient,
     short_id,
     with_default,
+    writable,
 )
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.limits import check_canvas, writable
 from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
 from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.stops import gradient_stops
@@ -98,7 +99,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     """Elements of the SVG of a scene; they depend on nothing but the two arguments.
 
     Gaussians whose opacity or extent is written as 0 draw nothing and are left out, as are those
-    off the canvas whose numbers are too large for a file (gauss2svg.svg.limits.writable). Raises
+    off the canvas whose numbers are too large for a file (gauss2svg.svg.element.writable). Raises
     SceneError for other Gaussians with such numbers, and for such a canvas.
     """
     check_canvas(scene)
@@ -241,7 +242,7 @@ def _filter(name: str, blur: Blur) -> Element:
 
 
 def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the radius of each shape's circle (n,), in tenths of its gradient's radius."""
+    """Return the radius of each circle (n,) as a multiple of its gradient's, rounded up to .1."""
     minor = scene.ellipse_axes[0][:, 1]
     crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < SOFT_RIM * scene.beta)
     end = minor * cut_radius(scene.beta)

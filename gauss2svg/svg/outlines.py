@@ -18,9 +18,8 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.scene.inks import MOST_INKS, ink_colors, inks_of
 from gauss2svg.scene.nearest import nearest_entry
-from gauss2svg.svg.element import Element, hex_color, number
+from gauss2svg.svg.element import Element, hex_color, number, writable
 from gauss2svg.svg.encode import Drawn
-from gauss2svg.svg.limits import writable
 
 OUTLINE_WIDTH = 0.5  # px
 STROKE_WIDTHS = 0.01, 100.0
@@ -34,7 +33,7 @@ def outlines(scene: Scene) -> list[Drawn]:
     """An <ellipse> for each shape of a scene, in its order, with the colour as its stroke.
 
     Shapes whose extent or opacity is written as 0 are left out, as are those off the canvas whose
-    numbers are too large (gauss2svg.svg.limits.writable).
+    numbers are too large (gauss2svg.svg.element.writable).
     """
     axes, angle_rad = scene.ellipse_axes
     radii = axes * half_radius(scene.beta)[:, None]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import Scene
 from gauss2svg.svg.element import hex_color
-from gauss2svg.svg.minimal.paint_order import colors_together, overlaps
+from gauss2svg.svg.minimal_shapes import colors_together, overlaps
 from gauss2svg.svg.plain_ellipse import plain_radius
 
 # Shapes of which all pairs are compared: those of 4000 take some 50 MB.

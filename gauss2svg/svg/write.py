@@ -2,7 +2,7 @@
 
 gauss2svg.svg.encode has the elements of an editable file; those that other encodings would need
 fail in one renderer or another (docs/decisions/svg.md). An additive scene is written as differences
-(gauss2svg.svg.additive.encode).
+(gauss2svg.svg.additive).
 
 The root has role="img", by which Chromium gives a screen reader the title as its name and the desc
 as its description, both inline and as a file of its own; aria-labelledby would add nothing.
@@ -28,15 +28,19 @@ from gauss2svg.errors import (
     whole_number,
 )
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg.additive.differences import cover, difference_sheet, key_of, transfer_filter
-from gauss2svg.svg.additive.encode import encode_additive
+from gauss2svg.svg.additive import (
+    cover,
+    difference_sheet,
+    encode_additive,
+    key_of,
+    transfer_filter,
+)
 from gauss2svg.svg.blur import GRADIENT
-from gauss2svg.svg.document import Document, round_id
+from gauss2svg.svg.document import INKS, MINIMAL, ROUNDS, Document, SvgFormat, round_id
 from gauss2svg.svg.element import Element, number
 from gauss2svg.svg.encode import Drawn, encode
-from gauss2svg.svg.format import INKS, MINIMAL, ROUNDS, SvgFormat
-from gauss2svg.svg.minimal.shapes import HEX_DIGITS
-from gauss2svg.svg.minimal.write import minimal_svg
+from gauss2svg.svg.minimal import minimal_svg
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 from gauss2svg.svg.outlines import (
     MOST_PENS,
     OUTLINE_WIDTH,
@@ -53,17 +57,17 @@ from gauss2svg.version import __version__
 def write_svg(
     scene: Scene, svg_format: SvgFormat | None = None, document: Document | None = None
 ) -> str:
-    """The SVG text of a scene; it depends only on the scene, the format and the document.
+    """Return the SVG text of a scene. It depends only on the scene, the format and the document.
 
     The scene is written with the exponents and colours that a file can hold
     (gauss2svg.svg.snap.snapped); gauss2svg.quantize returns a scene with fewer of them, for a
     smaller file. A transparent scene has no <rect>.
 
-    Minimal markup is that of gauss2svg.svg.minimal.write. Layers by ink are those of
+    Minimal markup is that of gauss2svg.svg.minimal. Layers by ink are those of
     gauss2svg.svg.plates.grouped_by_ink.
 
-    An additive scene is written as gauss2svg.svg.additive.encode explains: its layers are phases.
-    Raises InputError for an additive scene with animation or fragments, for these, such a scene and
+    An additive scene is written as gauss2svg.svg.additive explains: its layers are phases.
+    Raise InputError for an additive scene with animation or fragments, for these, such a scene and
     blurs in minimal markup, for a document whose size depends on a photo, and for layers by ink of
     a scene without (Scene.inks).
     """
@@ -115,7 +119,7 @@ def ordered_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
 
 
 def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
-    """The SVG text of a plate: black where an ink #rrggbb of a scene is seen, white elsewhere.
+    """Return the SVG text of a plate, which is black where an ink #rrggbb of a scene is seen.
 
     All plates of a scene are of one size and lie over each other. Raises InputError for a scene
     that is not in inks (Scene.inks), and for another ink.
@@ -131,7 +135,7 @@ def outline_svg(
     stroke_width: float = OUTLINE_WIDTH,
     pens: int | None = None,
 ) -> str:
-    """The SVG text of a scene's shapes as bare strokes, for plotters; without a background.
+    """Return the SVG text of a scene's shapes as bare strokes, for plotters; without a background.
 
     Each is an <ellipse> along the contour on which the falloff is half of its height, in the
     shape's colour, opaque, in layers like those of write_svg. Shapes whose extent or opacity is
@@ -141,7 +145,7 @@ def outline_svg(
     pens          colours at most, each with the layer that its strokes form: "1 #c0322c: ..". Then
                   strokes end at the page, and the unit is a millimetre, of the document's size or
                   at 96 px an inch
-    Raises InputError for a width out of range, for an additive scene, and for pens with
+    Raise InputError for a width out of range, for an additive scene, and for pens with
     animation or fragments, which need layers of rounds.
     """
     scene = required(scene, "scene", Scene)

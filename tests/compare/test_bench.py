@@ -12,13 +12,13 @@ from galleries import BLANK, cells_expected, cells_of, program, save
 from PIL import Image
 
 from gauss2svg.cli.main import main
+from gauss2svg.compare import table
+from gauss2svg.compare.columns import summarise
 from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.peers import check_peers
+from gauss2svg.compare.plots import NAMES, plots_of
 from gauss2svg.compare.records import answered, finite
-from gauss2svg.compare.tables import bench
-from gauss2svg.compare.tables.bench import run_bench
-from gauss2svg.compare.tables.columns import summarise
-from gauss2svg.compare.tables.plots import NAMES, plots_of
+from gauss2svg.compare.table import run_bench
 from gauss2svg.compare.worker import in_own_process
 from gauss2svg.errors import InputError
 from gauss2svg.measure.scores import SCORES
@@ -57,8 +57,8 @@ def requests(monkeypatch):
             "svg_bytes": 200 * count, "svgz_bytes": 20 * count, "gaussians": count,
         }  # fmt: skip
 
-    monkeypatch.setattr(bench, "in_own_process", answer)
-    monkeypatch.setattr(bench, "peer_record", lambda request: answer(request, None))
+    monkeypatch.setattr(table, "in_own_process", answer)
+    monkeypatch.setattr(table, "peer_record", lambda request: answer(request, None))
     return found
 
 
@@ -143,17 +143,17 @@ def test_resuming_runs_only_what_is_missing(picture, tmp_path, requests, capsys)
 
 
 def test_interrupted_benchmark_keeps_what_is_finished(picture, tmp_path, requests, monkeypatch):
-    answer = bench.in_own_process
+    answer = table.in_own_process
 
     def interrupt(request, timeout):
         if request["settings"]["gaussians"] == 7:
             raise KeyboardInterrupt
         return answer(request, timeout)
 
-    monkeypatch.setattr(bench, "in_own_process", interrupt)
+    monkeypatch.setattr(table, "in_own_process", interrupt)
     assert main(["bench", str(picture), "-o", str(tmp_path), "--axis", "gaussians=5,7,9"]) == 130
     assert counts(json.loads((tmp_path / "bench.json").read_text())["rows"]) == [5]
-    monkeypatch.setattr(bench, "in_own_process", answer)
+    monkeypatch.setattr(table, "in_own_process", answer)
     requests.clear()
     run_bench([picture], tmp_path, axes={"gaussians": [5, 7, 9]})
     assert len(requests) == 2

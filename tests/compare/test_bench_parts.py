@@ -11,6 +11,7 @@ from flat import BESIDE
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gauss2svg.compare import table
 from gauss2svg.compare.axes import (
     AXES,
     DEFAULT_GRID,
@@ -20,10 +21,9 @@ from gauss2svg.compare.axes import (
     parse_axis,
     settings_of,
 )
+from gauss2svg.compare.columns import distance_below, front
 from gauss2svg.compare.grid import Task
 from gauss2svg.compare.records import add_row, csv_text, rows_in
-from gauss2svg.compare.tables import bench
-from gauss2svg.compare.tables.columns import distance_below, front
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.photo.listing import ListedPhoto
@@ -178,7 +178,7 @@ def test_other_tools_are_kept_whatever_the_seed_and_the_threads():
     def key(variant, seed, threads):
         photo = ListedPhoto("a.png", "a.png", "a.png", "a", "d")
         given = {"seed": seed, "threads": threads, "peer_timeout": 1, "reference": None}
-        return bench._task(photo, variant, given).key
+        return table._task(photo, variant, given).key
 
     peer, own = Variant((("quality", 30),), tool="jpeg"), Variant((("gaussians", 5),))
     assert key(peer, 0, None) == key(peer, 3, 1)

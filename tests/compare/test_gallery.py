@@ -13,7 +13,7 @@ from galleries import Here, Page, Table, cells_expected, cells_of, save
 from PIL import Image, PngImagePlugin
 
 from gauss2svg.cli.main import main
-from gauss2svg.compare import numbers
+from gauss2svg.compare import chart
 from gauss2svg.compare.pages import build
 from gauss2svg.compare.pages.artifacts import answer_to
 from gauss2svg.compare.pages.results import NUMBERS
@@ -133,24 +133,24 @@ def test_numbers_of_the_pages_are_those_of_the_data(site):
     assert len(head) == 11
     for row, summary in zip(rows, site.document["summary"], strict=True):
         assert row == [
-            summary["variant"], "4", numbers.whole(summary["median_gaussians"]),
-            numbers.size(summary["median_svg_bytes"]), numbers.size(summary["median_svgz_bytes"]),
-            numbers.seconds(summary["median_total_s"]), *quality(summary, "median_"),
-            numbers.size(summary["total_svg_bytes"]), numbers.seconds(summary["total_total_s"]),
+            summary["variant"], "4", chart.whole(summary["median_gaussians"]),
+            chart.size(summary["median_svg_bytes"]), chart.size(summary["median_svgz_bytes"]),
+            chart.seconds(summary["median_total_s"]), *quality(summary, "median_"),
+            chart.size(summary["total_svg_bytes"]), chart.seconds(summary["total_total_s"]),
         ]  # fmt: skip
     _, *rows = Table(site.out / "trade-off.html").rows
     for cells, row in zip(rows, site.document["rows"], strict=True):
         assert cells == [
-            row["photo"], row["variant"], *quality(row), numbers.whole(row["gaussians"]),
-            numbers.size(row["svg_bytes"]), numbers.size(row["svgz_bytes"]),
-            numbers.seconds(row["total_s"]),
+            row["photo"], row["variant"], *quality(row), chart.whole(row["gaussians"]),
+            chart.size(row["svg_bytes"]), chart.size(row["svgz_bytes"]),
+            chart.seconds(row["total_s"]),
         ]  # fmt: skip
     for at, row in enumerate(site.document["rows"]):
         cells = Table(site.out / row["page"]).rows[1 + at % 2]
         assert cells[:9] == [
-            row["variant"], numbers.whole(row["gaussians"]), *quality(row),
-            numbers.size(row["svg_bytes"]), numbers.size(row["svgz_bytes"]),
-            numbers.seconds(row["total_s"]), numbers.seconds(row["cpu_s"]),
+            row["variant"], chart.whole(row["gaussians"]), *quality(row),
+            chart.size(row["svg_bytes"]), chart.size(row["svgz_bytes"]),
+            chart.seconds(row["total_s"]), chart.seconds(row["cpu_s"]),
         ]  # fmt: skip
 
 

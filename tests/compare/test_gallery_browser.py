@@ -7,7 +7,7 @@ import pytest
 from gallery_site import COUNTS, HOSTILE, PHONE, WIDE, box, pages_of, shot
 from screens import CONTROLS, OVERFLOW, grave_faults
 
-from gauss2svg.compare import numbers
+from gauss2svg.compare import chart as numbers
 from gauss2svg.measure.scores import SCORES
 
 pytestmark = pytest.mark.browser

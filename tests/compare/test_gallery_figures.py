@@ -9,9 +9,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gauss2svg.compare import numbers
+from gauss2svg.compare import chart
 from gauss2svg.compare.chart import BESIDE, PAGE, Point, scatter
-from gauss2svg.compare.pages.crops import worst_and_typical
+from gauss2svg.compare.pages.artifacts import worst_and_typical
 from gauss2svg.measure.scores import PSNR, SSIM
 
 
@@ -152,25 +152,25 @@ NARROW = "\N{NARROW NO-BREAK SPACE}"
 @pytest.mark.parametrize(
     ("show", "value", "text"),
     [
-        (numbers.size, 0, "0 B"), (numbers.size, 999, "999 B"), (numbers.size, 999.4, "999 B"),
-        (numbers.size, 999.5, "1.00 kB"), (numbers.size, 1000, "1.00 kB"),
-        (numbers.size, 9994, "9.99 kB"), (numbers.size, 9995, "10.0 kB"),
-        (numbers.size, 2625, "2.63 kB"), (numbers.size, 1125, "1.13 kB"),  # ties, as of scripts
-        (numbers.size, 58_345, "58.3 kB"), (numbers.size, 99_949, "99.9 kB"),
-        (numbers.size, 99_950, "100 kB"), (numbers.size, 999_499, "999 kB"),
-        (numbers.size, 999_500, "1.00 MB"), (numbers.size, 1_680_000, "1.68 MB"),
-        (numbers.size, 1.5e9, "1 500 MB"), (numbers.size, None, NOTHING),
-        (numbers.seconds, 0.844, "0.84 s"), (numbers.seconds, 9.994, "9.99 s"),
-        (numbers.seconds, 9.995, "10.0 s"), (numbers.seconds, 99.94, "99.9 s"),
-        (numbers.seconds, 99.95, "100 s"), (numbers.seconds, 401.4, "401 s"),
-        (numbers.seconds, 12_345.6, "12 346 s"), (numbers.seconds, None, NOTHING),
+        (chart.size, 0, "0 B"), (chart.size, 999, "999 B"), (chart.size, 999.4, "999 B"),
+        (chart.size, 999.5, "1.00 kB"), (chart.size, 1000, "1.00 kB"),
+        (chart.size, 9994, "9.99 kB"), (chart.size, 9995, "10.0 kB"),
+        (chart.size, 2625, "2.63 kB"), (chart.size, 1125, "1.13 kB"),  # ties, as of scripts
+        (chart.size, 58_345, "58.3 kB"), (chart.size, 99_949, "99.9 kB"),
+        (chart.size, 99_950, "100 kB"), (chart.size, 999_499, "999 kB"),
+        (chart.size, 999_500, "1.00 MB"), (chart.size, 1_680_000, "1.68 MB"),
+        (chart.size, 1.5e9, "1 500 MB"), (chart.size, None, NOTHING),
+        (chart.seconds, 0.844, "0.84 s"), (chart.seconds, 9.994, "9.99 s"),
+        (chart.seconds, 9.995, "10.0 s"), (chart.seconds, 99.94, "99.9 s"),
+        (chart.seconds, 99.95, "100 s"), (chart.seconds, 401.4, "401 s"),
+        (chart.seconds, 12_345.6, "12 346 s"), (chart.seconds, None, NOTHING),
         (PSNR.text, 31.416, "31.42 dB"), (PSNR.text, None, "equal"),
         (SSIM.text, 1.0, "1.000"), (SSIM.text, 0.6666, "0.667"), (SSIM.text, None, NOTHING),
-        (numbers.whole, 0, "0"), (numbers.whole, 1_234_567, "1 234 567"),
-        (numbers.whole, None, NOTHING),
-        (numbers.short_size, 500, "500 B"), (numbers.short_size, 5e4, "50 kB"),
-        (numbers.short_size, 2e6, "2 MB"), (numbers.short_size, 0.5, "0.5 B"),
-        (numbers.short_seconds, 0.5, "0.5 s"), (numbers.short_seconds, 20.0, "20 s"),
+        (chart.whole, 0, "0"), (chart.whole, 1_234_567, "1 234 567"),
+        (chart.whole, None, NOTHING),
+        (chart.short_size, 500, "500 B"), (chart.short_size, 5e4, "50 kB"),
+        (chart.short_size, 2e6, "2 MB"), (chart.short_size, 0.5, "0.5 B"),
+        (chart.short_seconds, 0.5, "0.5 s"), (chart.short_seconds, 20.0, "20 s"),
     ],
 )  # fmt: skip
 def test_numbers_are_shown_so(show, value, text):
@@ -180,8 +180,8 @@ def test_numbers_are_shown_so(show, value, text):
 
 @given(st.floats(1, 1e9))
 def test_sizes_have_three_digits_and_are_right_to_them(count):
-    text, unit = numbers.size(count).split(NARROW)[-2:]
-    value = float("".join(numbers.size(count).split(NARROW)[:-1]))
+    text, unit = chart.size(count).split(NARROW)[-2:]
+    value = float("".join(chart.size(count).split(NARROW)[:-1]))
     assert value * {"B": 1, "kB": 1e3, "MB": 1e6}[unit] == pytest.approx(
         count, rel=0.00501, abs=0.5
     )

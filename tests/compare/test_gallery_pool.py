@@ -7,7 +7,7 @@ import pytest
 from conftest import has_ended
 
 from gauss2svg.compare.pages.artifacts import answer_to
-from gauss2svg.compare.pool import WorkerPool
+from gauss2svg.compare.pages.build import WorkerPool
 from gauss2svg.compare.records import answered
 from gauss2svg.errors import InputError, OutputError
 

@@ -259,5 +259,5 @@ def test_full_disk_ends_all_at_once(two, tmp_path, monkeypatch, refusal):
         yield 0, {"error": "cannot write x: No space left on device", "fatal": True}
         pytest.fail("continued")
 
-    monkeypatch.setattr("gauss2svg.compare.pool.WorkerPool.run", fill)
+    monkeypatch.setattr("gauss2svg.compare.pages.build.WorkerPool.run", fill)
     assert "No space left" in refusal("gallery", *two, "-o", tmp_path / "out", "--counts", "5")

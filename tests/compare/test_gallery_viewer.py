@@ -10,7 +10,7 @@ from gallery_site import COUNTS, PHONE, WIDE, box, shot, zoomed
 from PIL import Image
 from scipy.ndimage import binary_dilation
 
-from gauss2svg.compare import numbers
+from gauss2svg.compare import chart
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.scores import PSNR
 from gauss2svg.photo.alpha import over, pixels_of
@@ -376,7 +376,7 @@ def test_rounds_are_those_of_the_file(gallery, visit, headless, variant):
         wanted = headless.alone(f"{picture}#round-{number}", stage, stage)
         assert alike(shot(page, stage), wanted)
         distances.append(np.abs(wanted - whole).mean())
-        told = f"after round {number}: {numbers.whole(count)} Gaussians"
+        told = f"after round {number}: {chart.whole(count)} Gaussians"
         assert page.locator("#round").text_content() == told
         assert rounds.get_attribute("aria-valuetext") == told
     assert distances[0] > 3

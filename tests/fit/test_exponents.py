@@ -12,7 +12,7 @@ from gauss2svg.fit.fit import fit
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import STEPS, State
 from gauss2svg.measure import metrics
-from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
@@ -20,7 +20,7 @@ from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, half_radius
 from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.document import SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
 from gauss2svg.svg.write import write_svg
 

@@ -14,8 +14,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit import session as session_module
-from gauss2svg.fit.adam import RATES, Limits, gradients
-from gauss2svg.fit.blending import blending
+from gauss2svg.fit.adam import RATES, Limits, blending, gradients
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import LEAST_OPACITY

@@ -5,12 +5,11 @@ import pytest
 from conftest import random_scene
 from flat import fit_config
 
-from gauss2svg.fit.adam import gradients
-from gauss2svg.fit.blending import blending
+from gauss2svg.fit.adam import blending, gradients
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import COLOR, STEPS, State
-from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.pipeline.palette import quantize
 from gauss2svg.render.cpu import removal_cost, squared_error
 
 COUNT = 60

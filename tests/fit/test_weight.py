@@ -6,23 +6,20 @@ from conftest import random_scene
 from flat import fit_config
 
 from gauss2svg.fit import target as target_module
-from gauss2svg.fit.adam import gradients
-from gauss2svg.fit.blending import blending
+from gauss2svg.fit.adam import blending, gradients
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import Population
-from gauss2svg.fit.target import Target, target_of
-from gauss2svg.fit.weight import CONTRAST, LEAST_BOUND, MOST_BOUND, TIMES_MEDIAN
+from gauss2svg.fit.target import CONTRAST, LEAST_BOUND, MOST_BOUND, TIMES_MEDIAN, Target, target_of
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.palette import quantize, visible_mass
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.quantize import quantize, visible_mass
 from gauss2svg.pipeline.search.export import Export, Exporter
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.document import Document, SvgFormat
 from gauss2svg.svg.write import write_svg
 
 

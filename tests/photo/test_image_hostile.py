@@ -95,7 +95,7 @@ import io
 from PIL import Image
 from gauss2svg.photo.entropy import _lack
 from gauss2svg.photo.load import load_image
-from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.run import compile_kernels
 compile_kernels()
 compiled = list(_lack.signatures)
 for options in ({}, {"progressive": True}, {"restart_marker_blocks": 1}, {"optimize": True}):

@@ -185,7 +185,7 @@ def test_a_small_file_within_seconds_has_shapes_and_is_not_interrupted(photo):
 
 def test_memory_of_a_budget_is_that_of_as_many_shapes_as_the_fit_can_have():
     from gauss2svg.photo.photo import Header
-    from gauss2svg.pipeline.sizes import load_of
+    from gauss2svg.pipeline.memory_budget import load_of
 
     for given in ({"time_limit": 60}, {"max_bytes": "10M"}):
         assert load_of(Plan(Options.from_flat(given)), Header(3000, 2000, False)).bytes < 3e9

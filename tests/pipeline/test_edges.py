@@ -13,8 +13,8 @@ from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import shrunk
 from gauss2svg.pipeline import plan as plans
 from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.palette import with_plain_edges
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.quantize import with_plain_edges
 from gauss2svg.pipeline.search.cap import Cap
 from gauss2svg.pipeline.search.correction import Corrections
 from gauss2svg.pipeline.search.export import Exporter

@@ -19,11 +19,10 @@ from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.photo.load import header_of
 from gauss2svg.pipeline import memory_budget as memory
-from gauss2svg.pipeline.kernels import compile_kernels
-from gauss2svg.pipeline.memory_budget import Load, allowed, free_bytes, size_that_fits
+from gauss2svg.pipeline.memory_budget import Load, allowed, free_bytes, load_of, size_that_fits
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.sizes import load_of
+from gauss2svg.pipeline.run import compile_kernels
 
 SIDES, COUNTS = st.integers(1, 20_000), st.integers(0, 50_000)
 LOADS = st.builds(

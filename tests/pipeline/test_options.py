@@ -20,8 +20,7 @@ from gauss2svg.measure.scores import TARGETS
 from gauss2svg.options import Flag, Number, OneOf, Whole, fields_of
 from gauss2svg.pipeline.options import GROUPS, Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.document import Document, SvgFormat
 
 FIELDS = [field for group in GROUPS.values() for field in fields_of(group)]
 ALL_FIELDS = [*FIELDS, *fields_of(BatchOptions), *fields_of(GalleryOptions), *fields_of(SvgFormat)]

@@ -8,7 +8,7 @@ from conftest import random_sum
 from flat import choices, fit_config
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.blending import blending
+from gauss2svg.fit.adam import blending
 from gauss2svg.fit.fit import convert_additive, fit
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.schedule import totals

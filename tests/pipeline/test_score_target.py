@@ -12,8 +12,8 @@ from gauss2svg.errors import InputError
 from gauss2svg.measure.perceptual import ssimulacra2
 from gauss2svg.measure.scores import SCORES, TARGETS, Search
 from gauss2svg.options import fields_of
-from gauss2svg.pipeline.aims import Aim, aim_of
 from gauss2svg.pipeline.options import Goal
+from gauss2svg.pipeline.plan import Aim, aim_of
 from gauss2svg.raster import rasterize_like
 
 

@@ -31,13 +31,13 @@ SMALL = {**QUICK, "max_size": 60}
 @pytest.fixture(autouse=True, scope="module")
 def _large_is_small():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gauss2svg.pipeline.sizes.MEASURED_PIXELS", LARGE)
+        patch.setattr("gauss2svg.pipeline.memory_budget.MEASURED_PIXELS", LARGE)
         yield
 
 
 @pytest.fixture
 def megapixel(monkeypatch):
-    monkeypatch.setattr("gauss2svg.pipeline.sizes.MEASURED_PIXELS", MEASURED_PIXELS)
+    monkeypatch.setattr("gauss2svg.pipeline.memory_budget.MEASURED_PIXELS", MEASURED_PIXELS)
 
 
 def measured(width, height):

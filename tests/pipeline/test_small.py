@@ -23,7 +23,7 @@ from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render
 from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.scene import PLAIN, SOFT, Scene
-from gauss2svg.svg.minimal.write import minimal_rounded
+from gauss2svg.svg.minimal import minimal_rounded
 
 # Far enough apart that what a fit gains or loses by chance is less than what the bytes bring.
 LADDER = (150, 300, 600, 1200, 2600)

@@ -8,7 +8,7 @@ from flat import fit_config, fit_in, vectorize
 from PIL import Image
 
 from gauss2svg.cli.main import main
-from gauss2svg.fit.convert import composited
+from gauss2svg.fit.population import composited
 from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.render import render

@@ -9,15 +9,14 @@ from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.options import byte_size
 from gauss2svg.pipeline import plan
-from gauss2svg.pipeline.aims import unreached
 from gauss2svg.pipeline.options import Goal
-from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.pipeline.palette import quantize
+from gauss2svg.pipeline.plan import unreached
 from gauss2svg.pipeline.search.export import Export
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.document import Document, SvgFormat
 from gauss2svg.svg.write import write_svg
 
 QUICK = {"iterations": 80}

@@ -26,7 +26,7 @@ from gauss2svg.raster import (
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg.blur import GRADIENT
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.document import SvgFormat
 from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.write import write_svg
 

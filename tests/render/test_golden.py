@@ -21,7 +21,7 @@ from gauss2svg.render import render
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.document import SvgFormat
 from gauss2svg.svg.write import write_svg
 
 GOLDEN = Path(__file__).parents[1] / "golden"

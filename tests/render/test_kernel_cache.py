@@ -104,14 +104,15 @@ def test_kernels_of_a_folder_that_cannot_be_written_are_read(home, tmp_path, mon
     assert not kernel_cache.are_kept()
 
 
-@pytest.mark.parametrize("place", ["none", "a file in its place"])
+@pytest.mark.parametrize("place", ["none", "a file in its place", "a name of 300 characters"])
 def test_where_kernels_cannot_be_kept_they_are_compiled_and_said_to_be_lost(
     place, no_home, tmp_path, monkeypatch
 ):
     if place == "none":
         monkeypatch.setattr(tempfile, "tempdir", str(no_home))
     else:
-        monkeypatch.setattr(numba.config, "CACHE_DIR", str(no_home))
+        name = str(no_home) + "x" * 300 * (place != "a file in its place")
+        monkeypatch.setattr(numba.config, "CACHE_DIR", name)
     assert cached()(_twice)(2) == 4
     assert not kept_below(tmp_path)
     assert not kernel_cache.are_kept()

@@ -18,7 +18,7 @@ from gauss2svg.render import render
 from gauss2svg.render.cpu import splats_of, squared_error
 from gauss2svg.render.reference import below_one, render_reference
 from gauss2svg.scene import ADD, OVER, Scene
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.document import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
 

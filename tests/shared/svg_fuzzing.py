@@ -12,9 +12,8 @@ from random import Random
 from conftest import random_scene, random_sum
 from svg_texts import AS_PATH, CIRCLE, document
 
-from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.minimal.write import minimal_svg
+from gauss2svg.svg.document import Document, SvgFormat
+from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.write import outline_svg, write_svg
 
 _DATA = Path(__file__).parents[1] / "data"

@@ -11,7 +11,6 @@ import pytest
 from galleries import program
 
 from gauss2svg.studio import jobs as module
-from gauss2svg.studio import pool
 from gauss2svg.studio.jobs import (
     CANCELED,
     DONE,
@@ -21,8 +20,9 @@ from gauss2svg.studio.jobs import (
     Job,
     Jobs,
     QueueFullError,
+    Worker,
+    WorkerDiedError,
 )
-from gauss2svg.studio.pool import WorkerDiedError
 from gauss2svg.studio.routes.jobs import _stream
 
 
@@ -408,19 +408,19 @@ def test_what_fails_after_a_fit_is_done_costs_no_fit(way):
 
 @pytest.mark.parametrize("said", ["rubbish\\n", "x" * 99])
 def test_a_worker_that_sends_no_messages_is_ended_as_one_that_died(monkeypatch, said, tmp_path):
-    monkeypatch.setattr(pool, "_LONGEST_LINE", 20)
+    monkeypatch.setattr(module, "_LONGEST_LINE", 20)
     noted = tmp_path / "pid"
     python = program(tmp_path / "python", f"echo $$ > {noted}; printf '{said}'; exec sleep 99")
     monkeypatch.setattr("sys.executable", str(python))
     with pytest.raises(WorkerDiedError, match="no message"):
-        asyncio.run(pool.Worker.started(tmp_path))
+        asyncio.run(Worker.started(tmp_path))
     assert not psutil.pid_exists(int(noted.read_text()))
 
 
 def test_a_worker_that_cannot_begin_is_one_that_died(monkeypatch, tmp_path):
     monkeypatch.setattr("sys.executable", str(tmp_path / "none"))
     with pytest.raises(WorkerDiedError, match="could not begin"):
-        asyncio.run(pool.Worker.started(tmp_path))
+        asyncio.run(Worker.started(tmp_path))
 
 
 def test_the_folder_is_private():

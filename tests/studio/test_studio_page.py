@@ -12,7 +12,7 @@ from PIL import Image
 from screens import expect
 from studio_site import HOSTILE, PLAIN, UPRIGHT, aim, await_run, difference, draft, job_of, pick
 
-from gauss2svg.compare import numbers
+from gauss2svg.compare import chart
 from gauss2svg.studio.options import MOST_DRAWN
 
 pytestmark = pytest.mark.browser
@@ -103,9 +103,9 @@ def test_the_svg_is_that_of_the_service_and_its_figures_are_the_report_s(visit, 
     assert len(svg) == report["svg_bytes"]
     cells = page.locator("#runs tbody td").all_text_contents()
     assert cells[:7] == [
-        "draft", numbers.whole(report["gaussians"]), f"{report['psnr_svg']:.2f}\u202fdB",
-        f"{report['ssim_svg']:.3f}", numbers.size(report["svg_bytes"]),
-        numbers.size(report["svgz_bytes"]), numbers.seconds(report["total_s"]),
+        "draft", chart.whole(report["gaussians"]), f"{report['psnr_svg']:.2f}\u202fdB",
+        f"{report['ssim_svg']:.3f}", chart.size(report["svg_bytes"]),
+        chart.size(report["svgz_bytes"]), chart.seconds(report["total_s"]),
     ]  # fmt: skip
     figures = page.locator("#figures").text_content()
     assert all(text in figures for text in (*cells[1:5], f"({cells[5]} gzipped)", cells[6]))
@@ -131,10 +131,10 @@ def test_the_page_s_own_numbers_are_those_of_all_pages(visit):
         ];
     }"""
     sizes, shorts, wholes, seconds = visit().open().evaluate(asked, [counts, times])
-    assert sizes == [numbers.size(value) for value in (*counts, None)]
-    assert shorts == [numbers.short_size(value) for value in counts]
-    assert wholes == [numbers.whole(value) for value in (*counts, None)]
-    assert seconds == [numbers.seconds(value) for value in (*times, None)]
+    assert sizes == [chart.size(value) for value in (*counts, None)]
+    assert shorts == [chart.short_size(value) for value in counts]
+    assert wholes == [chart.whole(value) for value in (*counts, None)]
+    assert seconds == [chart.seconds(value) for value in (*times, None)]
 
 
 def test_shapes_are_seen_as_they_are_fitted_and_stop_keeps_the_best(visit, server):

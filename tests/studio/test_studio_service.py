@@ -15,7 +15,7 @@ from studio_server import answer_of
 from gauss2svg.batch.inputs import photos_of
 from gauss2svg.errors import InputError
 from gauss2svg.photo.formats import SUFFIXES
-from gauss2svg.studio import pool, server, uploads
+from gauss2svg.studio import jobs, server, uploads
 from gauss2svg.studio.service import create_app
 
 ASK = b"GET / HTTP/1.1\r\nHost: here\r\n\r\n"
@@ -139,6 +139,6 @@ def test_a_port_is_the_studios_alone_while_it_listens_and_free_at_once_afterward
 def test_a_loop_that_starts_no_processes_is_told_with_one_that_does(tmp_path):
     with (
         asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner,
-        pytest.raises(pool.WorkerDiedError, match="ProactorEventLoop"),
+        pytest.raises(jobs.WorkerDiedError, match="ProactorEventLoop"),
     ):
-        runner.run(pool.Worker.started(tmp_path))
+        runner.run(jobs.Worker.started(tmp_path))

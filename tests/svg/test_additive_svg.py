@@ -13,16 +13,14 @@ from hypothesis import strategies as st
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.fit.fit import fit
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import rasterize, resvg
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius, profile
-from gauss2svg.svg.additive.phases import phases_of
-from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.stops import gradient_stops
-from gauss2svg.svg.whole_stops import whole_stops
+from gauss2svg.svg.additive import phases_of
+from gauss2svg.svg.document import Document, SvgFormat
+from gauss2svg.svg.stops import gradient_stops, whole_stops
 from gauss2svg.svg.write import outline_svg, write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -11,10 +11,8 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import MOST_BETA
-from gauss2svg.svg.minimal.arcs import arc_geometry, path_data
-from gauss2svg.svg.minimal.paint_order import colors_together
-from gauss2svg.svg.minimal.shapes import shapes_of
-from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.minimal_shapes import arc_geometry, colors_together, path_data, shapes_of
 
 SIDE = 90
 

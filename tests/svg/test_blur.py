@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure import metrics
-from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
@@ -28,7 +28,7 @@ from gauss2svg.svg.blur import (
     chosen_blurs,
     drawn_blurs,
 )
-from gauss2svg.svg.format import Form, SvgFormat
+from gauss2svg.svg.document import Form, SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.snap import snapped

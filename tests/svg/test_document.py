@@ -18,9 +18,8 @@ from gauss2svg.errors import InputError
 from gauss2svg.photo.load import load_image
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
-from gauss2svg.svg.document import DEFAULT_TITLE, Document
+from gauss2svg.svg.document import DEFAULT_TITLE, Document, SvgFormat
 from gauss2svg.svg.file import bytes_by_part, file_bytes
-from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
 

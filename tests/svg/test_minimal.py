@@ -28,12 +28,11 @@ from gauss2svg.raster import rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg.document import Document
+from gauss2svg.svg import minimal_shapes
+from gauss2svg.svg.document import Document, SvgFormat
 from gauss2svg.svg.element import number
 from gauss2svg.svg.file import bytes_by_part
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.minimal import shapes
-from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg, whole_unit
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
 from gauss2svg.svg.write import write_svg
 
 SIDE = 96
@@ -69,13 +68,13 @@ def match(scene: Scene, unit: float, digits: int = 6, renderer: str = "resvg") -
 @pytest.mark.parametrize("make", [lambda: soft_scene(40), several_falloffs], ids=["one", "several"])
 @pytest.mark.parametrize("most_masked", [500, 25, 0], ids=["masks", "both", "gradients"])
 def test_the_file_draws_the_rounded_scene(make, unit, most_masked, monkeypatch):
-    monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
+    monkeypatch.setattr(minimal_shapes, "MOST_MASKED", most_masked)
     scene = make()
     assert match(scene, unit) > (NEAR if scene.beta.max() == 1 else NEAR_CRISP)
 
 
 def test_shapes_change_from_masks_to_gradients_one_by_one(monkeypatch):
-    monkeypatch.setattr(shapes, "MOST_MASKED", 20)
+    monkeypatch.setattr(minimal_shapes, "MOST_MASKED", 20)
     scene = soft_scene(44)
     files = [minimal_svg(scene.select(np.arange(n)), 1.5, 6) for n in range(16, 35)]
     masked = [text.count("<use") for text in files]
@@ -91,7 +90,7 @@ def test_librsvg_draws_the_same(most_masked, monkeypatch):
         renderer_version("librsvg")
     except RendererError as missing:
         pytest.skip(str(missing))
-    monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
+    monkeypatch.setattr(minimal_shapes, "MOST_MASKED", most_masked)
     assert match(soft_scene(40), 1.5, renderer="librsvg") > NEAR
     assert match(several_falloffs(), 1.5, renderer="librsvg") > NEAR_CRISP
 
@@ -99,7 +98,7 @@ def test_librsvg_draws_the_same(most_masked, monkeypatch):
 @pytest.mark.browser
 @pytest.mark.parametrize("most_masked", [500, 25, 0], ids=["masks", "both", "gradients"])
 def test_chromium_draws_the_same(most_masked, monkeypatch, browser):
-    monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
+    monkeypatch.setattr(minimal_shapes, "MOST_MASKED", most_masked)
     assert match(soft_scene(40), 1.5, renderer="chromium") > NEAR
     assert match(several_falloffs(), 1.5, renderer="chromium") > NEAR_CRISP
 
@@ -136,7 +135,7 @@ def test_a_minimal_file_is_shorter_than_an_editable_one_of_the_same_scene():
 
 def test_xml_is_well_formed_ids_are_unique_and_every_reference_is_defined(monkeypatch):
     for most_masked in (500, 0):
-        monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
+        monkeypatch.setattr(minimal_shapes, "MOST_MASKED", most_masked)
         svg = minimal_svg(several_falloffs(), 1.5)
         root = ElementTree.fromstring(svg)
         ids = [e.get("id") for e in root.iter() if e.get("id")]

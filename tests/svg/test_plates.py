@@ -12,9 +12,8 @@ from gauss2svg.errors import InputError
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.inks import ink_colors
-from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.minimal.paint_order import overlaps
+from gauss2svg.svg.document import Document, SvgFormat
+from gauss2svg.svg.minimal_shapes import overlaps
 from gauss2svg.svg.plates import grouped_by_ink, ink_name, plate_of
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import plate_svg, write_svg

@@ -26,6 +26,7 @@ USER_REGION = (
         ('<g clip-path="url(#x)"/>', "its clip-path"),
         ('<circle r="5" mask="url(#x)"/>', "its mask"),
         ('<g style="mix-blend-mode:screen"/>', "its mix-blend-mode"),
+        ("<style>#a rect{mix-blend-mode:difference}</style>", "blend must be 'over'.*--save-scene"),
         (f'<g id="h" style="display:none">{CIRCLE}</g>', '<g id="h">: .*got a hidden.*skip_hidden'),
         ('<circle r="5" visibility="hidden"/>', "got a hidden one"),
         (f'<g id="o" opacity=".5">{2 * CIRCLE}</g>', '<g id="o">: opacity of a group of 2'),

@@ -8,7 +8,7 @@ from stops import optimised_stops
 
 from gauss2svg.errors import InputError
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
-from gauss2svg.svg.format import STOP_COUNTS
+from gauss2svg.svg.document import STOP_COUNTS
 from gauss2svg.svg.stops import (
     FEWEST_STOPS,
     gradient_stops,

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import SceneError
-from gauss2svg.pipeline import quantize as quantize_module
-from gauss2svg.pipeline.palette import Palette, best_palette
-from gauss2svg.pipeline.quantize import quantize, visible_mass
+from gauss2svg.pipeline import palette as quantize_module
+from gauss2svg.pipeline.palette import Palette, best_palette, quantize, visible_mass
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document

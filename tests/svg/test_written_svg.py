@@ -13,8 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
-from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import Form, SvgFormat
+from gauss2svg.svg.document import Document, Form, SvgFormat
 from gauss2svg.svg.write import outline_svg, write_svg
 
 SCENE, ADDITIVE = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)

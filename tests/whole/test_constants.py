@@ -11,12 +11,12 @@ from gauss2svg.fit.fit import fit
     ("name", "value"),
     [
         ("fit.adam.FIRST_DECAY", 0.5),
-        ("fit.blending.INITIAL_OPACITY_LOGIT", 0.0),
+        ("fit.adam.INITIAL_OPACITY_LOGIT", 0.0),
         ("fit.placement.LEAST_SIGMA", 3.0),
         ("fit.population.RELOCATED", 0.3),
         ("fit.schedule.GROWTH_SHARE", 0.6),
         ("fit.session.BETA_PRICE", 0.5),
-        ("fit.weight.EXPONENT", 0.1),
+        ("fit.target.EXPONENT", 0.1),
     ],
 )
 def test_a_constant_of_the_fit_changes_it_and_its_default_no_bit(photo, monkeypatch, name, value):

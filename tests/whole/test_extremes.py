@@ -12,7 +12,7 @@ from extreme_scenes import picture, rounding_of, whitened
 
 from gauss2svg.errors import Gauss2SvgError, InputError, SceneError
 from gauss2svg.measure.roundtrip import round_trip
-from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_accumulate, fast_composite
@@ -28,7 +28,7 @@ from gauss2svg.scene import (
     RHO_LIMIT,
     Scene,
 )
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.document import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import outline_svg, write_svg
 

@@ -11,7 +11,7 @@ from fuzz_options import PIXELS, Pathless, Rude, outcome_of
 
 import gauss2svg
 from gauss2svg.cli.check import CheckOptions
-from gauss2svg.compare.tables.bench import run_bench
+from gauss2svg.compare.table import run_bench
 from gauss2svg.errors import InputError
 from gauss2svg.fit.options import DensifyOptions, FitOptions
 from gauss2svg.options import fields_of

@@ -236,7 +236,7 @@ def test_commands_expand_patterns_themselves(pictures, capsys, monkeypatch, refu
         taken.extend(images)
         return []
 
-    monkeypatch.setattr("gauss2svg.compare.tables.bench.run_bench", run_bench)
+    monkeypatch.setattr("gauss2svg.compare.table.run_bench", run_bench)
     assert main(["bench", "*.jpg", "-o", "bench", "--quiet"]) == 0
     assert taken == ["a.jpg", "b.jpg", "c[1].jpg"]
     assert main(["*.png", "-o", "e.svg", "--gaussians", "2", "--quiet"]) == 0

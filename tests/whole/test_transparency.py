@@ -8,8 +8,7 @@ from conftest import random_scene
 from flat import choices, fit_config
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.adam import gradients
-from gauss2svg.fit.blending import blending
+from gauss2svg.fit.adam import blending, gradients
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.target import target_of

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import SceneError
 from gauss2svg.photo.alpha import BACKDROPS
-from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.pipeline.palette import quantize
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene

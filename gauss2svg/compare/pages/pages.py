@@ -11,10 +11,16 @@ from typing import Any
 
 from jinja2 import Environment
 
-from gauss2svg.compare import numbers
+from gauss2svg.compare import chart
 from gauss2svg.compare.chart import COSTS, Point, scatter, template_environment
-from gauss2svg.compare.pages.artifacts import ERRORS, OUTLINES, PICTURE, THUMBNAIL, thumbnail_size
-from gauss2svg.compare.pages.crops import SIDE
+from gauss2svg.compare.pages.artifacts import (
+    ERRORS,
+    OUTLINES,
+    PICTURE,
+    SIDE,
+    THUMBNAIL,
+    thumbnail_size,
+)
 from gauss2svg.compare.pages.results import PhotoResult, Row, SvgResult
 from gauss2svg.compare.records import csv_text
 from gauss2svg.compare.variants import Variant, main_variant
@@ -106,7 +112,7 @@ def is_gallery(data: Path) -> bool:
 
 def _environment() -> Environment:
     environment = template_environment("gauss2svg.compare.pages")
-    for show in (numbers.whole, numbers.size, numbers.seconds):
+    for show in (chart.whole, chart.size, chart.seconds):
         environment.filters[show.__name__] = show
     environment.filters["decibels"] = PSNR.text
     environment.globals["thumbnail_size"] = thumbnail_size
@@ -125,8 +131,8 @@ def _card(one: PhotoResult) -> dict[str, Any]:
             **{axis.key: svg.report.get(axis.key) for axis in SCORES},
             "texts": {
                 "shapes": _shapes(svg),
-                "svg_bytes": numbers.size(svg.report["svg_bytes"]),
-                "total_s": numbers.seconds(svg.report["total_s"]),
+                "svg_bytes": chart.size(svg.report["svg_bytes"]),
+                "total_s": chart.seconds(svg.report["total_s"]),
                 **{axis.key: axis.text(svg.report.get(axis.key)) for axis in SCORES},
             },
             "thumbnail": f"{svg.folder}/{THUMBNAIL}",
@@ -138,8 +144,8 @@ def _card(one: PhotoResult) -> dict[str, Any]:
 
 def _shapes(svg: SvgResult) -> str:
     if svg.variant.is_own:
-        return numbers.whole(svg.report["gaussians"])
-    return f"{numbers.whole(svg.report['elements'])} elements"
+        return chart.whole(svg.report["gaussians"])
+    return f"{chart.whole(svg.report['elements'])} elements"
 
 
 def _viewer(one: PhotoResult) -> list[dict[str, Any]]:
@@ -155,7 +161,7 @@ def _viewer(one: PhotoResult) -> list[dict[str, Any]]:
                 "errors": f"{slug}/{ERRORS}",
                 "outlines": f"{slug}/{OUTLINES}" if own else None,
                 "rounds": [
-                    (number, numbers.whole(count)) for number, count in svg.record.get("rounds", [])
+                    (number, chart.whole(count)) for number, count in svg.record.get("rounds", [])
                 ],
                 **{
                     kind: svg.record[kind] | {"psnr": PSNR.text(svg.record[kind]["psnr"])}

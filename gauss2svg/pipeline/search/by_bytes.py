@@ -34,8 +34,8 @@ from gauss2svg.fit.options import DensifyOptions, FitConfig, FitProgress, FitRes
 from gauss2svg.fit.session import AsWritten, FitSession
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk
-from gauss2svg.pipeline.bytes_each import MINIMAL, MINIMAL_GZIPPED
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.presets import MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES
 from gauss2svg.pipeline.search.outcome import Outcome, Watch
 from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, SmallFiles, Writing, closeness
 from gauss2svg.pipeline.search.subject import Subject
@@ -105,7 +105,7 @@ class ByBytes:
         caps = [plan.count] if plan.count is not None else []
         caps += [plan.preset.cap] if plan.options.goal.quality is not None else []
         self._most = min(caps, default=math.inf)
-        self._each = MINIMAL_GZIPPED if plan.counts_gzipped else MINIMAL
+        self._each = MINIMAL_GZIPPED_BYTES if plan.counts_gzipped else MINIMAL_BYTES
         self._files = SmallFiles(plan, subject, count, covering=self.is_drawing)
         self.subject = self._files.subject = self._reduced(subject)
         self.fits: list[FitResult] = []

@@ -18,13 +18,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
+from collections.abc import Callable
 from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.fit import schedule
 from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits, Snapshot, as_given
 from gauss2svg.fit.options import FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
-from gauss2svg.measure.roundtrip import RoundTrip
+from gauss2svg.measure.roundtrip import RoundTrip, measure_pixels
 from gauss2svg.photo.alpha import over
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.cap import Cap, Growth, fewest
@@ -32,7 +37,10 @@ from gauss2svg.pipeline.search.correction import Corrections
 from gauss2svg.pipeline.search.export import Export, Exporter
 from gauss2svg.pipeline.search.outcome import Outcome, Watch
 from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import kernel_lock
+from gauss2svg.scene import Scene
+from gauss2svg.svg.write import write_svg
 
 # Number and length of corrections (docs/decisions/monotone.md).
 CORRECTIONS = 5  # most corrections of a count
@@ -154,8 +162,6 @@ class ByCount:
         return self._ended
 
     def _export_seconds(self, psnr: float) -> float:
-        from gauss2svg.pipeline.export_time import estimate_export_seconds
-
         return estimate_export_seconds(
             self._session.scene(), partial(self._exporter.write, psnr=psnr),
             self._subject.working, self._plan.options.run.renderer,
@@ -246,3 +252,32 @@ class ByCount:
         # Whatever ended the growth, corrections did not reach the target.
         cap = self._growth.cap
         return cap.name if len(best.scene) > AT_THE_CAP * cap.gaussians else "iterations"
+
+
+_SAMPLE = 8  # one of so many Gaussians is written and rasterised
+_STRIPS = 4  # one of so many strips of the image is measured
+
+
+def estimate_export_seconds(
+    scene: Scene, write: Callable[[Scene], str], image: NDArray[np.float32], renderer: str
+) -> float:
+    """Seconds that writing, rasterising and measuring a scene will take."""
+    height = image.shape[0]
+    part = scene.select(np.arange(0, len(scene), _SAMPLE))
+    write(part)  # stops are computed once, for all
+    begun = time.perf_counter()
+    svg = write(part)
+    written = time.perf_counter()
+    rasterize_like(svg, image, renderer)
+    rasterized = time.perf_counter()
+    rasterize_like(write_svg(scene.select(np.arange(0))), image, renderer)
+    blank = time.perf_counter()
+    strip = image[: max(height // _STRIPS, 1)]
+    measure_pixels(strip, strip)
+    measured = time.perf_counter()
+    rasterize_all = (blank - rasterized) + _SAMPLE * max(
+        (rasterized - written) - (blank - rasterized), 0.0
+    )
+    write_all = _SAMPLE * (written - begun)
+    slack = 0.1  # for the report, saving, and the end of the process
+    return write_all + rasterize_all + _STRIPS * (measured - blank) + slack

@@ -17,7 +17,7 @@ from gauss2svg.fit.densification import (
 )
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.session import FitSession
-from gauss2svg.pipeline import bytes_each
+from gauss2svg.pipeline import presets
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import CAP_FOR_TARGET
 from gauss2svg.pipeline.search.export import Exporter
@@ -60,8 +60,8 @@ class Growth:
 
     def __init__(self, plan: Plan, exporter: Exporter, budget: TimeBudget, pixels: int) -> None:
         self._plan, self._exporter, self._budget = plan, exporter, budget
-        self._usual = bytes_each.IN_INKS if plan.in_inks else bytes_each.USUAL
-        self._bytes_each = self._usual * (bytes_each.GZIPPED if plan.counts_gzipped else 1.0)
+        self._usual = presets.BYTES_IN_INKS if plan.in_inks else presets.USUAL_BYTES
+        self._bytes_each = self._usual * (presets.GZIPPED_SHARE if plan.counts_gzipped else 1.0)
         self._bytes_known = False
         self.for_target = 0
         self.expected: int | None = None

@@ -31,7 +31,7 @@ from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import MOST_BETA, RIM_WIDTH, covered_radius
-from gauss2svg.svg.minimal.shapes import HEX_DIGITS
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_falloffs
 

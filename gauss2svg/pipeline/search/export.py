@@ -15,18 +15,17 @@ from gauss2svg.fit.target import Target
 from gauss2svg.measure.metrics import psnr as psnr_of
 from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
 from gauss2svg.photo.alpha import has_alpha, stacked
+from gauss2svg.pipeline.palette import quantize, with_plain_edges
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.quantize import quantize, with_plain_edges
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
-from gauss2svg.svg.document import Document
+from gauss2svg.svg import minimal_shapes
+from gauss2svg.svg.document import MINIMAL, Document, SvgFormat
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.format import MINIMAL, SvgFormat
-from gauss2svg.svg.minimal import shapes
-from gauss2svg.svg.minimal.shapes import HEX_DIGITS
-from gauss2svg.svg.minimal.write import minimal_svg
+from gauss2svg.svg.minimal import minimal_svg
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
@@ -151,8 +150,8 @@ class Exporter:
         if written.markup != MINIMAL:
             return each(self._written(quantized, written))
         share = max(np.count_nonzero(~is_plain(quantized)), 1) / max(len(scene), 1)
-        most = shapes.MOST_MASKED / share
-        all_by_gradients = most * (1 + 1 / shapes.FADING)
+        most = minimal_shapes.MOST_MASKED / share
+        all_by_gradients = most * (1 + 1 / minimal_shapes.FADING)
         under_masks, by_gradients = each(minimal(masked=True)), each(minimal(masked=False))
         low, high = most * under_masks, all_by_gradients * by_gradients
         if not low < room < high:

@@ -18,7 +18,7 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import Scene
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.document import SvgFormat
 
 # PSNR in dB up to which differences of a drawing can be seen at its own size
 # (docs/decisions/enlarged.md).

@@ -27,8 +27,8 @@ from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.minimal.shapes import HEX_DIGITS
-from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg, whole_unit
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 
 # dB of the enlarged picture that twice as many shapes must gain: more shapes follow further what is
 # guessed between the pixels (docs/decisions/enlarged.md).

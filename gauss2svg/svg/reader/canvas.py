@@ -12,8 +12,7 @@ import numpy as np
 
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import LEAST_CANVAS, MOST_CANVAS
-from gauss2svg.svg.syntax.affine import Affine
-from gauss2svg.svg.syntax.values import length, numbers, view_box
+from gauss2svg.svg.syntax.values import Affine, length, numbers, view_box
 
 # The canvas in px, whatever the physical size that width and height say.
 CANVAS = "data-canvas"

@@ -31,20 +31,30 @@ from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, RHO_LIMIT
-from gauss2svg.svg.minimal.shapes import arc_beta
+from gauss2svg.svg.minimal_shapes import arc_beta
 from gauss2svg.svg.notebook import Scene
 from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
 from gauss2svg.svg.reader.canvas import misplaced, read_canvas
-from gauss2svg.svg.reader.gradient import Gradients
-from gauss2svg.svg.reader.outline import SHAPES, open_arcs, outline
-from gauss2svg.svg.reader.rules import check_animation, check_sheet, check_smil, stop_opacities
-from gauss2svg.svg.reader.shape import Shape, read_shape
-from gauss2svg.svg.syntax.affine import Affine, compose, parse_transform
-from gauss2svg.svg.syntax.css import properties
+from gauss2svg.svg.reader.gradient import (
+    Gradients,
+    check_animation,
+    check_sheet,
+    check_smil,
+    stop_opacities,
+)
+from gauss2svg.svg.reader.shape import SHAPES, Shape, open_arcs, outline, read_shape
 from gauss2svg.svg.syntax.parse import ANIMATIONS, HREFS, INKSCAPE, SVG
-from gauss2svg.svg.syntax.source import MOST_BYTES
-from gauss2svg.svg.syntax.tree import MOST_ELEMENTS, parse_document
-from gauss2svg.svg.syntax.values import color, length, reference, share
+from gauss2svg.svg.syntax.source import MOST_BYTES, MOST_ELEMENTS, parse_document
+from gauss2svg.svg.syntax.values import (
+    Affine,
+    color,
+    compose,
+    length,
+    parse_transform,
+    properties,
+    reference,
+    share,
+)
 
 _LABEL = INKSCAPE + "label"
 _ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
@@ -64,7 +74,7 @@ _EFFECTS = {"stroke": "none", "mask": "none", "clip-path": "none", "mix-blend-mo
 # Attributes and properties that move, hide or change a shape; files with them are refused.
 _UNREAD = ("transform-origin", "transform-box", "translate", "rotate", "scale", "offset-path")
 _UNREAD += ("zoom", "all", "systemLanguage")
-_COVER = re.compile(r"M0 0h(\d+)v(\d+)H0")  # the background of gauss2svg.svg.minimal.write
+_COVER = re.compile(r"M0 0h(\d+)v(\d+)H0")  # the background of gauss2svg.svg.minimal
 _DEEPEST = 100
 _MOST_USES = 3  # of one another: minimal markup writes two
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from gauss2svg.compare import numbers
+from gauss2svg.compare import chart
 from gauss2svg.compare.chart import Point, scatter, template_environment
+from gauss2svg.compare.columns import BYTES, SECONDS, front
 from gauss2svg.compare.peers import PEERS
 from gauss2svg.compare.records import TOOL
-from gauss2svg.compare.tables.columns import BYTES, SECONDS, front
 from gauss2svg.measure.scores import SCORES, Score
 from gauss2svg.pipeline.presets import PRESETS
 
@@ -17,9 +17,9 @@ from gauss2svg.pipeline.presets import PRESETS
 # tooltip, its text at a tick)
 _COSTS = {
     "seconds": (
-        SECONDS, "CPU seconds, after a warm-up", 1e-4, numbers.seconds, numbers.short_seconds,
+        SECONDS, "CPU seconds, after a warm-up", 1e-4, chart.seconds, chart.short_seconds,
     ),
-    "bytes": (BYTES, "bytes, gzipped", 1.0, numbers.size, numbers.short_size),
+    "bytes": (BYTES, "bytes, gzipped", 1.0, chart.size, chart.short_size),
 }  # fmt: skip
 NAMES = tuple(f"{axis.slug}_{cost}.svg" for axis in SCORES for cost in _COSTS)
 # A series keeps its mark whichever others a plot has.
@@ -70,7 +70,7 @@ def _plot(
         for row in rows
     ]
     return (
-        template_environment("gauss2svg.compare.tables")
+        template_environment()
         .get_template("plot.svg.jinja")
         .render(
             chart=scatter(points, at_tick, axis),

@@ -12,7 +12,7 @@ with v_0 the background as it is written, so that its rounding shifts nothing; v
 are clipped, as those of the scene are.
 
 Three grey Gaussians of +.3, +.4 and -.5 at one place, on .5, in the order in which there is most
-room for them (gauss2svg.svg.additive.headroom): sums from .3 to .8, so that 1 / s is .5, and .51
+room for them (gauss2svg.svg.headroom): sums from .3 to .8, so that 1 / s is .5, and .51
 with a margin. The canvas begins inverted, as the first one adds:
 
     drawn                      sum at the mean      canvas
@@ -24,13 +24,30 @@ with a margin. The canvas begins inverted, as the first one adds:
     circle, .4 s = .784        .7                   .208   |.992 - .784|
     filter                     .7 = .807 - .51 * .208
 
-Every layer rounds to 8 bits, so that a larger s_c is more accurate: gauss2svg.svg.additive.phases
-finds the order that allows it, gauss2svg.svg.whole_stops stops with little rounding. A focal offset
+Every layer rounds to 8 bits, so that a larger s_c is more accurate: gauss2svg.svg.additive.encode
+finds the order that allows it, gauss2svg.svg.stops stops with little rounding. A focal offset
 changes nothing here (docs/decisions/svg.md).
+
+Gaussians are drawn in phases, because a canvas holds a limited range of values. A Gaussian is added
+to a channel or subtracted from it, until the channel is inverted. So Gaussians of one pattern of
+signs form a phase, and patterns follow each other in the order of a Gray code, which inverts one
+channel at a time. Additive blending is commutative: a Gaussian is drawn once the canvas can hold
+its sum, and until then waits for a later tour through the patterns. If all wait for each other, the
+one that exceeds the range least is drawn.
+
+The range is checked between the pixels as well (gauss2svg.svg.headroom), so that a file can be
+drawn at any size. Values that are clipped in the end may fold on the canvas, which allows a larger
+scale (docs/decisions/svg.md).
+
+    <style>#additive-1a2b3c4d circle,#additive-1a2b3c4d rect{mix-blend-mode:difference}</style>
+    <g id="additive-1a2b3c4d" filter="url(#transfer-1a2b3c4d)"> <rect fill="#.."/>
+      <g> <circle r="1" transform="matrix(..)" fill="url(#..)"/> ... </g> <rect fill="#f00"/> ...
 """
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,14 +56,20 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
-from gauss2svg.svg.additive.differences import HALF_WAY, WHITE, Transfer
-from gauss2svg.svg.additive.phases import Phase, phases_of
 from gauss2svg.svg.blur import GRADIENT
-from gauss2svg.svg.element import Element, hex_color, number, radial_gradient, short_id
+from gauss2svg.svg.document import SvgFormat
+from gauss2svg.svg.element import (
+    Element,
+    check_canvas,
+    hex_color,
+    number,
+    radial_gradient,
+    short_id,
+    writable,
+)
 from gauss2svg.svg.encode import matrix_text, view_of
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.limits import check_canvas, writable
-from gauss2svg.svg.whole_stops import whole_stops
+from gauss2svg.svg.headroom import add_all, order_of, range_of, samples_of
+from gauss2svg.svg.stops import whole_stops
 
 _TRANSFER_DECIMALS = 5
 
@@ -90,7 +113,7 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
     """Elements of the SVG of an additive scene; they depend on nothing but the two arguments.
 
     Gaussians whose extent is written as 0 or whose colour as black are left out, as are those off
-    the canvas whose numbers are too large (gauss2svg.svg.limits.writable, which raises SceneError
+    the canvas whose numbers are too large (gauss2svg.svg.element.writable, which raises SceneError
     for others). Raises InputError for a form other than gradients.
     """
     check_canvas(scene)
@@ -207,3 +230,100 @@ def _label(index: int, count: int, phase: Phase) -> str:
     verbs = ("adds" if one else "add", adds), ("takes" if one else "take", takes)
     does = " and ".join(f"{verb} {names}" for verb, names in verbs if names)
     return f"Phase {index + 1}: {count} Gaussian{'' if one else 's'} that {does}"
+
+
+_EQUAL = 1e-3
+_GRAY = np.array([k ^ (k >> 1) for k in range(8)])
+
+
+# The order of additive Gaussians (docs/decisions/svg.md).
+# Share of a channel that is spared at either end, so that fewer Gaussians wait for each other.
+SPARE = 0.02
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Gaussians drawn one after the other: the channels they subtract from, and their indices."""
+
+    takes: tuple[bool, bool, bool]
+    index: NDArray[np.intp]
+
+
+def phases_of(
+    scene: Scene,
+) -> tuple[tuple[Phase, ...], NDArray[np.float64], NDArray[np.float64]]:
+    """Phases of an additive scene in drawing order, and lowest and highest value (3,) of a channel.
+
+    Each Gaussian is in one phase. The canvas must hold these values: they include the image
+    (gauss2svg.svg.headroom.range_of) and all partial sums between and within phases,
+    except values of a sample that equal its image.
+    """
+    samples = samples_of(scene)
+    picture, low, high = range_of(samples, scene.background)
+    pattern = (scene.color < 0) @ [1, 2, 4]
+    mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
+    by_mass = np.argsort(-mass, kind="stable")
+    order = order_of(
+        samples, picture, low - SPARE, high + SPARE, scene.background.copy(),
+        pattern, _GRAY, by_mass,
+    )  # fmt: skip
+    ends = np.flatnonzero(np.diff(pattern[order])) + 1
+    phases = tuple(
+        _phase(int(pattern[index[0]]), index) for index in np.split(order, ends) if index.size
+    )
+    lowest = np.tile(scene.background.astype(np.float32), (len(samples.place), 1))
+    total, highest = lowest.copy(), lowest.copy()
+    for phase in phases:
+        add_all(samples, phase.index, total, lowest, highest)
+    lowest[lowest > picture - _EQUAL] = np.inf
+    highest[highest < picture + _EQUAL] = -np.inf
+    low, high = np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
+    return phases, low, high
+
+
+def _phase(signs: int, index: NDArray[np.intp]) -> Phase:
+    return Phase((bool(signs & 1), bool(signs & 2), bool(signs & 4)), index)
+
+
+WHITE = 255
+# Levels of 255 that are added in the end: resvg and Chromium truncate a filter's result to whole
+# levels (bias -0.5 levels), the others round.
+HALF_WAY = 0.25
+
+Transfer = tuple[tuple[str, str], ...]  # slope and intercept of red, green and blue
+
+
+def key_of(transfer: Transfer, background: str) -> str:
+    """End of both ids, so that two additive drawings inline in one page keep their own filter."""
+    return f"{zlib.crc32(repr((transfer, background)).encode()):08x}"
+
+
+def difference_sheet(group: str) -> str:
+    """Style sheet by which all within the group of this id is drawn as a difference.
+
+    Under its first rectangle the group is transparent, where a difference draws its source.
+    """
+    return f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}"
+
+
+def cover(fill: str, more: Mapping[str, str] | None = None) -> Element:
+    """A rectangle over the canvas and beyond, so that the filter maps opaque pixels only.
+
+    The filter region is extended to whole pixels; a rectangle that ends within a pixel would leave
+    it half inverted, which the filter makes an opaque line along the edge.
+    """
+    size = {"width": "120%", "x": "-10%", "y": "-10%"}
+    return Element("rect", {"fill": fill, "height": "120%", **(more or {}), **size})
+
+
+def transfer_filter(transfer: Transfer, name: str) -> Element:
+    """The filter that maps channels by slope and intercept, all over the canvas at any size."""
+    functions = [
+        Element(f"feFunc{channel}", {"intercept": intercept, "slope": slope, "type": "linear"})
+        for channel, (slope, intercept) in zip("RGB", transfer, strict=True)
+    ]
+    region = {"height": "100%", "id": name, "width": "100%", "x": "0", "y": "0"}
+    attributes = {"color-interpolation-filters": "sRGB", "filterUnits": "userSpaceOnUse", **region}
+    return Element(
+        "filter", attributes, [Element("feComponentTransfer", {"in": "SourceGraphic"}, functions)]
+    )

@@ -3,11 +3,11 @@
     <svg xmlns=".." viewBox="0 0 64 43"><defs> falloffs </defs><path fill="#abc" d="M0 0h64v43H0"/>
     <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg>
 
-Coordinates are whole numbers of user units (gauss2svg.svg.minimal.shapes). Up to most_masked soft
-shapes share one masked circle for each exponent, so that a colour costs a few bytes; the stops of
-its mask are greys, whose luminance is the falloff. Crisp shapes are arcs of a path, below round an
-ellipse of 8 by 7 units (gauss2svg.svg.minimal.arcs). Two soft shapes of one colour and opacity, and
-a crisp one, in units of a pixel:
+Coordinates are whole numbers of user units (gauss2svg.svg.minimal_shapes). Up to MOST_MASKED
+soft shapes share one masked circle for each exponent, so that a colour costs a few bytes. The stops
+of its mask are greys, whose luminance is the falloff. Crisp shapes are arcs of a path. Below are
+two soft shapes of one colour and opacity and a crisp one round an ellipse of 8 by 7 units, in units
+of a pixel:
 
     <radialGradient id="c" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1">
       <stop offset=".08" stop-color="#fff"/><stop offset=".63" stop-color="#222"/> ..
@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, instance
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg.document import DEFAULT_TITLE, Document
+from gauss2svg.svg.document import DEFAULT_TITLE, STOP_COUNTS, Document
 from gauss2svg.svg.element import (
     Element,
     attributes_text,
@@ -52,17 +52,15 @@ from gauss2svg.svg.element import (
     short_id,
     with_default,
 )
-from gauss2svg.svg.format import STOP_COUNTS
-from gauss2svg.svg.minimal.arcs import path_data
-from gauss2svg.svg.minimal.shapes import (
+from gauss2svg.svg.minimal_shapes import (
     OPACITY_DECIMALS,
     Shapes,
     color_levels,
+    path_data,
     rounded_scene,
     shapes_of,
 )
-from gauss2svg.svg.stops import gradient_stops
-from gauss2svg.svg.whole_stops import grey_stops
+from gauss2svg.svg.stops import gradient_stops, grey_stops
 
 MASK_STOPS = (3, 5)  # of few soft shapes, and of many
 

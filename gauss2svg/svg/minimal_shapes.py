@@ -1,4 +1,16 @@
-"""The shapes of a minimal file as whole numbers, and the scene that these draw."""
+"""The shapes of a minimal file as whole numbers, and the scene that these draw.
+
+Plain ellipses are arcs of a path, many of one colour in one path:
+
+    <path fill="#abc" d="M10 20a8 4 30 101 0m-2 9a3 3 0 100 1"/>
+
+Each arc goes round its ellipse but for a chord of one unit, (1, 0) or (0, 1), which filling closes.
+The radii and the tilt in degrees give the centre. All turn the same way, so that a path fills the
+union of its ellipses.
+
+Shapes of one colour are drawn after one another where the picture stays the same. Two shapes may
+change places if they do not overlap, or if their colours are equal.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +28,7 @@ from gauss2svg.scene.falloff import (
     cut_radius,
     nearest_class,
 )
-from gauss2svg.svg.limits import check_canvas, writable
-from gauss2svg.svg.minimal.arcs import arc_geometry, arc_numbers
-from gauss2svg.svg.minimal.paint_order import colors_together
+from gauss2svg.svg.element import check_canvas, number, writable
 from gauss2svg.svg.plain_ellipse import (
     LEAST_PLAIN_BETA,
     looks_plain,
@@ -50,7 +60,7 @@ class Shapes:
     index    (n,) of the shape in its scene
     falloff  (n,) index into BETA_CLASSES, -1 for a plain ellipse
     numbers  (n, 5) whole a b d e f: matrix(a b 0 d e f) of the circle of radius 1; of a plain
-             ellipse those of gauss2svg.svg.minimal.arcs
+             ellipse those of `arc_numbers`
     masked   (n,) whether a shape is soft and drawn under a mask, not by a gradient
     levels   (n, 3) of colour, in 0..255
     opacity  (n,) in 0..1
@@ -204,3 +214,140 @@ def _placed(
         sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA),
         rho=np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT),
     )
+
+
+_TILT_DECIMALS = 1  # of long ellipses; of the others none
+
+
+def arc_numbers(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
+    """(n, 5) radii and start in whole units and the tilt between: rx ry tilt x y.
+
+    radius  (n,) of the ellipses in sigmas
+    The tilt of the first radius is in (-45, 45] degrees, whole or for long ellipses with a decimal;
+    0 for circles. A radius of 0 is a shape that no arc can draw.
+    """
+    axes, angle_rad = scene.ellipse_axes
+    radii = np.round(axes * radius[:, None] / unit)
+    tilt = np.degrees(angle_rad)
+    # From 60 units between radii on half a degree of tilt moves the far end by half a unit.
+    decimals = np.where(radii[:, 0] - radii[:, 1] > 60.0, _TILT_DECIMALS, 0)
+    tilt = np.round(tilt * 10.0**decimals) / 10.0**decimals
+    steep = (tilt <= -45) | (tilt > 45)
+    radii[steep] = radii[steep, ::-1]
+    tilt[steep] -= np.where(tilt[steep] > 0, 90.0, -90.0)
+    tilt[radii[:, 0] == radii[:, 1]] = 0.0
+    offset, _ = _from_start(radii, tilt)
+    start = np.round(scene.mean / unit - offset)
+    return np.column_stack([radii, tilt, start]) + 0.0  # no -0
+
+
+def arc_geometry(numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centres (n, 2) and Cholesky factors (n, 3) l11 l21 l22 of ellipses, in units."""
+    (rx, ry), tilt_rad = numbers[:, :2].T, np.radians(numbers[:, 2])
+    co, si = np.cos(tilt_rad), np.sin(tilt_rad)
+    l11 = np.hypot(rx * co, ry * si)
+    factor = np.column_stack([l11, (rx * rx - ry * ry) * co * si / l11, rx * ry / l11])
+    return numbers[:, 3:] + _from_start(numbers[:, :2], numbers[:, 2])[0], factor
+
+
+def path_data(numbers: NDArray[np.float64]) -> str:
+    """The d of a path of arcs."""
+    text, (x, y) = "", (np.nan, np.nan)
+    _, chords = _from_start(numbers[:, :2], numbers[:, 2])
+    for (rx, ry, tilt, start_x, start_y), chord in zip(numbers, chords, strict=True):
+        move = f"M{number(start_x, 0)} {number(start_y, 0)}"
+        if text:
+            move = min(f"m{number(start_x - x, 0)} {number(start_y - y, 0)}", move, key=len)
+        flags_and_end = "101 0" if chord[0] else "100 1"  # the large arc, against the clock
+        text += f"{move}a{number(rx, 0)} {number(ry, 0)} {number(tilt, _TILT_DECIMALS)}"
+        text += " " + flags_and_end
+        x, y = start_x + chord[0], start_y + chord[1]
+    return text.replace(" -", "-")
+
+
+def _from_start(
+    radii: NDArray[np.float64], tilt: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Offsets (n, 2) in units from each arc's start to the centre of its ellipse, and to its end.
+
+    The chord that is shorter where the ellipse is mapped onto the unit circle cuts off less; u is
+    that chord there, and the centre lies beside its middle (SVG 2, implementation notes, B.2.4).
+    """
+    tilt_rad, radii = np.radians(tilt), np.maximum(radii, 1.0)
+    co, si = np.cos(tilt_rad), np.sin(tilt_rad)
+    onto = np.array([[co, -si], [si, co]]).transpose(2, 0, 1) * radii[:, None, :]
+    across, down = (
+        np.hypot(co / radii[:, 0], si / radii[:, 1]),
+        np.hypot(si / radii[:, 0], co / radii[:, 1]),
+    )
+    level = across <= down + 1e-9  # alike for circles
+    chord = np.column_stack([level, ~level]).astype(np.float64)
+    u = np.einsum("nji,nj->ni", onto / np.square(radii)[:, None, :], chord)
+    length = np.where(level, across, down)
+    height = np.sqrt(np.maximum(1 - np.square(length) / 4, 0)) / length
+    center = height[:, None] * np.column_stack([-u[:, 1], u[:, 0]])
+    return chord / 2 + np.einsum("nij,nj->ni", onto, center), chord
+
+
+_DIRECTIONS = 12  # along which the projections of two ellipses are compared
+_ROWS = 256  # of all pairs at a time, which else take eight bytes each
+
+
+def overlaps(
+    mean: NDArray[np.float64], factor: NDArray[np.float64], margin: float
+) -> NDArray[np.bool_]:
+    """(n, n) whether the shape of a row lies below that of a column and is not apart from it.
+
+    Arguments are those of `colors_together`.
+    """
+    count = len(mean)
+    below = np.triu(np.ones((count, count), bool), 1)
+    # First the two along the sides of a picture, after which few pairs are left.
+    steps = sorted(range(_DIRECTIONS), key=lambda k: k % (_DIRECTIONS // 2))
+    at, reach = [], []
+    for angle_rad in np.array(steps) * np.pi / _DIRECTIONS:
+        x, y = np.cos(angle_rad), np.sin(angle_rad)
+        at.append(mean @ [x, y])
+        reach.append(np.hypot(factor[:, 0] * x + factor[:, 1] * y, factor[:, 2] * y))
+    for begin in range(0, count, _ROWS):
+        rows = slice(begin, begin + _ROWS)
+        block = below[rows, begin:]
+        for a, r in zip(at[:2], reach[:2], strict=True):
+            block &= np.abs(a[rows, None] - a[begin:]) < r[rows, None] + r[begin:] + margin
+        row, column = np.nonzero(block)
+        for a, r in zip(at[2:], reach[2:], strict=True):
+            a, r = a[begin:], r[begin:]
+            near = np.abs(a[row] - a[column]) < r[row] + r[column] + margin
+            row, column = row[near], column[near]
+        block[:] = False
+        block[row, column] = True
+    return below
+
+
+def colors_together(
+    mean: NDArray[np.float64],
+    factor: NDArray[np.float64],
+    color: NDArray[np.intp],
+    key: NDArray[np.float64],
+    margin: float,
+) -> NDArray[np.intp]:
+    """(n,) order of n shapes with few changes of colour; it does not depend on equivalent orders.
+
+    mean    (n, 2); factor (n, 3) l11 l21 l22 of the ellipses that the shapes stay in
+    color   (n, 3) whole levels
+    key     (k, n) by which those of a run are sorted, the last row first
+    margin  of lengths, from which two ellipses count as apart
+    From below: a colour all of whose shapes can be drawn, else the one of the largest share.
+    """
+    kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
+    below = overlaps(mean, factor, margin) & (kind[:, None] != kind)
+    waiting, left = below.sum(axis=0), np.ones(len(mean), bool)
+    order = []
+    while left.any():
+        ready = np.bincount(kind[left & (waiting == 0)], minlength=kind.max() + 1)
+        share = ready / np.maximum(np.bincount(kind[left], minlength=len(ready)), 1)
+        chosen = np.flatnonzero(left & (waiting == 0) & (kind == share.argmax()))
+        order.append(chosen[np.lexsort(key[:, chosen])])
+        left[chosen] = False
+        waiting -= below[chosen].sum(axis=0)
+    return np.concatenate(order) if order else np.zeros(0, np.intp)

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.batch import raise_pending
+from gauss2svg.compare import plots
 from gauss2svg.compare.axes import settings_of
+from gauss2svg.compare.columns import markdown, summarise
 from gauss2svg.compare.grid import Grid, Progress, Task
 from gauss2svg.compare.machine import machine
 from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.peers import PEERS, check_peers
 from gauss2svg.compare.records import Row, add_row, answered, csv_text, rows_in
-from gauss2svg.compare.tables import plots
-from gauss2svg.compare.tables.columns import markdown, summarise
 from gauss2svg.compare.variants import Variant, of_peer
 from gauss2svg.compare.worker import in_own_process
 from gauss2svg.errors import InputError, number_within, whole_number

@@ -1,1 +1,0 @@
-"""Benchmarks: many settings on many photos, each in its own process, as tables and plots."""

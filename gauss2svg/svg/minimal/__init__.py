@@ -1,1 +1,0 @@
-"""Minimal markup: SVG with nothing that does not draw, in whole numbers."""
