@@ -60,7 +60,13 @@ def find_pairs(
     columns = -(-width // TILE_WIDTH)
     tiles = columns * -(-height // TILE_HEIGHT)
     # A strip is one Gaussian in one column of tiles.
-    column, strip_count = _tile_columns(mean[:, 0], sigma[:, 0] * radius, width)
+    left, right = (mean[:, 0] + sign * sigma[:, 0] * radius for sign in (-1, 1))
+    # Clipped before the conversion to int: means may lie up to 1e9 px off the canvas.
+    column, last = (
+        np.clip(x, 0, most).astype(np.int64) // TILE_WIDTH
+        for x, most in ((left, width), (right, width - 1))
+    )
+    strip_count = np.where((right >= 0) & (left <= width), last + 1 - column, 0)
     strip = np.zeros(count + 1, np.int64)
     np.cumsum(strip_count, out=strip[1:])
     strip_rows = np.empty((strip[-1], 2), np.int64)
@@ -71,8 +77,11 @@ def find_pairs(
         ),
         count // _LEAST_SHARE,
     )
-    bits = _pair_bits(sigma[:, 1], rho)
-    total = _pair_count(strip_rows, np.repeat(bits, strip_count))
+    thin = sigma[:, 1] * np.sqrt((1 - rho) * (1 + rho)) < LEAST_STEPPED
+    bits = np.where(thin, 0, TILE_BITS)  # binary logarithm of the rows that a pair may hold
+    first, end = strip_rows.T
+    each = np.repeat(bits, strip_count)
+    total = int(np.where(end > first, ((end - 1) >> each) - (first >> each) + 1, 0).sum())
     offset, start = np.zeros(count + 1, np.int64), np.zeros(tiles + 1, np.int64)
     gaussian, tile, order = (np.empty(total, np.int32) for _ in range(3))
     rows = np.empty((total, 2), np.int32)
@@ -82,29 +91,6 @@ def find_pairs(
         order,
     )  # fmt: skip
     return Pairs(offset, gaussian, rows, start, order, int(tile_rows.max(initial=0)))
-
-
-def _tile_columns(
-    x: NDArray[np.float64], reach: NDArray[np.float64], width: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First tile column between x - reach and x + reach, and how many there are, for each."""
-    left, right = x - reach, x + reach
-    # Clipped before the conversion to int: means may lie up to 1e9 px off the canvas.
-    first = np.clip(left, 0, width).astype(np.int64) // TILE_WIDTH
-    last = np.clip(right, 0, width - 1).astype(np.int64) // TILE_WIDTH
-    return first, np.where((right >= 0) & (left <= width), last + 1 - first, 0)
-
-
-def _pair_bits(sy: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Binary logarithm of the rows of a tile that a pair may hold: see the module."""
-    thin = sy * np.sqrt((1 - rho) * (1 + rho)) < LEAST_STEPPED
-    return np.where(thin, 0, TILE_BITS)
-
-
-def _pair_count(strip_rows: NDArray[np.int64], bits: NDArray[np.int64]) -> int:
-    """Number of pairs that strips with rows (s, 2) are cut into."""
-    first, end = strip_rows.T
-    return int(np.where(end > first, ((end - 1) >> bits) - (first >> bits) + 1, 0).sum())
 
 
 @kernel
@@ -154,7 +140,7 @@ def _list_pairs(
 ):  # fmt: skip
     """Cut strips into pairs, and list these tile by tile by a counting sort.
 
-    columns    tile columns of the canvas; bits (n,), see _pair_bits
+    columns    tile columns of the canvas; bits (n,) binary logarithm of the rows of a pair
     offset to order  written: see Pairs; start is 0 on entry
     tile       (p,) the tile of a pair, written
     tile_rows  (tiles,) sum of pair rows in each tile, written; 0 on entry

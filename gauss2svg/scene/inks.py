@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from gauss2svg.errors import InputError, plain_scalar, quoted, whole_number
+from gauss2svg.errors import plain_scalar, quoted, refusal, whole_number
 from gauss2svg.files import reading
 from gauss2svg.options import file_name
 
@@ -25,6 +25,7 @@ else:
 
 LEAST_INKS, MOST_INKS = 2, 64
 PALETTE_SUFFIX = ".gpl"
+_ADVICE = '6, or "#f7c306,#c0322c,#17324d"'
 _HEX = re.compile(r"\s*#?([0-9a-f]{3}|[0-9a-f]{6})\s*", re.IGNORECASE)
 _PALETTE_HEAD = "GIMP Palette"
 _MOST_PALETTE_BYTES = 1_000_000
@@ -75,12 +76,14 @@ def check_inks(name: str, value: Any) -> int | str:
     try:
         digits = [_HEX.fullmatch(text)[1].lower() for text in texts]  # pyright: ignore[reportOptionalSubscript] (TypeError)
     except TypeError:
-        raise _bad(
-            name, "colours such as #c0322c, a number of them or a .gpl file", value
+        raise refusal(
+            name, "colours such as #c0322c, a number of them or a .gpl file", quoted(value), _ADVICE
         ) from None
     inks = ["#" + (d if len(d) == 6 else "".join(2 * digit for digit in d)) for d in digits]
     if not LEAST_INKS <= len(inks) == len(set(inks)) <= MOST_INKS:
-        raise _bad(name, f"{LEAST_INKS} to {MOST_INKS} different colours", value)
+        raise refusal(
+            name, f"{LEAST_INKS} to {MOST_INKS} different colours", quoted(value), _ADVICE
+        )
     return ",".join(inks)
 
 
@@ -108,9 +111,8 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
 
     colors, counts = _colors(pixels)
     if inks > len(colors):
-        raise InputError(
-            f"inks must be at most {len(colors)}, the number of colours in the picture; got {inks}"
-        )
+        needed = f"at most {len(colors)}, the number of colours in the picture"
+        raise refusal("inks", needed, str(inks))
     color = colors / 255
     linear = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
     points = np.cbrt(linear @ np.transpose(_TO_CONES)) @ np.transpose(_TO_LAB)
@@ -185,7 +187,7 @@ def _of_palette_file(name: str, path: str) -> list[str]:
     head, *lines = re.split(r"\r\n?|\n", content.decode("utf-8-sig", "replace"))
     if len(content) > _MOST_PALETTE_BYTES or not head.startswith(_PALETTE_HEAD):
         needed = f"a file of at most {_MOST_PALETTE_BYTES:,} bytes that begins with {_PALETTE_HEAD}"
-        raise _bad(name, needed, path)
+        raise refusal(name, needed, quoted(path), _ADVICE)
     colors: dict[str, None] = {}
     for number, line in enumerate(lines, 2):
         match = _LEVELS.fullmatch(line)
@@ -193,11 +195,6 @@ def _of_palette_file(name: str, path: str) -> list[str]:
         if max(levels) <= 255:
             colors[bytes(levels).hex()] = None
         elif not _NO_COLOR.fullmatch(line):
-            raise _bad(name, "three levels of 0 to 255 a line", f"line {number}, {line}")
+            got = quoted(f"line {number}, {line}")
+            raise refusal(name, "three levels of 0 to 255 a line", got, _ADVICE)
     return list(colors)
-
-
-def _bad(name: str, needed: str, got: Any) -> InputError:
-    return InputError(
-        f'{name} must be {needed}; got {quoted(got)}. Try 6, or "#f7c306,#c0322c,#17324d"'
-    )
