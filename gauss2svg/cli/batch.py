@@ -13,8 +13,8 @@ from cyclopts import App, ArgumentCollection, Group, Parameter
 from cyclopts.config import Toml
 
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.cli import streams
-from gauss2svg.cli.parameters import Output, Quiet, options_of, refuse_options
+from gauss2svg.cli import parameters, streams
+from gauss2svg.cli.parameters import Output, Quiet
 from gauss2svg.cli.streams import say
 from gauss2svg.errors import InputError
 from gauss2svg.files import reading
@@ -22,7 +22,7 @@ from gauss2svg.pipeline.options import GROUP_TITLES, Options
 
 _SHOW_S = 0.2  # between two states of the bar
 _OPTIONS_FILE = "--options"
-_Parsed = options_of({key: Group(title) for key, title in GROUP_TITLES.items()})
+_Parsed = parameters.options_of({key: Group(title) for key, title in GROUP_TITLES.items()})
 _DEFAULTS = _Parsed()
 
 
@@ -58,7 +58,7 @@ def batch_command(
     from gauss2svg.batch.many import Batch
     from gauss2svg.batch.table import Summary
 
-    refuse_options(batch_command, photos, output)
+    parameters.refuse_options(batch_command, photos, output)
     if log == "json":
         streams.standard_stream(sys.stdout, "output")  # is refused now, not at the first record
     with Batch(photos, output, Options(**vars(given)), batch) as made:
@@ -87,7 +87,7 @@ def batch_command(
         say(f"see {', '.join(tables)}")
     elif summary.failed:
         say(f"{summary.failures}; see {tables[0]}")
-    return streams.STATUS_SOME_FAILED if summary.failed else 0
+    return parameters.STATUS_SOME_FAILED if summary.failed else 0
 
 
 def take_options_of_file(

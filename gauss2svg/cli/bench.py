@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import Photos, Quiet, photos_given, words
-from gauss2svg.cli.streams import STATUS_SOME_FAILED, counting_bar, say
+from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, photos_given, words
+from gauss2svg.cli.streams import counting_bar, say
 
 if TYPE_CHECKING:
     from gauss2svg.compare.grid import Progress

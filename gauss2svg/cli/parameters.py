@@ -15,6 +15,7 @@ from gauss2svg.errors import refusal
 from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.pipeline.options import GROUPS, Options
 
+STATUS_SOME_FAILED = 1
 Photos = Annotated[
     list[str],
     Parameter(

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import Output, Photos, Quiet, photos_given
-from gauss2svg.cli.streams import STATUS_SOME_FAILED, counting_bar, say, write_output
+from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Output, Photos, Quiet, photos_given
+from gauss2svg.cli.streams import counting_bar, say, write_output
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically
 from gauss2svg.pipeline.placeholder_list import PlaceholderList, PlaceholderOptions

@@ -11,7 +11,6 @@ from typing import IO, Any
 
 from gauss2svg.errors import on_one_line, refusal
 
-STATUS_SOME_FAILED = 1
 _LINE_S = 60.0  # between two lines of progress in a log, which a night makes some hundreds long
 
 
@@ -23,8 +22,7 @@ def say(line: str) -> None:
 def standard_stream(stream: Any, name: str) -> IO[bytes]:
     """Return the binary side of sys.stdin or sys.stdout; raise InputError if it is closed."""
     if stream is None:  # Python's value for a closed descriptor
-        advice = "a file name instead of -"
-        raise refusal(f"standard {name}", "open", "a closed stream", advice)
+        raise refusal(f"standard {name}", "open", "a closed stream", "a file name instead of -")
     return stream.buffer
 
 
