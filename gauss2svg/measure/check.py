@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, whole_number
+from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.isolated import draw
+from gauss2svg.measure.options import CheckOptions
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.measure.survey import MOST_ELEMENTS, Frame, Survey, frame_of, survey
-from gauss2svg.options import Number, OneOf, byte_size
 from gauss2svg.photo.alpha import WHITE, has_alpha, matte_color, over, pixels_of, shrunk
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image, load_reduced
-from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, RENDERERS, refuse, renderer_version
+from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, refuse, renderer_version
 from gauss2svg.raster.features import Features, may_have_features
 from gauss2svg.svg.syntax.source import BLANKS, MOST_BYTES, SvgSource, svg_source
 
@@ -172,35 +172,38 @@ def check(
     Raises InputError for a photo or an SVG that cannot be used, RendererError for an SVG that
     cannot be drawn and for a renderer that is missing.
     """
-    most_bytes = byte_size("max_svg_bytes", max_svg_bytes)
-    whole_number("max_elements", max_elements, 1, 2**31)
-    draw_timeout = Number(0, 86400.0, above=True)("draw_timeout", draw_timeout)  # a day
-    drawn_by = renderer_version(OneOf(RENDERERS)("renderer", renderer))
-    matted = None if matte is None else matte_color(matte)
-    if reference_scale is not None:
-        Number(0, MOST_PIXELS, above=True)("reference_scale", reference_scale)
-        if reference is None:
-            raise InputError(
-                "reference must be given for reference_scale; got none. Try --reference with the "
-                "photo's source"
-            )
-    if max_size is not None:
-        whole_number("max_size", max_size, 1, MOST_PIXELS)
-        picture = load_reduced(photo, max_size, max_pixels=max_pixels, matte=matted)
+    options = CheckOptions(
+        renderer=renderer,  # pyright: ignore[reportArgumentType] (text that is checked there)
+        max_svg_bytes=max_svg_bytes,
+        max_elements=max_elements,
+        draw_timeout=draw_timeout,
+        max_pixels=max_pixels,
+        max_size=max_size,
+        matte=matte,
+        reference_scale=reference_scale,
+    )
+    drawn_by = renderer_version(options.renderer)
+    matted = None if options.matte is None else matte_color(options.matte)
+    if options.reference_scale is not None and reference is None:
+        raise InputError(
+            "reference must be given for reference_scale; got none. Try --reference with the "
+            "photo's source"
+        )
+    if options.max_size is not None:
+        picture = load_reduced(photo, options.max_size, max_pixels=max_pixels, matte=matted)
     else:
         picture = load_image(photo, max_pixels=max_pixels, matte=matted)
     wanted = pixels_of(picture)
-    data, text = svg_source(svg, most_bytes)
+    data, text = svg_source(svg, int(options.max_svg_bytes))
     size = picture.width, picture.height
-    drawing = Drawing(renderer, most_bytes, max_elements, draw_timeout, max_pixels)
     larger = None
     if reference is not None:
         larger = enlarged(
-            text, reference, size, REFERENCE_SCALE if reference_scale is None else reference_scale,
-            drawing, WHITE if matted is None else matted,
+            text, reference, size, options.reference_scale or REFERENCE_SCALE, options,
+            WHITE if matted is None else matted,
         )  # fmt: skip
-    surveyed, frame, sized = sized_svg(text, picture.width, picture.height, renderer, max_elements)
-    raster = draw(sized, picture.width, picture.height, renderer, draw_timeout, wanted.shape[2])
+    surveyed, frame, sized = sized_svg(text, *size, options.renderer, options.max_elements)
+    raster = draw(sized, *size, options.renderer, options.draw_timeout, wanted.shape[2])
     measured = measure_pixels(raster, wanted)
     measurable = min(picture.width, picture.height) >= metrics.LEAST_SIDE_FOR_MS_SSIM
     return CheckResult(
@@ -227,32 +230,12 @@ def check(
     )
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """How untrusted files are drawn: the options of `check` by their names."""
-
-    renderer: str = DEFAULT_RENDERER
-    max_svg_bytes: int = MOST_BYTES
-    max_elements: int = MOST_ELEMENTS
-    draw_timeout: float = DRAW_TIMEOUT_S
-    max_pixels: int = DEFAULT_MAX_PIXELS
-
-    def raster(
-        self, text: str, width: int, height: int, background: float | tuple[float, float, float]
-    ) -> NDArray[np.float32]:
-        """An SVG's raster (height, width, 3) over a colour in 0..1."""
-        sized = sized_svg(text, width, height, self.renderer, self.max_elements)[2]
-        channels = 3 if background == WHITE else 4  # browsers draw over white twice as fast
-        raster = draw(sized, width, height, self.renderer, self.draw_timeout, channels)
-        return over(raster, background)
-
-
 def enlarged(
     text: str,
     reference: ImageSource | SvgSource,
     size: tuple[int, int],
     scale: float,
-    drawing: Drawing = Drawing(),
+    options: CheckOptions = CheckOptions(),
     matte: float | tuple[float, float, float] = WHITE,
 ) -> Enlarged:
     """How closely an SVG's text matches its photo's source at `scale` times the photo's size.
@@ -269,11 +252,10 @@ def enlarged(
             f"{width}x{height}. Try a smaller --reference-scale or --max-size"
         )
     if _is_svg(reference):
-        drawn = drawing.raster(
-            svg_source(reference, drawing.max_svg_bytes)[1], width, height, matte
-        )
+        source = svg_source(reference, int(options.max_svg_bytes))[1]
+        drawn = _raster(source, width, height, matte, options)
     else:
-        picture = load_image(reference, max_pixels=drawing.max_pixels)
+        picture = load_image(reference, max_pixels=options.max_pixels)
         if picture.width < width or picture.height < height:
             most = min(picture.width / size[0], picture.height / size[1])
             raise InputError(
@@ -281,7 +263,7 @@ def enlarged(
                 f"got {picture.width}x{picture.height}. Try an SVG, or --reference-scale {most:.3g}"
             )
         drawn = shrunk(over(pixels_of(picture), matte), height, width)
-    raster = drawing.raster(text, width, height, WHITE)
+    raster = _raster(text, width, height, WHITE, options)
     measurable = min(width, height) >= metrics.LEAST_SIDE_FOR_SSIM
     return Enlarged(
         scale=float(scale),
@@ -290,6 +272,20 @@ def enlarged(
         psnr=metrics.psnr(raster, drawn),
         ssim=metrics.ssim(raster, drawn) if measurable else None,
     )
+
+
+def _raster(
+    text: str,
+    width: int,
+    height: int,
+    background: float | tuple[float, float, float],
+    options: CheckOptions,
+) -> NDArray[np.float32]:
+    """Return the raster (height, width, 3) of an untrusted SVG over a colour in 0..1."""
+    sized = sized_svg(text, width, height, options.renderer, options.max_elements)[2]
+    channels = 3 if background == WHITE else 4  # browsers draw over white twice as fast
+    raster = draw(sized, width, height, options.renderer, options.draw_timeout, channels)
+    return over(raster, background)
 
 
 def _is_svg(source: ImageSource | SvgSource) -> bool:

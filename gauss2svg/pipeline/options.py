@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.fit.options import MOST_GAUSSIANS, DensifyOptions, FitOptions
+from gauss2svg.measure.options import color_name
 from gauss2svg.measure.scores import TARGETS, Score
 from gauss2svg.options import (
     Field,
@@ -26,14 +27,6 @@ from gauss2svg.svg.document import LEAST_PRECISION, MOST_PRECISION, STOP_COUNTS,
 
 AUTO = "auto"
 _MOST_DECIBELS = 100.0  # 8-bit images that differ have less up to 65 megapixels
-
-
-def color_name(name: str, value: Any) -> str:
-    """A valid colour for `matte_color`; raises InputError that names it."""
-    from gauss2svg.photo.alpha import matte_color  # with NumPy, which the help does not need
-
-    matte_color(value, name)
-    return value
 
 
 @dataclass(frozen=True, kw_only=True)
