@@ -145,9 +145,7 @@ class KernelCache:
         except OSError:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
-            _lost |= not os.path.exists(
-                path
-            )  # it may, on Windows, a file that another process reads
+            _lost |= not os.path.exists(path)  # on Windows another process may be reading it
 
     def _file(self, sig: Any, codegen: Any) -> Path:
         key = f"{self._stamp} {sig} {codegen.magic_tuple()}"
