@@ -32,15 +32,6 @@ ALLOWED = 1e-3
 EXAMPLES = 40
 UNSHRUNK = (Phase.explicit, Phase.generate)  # shrinking would take minutes
 
-worst: dict[str, tuple[float, str]] = {}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _worst_case():
-    yield
-    for renderer, (off, where) in sorted(worst.items()):
-        print(f"\nworst gradient of {renderer}: {off:.1e} of {where}", end="")
-
 
 def moved(scene: Scene, z: NDArray, name: str, i: int, j: int, t: float) -> NDArray:
     """The whitened offsets z after a natural step t of one element of a shape's geometry."""
@@ -128,7 +119,6 @@ def check(scene: Scene, seed: int, plain: bool) -> None:
                 label = f"{name} in {dtype}".replace("torch.", "")
                 where = f"{kind}, sigma {scene.sigma.tolist()}, rho {scene.rho.tolist()}, "
                 where += f"beta {scene.beta.tolist()}"
-                worst[label] = max(worst.get(label, (0.0, "")), (off, where))
                 assert off <= ALLOWED, f"{label}: {off:.1e} of {where}"
 
 
