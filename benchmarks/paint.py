@@ -21,9 +21,9 @@ import numpy as np
 from common import eight_bits, encoded
 
 from gauss2svg import FitOptions, SvgOptions, placeholder, vectorize
-from gauss2svg.measure.paint import drawn_pixels, paint_ms
 from gauss2svg.photo.alpha import over
 from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.report import drawn_pixels, paint_ms
 from gauss2svg.raster import chromium
 
 _COFFEE = Path(__file__).with_name("coffee.jpg")

@@ -14,11 +14,11 @@ from itertools import count
 from distributed import Client, KilledWorker
 
 from gauss2svg.batch.cluster import answers
-from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.records import (
     WORKER_DIED,
     BatchPhoto,
     BatchSpec,
+    PhotoIndex,
     PhotoRecord,
     ShardRecord,
 )

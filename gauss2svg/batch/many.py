@@ -13,13 +13,13 @@ from importlib.util import find_spec
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.inputs import check_apart, photos_of
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.records import (
     FOLDER,
     RECORDS,
     BatchSpec,
+    PhotoIndex,
     PhotoRecord,
     identity_of,
     unchanged,

@@ -18,8 +18,7 @@ from typing import Any
 
 from msgspec.structs import astuple
 
-from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.records import PhotoRecord
+from gauss2svg.batch.records import PhotoIndex, PhotoRecord
 from gauss2svg.batch.stores import PARTS, STATE, Store, reason_of
 from gauss2svg.errors import OutputError
 

@@ -60,9 +60,9 @@ def bench_command(
         Show neither progress nor summary.
 
     """
-    from gauss2svg.compare.axes import parse_axes
     from gauss2svg.compare.peers import check_peers
     from gauss2svg.compare.table import run_bench
+    from gauss2svg.compare.variants import parse_axes
     from gauss2svg.measure.perceptual import packages_missing
 
     names, axes = words(peers), parse_axes(axis or ())

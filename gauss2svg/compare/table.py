@@ -1,4 +1,7 @@
-"""The benchmark: each run in a process of its own, one at a time; tables and plots after each."""
+"""The benchmark: each run in a process of its own, one at a time, with tables and plots after each.
+
+Plots are SVG: each score over CPU seconds and over gzipped bytes.
+"""
 
 from __future__ import annotations
 
@@ -11,26 +14,109 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.batch import raise_pending
-from gauss2svg.compare import plots
-from gauss2svg.compare.axes import settings_of
-from gauss2svg.compare.columns import markdown, summarise
+from gauss2svg.compare import chart
+from gauss2svg.compare.chart import Point, scatter, template_environment
+from gauss2svg.compare.columns import BYTES, SECONDS, front, markdown, summarise
 from gauss2svg.compare.grid import Grid, Progress, Task
 from gauss2svg.compare.machine import machine
 from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.peers import PEERS, check_peers
-from gauss2svg.compare.records import Row, add_row, answered, csv_text, rows_in
-from gauss2svg.compare.variants import Variant, of_peer
+from gauss2svg.compare.records import TOOL, Row, add_row, answered, csv_text, rows_in
+from gauss2svg.compare.variants import Variant, of_peer, settings_of
 from gauss2svg.compare.worker import in_own_process
 from gauss2svg.errors import InputError, number_within, whole_number
 from gauss2svg.files import as_json, check_writable, make_folder, write_all_atomically
+from gauss2svg.measure.scores import SCORES, Score
 from gauss2svg.options import file_name
 from gauss2svg.photo.listing import ListedPhoto, listed_photos
 from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.version import __version__
 
+# (cost, its axis, its least value: a cost of 0 has no place on a logarithmic axis, its text in a
+# tooltip, its text at a tick)
+_COSTS = {
+    "seconds": (
+        SECONDS, "CPU seconds, after a warm-up", 1e-4, chart.seconds, chart.short_seconds,
+    ),
+    "bytes": (BYTES, "bytes, gzipped", 1.0, chart.size, chart.short_size),
+}  # fmt: skip
+NAMES = tuple(f"{axis.slug}_{cost}.svg" for axis in SCORES for cost in _COSTS)
+# A series keeps its mark whichever others a plot has.
+_OTHERS = "other settings"
+_SERIES = (*PRESETS, _OTHERS, *PEERS)
+_COLORS = 8  # of the template
+_FIRST = -(-len(_SERIES) // _COLORS) * _COLORS  # of further series, each of a colour of its own
+
+
+def plots_of(summary: Sequence[dict[str, Any]]) -> dict[str, str]:
+    """The plots as SVG, by the names of their files; settings without a finite score are left out.
+
+    A score that no setting has gets no plot. Each tool and each preset is a series, and each other
+    setting where these are no more than there are colours; a line joins the Pareto front of
+    gauss2svg. The label and the numbers of a point are its tooltip.
+    """
+    return {
+        f"{axis.slug}_{cost}.svg": _plot(summary, axis, *_COSTS[cost])
+        for axis in SCORES
+        if any(row[axis.key] is not None for row in summary)
+        for cost in _COSTS
+    }
+
+
+def _plot(
+    summary: Sequence[dict[str, Any]],
+    axis: Score,
+    cost: str,
+    cost_title: str,
+    least: float,
+    in_tooltip: Callable[[float | None], str],
+    at_tick: Callable[[float], str],
+) -> str:
+    rows = [row for row in summary if row[axis.key] is not None]
+    own = [row for row in rows if row["tool"] == TOOL]
+    names = _series_of(summary)
+    used = {names[_name(row)] for row in rows}
+    best = front([axis.sign * row[axis.key] for row in own], [row[cost] for row in own])
+    on_front = [own[at] for at in best] if len(best) > 1 else []
+    points = [
+        Point(
+            cost=max(row[cost], least),
+            score=row[axis.key],
+            series=names[_name(row)],
+            group=0 if row in on_front else None,
+            text=f"{row['label']}: {axis.text(row[axis.key])}, {in_tooltip(row[cost])}",
+        )
+        for row in rows
+    ]
+    return (
+        template_environment()
+        .get_template("plot.svg.jinja")
+        .render(
+            chart=scatter(points, at_tick, axis),
+            score=axis.name,
+            cost=cost_title,
+            key=sorted({at: name for name, at in names.items() if at in used}.items()),
+        )
+    )
+
+
+def _series_of(summary: Sequence[dict[str, Any]]) -> dict[str, int]:
+    """The series of each name, by its number; all other settings are one if there are many."""
+    labels = dict.fromkeys(_name(row) for row in summary if _name(row) not in _SERIES)
+    series = {name: at for at, name in enumerate(_SERIES)}
+    if len(labels) > _COLORS:
+        return dict.fromkeys(labels, series[_OTHERS]) | series
+    return series | {label: _FIRST + at for at, label in enumerate(labels)}
+
+
+def _name(row: dict[str, Any]) -> str:
+    return row["tool"] if row["tool"] != TOOL else row["preset"] or row["label"]
+
+
 _ROWS = "rows.jsonl"
-_OUTPUTS = (_ROWS, "bench.json", "bench.csv", "summary.md", *plots.NAMES)
+_OUTPUTS = (_ROWS, "bench.json", "bench.csv", "summary.md", *NAMES)
 
 
 def run_bench(
@@ -51,7 +137,7 @@ def run_bench(
     images        paths of photos
     directory     folder of the tables and plots, created if missing
     axes          values by option of `vectorize`: every combination is run, with the other
-                  options at their defaults; None: gauss2svg.compare.axes.DEFAULT_GRID
+                  options at their defaults; None: gauss2svg.compare.variants.DEFAULT_GRID
     peers         names from gauss2svg.compare.peers.PEERS; those not installed are skipped
     threads       CPU threads of gauss2svg; None: one per core
     peer_timeout  time limit (s) of a peer's run
@@ -99,7 +185,7 @@ def run_bench(
         rows = [grid.records[task.place] | {"image": task.photo.name} for task in found]
         files = _tables(rows, [photo.name for photo in photos], absent)
         write_all_atomically({folder / name: data for name, data in files.items()})
-        for name in set(plots.NAMES) - files.keys():  # of an earlier benchmark that had this score
+        for name in set(NAMES) - files.keys():  # of an earlier benchmark that had this score
             (folder / name).unlink(missing_ok=True)
         return rows
 
@@ -178,7 +264,7 @@ def _tables(rows: Sequence[Row], names: Sequence[str], absent: Sequence[str]) ->
     texts = {
         "bench.csv": csv_text(rows),
         "summary.md": markdown(summary, rows, names),
-        **plots.plots_of(summary),
+        **plots_of(summary),
     }
     return {"bench.json": as_json(document)} | {name: t.encode() for name, t in texts.items()}
 

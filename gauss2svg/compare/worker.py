@@ -50,7 +50,7 @@ def _run(request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _run_own(request: Mapping[str, Any]) -> dict[str, Any]:
-    from gauss2svg.compare.axes import AXES, apply_constants, options_in
+    from gauss2svg.compare.variants import AXES, apply_constants, options_in
     from gauss2svg.measure.check import enlarged
     from gauss2svg.measure.perceptual import perceptual_scores
     from gauss2svg.pipeline.options import Options

@@ -25,9 +25,9 @@ from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
 from gauss2svg.options import byte_size
 from gauss2svg.photo.photo import Header
 from gauss2svg.photo.reduce import Size, decoded_size
+from gauss2svg.pipeline.drawings import may_enlarge
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import CAP_FOR_TARGET
-from gauss2svg.pipeline.search.enlarged import may_enlarge
 from gauss2svg.scene import ADD, OVER
 
 # Pixels at which a file is measured at least, where the photo has them: docs/decisions/photo.md.

@@ -19,9 +19,8 @@ from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, PLAIN, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, covered_radius, nearest_class
 from gauss2svg.scene.nearest import nearest_entry
-from gauss2svg.svg.blur import GRADIENT, drawn_blurs
+from gauss2svg.svg.blur import GRADIENT, drawn_blurs, snapped, with_falloffs
 from gauss2svg.svg.plain_ellipse import drawn_beta, is_plain
-from gauss2svg.svg.snap import snapped, with_falloffs
 
 # Search for a palette (docs/decisions/palette.md).
 ITERATIONS = 6  # iterations of Lloyd's algorithm; twice as many gain under 2 %

@@ -17,8 +17,8 @@ from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
 from gauss2svg.pipeline.palette import best_palette
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import coverage, cut_radius, profile
+from gauss2svg.svg.blur import with_falloffs
 from gauss2svg.svg.plain_ellipse import drawn_beta, plain_radius
-from gauss2svg.svg.snap import with_falloffs
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

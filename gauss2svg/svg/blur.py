@@ -8,6 +8,8 @@ variance rho^2 / 4 + s^2 per axis and peak g(0) = 1 - exp(-rho^2 / 2 s^2). A sma
 faint Gaussian, a large one the flat top and crisp rim of a large exponent. So every ratio stands
 for one exponent and bounds the opacity; the exponents, largest opacities and errors of BLURS
 are in docs/decisions/svg.md, and tests/svg/test_blur.py derives them again.
+
+`snapped` returns the exponents and colours that a file can hold, before any palette.
 """
 
 from __future__ import annotations
@@ -21,8 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.scene import BLURRED, Scene
-from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
+from gauss2svg.scene import ADD, BLURRED, LEAST_SIGMA, MOST_SIGMA, PLAIN, SOFT, Scene
+from gauss2svg.scene.falloff import (
+    BETA_CLASSES,
+    LEAST_BETA,
+    MOST_BETA,
+    half_radius,
+    nearest_class,
+    profile,
+)
 from gauss2svg.svg.document import Form
 from gauss2svg.svg.plain_ellipse import is_plain
 
@@ -161,3 +170,31 @@ def _differing(step: int, index: int) -> float:
     own = r * float(half_radius(blur.beta) / half_radius(beta))
     drawn = blur.peak * blurred_disc(own / blur.radius, 1 / blur.deviation)
     return float(np.abs(drawn - profile(r, min(max(beta, LEAST_BETA), MOST_BETA))).max())
+
+
+def snapped(scene: Scene, form: str) -> Scene:
+    """Return the scene with exponents and colours as in a file of this form; idempotent.
+
+    Exponents become those of BETA_CLASSES, or in the form blur those of blurred discs. Sigma
+    changes with them so that the contour of half height stays. Plain ellipses keep their exponent.
+    Colours are rounded to 8 bits. Additive scenes are returned as they are: their stops are
+    computed from exact colours.
+    """
+    if scene.blend == ADD:
+        return scene
+    blur = chosen_blurs(scene, form)
+    blurred = blur >= 0
+    plain = is_plain(scene)
+    shaded = ~plain & ~blurred
+    beta = scene.beta.copy()
+    beta[blurred] = [BLURS[k].beta for k in blur[blurred]]
+    beta[shaded] = np.array(BETA_CLASSES)[nearest_class(beta[shaded])]
+    drawn = np.where(blurred, BLURRED, np.where(scene.drawn == PLAIN, PLAIN, SOFT))
+    color = np.round(scene.color * 255) / 255
+    return with_falloffs(scene, beta).replace(color=color, drawn=drawn)
+
+
+def with_falloffs(scene: Scene, beta: NDArray[np.float64]) -> Scene:
+    """Return the scene with other exponents (n,); each shape keeps its contour of half height."""
+    sigma = scene.sigma * (half_radius(scene.beta) / half_radius(beta))[:, None]
+    return scene.replace(beta=beta, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
-from gauss2svg.svg.blur import BLURS, GRADIENT, Blur, drawn_blurs
+from gauss2svg.svg.blur import BLURS, GRADIENT, Blur, drawn_blurs, snapped
 from gauss2svg.svg.document import SvgFormat
 from gauss2svg.svg.element import (
     Element,
@@ -55,7 +55,6 @@ from gauss2svg.svg.element import (
     writable,
 )
 from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
-from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.stops import gradient_stops
 
 _LARGE = 100  # radius of gradients of large exponents

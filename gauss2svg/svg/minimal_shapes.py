@@ -28,6 +28,7 @@ from gauss2svg.scene.falloff import (
     cut_radius,
     nearest_class,
 )
+from gauss2svg.svg.blur import with_falloffs
 from gauss2svg.svg.element import check_canvas, number, writable
 from gauss2svg.svg.plain_ellipse import (
     LEAST_PLAIN_BETA,
@@ -35,7 +36,6 @@ from gauss2svg.svg.plain_ellipse import (
     plain_beta,
     plain_radius,
 )
-from gauss2svg.svg.snap import with_falloffs
 
 HEX_DIGITS = (3, 6)
 LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px

@@ -60,7 +60,7 @@ def write_svg(
     """Return the SVG text of a scene. It depends only on the scene, the format and the document.
 
     The scene is written with the exponents and colours that a file can hold
-    (gauss2svg.svg.snap.snapped); gauss2svg.quantize returns a scene with fewer of them, for a
+    (gauss2svg.svg.blur.snapped); gauss2svg.quantize returns a scene with fewer of them, for a
     smaller file. A transparent scene has no <rect>.
 
     Minimal markup is that of gauss2svg.svg.minimal. Layers by ink are those of

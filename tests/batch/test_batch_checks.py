@@ -14,7 +14,7 @@ from clusters import under_way
 from fsspec.implementations.local import LocalFileSystem
 from fsspec.implementations.memory import MemoryFileSystem
 
-from gauss2svg.batch import index, inputs, stores, table, worker
+from gauss2svg.batch import inputs, records, stores, table, worker
 from gauss2svg.batch.cluster import answers, local_client
 from gauss2svg.batch.inputs import photos_of
 from gauss2svg.batch.many import Batch, vectorize_many
@@ -234,7 +234,7 @@ def test_line_of_a_record_whose_entries_are_of_other_types_is_none(edited):
 
 
 def test_index_on_a_full_disk_is_told_in_a_line():
-    photos = index.PhotoIndex()
+    photos = records.PhotoIndex()
     photos._base.execute("PRAGMA max_page_count = 8")
     with pytest.raises(OutputError, match=r"cannot write the index .*disk is full. Try TMPDIR="):
         photos.add((inputs.Source(f"/{n:0999}", f"{n}", 1) for n in range(99)), ".svg")
@@ -251,7 +251,7 @@ def test_table_that_cannot_be_written_is_told_in_a_line(error, tmp_path, monkeyp
     store.prepare()
     monkeypatch.setattr(table, "_csv", fail)
     with pytest.raises(OutputError, match=r"cannot write .*table\.csv: full\. Try"):
-        table.write_table(store, index.PhotoIndex())
+        table.write_table(store, records.PhotoIndex())
 
 
 def test_folders_that_vanish_while_they_are_listed_have_no_photos(photos, monkeypatch):
@@ -315,7 +315,7 @@ def test_an_interrupt_that_was_lost_is_raised_again(dask_client, monkeypatch):
 
 
 def test_no_cell_of_a_table_begins_a_formula(tmp_path):
-    made = index.PhotoIndex()
+    made = records.PhotoIndex()
     texts = ["=1+1", "+1", "-1", "@a", "\tx", "\rx", "a=1", "'a"]
     for text in texts:
         made.add_record(

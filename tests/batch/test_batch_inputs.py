@@ -11,9 +11,9 @@ import pytest
 from batches import save_photo, save_photos
 
 from gauss2svg.batch import inputs, many
-from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.inputs import local_photos, photos_of
 from gauss2svg.batch.options import BatchOptions
+from gauss2svg.batch.records import PhotoIndex
 from gauss2svg.batch.stores import Store, stamp_of
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, InputError, OutputError

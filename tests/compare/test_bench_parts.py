@@ -12,19 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.compare import table
-from gauss2svg.compare.axes import (
+from gauss2svg.compare.columns import distance_below, front
+from gauss2svg.compare.grid import Task
+from gauss2svg.compare.records import add_row, csv_text, rows_in
+from gauss2svg.compare.variants import (
     AXES,
     DEFAULT_GRID,
+    Variant,
     apply_constants,
     options_in,
     parse_axes,
     parse_axis,
     settings_of,
 )
-from gauss2svg.compare.columns import distance_below, front
-from gauss2svg.compare.grid import Task
-from gauss2svg.compare.records import add_row, csv_text, rows_in
-from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.photo.listing import ListedPhoto
 from gauss2svg.pipeline.options import Options

@@ -10,11 +10,11 @@ from skimage import data
 
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.alpha import over, shrunk, stacked
+from gauss2svg.pipeline.drawings import RASTER_TIMES, agreed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search import by_bytes, drawing, small_file
 from gauss2svg.pipeline.search.drawing import search_by_bytes
-from gauss2svg.pipeline.search.enlarged import RASTER_TIMES, agreed
 from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Watch, best_of
 from gauss2svg.pipeline.search.small_file import SmallFile, closeness
 from gauss2svg.pipeline.search.subject import Subject

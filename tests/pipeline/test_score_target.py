@@ -7,7 +7,7 @@ import pytest
 from flat import vectorize
 from skimage import data
 
-from gauss2svg.compare.axes import VALUES
+from gauss2svg.compare.variants import VALUES
 from gauss2svg.errors import InputError
 from gauss2svg.measure.perceptual import ssimulacra2
 from gauss2svg.measure.scores import SCORES, TARGETS, Search

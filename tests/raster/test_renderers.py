@@ -25,9 +25,8 @@ from gauss2svg.raster import (
 )
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg.blur import GRADIENT
+from gauss2svg.svg.blur import GRADIENT, snapped
 from gauss2svg.svg.document import SvgFormat
-from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.write import write_svg
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="40" height="30"{}</svg>'

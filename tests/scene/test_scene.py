@@ -17,8 +17,8 @@ from gauss2svg.render import render
 from gauss2svg.render.kernels import MOMENTS
 from gauss2svg.scene import BLURRED, PLAIN, RHO_LIMIT, SOFT, Scene, peaks_of
 from gauss2svg.scene.parameters import PARAMETERS, STEPPED
+from gauss2svg.svg.blur import snapped
 from gauss2svg.svg.minimal import minimal_svg
-from gauss2svg.svg.snap import snapped
 
 FIELDS = [field.name for field in dataclasses.fields(Scene)]
 TWO = random_scene(2)

@@ -27,11 +27,11 @@ from gauss2svg.svg.blur import (
     blurred_disc,
     chosen_blurs,
     drawn_blurs,
+    snapped,
 )
 from gauss2svg.svg.document import Form, SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.reader.read import read_svg
-from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.write import write_svg
 
 FORM = st.sampled_from(get_args(Form))

@@ -18,11 +18,10 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg.blur import BLURS, GRADIENT, drawn_blurs
+from gauss2svg.svg.blur import BLURS, GRADIENT, drawn_blurs, snapped
 from gauss2svg.svg.document import STOP_COUNTS, Form, SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.reader.read import read_svg
-from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.stops import gradient_stops
 from gauss2svg.svg.syntax.values import compose, parse_transform
 from gauss2svg.svg.write import write_svg

@@ -3,7 +3,7 @@
 import pytest
 from flat import fit_config
 
-from gauss2svg.compare.axes import Constant, apply_constants
+from gauss2svg.compare.variants import Constant, apply_constants
 from gauss2svg.fit.fit import fit
 
 

@@ -42,8 +42,8 @@ from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
+from gauss2svg.svg.blur import with_falloffs
 from gauss2svg.svg.plain_ellipse import drawn_beta
-from gauss2svg.svg.snap import with_falloffs
 
 # The fits of small files of photos (docs/decisions/small.md).
 SIDE_PER_ROOT = 12.0  # longest side of the working picture in px, per square root of the count

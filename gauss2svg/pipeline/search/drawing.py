@@ -20,10 +20,16 @@ import numpy as np
 
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.photo.alpha import has_alpha
-from gauss2svg.pipeline.drawings import has_edges, is_drawing, is_shaded
+from gauss2svg.pipeline.drawings import (
+    agreed,
+    enlargement,
+    has_edges,
+    is_drawing,
+    is_shaded,
+    may_enlarge,
+)
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.by_bytes import ByBytes, Recipe, nearest_exponents, reduced_to
-from gauss2svg.pipeline.search.enlarged import agreed, enlargement, may_enlarge
 from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Watch
 from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, Writing, closeness
 from gauss2svg.pipeline.search.subject import Subject
@@ -31,9 +37,9 @@ from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import MOST_BETA, RIM_WIDTH, covered_radius
+from gauss2svg.svg.blur import with_falloffs
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 from gauss2svg.svg.plain_ellipse import drawn_beta
-from gauss2svg.svg.snap import with_falloffs
 
 LARGE_SIDE = 1024  # longest side in px of the working picture of a larger drawing
 FLAT_SIDE = 384  # longest side in px of the working picture of a drawing without smooth edges
