@@ -8,7 +8,15 @@ import sys
 import warnings
 from collections.abc import Sequence
 
-from cyclopts import App, ArgumentCollection, CoercionError, CycloptsError, Group, Parameter
+from cyclopts import (
+    App,
+    ArgumentCollection,
+    CoercionError,
+    CycloptsError,
+    Group,
+    MissingArgumentError,
+    Parameter,
+)
 
 from gauss2svg.cli.signals import Terminated, ignore, raising, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
@@ -114,6 +122,11 @@ def run() -> None:
 
 def _in_our_words(error: CycloptsError) -> str:
     """Return the line of an error of the parser of the command line."""
+    missing = error.argument if isinstance(error, MissingArgumentError) else None
+    if missing is not None and missing.field_info.is_positional:
+        command = " ".join(("gauss2svg", *(error.command_chain or ())))
+        name = missing.name.lstrip("-").upper()
+        return f"{command} must be given {name}; got none. Try {command} --help"
     token = error.token if isinstance(error, CoercionError) else None
     option = token.keyword if token is not None else None
     found = field_named(option.lstrip("-").replace("-", "_")) if option else None
