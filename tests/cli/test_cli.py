@@ -133,7 +133,7 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
         ),
         (["PHOTO", "-o", "--quiet"], "got --quiet, which reads like an option. Try ./--quiet"),
         (["-o", "OUT"], "the photo must be one file; got none. Try gauss2svg --help"),
-        (["check", "a.svg"], "gauss2svg check must be given SVG; got none. Try gauss2svg check --help"),
+        (["check", "a.svg"], "gauss2svg check must be given SVG; got none. Try gauss2svg check"),
         (["PHOTO", "b.png", "-o", "OUT"], "must be one file; got"),
         (["PHOTO", "--treads", "2"], "must be an option; got an unknown one. Try --threads"),
         (["PHOTO", "-q"], "-q must be an option; got an unknown one. Try --help, or ./-q for a"),
