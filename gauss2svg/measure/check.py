@@ -23,7 +23,8 @@ from gauss2svg.measure.survey import MOST_ELEMENTS, Frame, Survey, frame_of, sur
 from gauss2svg.photo.alpha import WHITE, has_alpha, matte_color, over, pixels_of, shrunk
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image, load_reduced
-from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, refuse_unsupported, renderer_version
+from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, refuse, renderer_version
+from gauss2svg.raster.features import Features, may_have_features
 from gauss2svg.svg.syntax.source import BLANKS, MOST_BYTES, SvgSource, svg_source
 
 DRAW_TIMEOUT_S = 300.0
@@ -305,10 +306,11 @@ def sized_svg(
 
     Raises InputError and RendererError as `check`.
     """
-    surveyed, root = survey(text, most_elements)
+    features = Features(width, height, lambda root: frame_of(root).view_box)
+    surveyed, root = survey(text, most_elements, *([features] if may_have_features(text) else []))
     frame = frame_of(surveyed.root)
+    refuse(features, renderer)
     sized = root.stretched(width, height, " ".join(f"{v!r}" for v in frame.view_box))
-    refuse_unsupported(sized, width, height, renderer)
     return surveyed, frame, sized
 
 

@@ -23,6 +23,7 @@ from gauss2svg.svg.syntax.parse import (
     INKSCAPE,
     SVG,
     DoctypeError,
+    Observer,
     ParseError,
     Root,
     parse,
@@ -65,15 +66,15 @@ class Survey:
         return sum(self.tags.values())
 
 
-def survey(text: str, most_elements: int) -> tuple[Survey, Root]:
-    """Contents and root of an untrusted SVG, by one pass over it.
+def survey(text: str, most_elements: int, *observers: Observer) -> tuple[Survey, Root]:
+    """Contents and root of an untrusted SVG, by one pass over it of which observers are told too.
 
     Raises InputError for XML that is malformed or defines entities, for links to anything
     outside of the file, for more than most_elements elements, and where the root is not svg.
     """
     census = _Census(most_elements)
     try:
-        root = parse(text, census, References(), doctype="bare")
+        root = parse(text, census, References(), *observers, doctype="bare")
     except DoctypeError as error:
         raise InputError(
             "SVG must be a document that cannot expand; got a document type of its own. Try to "

@@ -1,18 +1,9 @@
-"""SVG renderers behind one function; each name of gauss2svg.options.Renderer is a module here.
-
-    CANNOT_DRAW               what it draws wrongly, with what is known of that
-                              (docs/decisions/renderers.md)
-    draw(svg, width, height)  returns straight RGBA (height, width, 4) float32 in 0..1; browsers
-                              draw over white, and on a transparent page by draw_clear
-    version()                 returns the name and version
-
-The functions raise RendererError where the renderer is not installed.
-"""
+"""SVG renderers behind one function; each name of gauss2svg.options.Renderer is a module here."""
 
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any, get_args
+from typing import Protocol, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +15,34 @@ from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.raster.features import Feature, Features, may_have_features
 from gauss2svg.svg.syntax.parse import ParseError, Root, parse
 
+
+class RendererModule(Protocol):
+    """Functions of a renderer's module; a browser's also has draw_clear, on a transparent page.
+
+    CANNOT_DRAW  what it draws wrongly, with what is known of that (docs/decisions/renderers.md)
+    """
+
+    CANNOT_DRAW: dict[Feature, str]
+
+    def draw(self, svg: str, width: int, height: int) -> NDArray[np.float32]:
+        """Return straight RGBA (height, width, 4) in 0..1; browsers draw over white."""
+        ...
+
+    def version(self) -> str:
+        """Return the name and version, or raise RendererError where it is not installed."""
+        ...
+
+
 RENDERERS: tuple[str, ...] = get_args(Renderer)
-_MODULES: dict[str, Any] = {name: import_module(f"gauss2svg.raster.{name}") for name in RENDERERS}
+_MODULES = {
+    name: cast(RendererModule, import_module(f"gauss2svg.raster.{name}")) for name in RENDERERS
+}
 BROWSERS = tuple(name for name in RENDERERS if hasattr(_MODULES[name], "draw_clear"))
+
+
+def renderer_named(name: str) -> RendererModule:
+    """Return the module of a renderer; raise InputError for any other name."""
+    return _MODULES[OneOf(RENDERERS)("renderer", name)]
 
 
 def drawn_by(*features: Feature) -> tuple[str, ...]:
@@ -44,11 +60,7 @@ DRAW_BLENDS = drawn_by(Feature.BLEND, Feature.FILTER)
 
 def renderer_version(name: str) -> str:
     """Return the name and version of a renderer; raise RendererError if it is not installed."""
-    return _renderer(name).version()
-
-
-def _renderer(name: str) -> Any:
-    return _MODULES[OneOf(RENDERERS)("renderer", name)]
+    return renderer_named(name).version()
 
 
 def rasterize(
@@ -89,7 +101,7 @@ def rasterize_sized(
 
     clear  whether the page of a browser is transparent, and not white
     """
-    module = _renderer(renderer)
+    module = renderer_named(renderer)
     draw = getattr(module, "draw_clear", module.draw) if clear else module.draw
     pixels = draw(svg, width, height)
     if pixels.shape[:2] != (height, width):
@@ -102,18 +114,24 @@ def rasterize_sized(
 
 def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> Root:
     """Return the root; raise RendererError if the renderer draws it wrongly at that size."""
-    cannot, features = _renderer(renderer).CANNOT_DRAW, Features(width, height)
+    features = Features(width, height)
     try:
         root = parse(svg, *([features] if may_have_features(svg) else []))
     except (ParseError, UnicodeEncodeError, InputError) as error:  # renderers draw parts of some
         raise RendererError(f"cannot draw the SVG: {error}. Try to re-save it") from error
+    refuse(features, renderer)
+    return root
+
+
+def refuse(features: Features, renderer: str) -> None:
+    """Raise RendererError if the renderer draws wrongly what a document uses."""
+    cannot = renderer_named(renderer).CANNOT_DRAW
     for feature in (one for one in Feature if one in features.used and one in cannot):
         known = drawn_by(feature)
         raise RendererError(
             f"renderer must be one of {', '.join(known)} for what the SVG uses, {feature}; "
             f"got {renderer}. Try --renderer {known[0]}"
         )
-    return root
 
 
 def _sized(svg: str, width: int, height: int, renderer: str) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from enum import StrEnum
 from functools import lru_cache
@@ -24,6 +25,8 @@ from gauss2svg.svg.syntax.values import (
     words,
     written,
 )
+
+_Box = tuple[float, float, float, float]
 
 
 class Feature(StrEnum):
@@ -47,10 +50,10 @@ class Feature(StrEnum):
 
 
 # Without any of these words there is no such feature; escapes of CSS and XML could hide one.
-_WORD = re.compile(
-    r"filter|blur|shadow|blend|href|mask|animat|discard|starting-style|<set|:set|\\|&#",
-    re.IGNORECASE,
-)
+_WORDS = (
+    "filter", "blur", "shadow", "blend", "href", "mask", "animat", "discard", "starting-style",
+    "<set", ":set", "\\", "&#",
+)  # fmt: skip
 _ELEMENTS = {
     **dict.fromkeys(ANIMATIONS, Feature.MOVING),
     "feGaussianBlur": Feature.BLUR,
@@ -60,27 +63,40 @@ _ELEMENTS = {
 _BLURRED = (Feature.BLUR, Feature.ROTATED_BLUR, Feature.SKEWED_BLUR)
 _BLURS = {"blur", "drop-shadow"}  # functions of CSS
 _LINKING = ("use", "image", "pattern", "filter", "linearGradient", "radialGradient")
-_PROPERTIES = ("filter", "mix-blend-mode")  # that attributes can have
 _UNUSED = ("none", "normal", "inherit", "initial", "unset")  # values that switch a property off
+# CSS without any of these is not parsed; an escape could hide a word.
+_CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
 _NEEDS_MOTION = "(prefers-reduced-motion:no-preference)"
 _CSS_TRANSFORM = re.compile(r"(?<![\w-])(transform|rotate|scale|translate)\s*:|\\", re.IGNORECASE)
 _STRAIGHT = 1e-3  # share of a matrix's norm; a smaller rotation has no visible effect
 _SKEW: Affine = (1.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # stands for a transform that is not read
 
 
-def may_have_features(text: str) -> bool:
-    """Whether a file, or CSS of it, has any word of a feature; without one none is looked for."""
-    return _WORD.search(text) is not None
+def _box(root: Mapping[str, str]) -> _Box | None:
+    with suppress(InputError):
+        return view_box(root.get("viewBox", ""))
+    return None
+
+
+def may_have_features(svg: str) -> bool:
+    """Whether a file has any word of a feature: in one without, elements need not be looked at."""
+    lowered = svg.lower()
+    return any(word in lowered for word in _WORDS)
 
 
 class Features:
     """An observer that notes what a document uses that some renderers draw wrongly.
 
+    view_box  returns x, y, width and height of the visible part by the root's attributes, or None
+              where they have none
+
     Each `use` counts as filtered, and under a style sheet with filters every element does.
     """
 
-    def __init__(self, width: int, height: int) -> None:
-        self._width, self._height = width, height
+    def __init__(
+        self, width: int, height: int, view_box: Callable[[Mapping[str, str]], _Box | None] = _box
+    ) -> None:
+        self._width, self._height, self._view_box = width, height, view_box
         self._used: set[Feature] = set()
         self._maps: list[Affine] = []  # to px, of the last element and those that it is in
         self._sheet_filters = False
@@ -105,28 +121,33 @@ class Features:
         elif tag in _LINKING and HREFS[0] in attributes and HREFS[1] not in attributes:
             self._used.add(Feature.PLAIN_HREF)
         self._is_uneven |= "objectBoundingBox" in attributes.values()
-        own = [f"{name}:{attributes[name]}" for name in _PROPERTIES if name in attributes]
-        found = _features_of(";".join([*own, style]), False)
-        self._used |= found
+        is_filtered = self._add_css(style) or tag == "use"
+        for name in ("filter", "mix-blend-mode"):
+            if name in attributes:
+                is_filtered |= self._add_css(f"{name}:{attributes[name]}")
         del self._maps[depth:]
-        matrix = self._maps[-1] if depth else self._canvas(attributes.get("viewBox", ""))
+        matrix = self._maps[-1] if depth else self._canvas(attributes)
         if "transform" in attributes or _CSS_TRANSFORM.search(style):
             matrix = compose(matrix, _own_map(attributes.get("transform", "none"), style))
         self._maps.append(matrix)
-        self._turned = max(self._turned, turned := _turn_of(matrix))
-        if Feature.FILTER in found or tag == "use":
+        turned = _turn_of(matrix)
+        self._turned = max(self._turned, turned)
+        if is_filtered:
             self._filtered_turned = max(self._filtered_turned, turned)
 
     def sheet(self, text: str) -> None:
         """Add the features of a style sheet."""
-        self._used |= (found := _features_of(text, True))
-        self._sheet_filters |= Feature.FILTER in found
+        self._sheet_filters |= self._add_css(text, is_sheet=True)
 
-    def _canvas(self, box: str) -> Affine:
-        with suppress(InputError):
-            _, _, width, height = view_box(box)
-            return (self._width / width, 0, 0, self._height / height, 0, 0)
-        return IDENTITY
+    def _canvas(self, root: dict[str, str]) -> Affine:
+        box = self._view_box(root)
+        return (self._width / box[2], 0, 0, self._height / box[3], 0, 0) if box else IDENTITY
+
+    def _add_css(self, text: str, is_sheet: bool = False) -> bool:
+        """Add the features of a style sheet or attribute, and return whether it filters."""
+        found = _features_of(text, is_sheet)
+        self._used |= found
+        return Feature.FILTER in found
 
 
 @lru_cache(maxsize=32)  # shapes share their filters
@@ -136,7 +157,8 @@ def _features_of(css: str, is_sheet: bool) -> frozenset[Feature]:
     What applies only where the viewer accepts motion is left out: renderers are started with
     reduced motion.
     """
-    if not may_have_features(css):
+    lowered = css.lower()
+    if not any(word in lowered for word in _CSS_WORDS):
         return frozenset()
     found = set()
     for node in nodes_of(css, is_sheet, _accepts_no_motion):
@@ -178,8 +200,11 @@ def _own_map(transform: str, style: str) -> Affine:
 
 def _turn_of(m: Affine) -> int:
     """0 where both axes stay along axes, swapped or not, 1 where circles stay circles, else 2."""
-    a, b, c, d = m[:4]
-    off_axes = min(max(abs(b), abs(c)), max(abs(a), abs(d)))
-    off_circle = min(math.hypot(a - d, b + c), math.hypot(a + d, b - c))  # turned, or mirrored too
-    allowed = _STRAIGHT * max(map(abs, m[:4]))
-    return 0 if off_axes <= allowed else 1 if off_circle <= allowed else 2
+    allowed = _STRAIGHT * max(map(abs, m))
+    if max(abs(m[1]), abs(m[2])) <= allowed or max(abs(m[0]), abs(m[3])) <= allowed:
+        return 0
+    first, second = math.hypot(m[0], m[1]), math.hypot(m[2], m[3])
+    longest = max(first, second)
+    allowed = _STRAIGHT * longest  # not longest**2, which raises on overflow
+    across = abs(m[0] * m[2] + m[1] * m[3])
+    return 1 if abs(first - second) <= allowed and across <= allowed * longest else 2

@@ -1,5 +1,6 @@
 """Headless Firefox, by its own screenshot option."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -8,34 +9,39 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError
 from gauss2svg.photo.alpha import from_views
-from gauss2svg.raster import program
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.program import BLACK, DRAWING, WHITE, drawn, html
+from gauss2svg.raster.program import BLACK, DRAWING, WHITE, drawn, find, html, version_line
 
 # Found by Firefox 153.
 CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
 # Colours are not converted to the screen's profile, and are the same on every graphics card.
 # Animated files are shown in their final state. A proxy that is not there blocks the network.
-_PREFERENCES = """
-user_pref("gfx.color_management.mode", 0);
-user_pref("gfx.webrender.software", true);
-user_pref("layout.css.devPixelsPerPx", "1.0");
-user_pref("ui.prefersReducedMotion", 1);
-user_pref("network.proxy.type", 1);
-user_pref("network.proxy.http", "127.0.0.1");
-user_pref("network.proxy.http_port", 9);
-user_pref("network.proxy.ssl", "127.0.0.1");
-user_pref("network.proxy.ssl_port", 9);
-"""
-# Firefox does not report a broken image. So the page removes what has not the right size, and with
-# it the row of white pixels that is the image's lower border.
+_PREFERENCES = {
+    "gfx.color_management.mode": 0,
+    "gfx.webrender.software": True,
+    "layout.css.devPixelsPerPx": "1.0",
+    "ui.prefersReducedMotion": 1,
+    "network.proxy.type": 1,
+    "network.proxy.http": "127.0.0.1",
+    "network.proxy.http_port": 9,
+    "network.proxy.ssl": "127.0.0.1",
+    "network.proxy.ssl_port": 9,
+}
+# Firefox does not report a broken image, so the page does, by a row of pixels under it: black for
+# no image, white for the right size, red for another.
 _VERDICT = """<style>
-body {{ overflow: hidden }} img {{ background: {color}; border-bottom: 1px solid #fff }}
+html, body {{ background: #000 }}
+body {{ overflow: hidden; height: {height}px; padding-bottom: 1px }}
+img {{ visibility: hidden; background: {color} }}
 </style>
 <script>
 addEventListener("load", () => {{
   const image = document.images[0];
-  if (image.naturalWidth !== {width} || image.naturalHeight !== {height}) image.remove();
+  if (!image.naturalWidth) return;
+  const right = image.naturalWidth === {width} && image.naturalHeight === {height};
+  const color = right ? "#fff" : "#f00";
+  document.body.style.background = document.documentElement.style.background = color;
+  if (right) image.style.visibility = "visible";
 }});
 </script>
 """
@@ -43,7 +49,7 @@ addEventListener("load", () => {{
 
 def version() -> str:
     """Return the name and version of Firefox."""
-    return program.version_line(_program()).removeprefix("Mozilla ")
+    return version_line(_program()).removeprefix("Mozilla ")
 
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
@@ -59,7 +65,10 @@ def draw_clear(svg: str, width: int, height: int) -> NDArray[np.float32]:
 
 def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
     page_end = _VERDICT.format(width=width, height=height, color=color)
-    files = {DRAWING: svg, "page.html": html(BLACK) + page_end, "profile/user.js": _PREFERENCES}
+    user_js = "\n".join(
+        f'user_pref("{key}", {json.dumps(value)});' for key, value in _PREFERENCES.items()
+    )
+    files = {DRAWING: svg, "page.html": html(WHITE) + page_end, "profile/user.js": user_js}
 
     def command(folder: Path) -> list[str]:
         return [
@@ -82,12 +91,13 @@ def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
             f"screenshot of Firefox must be {width}x{height + 1} px; got "
             f"{pixels.shape[1]}x{pixels.shape[0]} px. Try to draw it smaller, or another --renderer"
         )
-    if not pixels[height:, :, :3].all():
-        raise RendererError(program.NOT_DRAWN.format("Firefox", width, height))
+    verdict = pixels[height:, :, :3]
+    if not verdict.any():
+        raise RendererError("Firefox cannot draw the SVG: not a supported image")
+    if (verdict[:, :, 1:] == 0).any():
+        return pixels[:0]  # which is refused
     return pixels[:height]
 
 
 def _program() -> str:
-    names = "firefox", "firefox-esr", "Firefox.app/Contents/MacOS/firefox"
-    windows = "Mozilla Firefox/firefox.exe"
-    return program.find("firefox", [*names, windows], "apt-get install firefox-esr")
+    return find("firefox", ["firefox", "firefox-esr"], "apt-get install firefox-esr")

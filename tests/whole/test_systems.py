@@ -32,7 +32,7 @@ from gauss2svg.processes import (
     module_path,
     own_group,
 )
-from gauss2svg.raster import program
+from gauss2svg.raster import chromium, program
 from gauss2svg.studio.uploads import stem_of
 
 STATUSES = [
@@ -134,15 +134,22 @@ def test_a_command_is_shown_as_one_types_it(words, posix, windows):
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
 def test_a_program_off_path_is_found_and_one_on_path_comes_first(tmp_path, monkeypatch):
-    installed = galleries.program(tmp_path / "Inkscape" / "inkscape", "")
-    names = "inkscape", "Inkscape/inkscape"
-    monkeypatch.setattr(program, "_FOLDERS", [str(tmp_path / "none"), str(tmp_path)])
+    installed = galleries.program(tmp_path / "installed" / "inkscape", "")
+    monkeypatch.setattr(program, "places", lambda _: [str(installed)])
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    assert program.find("inkscape", names, "it") == str(installed)
+    assert program.find("inkscape", ["inkscape"], "it") == str(installed)
+    monkeypatch.setattr(program, "places", lambda _: [str(tmp_path / "none")])
     with pytest.raises(RendererError, match="got none on PATH or where it is usually installed"):
-        program.find("inkscape", names[:1], "it")
+        program.find("inkscape", ["inkscape"], "it")
     own = galleries.program(tmp_path / "bin" / "inkscape", "")
-    assert program.find("inkscape", names, "it") == str(own)
+    assert program.find("inkscape", ["inkscape"], "it") == str(own)
+
+
+def test_the_version_of_a_chromium_is_the_largest_of_the_folders_beside_it(tmp_path):
+    assert chromium._version_beside(str(tmp_path / "chrome.exe")) == "of unknown version"
+    for name in ("99.0.1.2", "140.0.7.10", "140.0.7.9", "Dictionaries", "1.2.3"):
+        (tmp_path / name).mkdir()
+    assert chromium._version_beside(str(tmp_path / "chrome.exe")) == "140.0.7.10"
 
 
 def test_a_file_that_is_held_open_for_a_moment_is_replaced(tmp_path):
