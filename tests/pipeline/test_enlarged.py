@@ -121,24 +121,26 @@ def test_an_enlarged_picture_is_closer_to_the_truth_than_each_fit_and_their_mean
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("clear", [False, True])
-def test_the_file_of_a_drawing_is_closer_when_it_is_enlarged(monkeypatch, clear):
-    """Than the best file that is fitted at the drawing's own size alone, in the mean of three."""
+def test_the_file_of_a_drawing_is_closer_when_it_is_enlarged(monkeypatch):
+    """Than the best file that is fitted at the drawing's own size alone, in the mean of six.
 
-    def drawn(side):
-        truth = sign(side)
-        return np.dstack([truth, truth.min(axis=2) < 0.9]).astype(np.float32) if clear else truth
+    A picture gained 0 to 3.5 dB, and the mean 1.25, 1.55 and 1.95 dB with kernels for nehalem, for
+    haswell and for AVX-512.
+    """
+    truths = [sign(side) for side in (44, 48, 52)]
+    truths += [np.dstack([one, one.min(axis=2) < 0.9]).astype(np.float32) for one in truths]
 
-    def scores():
-        for truth in map(drawn, (44, 48, 52)):
+    def mean_score():
+        scores = []
+        for truth in truths:
             file = search(pixels_of(truth), 4000).file()
             assert file.size <= 4000
-            yield psnr(rasterize(file.svg, *truth.shape[:2]), over(truth))
+            scores.append(psnr(rasterize(file.svg, *truth.shape[:2]), over(truth)))
+        return np.mean(scores)
 
-    enlarged = np.mean(list(scores()))
+    enlarged = mean_score()
     monkeypatch.setattr(drawing, "ENLARGED_FROM", np.inf)
-    usual = np.mean(list(scores()))
-    assert enlarged > usual + 0.3  # dB; two kinds of CPU gained 0.75 to 2.24
+    assert enlarged > mean_score() + 0.6
 
 
 def fits(monkeypatch, picture, limit, **given):
