@@ -8,7 +8,7 @@ from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Output, Photos, Quiet, 
 from gauss2svg.cli.streams import counting_bar, say, write_output
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically
-from gauss2svg.pipeline.placeholder_list import PlaceholderList, PlaceholderOptions
+from gauss2svg.pipeline.placeholder import PlaceholderList, PlaceholderOptions
 
 _DEFAULTS = PlaceholderOptions()
 

@@ -13,11 +13,10 @@ from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import table
-from gauss2svg.compare.columns import summarise
 from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.peers import check_peers
 from gauss2svg.compare.records import answered, finite
-from gauss2svg.compare.table import NAMES, plots_of, run_bench
+from gauss2svg.compare.table import NAMES, plots_of, run_bench, summarise
 from gauss2svg.compare.worker import in_own_process
 from gauss2svg.errors import InputError
 from gauss2svg.measure.scores import SCORES

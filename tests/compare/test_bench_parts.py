@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.compare import table
-from gauss2svg.compare.columns import distance_below, front
 from gauss2svg.compare.grid import Task
 from gauss2svg.compare.records import add_row, csv_text, rows_in
+from gauss2svg.compare.table import distance_below, front
 from gauss2svg.compare.variants import (
     AXES,
     DEFAULT_GRID,

@@ -19,8 +19,7 @@ from gauss2svg.cli.main import main
 from gauss2svg.cli.signals import Terminated
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
-from gauss2svg.pipeline.placeholder import Placeholder
-from gauss2svg.pipeline.placeholder_list import PlaceholderList
+from gauss2svg.pipeline.placeholder import Placeholder, PlaceholderList
 from gauss2svg.raster import rasterize
 
 pytestmark = pytest.mark.usefixtures("hasty")
@@ -168,7 +167,7 @@ def test_a_file_that_is_no_list_of_placeholders_is_kept_and_said_before_any_work
 
     with monkeypatch.context() as patch:
         # None of the photos is looked at.
-        patch.setattr("gauss2svg.pipeline.placeholder_list.placeholder", pytest.fail)
+        patch.setattr("gauss2svg.pipeline.placeholder.placeholder", pytest.fail)
         for data in FOREIGN[form]:
             output.write_bytes(data)
             refuses(f"--output must be a file of placeholders in {form}, or none yet")
@@ -207,7 +206,7 @@ def counted(monkeypatch):
         asked.append(Path(path).name)
         return one
 
-    monkeypatch.setattr("gauss2svg.pipeline.placeholder_list.placeholder", made)
+    monkeypatch.setattr("gauss2svg.pipeline.placeholder.placeholder", made)
     return asked
 
 
@@ -237,7 +236,7 @@ def test_what_has_not_changed_is_kept_and_found_by_its_path(
     assert sorted(counted[2:]) == ["one.png"] * 2
     assert main([*command, "--max-bytes", "500"]) == 0
     assert len(counted) == 7
-    monkeypatch.setattr("gauss2svg.pipeline.placeholder_list.__version__", "0")
+    monkeypatch.setattr("gauss2svg.pipeline.placeholder.__version__", "0")
     assert main([*command, "--max-bytes", "500"]) == 0
     assert len(counted) == 10
     # From a root of one's own.
@@ -253,7 +252,7 @@ def test_what_has_not_changed_is_kept_and_found_by_its_path(
 def test_what_was_made_before_an_interrupt_is_written_and_kept(
     error, status, photos, tmp_path, capsys, counted, monkeypatch
 ):
-    made = gauss2svg.pipeline.placeholder_list.placeholder
+    made = gauss2svg.pipeline.placeholder.placeholder
 
     def interrupted(path, *given, **named):
         if Path(path).name != "one.png":
@@ -262,14 +261,14 @@ def test_what_was_made_before_an_interrupt_is_written_and_kept(
 
     output = tmp_path / "made.json"
     command = ["placeholder", *photos[:2], "-o", str(output)]
-    monkeypatch.setattr("gauss2svg.pipeline.placeholder_list.placeholder", interrupted)
+    monkeypatch.setattr("gauss2svg.pipeline.placeholder.placeholder", interrupted)
     assert main(command) == status
     assert [one["metadata"]["path"] for one in json.loads(output.read_text())] == ["one.png"]
-    monkeypatch.setattr("gauss2svg.pipeline.placeholder_list.placeholder", made)
+    monkeypatch.setattr("gauss2svg.pipeline.placeholder.placeholder", made)
     assert main(command) == 0
     assert counted == ["one.png", "two words.png"]
     # Standard output is written whole or not at all.
-    monkeypatch.setattr("gauss2svg.pipeline.placeholder_list.placeholder", interrupted)
+    monkeypatch.setattr("gauss2svg.pipeline.placeholder.placeholder", interrupted)
     assert main(command[:-2]) == status
     assert capsys.readouterr().out == ""
 

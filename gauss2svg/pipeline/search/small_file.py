@@ -2,6 +2,11 @@
 
 shapes -> the most useful ones, in whole units -> colours by least squares, rounded to 3 or 6
 digits -> minimal markup -> fewer shapes until the file has as many bytes as allowed
+
+With the shapes fixed a picture is linear in its colours: each pixel is sum_k w_k c_k, where w_k is
+alpha_k times the transmittance of all shapes above, and k = 0 is the background. The colours that
+solve the normal equations within 0..1, rounded to the digits of the file, regain much of what
+rounding the geometry costs (docs/decisions/small.md).
 """
 
 from __future__ import annotations
@@ -10,6 +15,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +23,24 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.measure.metrics import mean_squared_error
-from gauss2svg.photo.alpha import has_alpha, shrunk, stacked
+from gauss2svg.photo.alpha import BACKDROPS, has_alpha, shrunk, stacked, views
+from gauss2svg.pipeline.palette import best_palette
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.recolor import recolored
 from gauss2svg.pipeline.search.outcome import SEEN_UP_TO
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import splats_of
-from gauss2svg.scene import Scene
+from gauss2svg.scene import PLAIN, Scene
+from gauss2svg.scene.falloff import coverage, cut_radius, profile
+from gauss2svg.svg.blur import with_falloffs
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
+from gauss2svg.svg.plain_ellipse import drawn_beta, plain_radius
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 # dB of the enlarged picture that twice as many shapes must gain: more shapes follow further what is
 # guessed between the pixels (docs/decisions/enlarged.md).
@@ -218,3 +230,137 @@ class SmallFiles:
 
 def _error(drawn: NDArray[np.float32], picture: NDArray[np.float32]) -> float:
     return mean_squared_error(stacked(drawn), stacked(picture))
+
+
+_LEAST_WEIGHT = 1e-9
+
+
+# Colours by least squares (docs/decisions/small.md).
+BOUNDED_SWEEPS = 20  # sweeps over all colours that keep them within their bounds
+ROUNDED_SWEEPS = 3  # sweeps over all colours that round them
+DAMPING = 1e-6  # share of the diagonal that is added to it, for nearly hidden shapes
+
+
+def recolored(
+    scene: Scene,
+    pixels: NDArray[np.float32],
+    digits: int,
+    shared: float = 0.0,
+    covering: bool = False,
+) -> tuple[Scene, float]:
+    """The scene with the colours of least squared error, and that error per value.
+
+    pixels  (h, w, 3) or (h, w, 4) float32 in 0..1, compared with the scene at this size
+    digits  of hex colours, 3 or 6, that the colours are rounded to
+    shared  share of the squared error that may be added so that shapes have colours in common
+    covering  whether plain ellipses count by how much of each pixel they cover, not by a falloff
+    A picture with alpha is compared over white and over black, and has no background. The error is
+    that of the model at pixel centres, or where it is covering by shares of pixels.
+    """
+    height, width = pixels.shape[:2]
+    weights, products = _weights(
+        scene.scaled(width / scene.width, height / scene.height), height, width, covering
+    )
+    targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
+    first = 0
+    if has_alpha(pixels):  # what shows through the shapes is the backdrop, and given
+        through = weights[[0]].toarray().reshape(-1, 1)
+        targets = [t - b * through for t, b in zip(targets, BACKDROPS, strict=True)]
+        first = 1
+    products = products[first:, first:] * len(targets)
+    total = np.sum(targets, axis=0)
+    given = (weights @ total)[first:]
+    levels = 15 if digits == 3 else 255
+    squares = sum(float(np.square(target).sum()) for target in targets)
+
+    def residual(color: NDArray[np.float64]) -> float:
+        return squares + float(np.sum(color * (products @ color - 2 * given)))
+
+    color = _solved(products, given, levels)
+    if shared and len(color):
+        entry = best_palette(
+            color, np.ones(len(color)), np.diag(products), len(color), shared * residual(color)
+        ).entry
+        sums = np.zeros((entry.max() + 1, len(entry)))
+        sums[entry, np.arange(len(entry))] = 1
+        color = _solved(sums @ products @ sums.T, sums @ given, levels)[entry]
+    error = max(residual(color), 0.0) / (3 * len(targets) * width * height)
+    if first:
+        return scene.replace(color=color), error
+    return scene.replace(background=color[0], color=color[1:]), error
+
+
+def _weights(
+    scene: Scene, height: int, width: int, covering: bool
+) -> tuple[csr_array, NDArray[np.float64]]:
+    """(n + 1, h w) weight of each colour, that of the background first, and their products.
+
+    The products (n + 1, n + 1) are sums over all pixels. The weights are sparse: few shapes show in
+    a pixel.
+    """
+    from scipy.sparse import csr_array  # a third of a second, for small files alone
+
+    covers = (scene.drawn == PLAIN) & covering
+    radius = cut_radius(scene.beta)
+    radius[covers] = plain_radius(scene.beta[covers])
+    scene = scene if covering else _antialiased(scene)
+    reach = scene.sigma * cut_radius(scene.beta)[:, None] + covers[:, None]
+    low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
+    high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
+    left, whitening = np.ones((height, width)), scene.whitening
+    pixel = np.arange(height * width).reshape(height, width)
+    values, pixels = [np.zeros(0)] * (len(scene) + 1), [pixel[0, :0]] * (len(scene) + 1)
+    for k in range(len(scene) - 1, -1, -1):
+        (x0, y0), (x1, y1) = low[k], high[k]
+        u = np.arange(x0, x1) + 0.5 - scene.mean[k, 0]
+        v = np.arange(y0, y1)[:, None] + 0.5 - scene.mean[k, 1]
+        w11, w21, w22 = whitening[k]
+        z = np.stack(np.broadcast_arrays(w11 * u, w21 * u + w22 * v), axis=-1)
+        if covers[k]:
+            share = coverage(z, whitening[k], radius[k])
+        else:
+            share = profile(np.sqrt(np.square(z).sum(axis=-1)), scene.beta[k])
+        alpha = scene.opacity[k] * share
+        box = left[y0:y1, x0:x1]
+        weight = alpha * box
+        shows = weight > _LEAST_WEIGHT
+        values[k + 1], pixels[k + 1] = weight[shows], pixel[y0:y1, x0:x1][shows]
+        box *= 1 - alpha
+    shows = left > _LEAST_WEIGHT
+    values[0], pixels[0] = left[shows], pixel[shows]
+    starts = np.cumsum([0, *map(len, values)])
+    weights = csr_array(
+        (np.concatenate(values), np.concatenate(pixels), starts), (len(values), height * width)
+    )
+    return weights, (weights @ weights.T).toarray()
+
+
+def _antialiased(scene: Scene) -> Scene:
+    """The scene with plain ellipses as their pixels' coverage has them, on a canvas in px."""
+    plain = scene.drawn == PLAIN
+    beta = scene.beta.copy()
+    beta[plain] = drawn_beta(scene, plain)
+    return with_falloffs(scene, beta)
+
+
+def _solved(
+    products: NDArray[np.float64], given: NDArray[np.float64], levels: int
+) -> NDArray[np.float64]:
+    """(k, 3) colours in 0..1, whole numbers of 1 / levels, that solve the normal equations.
+
+    First without bounds, then color by color within them, then rounded, each in turn beside the
+    others: a rounding error is made up for by the colours that are rounded later.
+    """
+    diagonal = np.maximum(np.diag(products), 1e-9)
+    damped = products + DAMPING * np.diag(diagonal + diagonal.max())
+    color = np.linalg.solve(damped, given)
+    bounded = 0 if (color >= 0).all() and (color <= 1).all() else BOUNDED_SWEEPS
+    color = np.minimum(np.maximum(color, 0), 1)
+    order = np.argsort(-diagonal)
+    for sweep in range(bounded + ROUNDED_SWEEPS):
+        for k in order:
+            best = color[k] + (given[k] - products[k] @ color) / diagonal[k]
+            if sweep >= bounded:
+                best = np.rint(best * levels) / levels
+            color[k] = np.minimum(np.maximum(best, 0), 1)
+    return color
