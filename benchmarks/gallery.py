@@ -20,7 +20,7 @@ from typing import Any
 import skimage.data
 
 from gauss2svg import Gallery, GalleryProgress, build_gallery
-from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.compare.pages import GalleryOptions
 
 FILES = (
     "astronaut.png", "brick.png", "camera.png", "cell.png", "chelsea.png", "chessboard_GRAY.png",

@@ -9,7 +9,7 @@ from .compare.pages.build import (
     GalleryProgress as GalleryProgress,
     build_gallery as build_gallery,
 )
-from .compare.pages.options import GalleryOptions as GalleryOptions
+from .compare.pages import GalleryOptions as GalleryOptions
 from .errors import (
     ClusterError as ClusterError,
     Gauss2SvgError as Gauss2SvgError,

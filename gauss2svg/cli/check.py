@@ -14,7 +14,7 @@ from gauss2svg.cli.parameters import refuse_options
 from gauss2svg.cli.streams import say, standard_stream
 from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import STANDARD_STREAM
-from gauss2svg.measure.options import CheckOptions
+from gauss2svg.measure import CheckOptions
 from gauss2svg.options import Number, OptionGroup
 
 STATUS_UNDER = 1

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from gauss2svg.batch.inputs import check_apart
 from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, photos_given, words
 from gauss2svg.cli.streams import counting_bar, say
-from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.processes import command_line
 

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.measure import metrics
+from gauss2svg.measure import CheckOptions, metrics
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.isolated import draw
-from gauss2svg.measure.options import CheckOptions
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.measure.survey import MOST_ELEMENTS, Frame, Survey, frame_of, survey

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.fit.options import MOST_GAUSSIANS, DensifyOptions, FitOptions
-from gauss2svg.measure.options import color_name
+from gauss2svg.measure import color_name
 from gauss2svg.measure.scores import TARGETS, Score
 from gauss2svg.options import (
     Field,

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.compare.pages.artifacts import finished, rounds_of
-from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.compare.pages.pages import is_gallery
 from gauss2svg.compare.pages.results import read_report, summary_of
 from gauss2svg.compare.peers import PEERS

@@ -12,7 +12,7 @@ from cyclopts import App
 import gauss2svg
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.cli.main import build_app
-from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.compare.variants import AXES
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.fit.options import FitOptions

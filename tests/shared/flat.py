@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid

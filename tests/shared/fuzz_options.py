@@ -37,9 +37,9 @@ from gauss2svg.cli.check import CheckOutput
 from gauss2svg.cli.main import main as command
 from gauss2svg.cli.signals import Interruption
 from gauss2svg.cli.vectorize import MakerFiles, OutputFiles
-from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.measure.options import CheckOptions
+from gauss2svg.measure import CheckOptions
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
 from gauss2svg.pipeline.options import GROUPS, Goal
 

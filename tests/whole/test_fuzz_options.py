@@ -13,7 +13,7 @@ import gauss2svg
 from gauss2svg.compare.table import run_bench
 from gauss2svg.errors import InputError
 from gauss2svg.fit.options import DensifyOptions, FitOptions
-from gauss2svg.measure.options import CheckOptions
+from gauss2svg.measure import CheckOptions
 from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import Goal, Options, RunOptions
 from gauss2svg.pipeline.plan import Plan

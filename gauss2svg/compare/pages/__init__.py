@@ -1,1 +1,43 @@
-"""Galleries: static pages that show what the vectoriser makes of some photos."""
+"""Galleries: static pages that show what the vectoriser makes of some photos, and their options."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from gauss2svg.errors import InputError, quoted
+from gauss2svg.options import Number, OptionGroup, Whole
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
+
+
+def encodable_title(name: str, title: Any) -> str:
+    """A title that UTF-8 can encode; raises InputError for an empty one and for other types."""
+    if not isinstance(title, str) or not title.strip():
+        raise InputError(f"{name} must be a text that is not empty; got {quoted(title)}")
+    return title.encode(errors="backslashreplace").decode()
+
+
+@dataclass(frozen=True, kw_only=True)
+class GalleryOptions(OptionGroup):
+    """How a gallery is made."""
+
+    jobs: Annotated[int, Whole(1, 256)] = 1
+    """Number of worker processes; with several, each SVG takes longer."""
+
+    threads: Annotated[int | None, Whole(1)] = None
+    """CPU threads of each process; if not given, the processes share the cores."""
+
+    seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
+    """Seed; the same seed gives the same files."""
+
+    photo_size: Annotated[int, Whole(1)] = 2048
+    """Longest side (px) to which larger photos are reduced first."""
+
+    max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
+    """Maximum number of pixels of a photo, checked before it is decoded."""
+
+    peer_timeout: Annotated[float, Number(1e-3, 1e6)] = 3600.0
+    """Time limit (s) of another tool for a photo."""
+
+    title: Annotated[str, encodable_title] = "Photos as Gaussians"
+    """Title of the pages."""

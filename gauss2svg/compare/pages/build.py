@@ -18,6 +18,7 @@ from distributed import Client, KilledWorker
 
 from gauss2svg.batch.cluster import answers, local_client
 from gauss2svg.compare.grid import Grid, Place, Progress, Record, Task
+from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.compare.pages.artifacts import (
     PHOTOS,
     RECORD,
@@ -27,7 +28,6 @@ from gauss2svg.compare.pages.artifacts import (
     is_scored,
     with_kept_slugs,
 )
-from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.compare.pages.pages import ASSETS, DATA, INDEX, OUTPUTS, is_gallery, write_pages
 from gauss2svg.compare.pages.results import Failure, Row, results_of, rows_of, summary_of
 from gauss2svg.compare.variants import Variant, variants_of
