@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,12 @@ from gauss2svg.fit.options import has_ssim
 # Real-Time Radiance Field Rendering" (Kerbl et al., 2023).
 SSIM_WEIGHT = 0.2
 
+# Loss of each value by its difference from the target, and the derivative.
+PIXEL_LOSSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
+    "mse": lambda difference: (difference**2, 2 * difference),
+    "l1": lambda difference: (np.abs(difference), np.sign(difference)),
+}
+
 
 def image_gradient(
     loss: str,
@@ -20,17 +28,14 @@ def image_gradient(
     target: NDArray[np.floating],
     ssim_weight: float | None = None,
 ) -> tuple[float, NDArray[np.floating]]:
-    """Loss and its gradient (3, h, w) with respect to rendered (3, h, w).
+    """Return the loss and its gradient (3, h, w) with respect to rendered (3, h, w).
 
-    mse: mean (r - t)^2; l1: mean |r - t|; with +ssim: (1 - w) times that + w (1 - SSIM), with
-    w = ssim_weight in 0..1, SSIM_WEIGHT if None. The gradient is multiplied by the number of
-    values, so that its scale does not depend on the size.
+    The loss is the mean of a pixel loss p. With +ssim it is (1 - w) p + w (1 - SSIM), where w is
+    ssim_weight in 0..1, or SSIM_WEIGHT if None. The gradient is multiplied by the number of values,
+    so that its scale does not depend on the size.
     """
-    difference = rendered - target
-    if loss.startswith("l1"):
-        value, gradient = np.mean(np.abs(difference), dtype=np.float64), np.sign(difference)
-    else:
-        value, gradient = np.mean(difference**2, dtype=np.float64), 2 * difference
+    losses, gradient = PIXEL_LOSSES[loss.removesuffix("+ssim")](rendered - target)
+    value = np.mean(losses, dtype=np.float64)
     if has_ssim(loss):
         weight = SSIM_WEIGHT if ssim_weight is None else ssim_weight
         value *= 1 - weight

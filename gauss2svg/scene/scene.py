@@ -18,7 +18,8 @@ from gauss2svg.options import OneOf, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
 from gauss2svg.scene.parameters import CANVAS, PARAMETERS, PLAIN, RHO_LIMIT
 
-_FORMAT_VERSION = 1  # of scene files
+_FORMAT_VERSION = 1  # of scene files; a new parameter with a default needs no new one
+_REQUIRED = {parameter.name for parameter in (*CANVAS, *PARAMETERS) if parameter.default is None}
 _FILLED_IN: Any = None  # by the constructor, which has the number of Gaussians
 
 
@@ -265,13 +266,17 @@ class Scene:
     def load(cls, file: str | os.PathLike[str] | BinaryIO) -> Self:
         """Read a scene written by save.
 
-        Raise InputError for another file, SceneError for arrays that no scene has.
+        A parameter that the file lacks has its default. Raise InputError for another file,
+        SceneError for arrays that no scene has.
         """
         try:
             with np.load(file, allow_pickle=False) as stored:
-                if (version := int(stored["format_version"])) != _FORMAT_VERSION:
-                    raise ValueError(f"format version {version}")
-                values = {f.name: plain_scalar(stored[f.name]) for f in dataclasses.fields(cls)}
+                values = {name: plain_scalar(stored[name]) for name in stored.files}
+            if (version := int(values.pop("format_version"))) != _FORMAT_VERSION:
+                raise ValueError(f"format version {version}")
+            names = {field.name for field in dataclasses.fields(cls)}
+            if others := values.keys() - names | _REQUIRED - values.keys():
+                raise ValueError(f"one with other fields: {', '.join(sorted(others))}")
         except Exception as error:  # NumPy, zipfile and zlib each raise their own
             raise InputError(
                 f"scene file must be one written by Scene.save, in version {_FORMAT_VERSION}; got "

@@ -118,6 +118,17 @@ def npz(**fields):
     return stream.getvalue()
 
 
+def test_parameters_that_a_file_lacks_have_their_defaults():
+    stored = {"width": 9, "height": 7, "mean": [[1, 2]], "sigma": [[1, 1]], "rho": [0.0]}
+    stored |= {"color": [[0.1, 0.2, 0.3]], "opacity": [0.5]}
+    stream = io.BytesIO()
+    np.savez(stream, format_version=1, **stored)
+    stream.seek(0)
+    loaded, constructed = Scene.load(stream), Scene(**stored)
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(constructed, name))
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -126,6 +137,7 @@ def npz(**fields):
         (b"PK\x03\x04broken", "scene file must be"),
         (npz(), "scene file must be"),
         (npz(format_version=2), "Scene.save, in version 1; got format version 2"),
+        (npz(format_version=1, skew=np.zeros(2)), "got one with other fields: skew"),
         (npz(format_version=1, blend=np.array(["over", "add"])), "scene blend must be one of"),
         (npz(format_version=1, height="x"), "scene height must be numbers"),
     ],

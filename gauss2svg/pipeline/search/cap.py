@@ -31,7 +31,8 @@ OVERFILL_REFINING = 1.03  # the same for refinement until its last steps
 # Excess over the allowed bytes, times the root of the count, that the last steps begin with: the
 # file is then full, and a few shapes more are pruned.
 SPARE = 0.4
-BYTES_TO_COME = 0.25  # share by which a shape's bytes, its colour's above all, grow in refinement
+# Share of a shape's bytes that refinement saves, for each unit of progress that is left.
+BYTES_SAVED = 0.15
 # Fewest pixels for each Gaussian. Nine numbers would exceed its share of the image.
 PIXELS_EACH = 3
 PIXELS_EACH_OF_BUDGET = 2  # fewest pixels where the best in some bytes or seconds is wanted
@@ -135,13 +136,11 @@ class Growth:
         known = self._bytes_known and not refining
         if now.count >= (1 if refining else LEAST_MEASURED) and not known:
             self._bytes_known = True
-            to_come = 0.0
-            if refining:
-                to_come = BYTES_TO_COME * max(schedule.QUANTIZED_FROM - now.done, 0)
+            saved = BYTES_SAVED * (1 - now.done) if refining else 0.0
             psnr = now.psnr
             if session.population.reduction > 1:
                 psnr = psnr_of(session.population.error())
-            self._bytes_each = (1 + to_come) * exporter.bytes_each(now.scene(), psnr, room, size)
+            self._bytes_each = (1 - saved) * exporter.bytes_each(now.scene(), psnr, room, size)
         return fewest(self.cap, Cap(int(room / self._bytes_each), "max_bytes"))
 
     def _by_time(self, now: Snapshot, most: int, session: FitSession) -> int:
