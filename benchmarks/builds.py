@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from gauss2svg.raster import chromium
+from gauss2svg.raster.chromium import launch_options
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 PHOTOS = "public/photos"
@@ -139,10 +139,11 @@ def main() -> int:
     given = parser.parse_args()
     if given.pictures is not None:
         given.pictures.mkdir(parents=True, exist_ok=True)
-    api = chromium.playwright_api()
-    with tempfile.TemporaryDirectory() as folder, api.sync_playwright() as playwright:
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         pages = built(Path(folder))
-        program = chromium.launch(playwright, flags=())
+        program = playwright.chromium.launch(**launch_options(flags=()))
         wrong = look(pages, program, given.pictures)
         program.close()
     for line in wrong:

@@ -24,7 +24,7 @@ from gauss2svg import FitOptions, SvgOptions, placeholder, vectorize
 from gauss2svg.photo.alpha import over
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.report import drawn_pixels, paint_ms
-from gauss2svg.raster import chromium
+from gauss2svg.raster.chromium import launch_options
 
 _COFFEE = Path(__file__).with_name("coffee.jpg")
 _PAINTED = """() => new Promise(done => {
@@ -123,9 +123,10 @@ def main() -> None:
     parser.add_argument("--page", action="store_true")
     parser.add_argument("--screenshots", type=Path, help="folder for pictures of the pages")
     given = parser.parse_args()
-    api = chromium.playwright_api()
-    with tempfile.TemporaryDirectory() as folder, api.sync_playwright() as playwright:
-        browser = chromium.launch(playwright, flags=())
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(**launch_options(flags=()))
         made = of_placeholders if given.page else by_shapes
         made(browser, Path(folder), given)
         browser.close()

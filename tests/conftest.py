@@ -29,7 +29,7 @@ from skimage import data
 
 from gauss2svg.errors import RendererError
 from gauss2svg.measure.perceptual import Scores
-from gauss2svg.raster import RENDERERS, chromium, rasterize
+from gauss2svg.raster import RENDERERS, rasterize
 from gauss2svg.scene import Scene
 
 
@@ -237,7 +237,9 @@ def headless(request, tmp_path_factory):
     """A browser for that gallery."""
     needs("chromium")
     site = request.getfixturevalue("gallery").directory
-    with chromium.playwright_api().sync_playwright() as playwright:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
         browser = gallery_site.Headless(playwright, site, tmp_path_factory.mktemp("alone"))
         yield browser
         browser.close()

@@ -1,9 +1,21 @@
-"""SVG renderers behind one function; each name of gauss2svg.options.Renderer is a module here."""
+"""SVG renderers behind one function; each name of gauss2svg.options.Renderer is a module here.
+
+A renderer's module has
+
+    CANNOT_DRAW               what it draws wrongly, by features, with what is known of that
+                              (docs/decisions/renderers.md)
+    draw(svg, width, height)  returns straight RGBA (height, width, 4) float32 in 0..1; that of a
+                              browser takes the colour of the page too, which is white
+    version()                 returns the name and version
+
+Both functions raise RendererError where the renderer is not installed.
+"""
 
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Protocol, cast, get_args
+from types import ModuleType
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,34 +25,15 @@ from gauss2svg.options import OneOf, Renderer
 from gauss2svg.photo.alpha import has_alpha, over
 from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.raster.features import Feature, Features, may_have_features
+from gauss2svg.raster.program import CLEAR
 from gauss2svg.svg.syntax.parse import ParseError, Root, parse
 
-
-class RendererModule(Protocol):
-    """Functions of a renderer's module; a browser's also has draw_clear, on a transparent page.
-
-    CANNOT_DRAW  what it draws wrongly, with what is known of that (docs/decisions/renderers.md)
-    """
-
-    CANNOT_DRAW: dict[Feature, str]
-
-    def draw(self, svg: str, width: int, height: int) -> NDArray[np.float32]:
-        """Return straight RGBA (height, width, 4) in 0..1; browsers draw over white."""
-        ...
-
-    def version(self) -> str:
-        """Return the name and version, or raise RendererError where it is not installed."""
-        ...
-
-
 RENDERERS: tuple[str, ...] = get_args(Renderer)
-_MODULES = {
-    name: cast(RendererModule, import_module(f"gauss2svg.raster.{name}")) for name in RENDERERS
-}
-BROWSERS = tuple(name for name in RENDERERS if hasattr(_MODULES[name], "draw_clear"))
+_MODULES = {name: import_module(f"gauss2svg.raster.{name}") for name in RENDERERS}
+BROWSERS = "chromium", "firefox"  # whose draw takes the colour of the page too
 
 
-def renderer_named(name: str) -> RendererModule:
+def renderer_named(name: str) -> ModuleType:
     """Return the module of a renderer; raise InputError for any other name."""
     return _MODULES[OneOf(RENDERERS)("renderer", name)]
 
@@ -71,7 +64,7 @@ def rasterize(
     An SVG with a viewBox is stretched to width x height px, whatever its own proportions. Raise
     RendererError if the renderer is missing, fails on the file, or is known to draw it wrongly.
     """
-    return over(rasterize_sized(_sized(svg, width, height, renderer), width, height, renderer))
+    return over(_drawn(svg, width, height, renderer, clear=False))
 
 
 def rasterize_rgba(
@@ -81,8 +74,7 @@ def rasterize_rgba(
 
     Arguments and errors are those of rasterize. Firefox draws it twice: over white and over black.
     """
-    sized = _sized(svg, width, height, renderer)
-    return rasterize_sized(sized, width, height, renderer, clear=True)
+    return _drawn(svg, width, height, renderer, clear=True)
 
 
 def rasterize_like(
@@ -101,13 +93,13 @@ def rasterize_sized(
 
     clear  whether the page of a browser is transparent, and not white
     """
-    module = renderer_named(renderer)
-    draw = getattr(module, "draw_clear", module.draw) if clear else module.draw
-    pixels = draw(svg, width, height)
+    page = [CLEAR] if clear and renderer in BROWSERS else []
+    pixels = renderer_named(renderer).draw(svg, width, height, *page)
     if pixels.shape[:2] != (height, width):
+        got = f"{pixels.shape[1]}x{pixels.shape[0]} px"
         raise RendererError(
-            f"raster of {renderer} must be {width}x{height} px; got another size. Try an SVG with "
-            "a viewBox"
+            f"raster of {renderer} must be {width}x{height} px; got {got}. Try to draw it smaller, "
+            "or another --renderer"
         )
     return pixels
 
@@ -134,10 +126,11 @@ def refuse(features: Features, renderer: str) -> None:
         )
 
 
-def _sized(svg: str, width: int, height: int, renderer: str) -> str:
+def _drawn(svg: str, width: int, height: int, renderer: str, clear: bool) -> NDArray[np.float32]:
     if width * height > MOST_PIXELS:  # the limit of photos
         raise RendererError(
             f"the raster must be at most {MOST_PIXELS / 1e6:.0f} million px; got "
             f"{width}x{height}, {width * height / 1e6:.0f} million. Try to draw the SVG smaller"
         )
-    return refuse_unsupported(svg, width, height, renderer).stretched(width, height)
+    root = refuse_unsupported(svg, width, height, renderer)
+    return rasterize_sized(root.stretched(width, height), width, height, renderer, clear)

@@ -8,15 +8,14 @@ the size and averaging loses (docs/decisions/renderers.md).
 
 from __future__ import annotations
 
+import asyncio
 import atexit
-import io
 import os
-import queue
 import re
 import sys
 import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from collections.abc import Sequence
+from concurrent.futures import wait
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -24,12 +23,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from gauss2svg.errors import RendererError, quoted
 from gauss2svg.photo.alpha import straight
+from gauss2svg.raster import program
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.program import CLEAR, DRAWING, TIMEOUT_S, WHITE, find, html, version_line
+from gauss2svg.raster.program import CLEAR, DRAWING, WHITE, from_png, html
 
 # Found by Chromium 156.
 CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
@@ -37,8 +36,14 @@ PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
 # Without the profile colours depend on the machine's screen. Reduced motion shows animated files
 # in their final state; as an option of the page it would not reach the image in it.
 _FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars", "--force-prefers-reduced-motion")
+_PROGRAMS = (
+    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable",
+    "Google Chrome.app/Contents/MacOS/Google Chrome", "Chromium.app/Contents/MacOS/Chromium",
+    "Google/Chrome/Application/chrome.exe", "Chromium/Application/chrome.exe",
+)  # fmt: skip
 _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
 _SITE, _HTML, _SVG = "http://gauss2svg.invalid/", "text/html", "image/svg+xml"
+_FILE = _SITE + DRAWING
 _PLACE = "([x, y]) => document.images[0].style = `position: absolute; left: ${x}px; top: ${y}px`"
 _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
 
@@ -46,160 +51,136 @@ _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeigh
 def version() -> str:
     """Return the name and version as the program prints them; no browser is started."""
     playwright_api()
-    program = _program()
+    path = _program()
     if sys.platform == "win32":
-        return f"Chromium {_version_beside(program)}"
+        return f"Chromium {_version_beside(path)}"
     # Google Chrome 140.0.1 / Chromium 156.0.8078.79 built on Debian GNU/Linux
-    return version_line(program).split(" built on ")[0]
+    return program.version_line(path).split(" built on ")[0]
 
 
-def _version_beside(program: str) -> str:
+def _version_beside(path: str) -> str:
     """Return the version of a Chromium on Windows, where --version would open a window.
 
     An installer puts its files in a folder of that name beside the program. Playwright's own
     Chromium has no such folder.
     """
-    folders = [path.name for path in Path(program).parent.glob("[0-9]*.*.*.*")]
-    numbers = [[int(part) for part in re.findall("[0-9]+", name)] for name in folders]
+    names = [folder.name for folder in Path(path).parent.glob("[0-9]*.*.*.*")]
+    numbers = [[int(part) for part in re.findall("[0-9]+", name)] for name in names]
     return ".".join(map(str, max(numbers))) if numbers else "of unknown version"
 
 
-def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) of the SVG over white; a mean, so finer than 8 bits."""
-    return _worker(os.getpid()).call(lambda new: _mean(new, svg, width, height, WHITE))
-
-
-def draw_clear(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) of the SVG on a page without a background."""
-    return _worker(os.getpid()).call(lambda new: _mean(new, svg, width, height, CLEAR))
+def draw(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
+    """Return the pixels (height, width, 4) of the SVG on a page; a mean, so finer than 8 bits."""
+    try:
+        return _browser(os.getpid()).draw(svg, width, height, page)
+    except playwright_api().Error as error:
+        raise RendererError(
+            f"Chromium cannot draw the SVG at {width}x{height} px: {_first_line(error)}"
+        ) from error
 
 
 def playwright_api() -> Any:
-    """Return Playwright's module; raise RendererError where it is not installed."""
+    """Return Playwright's API for asyncio; raise RendererError where it is not installed."""
     try:
-        from playwright import sync_api
+        from playwright import async_api
     except ImportError as error:
         raise RendererError(
             "renderer chromium needs Playwright and a browser. Try to install them (pip install "
             '"gauss2svg[browser]", apt-get install chromium), or --renderer resvg'
         ) from error
-    return sync_api
+    return async_api
 
 
 def _program() -> str:
-    named = os.environ.get(PROGRAM_VARIABLE)
-    if not named:
-        names = "chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
-        return find("chromium", names, "apt-get install chromium")
-    if os.access(named, os.X_OK) and os.path.isfile(named):
-        return named
+    install = "apt-get install chromium"
+    path = os.environ.get(PROGRAM_VARIABLE) or program.find("chromium", _PROGRAMS, install)
+    if os.access(path, os.X_OK) and os.path.isfile(path):
+        return path
     raise RendererError(
-        f"{PROGRAM_VARIABLE} must be the path of a Chromium; got {quoted(named)}. Try to correct "
+        f"{PROGRAM_VARIABLE} must be the path of a Chromium; got {quoted(path)}. Try to correct "
         "it, or to unset it for the one on PATH"
     )
 
 
-def launch(playwright: Any, flags: Sequence[str] = _FLAGS) -> Any:
-    """Return a started browser, or raise RendererError with its last message."""
-    program = _program()
+def launch_options(flags: Sequence[str] = _FLAGS) -> dict[str, Any]:
+    """Return what Playwright's `chromium.launch` takes to start the installed browser."""
     # As root Chromium does not start with its sandbox; everybody else keeps the sandbox.
     is_root = hasattr(os, "geteuid") and os.geteuid() == 0
-    try:
-        return playwright.chromium.launch(
-            executable_path=program, args=flags, chromium_sandbox=not is_root
-        )
-    except playwright_api().Error as error:
-        said = str(error)
-        complaint = re.findall(r"\[err\] (.*\S)", said) or re.findall(r"<(process did .*)>", said)
-        why = complaint[-1] if complaint else _first_line(error)
-        raise RendererError(
-            f"Chromium did not start: {why}. Try to reinstall {program}, or --renderer resvg"
-        ) from error
+    return {"executable_path": _program(), "args": flags, "chromium_sandbox": not is_root}
 
 
-class _Worker:
-    """One browser for the process, in a thread of its own, which Playwright's objects belong to.
+class _Browser:
+    """The browser of a process, driven by asyncio in a thread of its own.
 
-    In another thread Playwright refuses to work beside a running asyncio loop, as of a notebook.
+    The caller's thread may have a running loop, as that of a notebook has.
     """
 
     def __init__(self) -> None:
-        self._jobs: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._loop, self._lock = asyncio.new_event_loop(), asyncio.Lock()
         self._playwright: Any = None
         self._browser: Any = None
-        self._thread = threading.Thread(target=self._work, name="gauss2svg-chromium", daemon=True)
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
-        atexit.register(self.close)
+        atexit.register(self._close)
 
-    def call(self, job: Callable[[Callable[..., Any]], Any]) -> Any:
-        """Return what a job in the thread returns for `Browser.new_context`, or raise its error."""
-        done: Future[Any] = Future()
-        self._jobs.put((done, job))
-        return done.result()
+    def draw(self, svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
+        """Return the mean of the images at _OFFSETS: (height, width, 4), on a page of a colour."""
+        mean = self._mean(svg, width, height, color)
+        return asyncio.run_coroutine_threadsafe(mean, self._loop).result()
 
-    def close(self) -> None:
-        """End the browser, within ten seconds."""
-        self._jobs.put(None)
-        self._thread.join(10)
+    def _close(self) -> None:
+        """End the browser within ten seconds, even where it draws; in a fork, leave it alone."""
+        if self._playwright is not None and self._thread.is_alive():
+            wait([asyncio.run_coroutine_threadsafe(self._playwright.stop(), self._loop)], 10)
 
-    def _work(self) -> None:
-        for done, job in iter(self._jobs.get, None):
-            try:
-                done.set_result(job(self._context))
-            except BaseException as error:  # passed on to the caller
-                done.set_exception(error)
-        if self._playwright is not None:
-            self._playwright.stop()  # and with it the browser
+    async def _mean(self, svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
+        is_clear = color == CLEAR
+        total = np.zeros((height, width, 4), np.float32)
+        async with self._lock, await self._context(width + 1, height + 1) as context:
+            context.set_default_timeout(program.TIMEOUT_S * 1000)
+            page = await context.new_page()
+            await page.route(_SITE, lambda one: one.fulfill(body=html(color), content_type=_HTML))
+            await page.route(_FILE, lambda one: one.fulfill(body=svg, content_type=_SVG))
+            await page.goto(_SITE)
+            # Not evaluate(), which would wait forever for a page that hangs.
+            found = await page.wait_for_function(_SIZE)
+            if await found.json_value() != [width, height]:
+                raise RendererError(program.NO_IMAGE.format("Chromium", width, height))
+            for x, y in _OFFSETS:
+                await page.wait_for_function(_PLACE, arg=[x, y])
+                shot = from_png(await page.screenshot(omit_background=is_clear))
+                levels = np.rint(255 * shot[y : y + height, x : x + width])
+                levels[:, :, :3] *= levels[:, :, 3:] / 255  # transparent places have no colour
+                total += levels
+        total /= np.float32(255 * len(_OFFSETS))
+        return straight(total[:, :, :3], total[:, :, 3]) if is_clear else total
 
-    def _context(self, **options: Any) -> Any:
-        api = playwright_api()
+    async def _context(self, width: int, height: int) -> Any:
+        """Return a new context of the browser, offline: nothing but routes has an answer."""
+        api, view = playwright_api(), {"width": width, "height": height}
+        options: Any = {"viewport": view, "offline": True, "service_workers": "block"}
         if self._browser is not None:
             # A browser that has died since the last image is noticed at the first call only.
             with suppress(api.Error):
-                return self._browser.new_context(**options)
-        self._playwright = self._playwright or api.sync_playwright().start()
-        self._browser = launch(self._playwright)
-        return self._browser.new_context(**options)
+                return await self._browser.new_context(**options)
+        launching = launch_options()
+        self._playwright = self._playwright or await api.async_playwright().start()
+        try:
+            self._browser = await self._playwright.chromium.launch(**launching)
+        except api.Error as error:
+            said, path = str(error), launching["executable_path"]
+            reasons = re.findall(r"<(process did .*)>", said) + re.findall(r"\[err\] (.*\S)", said)
+            why = [_first_line(error), *reasons][-1]
+            raise RendererError(
+                f"Chromium did not start: {why}. Try to reinstall {path}, or --renderer resvg"
+            ) from error
+        return await self._browser.new_context(**options)
 
 
 # A forked process has its own, since the browser and its thread are its parent's.
 @cache
-def _worker(process_id: int) -> _Worker:
-    return _Worker()
-
-
-def _mean(
-    new_context: Callable[..., Any], svg: str, width: int, height: int, color: str
-) -> NDArray[np.float32]:
-    view, is_clear = {"width": width + 1, "height": height + 1}, color == CLEAR
-    total = np.zeros((height, width, 4), np.float32)
-    try:
-        # Offline: nothing but the two routes has an answer.
-        with new_context(viewport=view, offline=True, service_workers="block") as context:
-            context.set_default_timeout(TIMEOUT_S * 1000)
-            page = context.new_page()
-            page.route(_SITE, lambda route: route.fulfill(body=html(color), content_type=_HTML))
-            page.route(_SITE + DRAWING, lambda route: route.fulfill(body=svg, content_type=_SVG))
-            page.goto(_SITE)
-            # Not evaluate(), which would wait forever for a page that hangs.
-            found = page.wait_for_function(_SIZE).json_value()
-            if found == [0, 0]:
-                raise RendererError("Chromium cannot draw the SVG: not a supported image")
-            if found != [width, height]:
-                return np.zeros((found[1], found[0], 4), np.float32)  # which is refused
-            for x, y in _OFFSETS:
-                page.wait_for_function(_PLACE, arg=[x, y])
-                with Image.open(io.BytesIO(page.screenshot(omit_background=is_clear))) as picture:
-                    levels = np.asarray(picture.convert("RGBA"), np.float32)
-                levels = levels[y : y + height, x : x + width].copy()
-                levels[:, :, :3] *= levels[:, :, 3:] / 255  # transparent places have no colour
-                total += levels
-    except playwright_api().Error as error:
-        raise RendererError(
-            f"Chromium cannot draw the SVG at {width}x{height} px: {_first_line(error)}"
-        ) from error
-    total /= np.float32(255 * len(_OFFSETS))
-    return straight(total[:, :, :3], total[:, :, 3]) if is_clear else total
+def _browser(process_id: int) -> _Browser:
+    return _Browser()
 
 
 def _first_line(error: Exception) -> str:

@@ -14,17 +14,9 @@ from functools import lru_cache
 from typing import Any
 
 from gauss2svg.errors import InputError
+from gauss2svg.svg.syntax import values
 from gauss2svg.svg.syntax.parse import ANIMATIONS, HREFS
-from gauss2svg.svg.syntax.values import (
-    IDENTITY,
-    Affine,
-    compose,
-    nodes_of,
-    parse_transform,
-    view_box,
-    words,
-    written,
-)
+from gauss2svg.svg.syntax.values import IDENTITY, Affine
 
 _Box = tuple[float, float, float, float]
 
@@ -63,9 +55,8 @@ _ELEMENTS = {
 _BLURRED = (Feature.BLUR, Feature.ROTATED_BLUR, Feature.SKEWED_BLUR)
 _BLURS = {"blur", "drop-shadow"}  # functions of CSS
 _LINKING = ("use", "image", "pattern", "filter", "linearGradient", "radialGradient")
+_PROPERTIES = ("filter", "mix-blend-mode")  # which attributes can have
 _UNUSED = ("none", "normal", "inherit", "initial", "unset")  # values that switch a property off
-# CSS without any of these is not parsed; an escape could hide a word.
-_CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
 _NEEDS_MOTION = "(prefers-reduced-motion:no-preference)"
 _CSS_TRANSFORM = re.compile(r"(?<![\w-])(transform|rotate|scale|translate)\s*:|\\", re.IGNORECASE)
 _STRAIGHT = 1e-3  # share of a matrix's norm; a smaller rotation has no visible effect
@@ -74,13 +65,13 @@ _SKEW: Affine = (1.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # stands for a transform that is
 
 def _box(root: Mapping[str, str]) -> _Box | None:
     with suppress(InputError):
-        return view_box(root.get("viewBox", ""))
+        return values.view_box(root.get("viewBox", ""))
     return None
 
 
-def may_have_features(svg: str) -> bool:
-    """Whether a file has any word of a feature: in one without, elements need not be looked at."""
-    lowered = svg.lower()
+def may_have_features(text: str) -> bool:
+    """Whether a file, or CSS of it, has any word of a feature; without one none is looked for."""
+    lowered = text.lower()
     return any(word in lowered for word in _WORDS)
 
 
@@ -121,17 +112,14 @@ class Features:
         elif tag in _LINKING and HREFS[0] in attributes and HREFS[1] not in attributes:
             self._used.add(Feature.PLAIN_HREF)
         self._is_uneven |= "objectBoundingBox" in attributes.values()
-        is_filtered = self._add_css(style) or tag == "use"
-        for name in ("filter", "mix-blend-mode"):
-            if name in attributes:
-                is_filtered |= self._add_css(f"{name}:{attributes[name]}")
+        own = [f"{name}:{attributes[name]}" for name in _PROPERTIES if name in attributes]
+        is_filtered = self._add_css(style, *own) or tag == "use"
         del self._maps[depth:]
         matrix = self._maps[-1] if depth else self._canvas(attributes)
         if "transform" in attributes or _CSS_TRANSFORM.search(style):
-            matrix = compose(matrix, _own_map(attributes.get("transform", "none"), style))
+            matrix = values.compose(matrix, _own_map(attributes.get("transform", "none"), style))
         self._maps.append(matrix)
-        turned = _turn_of(matrix)
-        self._turned = max(self._turned, turned)
+        self._turned = max(self._turned, turned := _turn_of(matrix))
         if is_filtered:
             self._filtered_turned = max(self._filtered_turned, turned)
 
@@ -143,9 +131,9 @@ class Features:
         box = self._view_box(root)
         return (self._width / box[2], 0, 0, self._height / box[3], 0, 0) if box else IDENTITY
 
-    def _add_css(self, text: str, is_sheet: bool = False) -> bool:
-        """Add the features of a style sheet or attribute, and return whether it filters."""
-        found = _features_of(text, is_sheet)
+    def _add_css(self, *texts: str, is_sheet: bool = False) -> bool:
+        """Add the features of a style sheet or attributes, and return whether they filter."""
+        found = {feature for text in texts for feature in _features_of(text, is_sheet)}
         self._used |= found
         return Feature.FILTER in found
 
@@ -157,17 +145,18 @@ def _features_of(css: str, is_sheet: bool) -> frozenset[Feature]:
     What applies only where the viewer accepts motion is left out: renderers are started with
     reduced motion.
     """
-    lowered = css.lower()
-    if not any(word in lowered for word in _CSS_WORDS):
+    if not may_have_features(css):
         return frozenset()
     found = set()
-    for node in nodes_of(css, is_sheet, _accepts_no_motion):
+    for node in values.nodes_of(css, is_sheet, _accepts_no_motion):
         if node.type == "at-rule" and node.lower_at_keyword == "starting-style":
             found.add(Feature.MOVING)
         if node.type != "declaration":
             continue
-        name, first = node.lower_name.removeprefix("-webkit-"), _first_word(node.value)
-        if first in _UNUSED:
+        name = node.lower_name.removeprefix("-webkit-")
+        token = next(iter(values.words(node.value)), None)
+        first = token.lower_value if token is not None and token.type == "ident" else ""
+        if token is None or first in _UNUSED:
             continue
         if name == "filter":
             functions = {t.lower_name for t in node.value if t.type == "function"}
@@ -179,32 +168,23 @@ def _features_of(css: str, is_sheet: bool) -> frozenset[Feature]:
     return frozenset(found)
 
 
-def _first_word(value: list[Any]) -> str:
-    """Return the first word of a value, "" for what is not a word, "none" for an empty value."""
-    token = next(iter(words(value)), None)
-    return "none" if token is None else token.lower_value if token.type == "ident" else ""
-
-
 def _accepts_no_motion(node: Any) -> bool:
     is_media = node.type == "at-rule" and node.lower_at_keyword == "media"
-    return not (is_media and written(node.prelude).lower() == _NEEDS_MOTION)
+    return not (is_media and values.written(node.prelude).lower() == _NEEDS_MOTION)
 
 
 def _own_map(transform: str, style: str) -> Affine:
     """Return the map of an element, or a skew where CSS transforms it or the list is invalid."""
     if not _CSS_TRANSFORM.search(style):
         with suppress(InputError):
-            return parse_transform(transform)
+            return values.parse_transform(transform)
     return _SKEW
 
 
 def _turn_of(m: Affine) -> int:
     """0 where both axes stay along axes, swapped or not, 1 where circles stay circles, else 2."""
-    allowed = _STRAIGHT * max(map(abs, m))
-    if max(abs(m[1]), abs(m[2])) <= allowed or max(abs(m[0]), abs(m[3])) <= allowed:
-        return 0
-    first, second = math.hypot(m[0], m[1]), math.hypot(m[2], m[3])
-    longest = max(first, second)
-    allowed = _STRAIGHT * longest  # not longest**2, which raises on overflow
-    across = abs(m[0] * m[2] + m[1] * m[3])
-    return 1 if abs(first - second) <= allowed and across <= allowed * longest else 2
+    a, b, c, d = m[:4]
+    allowed = _STRAIGHT * max(math.hypot(a, b), math.hypot(c, d))
+    off_axes = min(max(abs(b), abs(c)), max(abs(a), abs(d)))
+    off_circle = min(math.hypot(a - d, b + c), math.hypot(a + d, b - c))  # turned, or mirrored too
+    return 0 if off_axes <= allowed else 1 if off_circle <= allowed else 2

@@ -1,6 +1,5 @@
 """Headless Firefox, by its own screenshot option."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -9,39 +8,36 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError
 from gauss2svg.photo.alpha import from_views
+from gauss2svg.raster import program
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.program import BLACK, DRAWING, WHITE, drawn, find, html, version_line
+from gauss2svg.raster.program import BLACK, CLEAR, DRAWING, WHITE, drawn, html
 
 # Found by Firefox 153.
 CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
 # Colours are not converted to the screen's profile, and are the same on every graphics card.
 # Animated files are shown in their final state. A proxy that is not there blocks the network.
-_PREFERENCES = {
-    "gfx.color_management.mode": 0,
-    "gfx.webrender.software": True,
-    "layout.css.devPixelsPerPx": "1.0",
-    "ui.prefersReducedMotion": 1,
-    "network.proxy.type": 1,
-    "network.proxy.http": "127.0.0.1",
-    "network.proxy.http_port": 9,
-    "network.proxy.ssl": "127.0.0.1",
-    "network.proxy.ssl_port": 9,
-}
-# Firefox does not report a broken image, so the page does, by a row of pixels under it: black for
-# no image, white for the right size, red for another.
+_PREFERENCES = """
+user_pref("gfx.color_management.mode", 0);
+user_pref("gfx.webrender.software", true);
+user_pref("layout.css.devPixelsPerPx", "1.0");
+user_pref("ui.prefersReducedMotion", 1);
+user_pref("network.proxy.type", 1);
+user_pref("network.proxy.http", "127.0.0.1");
+user_pref("network.proxy.http_port", 9);
+user_pref("network.proxy.ssl", "127.0.0.1");
+user_pref("network.proxy.ssl_port", 9);
+"""
+# On Windows the program starts another, and would end before that.
+_WAIT = ["--wait-for-browser"] if sys.platform == "win32" else []
+# Firefox does not report a broken image. So the page removes one that has not the right size, and
+# with it the row of white pixels that is its lower border.
 _VERDICT = """<style>
-html, body {{ background: #000 }}
-body {{ overflow: hidden; height: {height}px; padding-bottom: 1px }}
-img {{ visibility: hidden; background: {color} }}
+body {{ overflow: hidden }} img {{ background: {color}; border-bottom: 1px solid #fff }}
 </style>
 <script>
 addEventListener("load", () => {{
   const image = document.images[0];
-  if (!image.naturalWidth) return;
-  const right = image.naturalWidth === {width} && image.naturalHeight === {height};
-  const color = right ? "#fff" : "#f00";
-  document.body.style.background = document.documentElement.style.background = color;
-  if (right) image.style.visibility = "visible";
+  if (image.naturalWidth !== {width} || image.naturalHeight !== {height}) image.remove();
 }});
 </script>
 """
@@ -49,55 +45,29 @@ addEventListener("load", () => {{
 
 def version() -> str:
     """Return the name and version of Firefox."""
-    return version_line(_program()).removeprefix("Mozilla ")
+    return program.version_line(_program()).removeprefix("Mozilla ")
 
 
-def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) of the SVG over white."""
-    return _draw(svg, width, height, WHITE)
-
-
-def draw_clear(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) with alpha, by rasters over white and over black."""
-    white, black = (_draw(svg, width, height, color)[:, :, :3] for color in (WHITE, BLACK))
-    return from_views(white, black)
-
-
-def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
-    page_end = _VERDICT.format(width=width, height=height, color=color)
-    user_js = "\n".join(
-        f'user_pref("{key}", {json.dumps(value)});' for key, value in _PREFERENCES.items()
-    )
-    files = {DRAWING: svg, "page.html": html(WHITE) + page_end, "profile/user.js": user_js}
+def draw(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
+    """Return the pixels (height, width, 4) of the SVG on a page, without one by two rasters."""
+    if page == CLEAR:
+        return from_views(*(draw(svg, width, height, one)[:, :, :3] for one in (WHITE, BLACK)))
+    page_end = _VERDICT.format(width=width, height=height, color=page)
+    files = {DRAWING: svg, "page.html": html(BLACK) + page_end, "profile/user.js": _PREFERENCES}
 
     def command(folder: Path) -> list[str]:
-        return [
-            _program(),
-            "--headless",
-            "--no-remote",  # otherwise a Firefox that is already open would open the page
-            "--profile",
-            str(folder / "profile"),
-            f"--window-size={width},{height + 1}",
-            "--screenshot",
-            str(folder / "drawn.png"),
-            (folder / "page.html").as_uri(),
-            # On Windows the program starts another, and would end before that.
-            *(["--wait-for-browser"] if sys.platform == "win32" else []),
-        ]
+        # Without --no-remote a Firefox that is already open would open the page.
+        options = ["--headless", "--no-remote", *_WAIT, f"--window-size={width},{height + 1}"]
+        screenshot = "--screenshot", str(folder / "drawn.png"), (folder / "page.html").as_uri()
+        return [_program(), *options, "--profile", str(folder / "profile"), *screenshot]
 
     pixels = drawn("Firefox", files, command)
-    if pixels.shape[:2] != (height + 1, width):
-        raise RendererError(
-            f"screenshot of Firefox must be {width}x{height + 1} px; got "
-            f"{pixels.shape[1]}x{pixels.shape[0]} px. Try to draw it smaller, or another --renderer"
-        )
-    verdict = pixels[height:, :, :3]
-    if not verdict.any():
-        raise RendererError("Firefox cannot draw the SVG: not a supported image")
-    if (verdict[:, :, 1:] == 0).any():
-        return pixels[:0]  # which is refused
+    if not pixels[height:].all():  # all() of no row where the window is smaller, which is refused
+        raise RendererError(program.NO_IMAGE.format("Firefox", width, height))
     return pixels[:height]
 
 
 def _program() -> str:
-    return find("firefox", ["firefox", "firefox-esr"], "apt-get install firefox-esr")
+    names = "firefox", "firefox-esr", "Firefox.app/Contents/MacOS/firefox"
+    windows = "Mozilla Firefox/firefox.exe"
+    return program.find("firefox", [*names, windows], "apt-get install firefox-esr")

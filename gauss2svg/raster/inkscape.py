@@ -30,4 +30,8 @@ def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
 
 
 def _program() -> str:
-    return find("inkscape", ["inkscape"], "apt-get install inkscape, brew install inkscape")
+    mac = "Inkscape.app/Contents/MacOS/inkscape"
+    # The .com writes to the terminal, the .exe opens a window.
+    windows = "Inkscape/bin/inkscape.com", "Inkscape/bin/inkscape.exe"
+    install = "apt-get install inkscape, brew install inkscape"
+    return find("inkscape", ["inkscape", mac, *windows], install)

@@ -7,11 +7,8 @@ from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import find, from_png, run, version_line
 
 # Found by librsvg 2.54.
-CANNOT_DRAW = {
-    Feature.SKEWED_BLUR: "39 to 45 levels off",
-    Feature.ROTATED_BLUR: "39 to 45 levels off",
-    Feature.LIGHTER: "",
-}
+_BLURS = dict.fromkeys((Feature.SKEWED_BLUR, Feature.ROTATED_BLUR), "39 to 45 levels off")
+CANNOT_DRAW = {**_BLURS, Feature.LIGHTER: ""}
 
 
 def version() -> str:

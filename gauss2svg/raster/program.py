@@ -21,42 +21,28 @@ from gauss2svg.errors import RendererError
 TIMEOUT_S = 300  # Inkscape takes up to a minute for a large file of blurs
 DRAWING = "drawing.svg"
 WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # pages of browsers
-# Where installers put programs that are not on PATH: apps of macOS, paths in folders of Windows.
-_APPS = {"chromium": ("Google Chrome", "Chromium"), "firefox": ("Firefox",)}
-_APPS |= {"inkscape": ("Inkscape",)}
-_PATHS = {
-    "chromium": ("Google/Chrome/Application/chrome.exe", "Chromium/Application/chrome.exe"),
-    "firefox": ("Mozilla Firefox/firefox.exe",),
-    # The .com writes to the terminal, the .exe opens a window.
-    "inkscape": ("Inkscape/bin/inkscape.com", "Inkscape/bin/inkscape.exe"),
-}
-_FOLDERS = ("ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPPDATA")
-
-
-def places(renderer: str) -> list[str]:
-    """Return where installers put a renderer's program that is not on PATH."""
-    if sys.platform == "darwin":
-        folders = "/Applications", os.path.expanduser("~/Applications")
-        apps = [(app, name) for app in _APPS.get(renderer, ()) for name in (app, app.lower())]
-        names = [f"{app}.app/Contents/MacOS/{name}" for app, name in apps]
-    elif sys.platform == "win32":
-        folders = [os.environ[name] for name in _FOLDERS if os.environ.get(name)]
-        names = [os.path.normpath(name) for name in _PATHS.get(renderer, ())]
-    else:
-        return []
-    return [os.path.join(folder, name) for name in names for folder in folders]
+NO_IMAGE = "{} cannot draw the SVG: not a supported image, or not of {}x{} px"
+# Folders in which installers put programs that are not on PATH.
+if sys.platform == "win32":
+    _VARIABLES = "ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPPDATA"
+    _FOLDERS = [os.environ[name] for name in _VARIABLES if os.environ.get(name)]
+else:
+    _FOLDERS = ["/Applications", os.path.expanduser("~/Applications")]  # of macOS
 
 
 def find(renderer: str, names: Sequence[str], install: str) -> str:
-    """Return the path of the first of the programs that is installed, or raise RendererError."""
-    elsewhere = places(renderer)
-    for path in map(shutil.which, (*names, *elsewhere)):
-        if path:
-            return path
-    where = "on PATH or where it is usually installed" if elsewhere else "on PATH"
+    """Return the path of the first of the programs that is installed, or raise RendererError.
+
+    names  of programs on PATH, or paths with / in the folders of installers
+    """
+    for name in names:
+        folders = _FOLDERS if "/" in name else [""]
+        for path in (os.path.normpath(os.path.join(folder, name)) for folder in folders):
+            if program := shutil.which(path):
+                return program
     raise RendererError(
-        f"renderer {renderer} needs the program {names[0]}; got none {where}. Try to install it "
-        f"({install}), or --renderer resvg"
+        f"renderer {renderer} needs the program {names[0]}; got none on PATH or where it is "
+        f"usually installed. Try to install it ({install}), or --renderer resvg"
     )
 
 
@@ -79,15 +65,15 @@ def run(
     own = {"INKSCAPE_PROFILE_DIR": str(folder), "HOME": str(folder)} if folder else {}
     try:
         ended = processes.run(command, stdin, timeout_s=timeout_s, folder=folder, environment=own)
+        if not ended.status:
+            return ended.output
         reason = f"{ended.complaint or 'no reason given'} (exit status {ended.status})"
     except OSError as error:
-        ended, reason = None, error.strerror or str(error)
-    if ended is None or ended.status:
-        name = Path(command[0]).name
-        raise RendererError(
-            f"{name} cannot {task}: {reason}. Try to reinstall it, or another --renderer"
-        )
-    return ended.output
+        reason = error.strerror or str(error)
+    name = Path(command[0]).name
+    raise RendererError(
+        f"{name} cannot {task}: {reason}. Try to reinstall it, or another --renderer"
+    )
 
 
 def drawn(

@@ -14,8 +14,6 @@ import pytest
 from conftest import needs
 from gallery_site import PHONE, WIDE, Headless, closed_after
 
-from gauss2svg.raster import chromium
-
 ROOT = Path(__file__).parents[2]
 BUILT = "GAUSS2SVG_SITE"  # the folder of a site that is built already
 MOST_BYTES = 500_000
@@ -109,7 +107,9 @@ def test_pictures_are_small(site):
 @pytest.fixture(scope="module")
 def open_page(site, tmp_path_factory):
     needs("chromium")
-    with chromium.playwright_api().sync_playwright() as playwright:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
         browser = Headless(playwright, site, tmp_path_factory.mktemp("alone"))
         with closed_after(browser.visit) as visit:  # fails on errors and on requests to elsewhere
 

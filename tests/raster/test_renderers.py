@@ -176,7 +176,7 @@ def test_a_missing_or_broken_program_is_one_line_that_says_what_to_do(case, monk
             return real(module, *rest)
 
         monkeypatch.setattr(builtins, "__import__", without_cairo)
-    monkeypatch.setattr(chromium, "_worker", lambda _: chromium._Worker())  # without a browser
+    monkeypatch.setattr(chromium, "_browser", lambda _: chromium._Browser())  # not started
     for ask in (lambda: renderer_version(name), lambda: rasterize(GREEN, 4, 3, name)):
         with pytest.raises(RendererError, match=line) as caught:
             ask()
@@ -191,11 +191,9 @@ def test_a_chromium_that_does_not_start_is_one_line_with_its_complaint(monkeypat
     (tmp_path / "chromium").write_text(FAILING)
     (tmp_path / "chromium").chmod(0o755)
     monkeypatch.setenv(chromium.PROGRAM_VARIABLE, str(tmp_path / "chromium"))
-    worker = chromium._Worker()
-    monkeypatch.setattr(chromium, "_worker", lambda _: worker)
+    monkeypatch.setattr(chromium, "_browser", lambda _: chromium._Browser())
     with pytest.raises(RendererError, match=r"start: no libfoo\.so\. Try to reinstall") as caught:
         rasterize(GREEN, 4, 3, "chromium")
-    worker.close()
     assert "\n" not in str(caught.value)
 
 
@@ -235,8 +233,8 @@ def test_a_page_that_fails_is_an_error_and_the_next_is_drawn(browser, monkeypatc
 
 def test_a_browser_that_ended_is_started_again(browser):
     rasterize(GREEN, 8, 6, "chromium")
-    worker = chromium._worker(os.getpid())
-    worker.call(lambda _: worker._browser.close())
+    own = chromium._browser(os.getpid())
+    asyncio.run_coroutine_threadsafe(own._browser.close(), own._loop).result()
     assert (rasterize(GREEN, 8, 6, "chromium") == [0, 1, 0]).all()
 
 

@@ -17,7 +17,7 @@ from screens import captured
 from skimage import data
 
 from gauss2svg.compare.pages.build import Gallery
-from gauss2svg.raster import chromium
+from gauss2svg.raster.chromium import launch_options
 
 HOSTILE = "<img src=x onerror=alert(1)>&\"'.png"
 COUNTS = (30, 120)
@@ -132,7 +132,7 @@ class Headless:
 
     def __init__(self, playwright: Any, site: Path, scratch: Path) -> None:
         self.site = site
-        self._browser = chromium.launch(playwright)
+        self._browser = playwright.chromium.launch(**launch_options())
         self._alone = scratch / "alone.html"
         self._bare = self._browser.new_page()
 

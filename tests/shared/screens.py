@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.raster import chromium
+from gauss2svg.raster.chromium import launch_options
 
 _REFUSED = "Unable to capture screenshot"
 _TRIES, _PAUSE_MS = 5, 200
@@ -29,8 +29,10 @@ def expect(what: Any) -> Any:
 @contextmanager
 def opened_page(motion: str, width: int, height: int) -> Iterator[Any]:
     """A page of Chromium, without the flags by which a renderer starts it."""
-    with chromium.playwright_api().sync_playwright() as playwright:
-        browser = chromium.launch(playwright, flags=())
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(**launch_options(flags=()))
         yield browser.new_page(reduced_motion=motion, viewport={"width": width, "height": height})
         browser.close()
 
@@ -50,8 +52,10 @@ def captured(page, **options) -> bytes:
 def drawn_in_pages(bodies: Iterable[str], width: int, height: int) -> list[NDArray[np.float64]]:
     """Pixels (h, w, 3), 0..255, of pages of these bodies, each a page without margins."""
     found = []
-    with chromium.playwright_api().sync_playwright() as playwright:
-        browser = chromium.launch(playwright, flags=())
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(**launch_options(flags=()))
         for body in bodies:
             page = browser.new_page(viewport={"width": width, "height": height})
             page.set_content(f'<!doctype html><body style="margin:0">{body}</body>')

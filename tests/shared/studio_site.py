@@ -15,7 +15,7 @@ from PIL import Image
 from skimage import data
 from studio_server import Server, running
 
-from gauss2svg.raster import chromium
+from gauss2svg.raster.chromium import launch_options
 
 HOSTILE = "<img src=x onerror=alert(1)>&\"'.png"
 PLAIN, UPRIGHT = "cat.png", "cup.png"
@@ -95,8 +95,10 @@ def server(photos: dict[str, Path], pytestconfig) -> Server:
 @pytest.fixture(scope="module")
 def tabs():
     """The browser of the renderer chromium."""
-    with chromium.playwright_api().sync_playwright() as playwright:
-        browser = chromium.launch(playwright)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(**launch_options())
         yield browser
         browser.close()
 

@@ -134,15 +134,15 @@ def test_a_command_is_shown_as_one_types_it(words, posix, windows):
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
 def test_a_program_off_path_is_found_and_one_on_path_comes_first(tmp_path, monkeypatch):
-    installed = galleries.program(tmp_path / "installed" / "inkscape", "")
-    monkeypatch.setattr(program, "places", lambda _: [str(installed)])
+    installed = galleries.program(tmp_path / "Inkscape" / "inkscape", "")
+    names = "inkscape", "Inkscape/inkscape"
+    monkeypatch.setattr(program, "_FOLDERS", [str(tmp_path / "none"), str(tmp_path)])
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    assert program.find("inkscape", ["inkscape"], "it") == str(installed)
-    monkeypatch.setattr(program, "places", lambda _: [str(tmp_path / "none")])
+    assert program.find("inkscape", names, "it") == str(installed)
     with pytest.raises(RendererError, match="got none on PATH or where it is usually installed"):
-        program.find("inkscape", ["inkscape"], "it")
+        program.find("inkscape", names[:1], "it")
     own = galleries.program(tmp_path / "bin" / "inkscape", "")
-    assert program.find("inkscape", ["inkscape"], "it") == str(own)
+    assert program.find("inkscape", names, "it") == str(own)
 
 
 def test_the_version_of_a_chromium_is_the_largest_of_the_folders_beside_it(tmp_path):
