@@ -145,7 +145,7 @@ class _Browser:
             # Not evaluate(), which would wait forever for a page that hangs.
             found = await page.wait_for_function(_SIZE)
             if await found.json_value() != [width, height]:
-                raise RendererError(program.NO_IMAGE.format("Chromium", width, height))
+                raise RendererError("Chromium cannot draw the SVG: not a supported image")
             for x, y in _OFFSETS:
                 await page.wait_for_function(_PLACE, arg=[x, y])
                 shot = from_png(await page.screenshot(omit_background=is_clear))

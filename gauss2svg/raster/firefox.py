@@ -63,7 +63,7 @@ def draw(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.flo
 
     pixels = drawn("Firefox", files, command)
     if not pixels[height:].all():  # all() of no row where the window is smaller, which is refused
-        raise RendererError(program.NO_IMAGE.format("Firefox", width, height))
+        raise RendererError("Firefox cannot draw the SVG: not a supported image")
     return pixels[:height]
 
 

@@ -21,7 +21,6 @@ from gauss2svg.errors import RendererError
 TIMEOUT_S = 300  # Inkscape takes up to a minute for a large file of blurs
 DRAWING = "drawing.svg"
 WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # pages of browsers
-NO_IMAGE = "{} cannot draw the SVG: not a supported image, or not of {}x{} px"
 # Folders in which installers put programs that are not on PATH.
 if sys.platform == "win32":
     _VARIABLES = "ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPPDATA"
