@@ -58,7 +58,6 @@ def batch_command(
     from gauss2svg.batch.many import Batch
     from gauss2svg.batch.table import Summary
 
-    parameters.refuse_options(batch_command, photos, output)
     if log == "json":
         streams.standard_stream(sys.stdout, "output")  # is refused now, not at the first record
     with Batch(photos, output, Options(**vars(given)), batch) as made:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, photos_given, words
+from gauss2svg.batch.inputs import local_photos
+from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, words
 from gauss2svg.cli.streams import counting_bar, say
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ def bench_command(
             update("; ".join(at.now), at.done, at.total)
 
         rows = run_bench(
-            photos_given(images, bench_command),
+            local_photos(images),
             output,
             axes=axes or None,
             peers=names,

@@ -10,7 +10,6 @@ from cyclopts import Parameter
 
 from gauss2svg import files
 from gauss2svg.batch.inputs import expanded
-from gauss2svg.cli.parameters import refuse_options
 from gauss2svg.cli.streams import say, standard_stream
 from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import STANDARD_STREAM
@@ -75,7 +74,6 @@ def check_command(
     from gauss2svg.measure.check import check
 
     names = expanded([photo, svg])
-    refuse_options(check_command, names, reference or "")
     if len(names) != 2:
         raise refusal("photo and SVG", "one file each", brief(", ".join(names)))
     photo, svg = names

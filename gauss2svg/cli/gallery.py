@@ -8,8 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.batch.inputs import check_apart
-from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, photos_given, words
+from gauss2svg.batch.inputs import check_apart, local_photos
+from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, words
 from gauss2svg.cli.streams import counting_bar, say
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import quoted, refusal
@@ -54,7 +54,7 @@ def gallery_command(
     from gauss2svg.compare.pages.build import build_gallery
     from gauss2svg.measure.perceptual import packages_missing
 
-    given = photos_given(photos, gallery_command)
+    given = local_photos(photos)
     check_apart(photos, os.fspath(output))
     with counting_bar(quiet) as update:
         gallery = build_gallery(

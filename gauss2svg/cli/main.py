@@ -8,17 +8,11 @@ import sys
 import warnings
 from collections.abc import Sequence
 
-from cyclopts import (
-    App,
-    ArgumentCollection,
-    CoercionError,
-    CycloptsError,
-    Group,
-    MissingArgumentError,
-    Parameter,
-)
+import cyclopts
+from cyclopts import App, ArgumentCollection, CycloptsError, Group, Parameter
 
-from gauss2svg.cli.signals import Terminated, ignore, raising, status_of
+from gauss2svg.cli.parameters import refuse_options
+from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError
@@ -72,6 +66,7 @@ def _config(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) 
         from gauss2svg.cli.batch import take_options_of_file
 
         take_options_of_file(app, commands, arguments)
+    refuse_options(arguments)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -88,7 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     try:
         app = build_app(everything=_HELP_ALL in given, short=list(given) in _SHORT)
-        with raising(), own_standard_error():
+        with handling(), own_standard_error():
             status = app(given or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:
         return _refuse(_in_our_words(error))
@@ -122,19 +117,19 @@ def run() -> None:
 
 def _in_our_words(error: CycloptsError) -> str:
     """Return the line of an error of the parser of the command line."""
-    missing = error.argument if isinstance(error, MissingArgumentError) else None
+    missing = error.argument if isinstance(error, cyclopts.MissingArgumentError) else None
     if missing is not None and missing.field_info.is_positional:
         command = " ".join(("gauss2svg", *(error.command_chain or ())))
         name = missing.name.lstrip("-").upper()
         return f"{command} must be given {name}; got none. Try {command} --help"
-    token = error.token if isinstance(error, CoercionError) else None
-    option = token.keyword if token is not None else None
-    found = field_named(option.lstrip("-").replace("-", "_")) if option else None
-    if token is not None and found is not None:
+    token = error.token if isinstance(error, cyclopts.CoercionError) else None
+    if token is not None and token.keyword:
+        found = field_named(token.keyword.lstrip("-").replace("-", "_"))
         try:
-            found[1].parsed(token.value)
+            if found is not None:
+                found[1].parsed(token.value)
         except InputError as refusal:
-            return _as_typed(str(refusal), [str(option)])
+            return _as_typed(str(refusal), [token.keyword])
     line = " ".join(str(error).split()).rstrip(".")
     return f"{line}. Try gauss2svg --help-all, or --help after the name of a command"
 

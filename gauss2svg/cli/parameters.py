@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from difflib import get_close_matches
 from typing import Annotated, Any
 
-from cyclopts import Group, Parameter
+from cyclopts import ArgumentCollection, Group, Parameter
 
-from gauss2svg.batch.inputs import local_photos
 from gauss2svg.errors import refusal
 from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.pipeline.options import GROUPS, Options
@@ -29,38 +27,26 @@ Output = Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=
 Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor summary.")]
 
 
-def photos_given(names: list[str], command: Callable[..., int], output: str = "") -> list[str]:
-    """Return the paths that `Photos` of a command stand for, or raise InputError as below."""
-    refuse_options(command, names, output)
-    return local_photos(names)
+def refuse_options(arguments: ArgumentCollection) -> None:
+    """Raise InputError for names of files that are meant as options.
 
-
-def refuse_options(command: Callable[..., int], names: Iterable[str], other: str = "") -> None:
-    """Raise InputError for names that are meant as options.
-
-    names  of photos, among which the parser leaves what is no option, such as --treads
-    other  name that followed an option, as in -o --quiet
+    Where - may be given, for a standard stream, the parser takes what is no option for a name, such
+    as --treads, and what follows an option, as in -o --quiet.
     """
-    for name in names:
-        if name.startswith("-") and name != STANDARD_STREAM:
-            parameters = inspect.signature(command).parameters.values()
-            options = [one for p in parameters for one in _option_names(p.name, p.default)]
-            # At less --colors is like --scores.
-            close = [*get_close_matches(name, options, 1, cutoff=0.8), "--help"][0]
-            advice = f"{close}, or ./{name} for a file of that name"
-            raise refusal(name, "an option", "an unknown one", advice)
-    if other.startswith("-") and other != STANDARD_STREAM:
-        got = f"{other}, which reads like an option"
-        raise refusal("file", "a name that does not begin with -", got, f"./{other}")
-
-
-def _option_names(name: str, default: Any) -> Iterator[str]:
-    """Return the options of a parameter: of a group of options those of its fields."""
-    if dataclasses.is_dataclass(default):
-        for field in dataclasses.fields(default):
-            yield from _option_names(field.name, getattr(default, field.name))
-    else:
-        yield f"--{name.replace('_', '-')}"
+    tokens = [
+        token for one in arguments if one.parameter.allow_leading_hyphen for token in one.tokens
+    ]
+    for keyword, name in [(token.keyword, token.value) for token in tokens]:
+        if not name.startswith("-") or name == STANDARD_STREAM:
+            continue
+        if keyword is not None:
+            got = f"{name}, which reads like an option"
+            raise refusal("file", "a name that does not begin with -", got, f"./{name}")
+        options = [option for one in arguments for option in one.names]
+        # At less --colors is like --scores.
+        close = [*get_close_matches(name, options, 1, cutoff=0.8), "--help"][0]
+        advice = f"{close}, or ./{name} for a file of that name"
+        raise refusal(name, "an option", "an unknown one", advice)
 
 
 def words(text: str) -> list[str]:

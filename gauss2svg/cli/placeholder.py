@@ -4,7 +4,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Output, Photos, Quiet, photos_given
+from gauss2svg.batch.inputs import local_photos
+from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Output, Photos, Quiet
 from gauss2svg.cli.streams import counting_bar, say, write_output
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically
@@ -35,7 +36,7 @@ def placeholder_command(
         Show neither progress nor summary.
 
     """
-    given = photos_given(photos, placeholder_command, output)
+    given = local_photos(photos)
     listed = PlaceholderList(given, output, options)
     with counting_bar(quiet) as update:
         try:

@@ -34,20 +34,16 @@ class Terminated(KeyboardInterrupt):
 
 
 class Interruption:
-    """Whether a signal has asked the fit to end; created by `interruptible`."""
+    """Whether a signal has asked the fit to end, while `handling` has `receive` as its handler."""
 
     def __init__(self) -> None:
         self.signal: int | None = None
         self._fitting = self._has_fitted = False
 
     def asked(self) -> bool:
-        """Return whether the fit is to end; the `stop` of `vectorize`, called after every step.
-
-        Where a signal came before the first step, and what it raised was lost in a callback of a
-        C library, this raises it again: there is nothing to write.
-        """
-        if not self._has_fitted and self.signal is not None:
-            raise_for(self.signal)
+        """Return whether the fit is to end; the `stop` of `vectorize`, called after every step."""
+        if not self._has_fitted:
+            batch.raise_pending()  # there is nothing to write
         self._fitting = self._has_fitted = True
         return self.signal is not None
 
@@ -55,12 +51,8 @@ class Interruption:
         """Let a signal quit; called when what follows a fit begins."""
         self._fitting = False
 
-    @property
-    def status(self) -> int:
-        """Exit status: 0, or that of shells for the signal."""
-        return 0 if self.signal is None else status_of(self.signal)
-
-    def _receive(self, number: int, _frame: FrameType | None) -> None:
+    def receive(self, number: int, _frame: FrameType | None) -> None:
+        """Let the first signal in a fit end it, and quit at any other; a signal handler."""
         first, self.signal = self.signal is None, number
         if not self._has_fitted:
             _before_the_fit(number)
@@ -82,6 +74,7 @@ def status_of(number: int) -> int:
 
 def raise_for(number: int, _frame: FrameType | None = None) -> None:
     """Raise KeyboardInterrupt for SIGINT, Terminated for the others; a signal handler."""
+    batch.pending = partial(raise_for, number)
     raise KeyboardInterrupt if number == signal.SIGINT else Terminated
 
 
@@ -105,39 +98,20 @@ def exit_before_fits() -> None:
 
 
 @contextmanager
-def raising() -> Iterator[None]:
-    """Let signals raise inside, at its end at the latest: files are closed, child processes end."""
+def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> Iterator[None]:
+    """Let a handler receive SIGNALS inside, if this is the main thread.
 
-    def received(number: int, _frame: FrameType | None) -> None:
-        batch.pending = partial(raise_for, number)
-        raise_for(number)
-
-    try:
-        with _handled(received):
-            yield
-            batch.raise_pending()
-    finally:
-        batch.pending = None
-
-
-@contextmanager
-def interruptible() -> Iterator[Interruption]:
-    """Let the Interruption receive signals inside, if this is the main thread."""
-    interruption = Interruption()
-    with _handled(interruption._receive):
-        batch.raise_pending()  # what came before, and was lost in a callback
-        yield interruption
-
-
-@contextmanager
-def _handled(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
-    """Let a handler receive SIGNALS inside, if this is the main thread."""
+    What it raises, and a callback of a C library loses, is raised again at the end at the latest.
+    """
     is_main = threading.current_thread() is threading.main_thread()
     before = _set(dict.fromkeys(SIGNALS, handler)) if is_main else {}
     try:
+        batch.raise_pending()  # what came before
         yield
+        batch.raise_pending()
     finally:
         _set(before)
+        batch.pending = None
 
 
 def ignore() -> None:

@@ -13,8 +13,8 @@ from cyclopts import Group, Parameter
 
 from gauss2svg import files
 from gauss2svg.batch.inputs import expanded
-from gauss2svg.cli.parameters import Output, options_of, refuse_options
-from gauss2svg.cli.signals import Interruption, interruptible
+from gauss2svg.cli.parameters import Output, options_of
+from gauss2svg.cli.signals import Interruption, handling, status_of
 from gauss2svg.cli.streams import say, standard_stream, write_output
 from gauss2svg.errors import InputError, brief, quoted, refusal, whole_number
 from gauss2svg.files import STANDARD_STREAM
@@ -125,7 +125,6 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         makers: Annotated[MakerFiles, Parameter(name="*", group=makers_group)] = MakerFiles(),
     ) -> int:
         photos = expanded(photo)
-        refuse_options(command, photos, output or "")
         if len(photos) != 1:
             got = brief(", ".join(photos)) if photos else "none"
             advice = "gauss2svg batch" if photos else "gauss2svg --help"
@@ -138,7 +137,8 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
 
 
 def _run(photo: str, output: str | None, options: Options, further: Files) -> int:
-    with interruptible() as interruption:
+    interruption = Interruption()
+    with handling(interruption.receive):
         if output is None:
             output = _default_output(photo, further.overwrite)
         elif not output:
@@ -157,7 +157,7 @@ def _run(photo: str, output: str | None, options: Options, further: Files) -> in
             lines.append(f"interrupted after {steps} iterations; the best so far is in {where}")
         for line in lines:
             say(line)
-    return interruption.status
+    return 0 if interruption.signal is None else status_of(interruption.signal)
 
 
 def _default_output(photo: str, overwrite: bool) -> str:

@@ -10,7 +10,7 @@ from PIL import Image
 from skimage import data
 
 from gauss2svg.cli.main import main
-from gauss2svg.cli.signals import Interruption, raising
+from gauss2svg.cli.signals import Interruption, handling
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
@@ -140,7 +140,7 @@ def test_signals_that_were_ignored_at_the_start_stay_ignored(monkeypatch):
     # As by nohup, or in the background of a shell without job control.
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with raising():
+        with handling():
             signal.raise_signal(signal.SIGINT)
             assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
             assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
