@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import json
 import sys
-import tomllib
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import App, ArgumentCollection, Group, Parameter
-from cyclopts.config import Toml
+from cyclopts import Group, Parameter
 
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.cli import parameters, streams
 from gauss2svg.cli.parameters import Output, Quiet
 from gauss2svg.cli.streams import say
-from gauss2svg.errors import InputError
-from gauss2svg.files import reading
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 
 _SHOW_S = 0.2  # between two states of the bar
-_OPTIONS_FILE = "--options"
 _Parsed = parameters.options_of({key: Group(title) for key, title in GROUP_TITLES.items()})
 _DEFAULTS = _Parsed()
 
@@ -31,7 +26,7 @@ def batch_command(
     *,
     output: Output,
     batch: Annotated[BatchOptions, Parameter(name="*", group="Batch")] = BatchOptions(),
-    options: Annotated[Path | None, Parameter(name=_OPTIONS_FILE)] = None,
+    options: Annotated[Path | None, Parameter(name=parameters.OPTIONS_FILE)] = None,
     given: Annotated[_Parsed, Parameter(name="*")] = _DEFAULTS,  # pyright: ignore[reportInvalidTypeForm]
     log: Literal["json"] | None = None,
     quiet: Quiet = False,
@@ -87,23 +82,3 @@ def batch_command(
     elif summary.failed:
         say(f"{summary.failures}; see {tables[0]}")
     return parameters.STATUS_SOME_FAILED if summary.failed else 0
-
-
-def take_options_of_file(
-    app: App, commands: tuple[str, ...], arguments: ArgumentCollection
-) -> None:
-    """Take the options of a TOML file that --options names, where they are not given as well.
-
-    A hook of the parser's. Raise InputError for a file that is no TOML, or has no valid options.
-    """
-    given = [token for one in arguments if _OPTIONS_FILE in one.names for token in one.tokens]
-    if not given:
-        return
-    path = given[0].value
-    with reading(path, "a TOML file") as file:
-        try:
-            keys = tomllib.load(file)
-            Options.from_flat({key.replace("-", "_"): value for key, value in keys.items()})
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"cannot take the options of {path}: {error}") from error
-    Toml(path, use_commands_as_keys=False)(app, commands, arguments)

@@ -9,9 +9,9 @@ import warnings
 from collections.abc import Sequence
 
 import cyclopts
-from cyclopts import App, ArgumentCollection, CycloptsError, Group, Parameter
+from cyclopts import App, CycloptsError, Group, Parameter
 
-from gauss2svg.cli.parameters import refuse_options
+from gauss2svg.cli.parameters import refuse_options, take_options_of_file
 from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
@@ -45,7 +45,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
         group_commands=Group("Commands, each with its own --help", sort_key=9),
         suppress_keyboard_interrupt=False,  # main says what became of the files
         result_action="return_value",
-        config=_config,
+        config=(take_options_of_file, refuse_options),
     )
     app.default(vectorize_command(everything, short))
     # By name, so that it is loaded only where it is asked for.
@@ -59,14 +59,6 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     }.items():
         app.command(f"gauss2svg.cli.{name}:{name}_command", name=name, help=help_line)
     return app
-
-
-def _config(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    if commands == ("batch",):
-        from gauss2svg.cli.batch import take_options_of_file
-
-        take_options_of_file(app, commands, arguments)
-    refuse_options(arguments)
 
 
 def main(arguments: list[str] | None = None) -> int:

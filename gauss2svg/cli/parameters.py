@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 from typing import Annotated, Any
 
-from cyclopts import ArgumentCollection, Group, Parameter
+from cyclopts import App, ArgumentCollection, Group, Parameter
 
-from gauss2svg.errors import refusal
-from gauss2svg.files import STANDARD_STREAM
+from gauss2svg.errors import InputError, refusal
+from gauss2svg.files import STANDARD_STREAM, reading
 from gauss2svg.pipeline.options import GROUPS, Options
 
 STATUS_SOME_FAILED = 1
+OPTIONS_FILE = "--options"
 Photos = Annotated[
     list[str],
     Parameter(
@@ -27,8 +28,32 @@ Output = Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=
 Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor summary.")]
 
 
-def refuse_options(arguments: ArgumentCollection) -> None:
-    """Raise InputError for names of files that are meant as options.
+def take_options_of_file(
+    app: App, commands: tuple[str, ...], arguments: ArgumentCollection
+) -> None:
+    """Take the options of a TOML file that --options names, where they are not given as well.
+
+    A hook of the parser's. Raise InputError for a file that is no TOML, or has no valid options.
+    """
+    given = [token for one in arguments if OPTIONS_FILE in one.names for token in one.tokens]
+    if not given:
+        return
+    import tomllib
+
+    from cyclopts.config import Toml
+
+    path = given[0].value
+    with reading(path, "a TOML file") as file:
+        try:
+            keys = tomllib.load(file)
+            Options.from_flat({key.replace("-", "_"): value for key, value in keys.items()})
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"cannot take the options of {path}: {error}") from error
+    Toml(path, use_commands_as_keys=False)(app, commands, arguments)
+
+
+def refuse_options(_app: App, _commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Raise InputError for names of files that are meant as options; a hook of the parser's.
 
     Where - may be given, for a standard stream, the parser takes what is no option for a name, such
     as --treads, and what follows an option, as in -o --quiet.

@@ -189,15 +189,13 @@ def _checked(photo: str, output: str, options: Options, further: Files) -> Optio
 
     _check_makers(options, further)
     named = {name: path for name in _SUFFIXES if (path := getattr(further, name)) is not None}
-    targets = [path for name, path in named.items() if name != "separations"]
+    targets = [] if output == STANDARD_STREAM else [Path(output)]
+    targets += [path for name, path in named.items() if name != "separations"]
     inks = options.fit.inks
     if inks is not None:
         targets += further.plates(inks if isinstance(inks, int) else str(inks).count(",") + 1)
-    if output == STANDARD_STREAM:
-        files.check_outputs({photo: "the photo"}, targets)
-    else:
-        files.check_outputs({photo: "the photo"}, [Path(output), *targets])
-        check_svg_name("--output", output)
+    files.check_outputs({photo: "the photo"}, targets)
+    check_svg_name("--output", output)
     for option, path in named.items():
         name = f"--{option.replace('_', '-')}"
         if path.suffix.lower() == PALETTE_SUFFIX:  # the inks may be read from it
@@ -260,23 +258,19 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
     from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])
-    written: dict[str | os.PathLike[str], bytes] = {}
+    written: dict[files.FileName, bytes] = {} if output == STANDARD_STREAM else {output: svg}
     if output == STANDARD_STREAM:
         write_output(svg)
-    else:
-        written[output] = svg
+    svgs: dict[Path, str] = {}
     if further.outline is not None:
-        written[further.outline] = file_bytes(
-            result.outline(further.pens), is_svgz(further.outline)
-        )
-    left_out: dict[Path, str] = {}
+        svgs[further.outline] = result.outline(further.pens)
+    unseen: dict[Path, str] = {}
     if further.separations is not None:
         plates, inks = result.plates(), result.report["inks"].split(",")
-        for path, ink in zip(further.plates(len(inks)), inks, strict=True):
-            if ink in plates:
-                written[path] = file_bytes(plates[ink], is_svgz(path))
-            else:
-                left_out[path] = f"{path} is not written: no shape of {ink} is seen"
+        of = dict(zip(further.plates(len(inks)), inks, strict=True))
+        svgs |= {path: plates[ink] for path, ink in of.items() if ink in plates}
+        unseen = {path: ink for path, ink in of.items() if ink not in plates}
+    written |= {path: file_bytes(text, is_svgz(path)) for path, text in svgs.items()}
     made = {
         further.preview: lambda: files.as_png(result.raster),
         further.save_scene: lambda: files.saved(result.scene.save),
@@ -289,7 +283,8 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
             f"{hiding} opaque ellipses hide what is below them in the picture, where "
             f"{further.outline} has all lines"
         )
-    yield from left_out.values()
+    for path, ink in unseen.items():
+        yield f"{path} is not written: no shape of {ink} is seen"
     for path in further.plates(MOST_INKS):
         if path not in written and path.exists():
             yield f"{path} is of an earlier run, and not a plate of this picture"
