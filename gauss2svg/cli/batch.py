@@ -16,7 +16,6 @@ from gauss2svg.cli.parameters import Output, Quiet
 from gauss2svg.cli.streams import say
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 
-_SHOW_S = 0.2  # between two states of the bar
 _Parsed = parameters.options_of({key: Group(title) for key, title in GROUP_TITLES.items()})
 _DEFAULTS = _Parsed()
 
@@ -56,7 +55,7 @@ def batch_command(
     if log == "json":
         streams.standard_stream(sys.stdout, "output")  # is refused now, not at the first record
     with Batch(photos, output, Options(**vars(given)), batch) as made:
-        summary, count, shown_s = Summary(), made.index.count, 0.0
+        summary, count = Summary(), made.index.count
         try:
             with (
                 streams.counting_bar(quiet) as update,
@@ -68,9 +67,7 @@ def batch_command(
                     if log == "json":
                         line = {**record.line(), "skipped": record.skipped}
                         streams.write_output(json.dumps(line).encode() + b"\n")
-                    if summary.seconds - shown_s > _SHOW_S:
-                        shown_s = summary.seconds
-                        update(summary.state(count), summary.total, count)
+                    update(summary.state(count), summary.total, count)
         except KeyboardInterrupt:
             say(f"see {', '.join(made.finish())}")  # of what is done
             raise

@@ -84,10 +84,9 @@ def check_command(
         inputs[reference] = "the reference"
     targets = [output.heatmap, output.preview, output.report]
     files.check_outputs(inputs, [path for path in targets if path is not None])
-    read = standard_stream(sys.stdin, "input") if STANDARD_STREAM in names else None
     result = check(
-        photo if read is None or svg == STANDARD_STREAM else read.read(),
-        Path(svg) if read is None or photo == STANDARD_STREAM else read,
+        standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo,
+        standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else Path(svg),
         reference=reference,
         **dataclasses.asdict(options),
     )

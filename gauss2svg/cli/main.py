@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import cyclopts
 from cyclopts import App, CycloptsError, Group, Parameter
 
-from gauss2svg.cli.parameters import refuse_options, take_options_of_file
+from gauss2svg.cli.parameters import read_options_file, refuse_options
 from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
@@ -45,7 +45,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
         group_commands=Group("Commands, each with its own --help", sort_key=9),
         suppress_keyboard_interrupt=False,  # main says what became of the files
         result_action="return_value",
-        config=(take_options_of_file, refuse_options),
+        config=(read_options_file, refuse_options),
     )
     app.default(vectorize_command(everything, short))
     # By name, so that it is loaded only where it is asked for.

@@ -15,22 +15,13 @@ from gauss2svg.pipeline.options import GROUPS, Options
 
 STATUS_SOME_FAILED = 1
 OPTIONS_FILE = "--options"
-Photos = Annotated[
-    list[str],
-    Parameter(
-        negative="",
-        allow_leading_hyphen=True,
-        help="Photos, folders, patterns such as photos/*.jpg, or lists (.txt, - for standard "
-        "input).",
-    ),
-]
+_PHOTOS = "Photos, folders, patterns such as photos/*.jpg, or lists (.txt, - for standard input)."
+Photos = Annotated[list[str], Parameter(negative="", allow_leading_hyphen=True, help=_PHOTOS)]
 Output = Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)]
 Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor summary.")]
 
 
-def take_options_of_file(
-    app: App, commands: tuple[str, ...], arguments: ArgumentCollection
-) -> None:
+def read_options_file(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Take the options of a TOML file that --options names, where they are not given as well.
 
     A hook of the parser's. Raise InputError for a file that is no TOML, or has no valid options.
@@ -58,10 +49,8 @@ def refuse_options(_app: App, _commands: tuple[str, ...], arguments: ArgumentCol
     Where - may be given, for a standard stream, the parser takes what is no option for a name, such
     as --treads, and what follows an option, as in -o --quiet.
     """
-    tokens = [
-        token for one in arguments if one.parameter.allow_leading_hyphen for token in one.tokens
-    ]
-    for keyword, name in [(token.keyword, token.value) for token in tokens]:
+    files = [one for one in arguments if one.parameter.allow_leading_hyphen]
+    for keyword, name in [(token.keyword, token.value) for one in files for token in one.tokens]:
         if not name.startswith("-") or name == STANDARD_STREAM:
             continue
         if keyword is not None:

@@ -127,10 +127,9 @@ def _limit(report: dict[str, Any]) -> str:
     size = report["svgz_bytes" if counted else "svg_bytes"]
     text = f"{size:,} of {limit:,} {'gzipped ' * counted}bytes, {size / limit:.1%}"
     if report["stop_reason"] == "max_bytes":
-        few = report["gaussians"] < _FEW
-        why = (
-            "one Gaussian more would not fit" if few else "no larger one within the limit is closer"
-        )
+        why = "no larger one within the limit is closer"
+        if report["gaussians"] < _FEW:
+            why = "one Gaussian more would not fit"
     return text if size >= _WELL_USED * limit else f"{text}: {why}"
 
 

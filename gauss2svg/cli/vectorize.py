@@ -16,8 +16,9 @@ from gauss2svg.batch.inputs import expanded
 from gauss2svg.cli.parameters import Output, options_of
 from gauss2svg.cli.signals import Interruption, handling, status_of
 from gauss2svg.cli.streams import say, standard_stream, write_output
-from gauss2svg.errors import InputError, brief, quoted, refusal, whole_number
+from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM
+from gauss2svg.options import OptionGroup, Whole
 from gauss2svg.photo.formats import TITLES
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 from gauss2svg.scene import ADD
@@ -78,14 +79,14 @@ class OutputFiles:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MakerFiles:
+class MakerFiles(OptionGroup):
     """What printers and plotters take."""
 
     separations: Path | None = None
     """With --inks save a plate for each to plate-1.svg, plate-2.svg, where this is plate.svg: black
     where the ink is seen."""
 
-    pens: int | None = None
+    pens: Annotated[int | None, Whole(1, MOST_INKS)] = None
     """Pens that draw the --outline, each a layer; then lines end at the page, and sizes are in
     mm."""
 
@@ -111,6 +112,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
         for order, key in enumerate(_ORDER[:1] if short else _ORDER)
     }
+    files_group = Group("Output files", sort_key=0.5)
     makers_group = Group("Plates and pens", sort_key=0.6, show=everything)
     parsed = options_of(groups)
     defaults = parsed()
@@ -119,9 +121,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         *photo: Annotated[str, Parameter(allow_leading_hyphen=True, group="Parameters")],
         output: Output | None = None,
         options: Annotated[parsed, Parameter(name="*")] = defaults,  # pyright: ignore[reportInvalidTypeForm]
-        others: Annotated[
-            OutputFiles, Parameter(name="*", group=Group("Output files", sort_key=0.5))
-        ] = OutputFiles(),
+        others: Annotated[OutputFiles, Parameter(name="*", group=files_group)] = OutputFiles(),
         makers: Annotated[MakerFiles, Parameter(name="*", group=makers_group)] = MakerFiles(),
     ) -> int:
         photos = expanded(photo)
@@ -209,8 +209,6 @@ def _checked(photo: str, output: str, options: Options, further: Files) -> Optio
 
 def _check_makers(options: Options, further: Files) -> None:
     """Raise InputError for outlines, plates and pens that the options cannot have."""
-    from gauss2svg.svg.outlines import MOST_PENS
-
     if further.outline is not None and options.fit.blend == ADD and not options.svg.portable:
         raise InputError(
             "--outline must not be given with --blend add, whose signed colours have no strokes. "
@@ -222,7 +220,6 @@ def _check_makers(options: Options, further: Files) -> None:
         files.check_writable(further.separations)  # no folder: then plates would have no name
     if further.pens is None:
         return
-    whole_number("--pens", further.pens, 1, MOST_PENS)
     if further.outline is None:
         alone = f"{further.pens} alone"
         raise refusal("--pens", "given with --outline", alone, "--outline plot.svg")
