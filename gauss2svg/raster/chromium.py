@@ -50,7 +50,7 @@ _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeigh
 
 def version() -> str:
     """Return the name and version as the program prints them; no browser is started."""
-    playwright_api()
+    _playwright_api()
     path = _program()
     if sys.platform == "win32":
         return f"Chromium {_version_beside(path)}"
@@ -73,13 +73,13 @@ def draw(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.flo
     """Return the pixels (height, width, 4) of the SVG on a page; a mean, so finer than 8 bits."""
     try:
         return _browser(os.getpid()).draw(svg, width, height, page)
-    except playwright_api().Error as error:
+    except _playwright_api().Error as error:
         raise RendererError(
             f"Chromium cannot draw the SVG at {width}x{height} px: {_first_line(error)}"
         ) from error
 
 
-def playwright_api() -> Any:
+def _playwright_api() -> Any:
     """Return Playwright's API for asyncio; raise RendererError where it is not installed."""
     try:
         from playwright import async_api
@@ -157,7 +157,7 @@ class _Browser:
 
     async def _context(self, width: int, height: int) -> Any:
         """Return a new context of the browser, offline: nothing but routes has an answer."""
-        api, view = playwright_api(), {"width": width, "height": height}
+        api, view = _playwright_api(), {"width": width, "height": height}
         options: Any = {"viewport": view, "offline": True, "service_workers": "block"}
         if self._browser is not None:
             # A browser that has died since the last image is noticed at the first call only.

@@ -253,6 +253,7 @@ def test_a_large_file_is_drawn_by_chromium(browser):
         ("0 3 -6 0 20 15", (40, 30), {"cairo"}),
         ("4 3 -3 4 20 15", (40, 30), {"cairo", "librsvg"}),
         ("4 3 3 -4 20 15", (40, 30), {"cairo", "librsvg"}),
+        ("4 .4 -.4 4 900 15", (40, 30), {"cairo", "librsvg"}),  # however far from the corner
         ("4 3 -3 4 20 15", (80, 30), {"cairo", "librsvg", "resvg"}),
         ("6 3 0 4 20 15", (40, 30), {"cairo", "librsvg", "resvg"}),
         ("1e200 0 1e200 1e200 0 0", (40, 30), {"cairo", "librsvg", "resvg"}),

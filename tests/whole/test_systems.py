@@ -203,8 +203,8 @@ def test_no_file_is_written_to_a_device_of_windows(tmp_path):
 def test_a_signal_ends_a_command_with_the_status_of_shells(number):
     is_ctrl_c = number == signal.SIGINT
     assert signals.status_of(number) == (130 if is_ctrl_c else 143)
-    with pytest.raises(KeyboardInterrupt if is_ctrl_c else signals.Terminated):
-        signals.raise_for(number)
+    with pytest.raises(KeyboardInterrupt if is_ctrl_c else signals.Terminated), signals.handling():
+        signal.raise_signal(number)
 
 
 @pytest.fixture
