@@ -51,9 +51,10 @@ def hold_closed_descriptors() -> None:
 
 def drop_output() -> None:
     """Discard what a broken standard output does not accept, which would fail again at exit."""
+    if sys.stdout is None:
+        return
     try:
-        if sys.stdout is not None:
-            sys.stdout.flush()
+        sys.stdout.flush()
     except OSError:
         with suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
