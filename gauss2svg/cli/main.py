@@ -46,8 +46,10 @@ def build_app(everything: bool = False, short: bool = False) -> App:
         help=HELP,
         help_format="markdown",
         version_format="plaintext",
-        usage="Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all of them)",
-        default_parameter=Parameter(negative=()),
+        usage="Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all options)",
+        default_parameter=Parameter(
+            negative=(), show_default=lambda value: None if value is False or value == "" else value
+        ),
         group_commands=Group("Commands, each with its own --help", sort_key=9),
         suppress_keyboard_interrupt=False,  # main says what became of the files
         result_action="return_value",
@@ -56,12 +58,12 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     app.default(vectorize_command(everything, short))
     # By name, so that it is loaded only where it is asked for.
     for name, help_line in {
-        "check": "Measure any SVG against a photo.",
-        "bench": "Compare settings: tables and plots of cost and quality.",
+        "check": "Measure how closely any SVG matches a photo.",
+        "bench": "Compare settings and other tools, in tables and plots of cost and quality.",
         "batch": "Vectorise many photos, on one machine or a cluster.",
-        "gallery": "Write web pages that show the results for photos.",
-        "studio": "Vectorise photos in the browser.",
-        "placeholder": "Write SVGs of a kilobyte for pages to show before photos.",
+        "gallery": "Write web pages that compare results for photos.",
+        "studio": "Vectorise photos in the browser, on this machine.",
+        "placeholder": "Write SVGs of about a kilobyte to show while photos load.",
     }.items():
         app.command(f"gauss2svg.cli.{name}:{name}_command", name=name, help=help_line)
     return app

@@ -21,8 +21,8 @@ Photos = Annotated[
     Parameter(
         negative="",
         allow_leading_hyphen=True,
-        help="Photos, folders, patterns such as photos/*.jpg, or lists (.txt, - for standard "
-        "input).",
+        help="Photos, folders, patterns such as photos/*.jpg, or lists of them (.txt, or - for "
+        "standard input).",
     ),
 ]
 Output = Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)]

@@ -20,15 +20,15 @@ def placeholder_command(
     options: Annotated[PlaceholderOptions, Parameter(name="*", group="Placeholders")] = _DEFAULTS,
     quiet: Quiet = False,
 ) -> int:
-    """Write placeholders of about a kilobyte, which a page shows until its photos have come.
+    """Write SVGs of about a kilobyte, which a web page shows until its photos have loaded.
 
     Parameters
     ----------
     photos
         Photos.
     output
-        File to write, with svg the folder for them; - is standard output. What a list has of
-        unchanged photos is kept, of photos that are not given it goes.
+        File to write, or - for standard output. With --format svg a folder. Entries of an existing
+        list are kept if their photo is unchanged, and removed if it is not given.
     options
         Options.
     quiet

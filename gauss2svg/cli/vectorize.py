@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 _BEGUN = time.perf_counter()
 
 _EXAMPLES = (
-    "gauss2svg photo.jpg -o out.svg                     # adapts to the image",
-    "gauss2svg photo.jpg -o out.svg --quality draft     # small and fast",
-    "gauss2svg photo.jpg -o out.svg --max-bytes 150k    # the best that fits",
+    "gauss2svg photo.jpg -o out.svg                     # adapts to the picture",
+    "gauss2svg photo.jpg -o out.svg --quality draft     # a small file, quickly",
+    "gauss2svg photo.jpg -o out.svg --max-bytes 150k    # the best file of that size",
 )
-HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
+HELP = "Turn a picture into an SVG of soft ellipses, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
 _OURS = b"written by gauss2svg"  # of the description of every file
@@ -42,15 +42,15 @@ _HEAD = 65536  # bytes within which it stands
 # Suffixes of further files.
 _SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
 _SUFFIXES |= {"save_scene": ".npz"}
-_ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
+_ORDER = tuple(GROUP_TITLES)  # of the help
 _PARAMETERS = f"""
 
 Parameters
 ----------
 photo
-    {", ".join(TITLES)}; - is standard input.
+    {", ".join(TITLES)}, or - for standard input.
 output
-    SVG to write, - for standard output; by default photo.svg.
+    SVG to write, or - for standard output. For photo.jpg the default is photo.svg.
 """
 
 
@@ -59,19 +59,19 @@ class OutputFiles:
     """Further files, and what is shown."""
 
     preview: Path | None = None
-    """Save the rasterised SVG to this file, as PNG."""
+    """Save the rasterised SVG as a PNG file."""
 
     report: Path | None = None
-    """Save all numbers of the run to this file, as JSON."""
+    """Save all figures of the run as a JSON file."""
 
     outline: Path | None = None
-    """Save the outlines of the shapes to this file, as SVG."""
+    """Save the outlines of the shapes as a second SVG file."""
 
     save_scene: Path | None = None
-    """Save the fitted Gaussians to this file, as NPZ."""
+    """Save the fitted Gaussians as a NumPy file (.npz)."""
 
     overwrite: bool = False
-    """Replace an SVG of another program."""
+    """Without -o, replace even an SVG that another program wrote."""
 
     quiet: bool = False
     """Show neither progress nor summary."""
@@ -82,12 +82,12 @@ class MakerFiles:
     """What printers and plotters take."""
 
     separations: Path | None = None
-    """With --inks save a plate for each to plate-1.svg, plate-2.svg, where this is plate.svg: black
-    where the ink is seen."""
+    """Save one SVG for each of the --inks, black where the ink is visible. The name plate.svg gives
+    plate-1.svg, plate-2.svg and so on."""
 
     pens: int | None = None
-    """Pens that draw the --outline, each a layer; then lines end at the page, and sizes are in
-    mm."""
+    """Number of pens that draw the --outline, each in a layer of its own. Lines then end at the
+    edge of the page, and the size of the file is in mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +111,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
         for order, key in enumerate(_ORDER[:1] if short else _ORDER)
     }
-    makers_group = Group("Plates and pens", sort_key=0.6, show=everything)
+    makers_group = Group("Plates and pens", sort_key=2.5, show=everything)
     parsed = options_of(groups)
     defaults = parsed()
 
