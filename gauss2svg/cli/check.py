@@ -33,7 +33,7 @@ class CheckOutput(OptionGroup):
     """Save the rasterised SVG as a PNG file."""
 
     report: Path | None = None
-    """Save all figures as a JSON file."""
+    """Save all measurements as a JSON file."""
 
     min_psnr: Annotated[float | None, Number(0, 1e9, above=True)] = None
     """PSNR (dB) below which the exit status is 1. A transparent photo must reach it over white and

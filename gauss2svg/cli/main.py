@@ -59,7 +59,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     # By name, so that it is loaded only where it is asked for.
     for name, help_line in {
         "check": "Measure how closely any SVG matches a photo.",
-        "bench": "Compare settings and other tools, in tables and plots of cost and quality.",
+        "bench": "Compare settings and other tools in tables and plots.",
         "batch": "Vectorise many photos, on one machine or a cluster.",
         "gallery": "Write web pages that compare results for photos.",
         "studio": "Vectorise photos in the browser, on this machine.",

@@ -48,9 +48,9 @@ _PARAMETERS = f"""
 Parameters
 ----------
 photo
-    {", ".join(TITLES)}, or - for standard input.
+    {", ".join(TITLES)}, - for stdin.
 output
-    SVG to write, or - for standard output. For photo.jpg the default is photo.svg.
+    SVG to write, or - for stdout. The default is photo.svg.
 """
 
 
@@ -62,7 +62,7 @@ class OutputFiles:
     """Save the rasterised SVG as a PNG file."""
 
     report: Path | None = None
-    """Save all figures of the run as a JSON file."""
+    """Save all measurements of the run as a JSON file."""
 
     outline: Path | None = None
     """Save the outlines of the shapes as a second SVG file."""
@@ -71,7 +71,7 @@ class OutputFiles:
     """Save the fitted Gaussians as a NumPy file (.npz)."""
 
     overwrite: bool = False
-    """Without -o, replace even an SVG that another program wrote."""
+    """Without -o, replace an SVG of another program too."""
 
     quiet: bool = False
     """Show neither progress nor summary."""

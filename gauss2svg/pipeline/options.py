@@ -38,28 +38,27 @@ class Goal(OptionGroup):
     """
 
     quality: Literal["draft", "fast", "balanced", "high", "max"] | None = None
-    """Preset, balanced if not given. With a limit, an upper bound on quality."""
+    """Preset (balanced). With a limit, an upper bound."""
 
     gaussians: Annotated[int | Literal["auto"] | None, Whole(0, MOST_GAUSSIANS)] = None
-    """Number of Gaussians. auto, the default, adapts it to the picture. With a target or limit, an
-    upper bound."""
+    """Number of Gaussians. auto adapts it (default). With a target, the maximum."""
 
     target_psnr: Annotated[
         float | None,
         Number(0, _MOST_DECIBELS, above=True, advice="30 to 40, at which photos look good"),
     ] = None
-    """PSNR (dB) to reach with as few Gaussians as possible, such as 32."""
+    """PSNR (dB) to reach with the fewest Gaussians."""
 
     target_ssimulacra2: Annotated[
         float | None, Number(0, 99, advice="50 for medium, 70 for high quality")
     ] = None
-    """SSIMULACRA2 to reach, such as 70. Needs gauss2svg[scores]."""
+    """SSIMULACRA2 to reach. Needs gauss2svg[scores]."""
 
     max_bytes: Annotated[int | str | None, byte_size] = None
-    """Maximum file size (150k, 1.5M). Writes the best picture that fits."""
+    """Write the best picture within this size: 150k."""
 
     time_limit: Annotated[float | None, Number(0, 1e9, above=True)] = None
-    """Maximum time (s). Writes the best picture reached by then."""
+    """Write the best picture within this time (s)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
