@@ -97,7 +97,7 @@ def main(arguments: list[str] | None = None) -> int:
     except Gauss2SvgError as error:
         return _refuse(_as_typed(str(error), given))
     except MemoryError as error:
-        return _refuse(f"out of memory ({error}); try a smaller photo or fewer --gaussians")
+        return _refuse(f"out of memory ({error}). Try a smaller photo or fewer --gaussians")
     except OSError as error:  # a stream that broke: files are Gauss2SvgErrors already
         drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
@@ -137,7 +137,7 @@ def _in_our_words(error: CycloptsError) -> str:
             found[1].parsed(token.value)
         except InputError as refusal:
             return _as_typed(str(refusal), [str(option)])
-    line = " ".join(str(error).split()).rstrip(".")
+    line = " ".join(str(error).split()).rstrip(".").removeprefix("Parameter ")
     return f"{line}. Try gauss2svg --help-all, or --help after the name of a command"
 
 

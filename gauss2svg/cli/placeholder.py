@@ -49,10 +49,10 @@ def placeholder_command(
     if listed.count:
         _write(listed, output)
     if listed.copies:
-        say(f"{listed.copies} of {len(given)} photos given more than once")
+        say(f"{listed.copies} of {len(given)} photos were given more than once")
     for photo, one in listed.made.items():
         if not one.gaussians:
-            say(f"without Gaussians, for which it has no room or no need: {photo.name}")
+            say(f"{photo.name}: it has no Gaussians, because none fits or none is needed")
     for line in listed.failures:
         say(line)
     if not quiet:

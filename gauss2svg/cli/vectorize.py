@@ -128,7 +128,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         refuse_options(command, photos, output or "")
         if len(photos) != 1:
             got = brief(", ".join(photos)) if photos else "none"
-            advice = "gauss2svg batch" if photos else "gauss2svg --help"
+            advice = "gauss2svg batch for several" if photos else "gauss2svg --help"
             raise refusal("the photo", "one file", got, advice)
         both = Files(**vars(others), **vars(makers))
         return _run(photos[0], output, Options(**vars(options)), both)
@@ -154,7 +154,9 @@ def _run(photo: str, output: str | None, options: Options, further: Files) -> in
             print_summary(result.report, where)
         if interruption.signal is not None:
             steps = result.report["iterations"]
-            lines.append(f"interrupted after {steps} iterations; the best so far is in {where}")
+            lines.append(
+                f"interrupted after {steps} optimiser steps. The best picture so far is in {where}"
+            )
         for line in lines:
             say(line)
     return interruption.status
@@ -168,7 +170,7 @@ def _default_output(photo: str, overwrite: bool) -> str:
     """
     if photo == STANDARD_STREAM:
         advice = "-o out.svg, or -o - for standard output"
-        raise InputError(f"--output must be given where the photo is standard input. Try {advice}")
+        raise InputError(f"--output must be given if the photo is standard input. Try {advice}")
     output = Path(photo).with_suffix(".svg")
     if output == Path(photo):
         raise refusal("the photo", "an image other than an SVG", quoted(photo))
@@ -177,8 +179,8 @@ def _default_output(photo: str, overwrite: bool) -> str:
             if _OURS in file.read(_HEAD):
                 return os.fspath(output)
         raise InputError(
-            f"{output} must be given by name, for it exists and gauss2svg did not write it. Try "
-            f"-o {output} to replace it, or -o with another name"
+            f"--output must be given, because {output} exists and gauss2svg did not write it. Try "
+            f"-o {output} to replace it, or another name"
         )
     return os.fspath(output)
 
@@ -215,8 +217,8 @@ def _check_makers(options: Options, further: Files) -> None:
 
     if further.outline is not None and options.fit.blend == ADD and not options.svg.portable:
         raise InputError(
-            "--outline must not be given with --blend add, whose signed colours have no strokes. "
-            "Try --portable"
+            "--outline must not be given with --blend add, because its shapes are not drawn one "
+            "over the other. Try --portable"
         )
     if further.separations is not None:
         if options.fit.inks is None:
@@ -229,7 +231,10 @@ def _check_makers(options: Options, further: Files) -> None:
         alone = f"{further.pens} alone"
         raise refusal("--pens", "given with --outline", alone, "--outline plot.svg")
     for name in options.document.layered:
-        raise InputError(f"--pens must not be given with {name}, whose layers are rounds")
+        raise InputError(
+            f"--pens must not be given with --{name}, because its layers are rounds of the fit. "
+            f"Try without --{name}"
+        )
 
 
 def _result(
@@ -276,7 +281,7 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
             if ink in plates:
                 written[path] = file_bytes(plates[ink], is_svgz(path))
             else:
-                left_out[path] = f"{path} is not written: no shape of {ink} is seen"
+                left_out[path] = f"{path} is not written, because {ink} is visible nowhere"
     made = {
         further.preview: lambda: files.as_png(result.raster),
         further.save_scene: lambda: files.saved(result.scene.save),
@@ -286,10 +291,10 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
     files.write_all_atomically(written)
     if further.outline is not None and not further.quiet and (hiding := result.hiding) > 0:
         yield (
-            f"{hiding} opaque ellipses hide what is below them in the picture, where "
-            f"{further.outline} has all lines"
+            f"{further.outline} also shows lines that the picture hides, below {hiding} opaque "
+            "ellipses"
         )
     yield from left_out.values()
     for path in further.plates(MOST_INKS):
         if path not in written and path.exists():
-            yield f"{path} is of an earlier run, and not a plate of this picture"
+            yield f"{path} comes from an earlier run and is not a plate of this picture"

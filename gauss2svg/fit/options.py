@@ -152,7 +152,7 @@ class FitConfig:
             )
         if self.fit.ssim_weight is not None and not has_ssim(self.fit.loss):
             raise InputError(
-                "loss must be one with ssim where ssim_weight is given; got "
+                "loss must be one with ssim if ssim_weight is given; got "
                 f"{quoted(self.fit.loss)}. Try --loss {self.fit.loss}+ssim"
             )
         self._check_rounds()

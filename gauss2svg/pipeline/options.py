@@ -66,8 +66,7 @@ class Goal(OptionGroup):
             object.__setattr__(self, "gaussians", None)
         for other in self._targets[1:]:
             raise InputError(
-                f"{other.option} must be given without {self._targets[0].option}; got "
-                f"'{getattr(self, other.option):g}'"
+                f"{other.option} must not be given with {self._targets[0].option}. Try one of them"
             )
 
     @property

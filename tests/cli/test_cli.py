@@ -154,7 +154,7 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
         (["PHOTO", "-o", "OUT", "--preview", "FOLDER/a.jpg"], "a name that ends in .png"),
         (["PHOTO", "-o", "OUT", "--report", "FOLDER/a.png"], "a name that ends in .json"),
         (["PHOTO", "-o", "OUT", "--outline", "FOLDER/a.pdf"], "ends in .svg or .svgz"),
-        (["-"], "--output must be given where the photo is standard input"),
+        (["-"], "--output must be given if the photo is standard input"),
     ],
 )  # fmt: skip
 def test_mistake_is_one_line_status_two_and_no_file(arguments, message, picture, tmp_path, refusal):
