@@ -187,7 +187,7 @@ def test_opaque_shapes_that_hide_others_are_warned_of_with_outlines(photo, tmp_p
         (["--inks", "64"], "inks must be at most 2, the number of colours in the picture; got 64"),
         (["--pens", "3"], "--pens must be given with --outline"),
         (["--pens", "0", "--outline", "l.svg"], "--pens must be"),
-        (["--pens", "2", "--outline", "l.svg", "--animate", "2"], "must not be given with --animate"),
+        (["--pens", "2", "--outline", "l.svg", "--animate", "2"], "not be given with --animate"),
     ],
 )
 def test_bad_inks_and_pens_are_one_line_status_two_and_no_file(given, why, tmp_path, capsys):
