@@ -33,8 +33,9 @@ _MOST_DECIBELS = 100.0  # 8-bit images that differ have less up to 65 megapixels
 class Goal(OptionGroup):
     """Targets and limits of a run, the first of which ends it.
 
-    A limit of bytes or seconds that is given alone is a budget, and the best picture within it is
-    wanted; a preset or a number of Gaussians beside it is a cap, and two limits hold both.
+    A limit of bytes or seconds that is given alone is a budget: the best picture within it is
+    written. A preset or a number of Gaussians that is given with it is an upper bound. Of two
+    limits both hold.
     """
 
     quality: Literal["draft", "fast", "balanced", "high", "max"] | None = None
