@@ -43,7 +43,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     at = "" if measured == (r["width"], r["height"]) else f", at {measured[0]}x{measured[1]} px"
     rows = {
         "file": f"{output}, {r['width']}x{r['height']} px, {_size(r)}",
-        "shapes": f"{r['gaussians']:,} Gaussians: {_finished(r)}",
+        "shapes": f"{r['gaussians']:,} Gaussian{'s' * (r['gaussians'] != 1)}: {_finished(r)}",
         "match": f"{_match(r, ' (30 is good, 40 hard to tell apart)')}{at}",
         "transparency": _alpha(r),
         "inks": (r["inks"] or "").replace(",", ", "),
@@ -51,7 +51,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
         "page": _page(r),
         "time": f"{r['total_s']:.1f} s{_compilation(r['compile_s'])}",
     }
-    _print_table(rows, [("not reached", line) for line in r["unreached"]], r["notes"])
+    _print_table(rows, [("missed", line) for line in r["unreached"]], r["notes"])
 
 
 def print_check(report: dict[str, Any], svg: str) -> None:
