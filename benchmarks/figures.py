@@ -3,12 +3,14 @@
     python benchmarks/figures.py docs/_static [start model progressive-fit ...]
 
 FOLDER/figures/NAME.webp, or NAME.svg, stands on the page that names it; guide_figures.py draws
-those of the guide. FOLDER/start has the pictures of the start page and start.inc, which shows them.
+those of the guide. FOLDER/start has the pictures of the start page and start.inc, which shows them,
+and by the name results the six results that the start page and the guide link to.
 """
 
 from __future__ import annotations
 
 import io
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,15 +18,24 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import scenes
-from common import encoded
+from common import eight_bits, encoded
 from guide_figures import FIGURES as OF_THE_GUIDE
 from matplotlib.figure import Figure
 from panels import COFFEE, WIDTH_IN, coffee, tiles
-from PIL import Image
+from PIL import Image, ImageOps
 from screenshots import inkscape, studio
 from skimage import data
+from small import of_another_tool
 
-from gauss2svg import FitOptions, Scene, SvgOptions, quantize, vectorize, write_svg
+from gauss2svg import (
+    FitOptions,
+    Scene,
+    SvgOptions,
+    placeholder,
+    quantize,
+    vectorize,
+    write_svg,
+)  # fmt: skip
 from gauss2svg.errors import RendererError
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.load import load_image
@@ -75,6 +86,43 @@ def start(folder: Path) -> None:
         f'<ol data-frames="{" ".join(map(str, COUNTS))}">\n' + "\n".join(frames) + "\n</ol>\n"
         "</figure>\n"
     )
+
+
+def results(folder: Path) -> None:
+    """Write the six results that the start page and the guide link to, of 480x320 px each."""
+    cup, rocket = data.coffee(), data.rocket() / 255
+    height, width = rocket.shape[:2]
+    before = rasterize(placeholder(data.rocket(), max_bytes=1000).svg, width, height)
+    half = width // 2
+    logo = np.asarray(Image.fromarray(data.logo()).convert("RGB")) / np.float32(255)
+    inked = vectorize(cup, gaussians=300, fit=FitOptions(inks="#ffffff,#e0a070,#a04818,#201008"))
+    lines = re.sub(r'stroke-width="[^"]*"', 'stroke-width="1"', inked.outline())
+    rounds = [upto(vectorize(coffee(480), gaussians=600).scene, share) for share in (0, 0.5, 1)]
+    thirds = [render(scene, 480, 320)[:, 160 * k : 160 * (k + 1)] for k, scene in enumerate(rounds)]
+    pictures = {
+        "size": vectorize(data.chelsea(), max_bytes=60_000).raster,
+        "placeholder": np.hstack([before[:, :half], rocket[:, half:]]),
+        "logo": vectorize(logo, max_bytes=20_000).raster,
+        "poster": vectorize(cup, fit=FitOptions(inks=6), max_bytes=20_000).raster,
+        "plot": of_another_tool(lines, np.ones((400, 600, 3))),
+        "layers": np.hstack(thirds),
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, pixels in pictures.items():
+        image = eight_bits(pixels)
+        if name == "logo":
+            framed = ImageOps.pad(image, (480, 320), color="white")
+        else:
+            framed = ImageOps.fit(image, (480, 320))
+        file = encoded(framed, "WEBP", quality=75, method=6)
+        (folder / f"{name}.webp").write_bytes(file)
+        print(f"{name}: {len(file)} bytes")
+
+
+def upto(scene: Scene, share: float) -> Scene:
+    """The first rounds of a scene, up to a share of them and at least one."""
+    last = scene.round_index.max()
+    return scene.select(scene.round_index <= round(share * last))
 
 
 def model() -> Figure:
@@ -231,11 +279,12 @@ FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
 
 def main() -> None:
     """Write the figures that are named, or all."""
-    folder, names = Path(sys.argv[1]), sys.argv[2:] or ["start", *FIGURES]
-    if "start" in names:
-        start(folder / "start")
+    of_start = {"start": start, "results": results}
+    folder, names = Path(sys.argv[1]), sys.argv[2:] or [*of_start, *FIGURES]
+    for name in [n for n in names if n in of_start]:
+        of_start[name](folder / "start")
     (folder / "figures").mkdir(parents=True, exist_ok=True)
-    for name in [n for n in names if n != "start"]:
+    for name in [n for n in names if n not in of_start]:
         figure, suffix = FIGURES[name](), "webp"
         if isinstance(figure, str):
             data, suffix = figure.encode(), "svg"

@@ -41,11 +41,11 @@ class BatchOptions(OptionGroup):
     """Where a batch runs, and what of an earlier run it takes up."""
 
     workers: Annotated[int | None, Whole(1, _MOST_WORKERS)] = None
-    """Number of worker processes on this machine; one for each core if not given, or as many as the
-    memory allows."""
+    """Number of worker processes on this machine. The default is one for each core, or as many as
+    the memory allows."""
 
     scheduler: Annotated[str | None, address] = None
-    """Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work."""
+    """Address of a Dask scheduler whose workers do the work, such as tcp://host:8786."""
 
     retry_failed: bool = False
-    """Also take up photos at which an earlier run failed."""
+    """Try again the photos that failed in an earlier run."""

@@ -16,7 +16,9 @@ from gauss2svg.cli.parameters import Output, Quiet
 from gauss2svg.cli.streams import say
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 
-_Parsed = parameters.options_of({key: Group(title) for key, title in GROUP_TITLES.items()})
+_Parsed = parameters.options_of(
+    {key: Group(title, sort_key=at) for at, (key, title) in enumerate(GROUP_TITLES.items(), 1)}
+)
 _DEFAULTS = _Parsed()
 
 
@@ -24,25 +26,30 @@ def batch_command(
     photos: Annotated[list[str], Parameter(negative="", allow_leading_hyphen=True)],
     *,
     output: Output,
-    batch: Annotated[BatchOptions, Parameter(name="*", group="Batch")] = BatchOptions(),
+    batch: Annotated[
+        BatchOptions, Parameter(name="*", group=Group("Batch", sort_key=0))
+    ] = BatchOptions(),
     options: Annotated[Path | None, Parameter(name=parameters.OPTIONS_FILE)] = None,
     given: Annotated[_Parsed, Parameter(name="*")] = _DEFAULTS,  # pyright: ignore[reportInvalidTypeForm]
     log: Literal["json"] | None = None,
     quiet: Quiet = False,
 ) -> int:
-    """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster.
+    """Vectorise many photos, on the cores of this machine or the workers of a Dask cluster.
 
     Parameters
     ----------
     photos
-        Folders, globs, photos, lists (.txt, - for standard input), or URLs of these.
+        Photos, folders, patterns such as photos/*.jpg, lists of them (.txt, or - for standard
+        input), or URLs of any of these.
     output
-        Folder or URL for the SVGs. Run the command again to continue: what is done is skipped.
+        Folder or URL for the SVGs. The same command continues an interrupted batch and skips the
+        photos that are done.
     options
-        TOML file of options, such as quality = "draft"; those given here count first.
+        TOML file of options, such as quality = "draft". An option given here as well replaces the
+        one in the file.
     log
-        Write a line of JSON for each photo, as it is known, on standard output: the columns of the
-        table.
+        Print a line of JSON for each photo on standard output when it is done, with the columns of
+        the table.
     batch, given
         Options.
     quiet

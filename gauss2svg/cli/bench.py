@@ -28,35 +28,35 @@ def bench_command(
     threads: int | None = None,
     quiet: Quiet = False,
 ) -> int:
-    """Vectorise photos with many settings; write tables and plots of cost and quality.
+    """Vectorise photos with many settings, and write tables and plots of cost and quality.
 
     Parameters
     ----------
     images
         Photos.
     output
-        Folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. Run the command
-        again to continue an interrupted benchmark: finished runs are kept.
+        Folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. The same command
+        continues an interrupted benchmark and keeps the finished runs.
     axis
-        Option to vary, as NAME or NAME=VALUE,VALUE: an option of the main command that changes
-        the file, such as gaussians, iterations, quality, loss or palette; or a constant of the
-        code, such as pipeline.search.correction.FULL. Several axes span a grid; without any, the
-        presets and a small grid are run. Lists of inks stand between semicolons:
+        Option to vary, as NAME or NAME=VALUE,VALUE. NAME is an option of the main command that
+        changes the file, such as gaussians, iterations, quality, loss or palette, or a constant of
+        the code, such as pipeline.search.correction.FULL. Several axes give all combinations.
+        Without any, the presets and some counts are run. Separate lists of inks by semicolons:
         "inks=6;#f7c306,#17324d".
     peers
-        Other tools to measure, separated by commas, where installed: vtracer, splatthis,
+        Other tools to measure if they are installed, separated by commas: vtracer, splatthis,
         primitive, jpeg, webp, avif. Their SVGs are rasterised by resvg.
     peer_timeout
-        Time limit (s) of a peer's run.
+        Maximum time (s) that another tool may take for a photo.
     references
-        Folder of the SVGs that the photos were made from, by the photos' names: logo.svg for
-        logo.png. Every SVG is compared with them too, enlarged.
+        Folder with the SVGs that the photos were made from, by the names of the photos: logo.svg
+        for logo.png. Every SVG is also compared with its reference, enlarged.
     reference_scale
-        Times the photo's size at which it is.
+        Factor by which SVGs are enlarged for that.
     seed
-        Seed; the same seed gives the same file.
+        Random seed. The same seed gives the same file.
     threads
-        CPU threads of gauss2svg; one for each core if not given.
+        Number of CPU threads of gauss2svg. The default is one for each core.
     quiet
         Show neither progress nor summary.
 

@@ -25,18 +25,18 @@ class CheckOutput(OptionGroup):
     """Files that are written, what is shown, and the exit status."""
 
     heatmap: Path | None = None
-    """Save a map of the errors to this file, as PNG: the largest difference of any channel, from
-    black for none to pale yellow for 64 or more of 255 levels."""
+    """Save a map of the errors as a PNG file. Each pixel shows the largest difference of its colour
+    channels, from black for none to pale yellow for 64 or more of 255 levels."""
 
     preview: Path | None = None
-    """Save the rasterised SVG to this file, as PNG."""
+    """Save the rasterised SVG as a PNG file."""
 
     report: Path | None = None
-    """Save all numbers to this file, as JSON."""
+    """Save all measurements as a JSON file."""
 
     min_psnr: Annotated[float | None, Number(0, 1e9, above=True)] = None
-    """PSNR (dB) below which the exit status is 1; a transparent photo must reach it over white
-    and over black. The files are written in any case."""
+    """PSNR (dB) below which the exit status is 1. A transparent photo must reach it over white and
+    over black. Files are written in either case."""
 
     quiet: bool = False
     """Show no summary."""
@@ -59,13 +59,13 @@ def check_command(
     Parameters
     ----------
     photo
-        Photo; - reads standard input.
+        Photo or drawing, or - for standard input.
     svg
-        SVG, also gzipped; - reads standard input. It is stretched to the photo's size, or to that
-        of --max-size.
+        SVG of any program, also gzipped, or - for standard input. It is stretched to the size at
+        which it is compared.
     reference
-        What the photo was made from, an SVG or a larger picture, with which the SVG is compared as
-        well, enlarged by --reference-scale.
+        SVG or larger picture that the photo was made from. The SVG is also compared with it,
+        enlarged by --reference-scale.
     options, output
         Options.
 

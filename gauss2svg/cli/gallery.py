@@ -28,23 +28,23 @@ def gallery_command(
     options: Annotated[GalleryOptions, Parameter(name="*", group="Gallery")] = _DEFAULTS,
     quiet: Quiet = False,
 ) -> int:
-    """Write web pages that compare the results for photos; they open from the disk.
+    """Write web pages that compare results for photos, and that a browser opens from the disk.
 
     Parameters
     ----------
     photos
         Photos.
     output
-        Folder for the pages; open its index.html. Run the command again to continue after an
-        interruption or to add photos or variants: finished SVGs are kept.
+        Folder for the pages, which begin with index.html. The same command continues an interrupted
+        gallery, and one with more photos or variants adds them. Finished SVGs are kept.
     variants
-        Presets to compare, separated by commas: draft, fast, balanced, high, max. If neither this
-        nor --counts is given: draft,balanced,high.
+        Presets to compare, separated by commas: draft, fast, balanced, high, max. The default,
+        without --counts, is draft,balanced,high.
     counts
         Numbers of Gaussians to compare, separated by commas: 500,2000,8000.
     peers
-        Other tools to compare, separated by commas, where installed: vtracer, splatthis,
-        primitive, also with other settings of theirs, such as vtracer:detailed.
+        Other tools to compare if they are installed, separated by commas: vtracer, splatthis,
+        primitive. Other settings of a tool follow a colon, such as vtracer:detailed.
     options
         Options.
     quiet

@@ -40,8 +40,10 @@ def build_app(everything: bool = False, short: bool = False) -> App:
         help=HELP,
         help_format="markdown",
         version_format="plaintext",
-        usage="Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all of them)",
-        default_parameter=Parameter(negative=()),
+        usage="Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all options)",
+        default_parameter=Parameter(
+            negative=(), show_default=lambda value: None if value is False or value == "" else value
+        ),
         group_commands=Group("Commands, each with its own --help", sort_key=9),
         suppress_keyboard_interrupt=False,  # main says what became of the files
         result_action="return_value",
@@ -50,12 +52,12 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     app.default(vectorize_command(everything, short))
     # By name, so that it is loaded only where it is asked for.
     for name, help_line in {
-        "check": "Measure any SVG against a photo.",
-        "bench": "Compare settings: tables and plots of cost and quality.",
+        "check": "Measure how closely any SVG matches a photo.",
+        "bench": "Compare settings and other tools in tables and plots.",
         "batch": "Vectorise many photos, on one machine or a cluster.",
-        "gallery": "Write web pages that show the results for photos.",
-        "studio": "Vectorise photos in the browser.",
-        "placeholder": "Write SVGs of a kilobyte for pages to show before photos.",
+        "gallery": "Write web pages that compare results for photos.",
+        "studio": "Vectorise photos in the browser, on this machine.",
+        "placeholder": "Write SVGs of about a kilobyte to show while photos load.",
     }.items():
         app.command(f"gauss2svg.cli.{name}:{name}_command", name=name, help=help_line)
     return app
@@ -82,7 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
     except Gauss2SvgError as error:
         return _refuse(_as_typed(str(error), given))
     except MemoryError as error:
-        return _refuse(f"out of memory ({error}); try a smaller photo or fewer --gaussians")
+        return _refuse(f"out of memory ({error}). Try a smaller photo or fewer --gaussians")
     except OSError as error:  # a stream that broke: files are Gauss2SvgErrors already
         drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
@@ -122,7 +124,7 @@ def _in_our_words(error: CycloptsError) -> str:
                 found[1].parsed(token.value)
         except InputError as refusal:
             return _as_typed(str(refusal), [token.keyword])
-    line = " ".join(str(error).split()).rstrip(".")
+    line = " ".join(str(error).split()).rstrip(".").removeprefix("Parameter ")
     return f"{line}. Try gauss2svg --help-all, or --help after the name of a command"
 
 

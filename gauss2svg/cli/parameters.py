@@ -15,7 +15,10 @@ from gauss2svg.pipeline.options import GROUPS, Options
 
 STATUS_SOME_FAILED = 1
 OPTIONS_FILE = "--options"
-_PHOTOS = "Photos, folders, patterns such as photos/*.jpg, or lists (.txt, - for standard input)."
+_PHOTOS = (
+    "Photos, folders, patterns such as photos/*.jpg, or lists of them (.txt, or - for standard "
+    "input)."
+)
 Photos = Annotated[list[str], Parameter(negative="", allow_leading_hyphen=True, help=_PHOTOS)]
 Output = Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)]
 Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor summary.")]

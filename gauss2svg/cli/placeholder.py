@@ -21,15 +21,15 @@ def placeholder_command(
     options: Annotated[PlaceholderOptions, Parameter(name="*", group="Placeholders")] = _DEFAULTS,
     quiet: Quiet = False,
 ) -> int:
-    """Write placeholders of about a kilobyte, which a page shows until its photos have come.
+    """Write SVGs of about a kilobyte, which a web page shows until its photos have loaded.
 
     Parameters
     ----------
     photos
         Photos.
     output
-        File to write, with svg the folder for them; - is standard output. What a list has of
-        unchanged photos is kept, of photos that are not given it goes.
+        File to write, or - for standard output. With --format svg a folder. Entries of an existing
+        list are kept if their photo is unchanged, and removed if it is not given.
     options
         Options.
     quiet
@@ -50,10 +50,10 @@ def placeholder_command(
     if listed.count:
         _write(listed, output)
     if listed.copies:
-        say(f"{listed.copies} of {len(given)} photos given more than once")
+        say(f"{listed.copies} of {len(given)} photos were given more than once")
     for photo, one in listed.made.items():
         if not one.gaussians:
-            say(f"without Gaussians, for which it has no room or no need: {photo.name}")
+            say(f"{photo.name}: it has no Gaussians, because none fits or none is needed")
     for line in listed.failures:
         say(line)
     if not quiet:

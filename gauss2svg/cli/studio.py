@@ -19,22 +19,23 @@ def studio_command(
     jobs: int | None = None,
     threads: int | None = None,
 ) -> int:
-    """Vectorise photos in the browser: a page of this machine's, and the service under it.
+    """Open a page in the browser that vectorises photos on this machine, and serve programs.
 
     Parameters
     ----------
     folder
-        Folder whose photos can be picked on the page.
+        Folder whose photos the page offers.
     port
-        Port; 0 takes a free one.
+        Port to listen on. 0 takes a free one.
     host
-        Address to listen on; others than 127.0.0.1 let others in.
+        Address to listen on. Any other than 127.0.0.1 lets other machines in.
     no_browser
-        Print the address, and open no browser.
+        Print the address of the page and open no browser.
     jobs
-        Fits at once; by the number of cores if not given.
+        Number of photos that are vectorised at the same time. The default depends on the number
+        of cores.
     threads
-        Threads of each fit; the cores shared out if not given.
+        Number of CPU threads for each of them. By default they share the cores.
 
     """
     for package in ("fastapi", "python_multipart", "uvicorn"):

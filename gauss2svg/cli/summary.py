@@ -14,24 +14,24 @@ from gauss2svg.pipeline.report import HEAVY_MS, decibels
 from gauss2svg.pipeline.run import COMPILED_S
 from gauss2svg.svg.document import MINIMAL
 
+# Sentences that follow the number of Gaussians, by the report's stop_reason.
 _STOPPED = {
-    "iterations": "all iterations done",
-    "gaussians": "requested number of Gaussians reached",
-    "gain": "more Gaussians would improve it too little for their size",
-    "enough": "the preset's PSNR reached",
-    "cap": "the preset's maximum number of Gaussians reached",
-    **{score.option: f"target {score.name} reached" for score in TARGETS},
-    "max_bytes": "the closest file within the limit of bytes",
-    "time_limit": "time limit reached",
+    "iterations": "all {iterations} optimiser steps are done",
+    "gaussians": "as many as you asked for",
+    "gain": "more would improve it too little for --quality {quality}",
+    "enough": "enough for --quality {quality}",
+    "cap": "the maximum of --quality {quality}",
+    **{score.option: f"the target {score.name} is reached" for score in TARGETS},
+    "max_bytes": "the closest file within the size limit",
+    "time_limit": "the time limit is reached",
     "interrupted": "interrupted",
 }
-# The same where a limit alone was given, which no preset caps.
+# The same for a run that has a limit and no preset.
 _NOTHING_TO_GAIN = {
-    "gain": "nothing to gain: more Gaussians would bring it no closer, not even enlarged",
-    "enough": "nothing to gain: more Gaussians would not show",
-    "cap": "nothing to gain: as many Gaussians as the picture has room for",
+    "gain": "more would bring it no closer, even if you enlarge it",
+    "enough": "more would make no visible difference",
+    "cap": "as many as the picture has room for",
 }
-_WELL_USED = 0.985  # share of a limit of bytes
 _FEW = 60  # Gaussians, of which each is a large part of a file
 _MOST_TAGS = 6  # of a checked SVG, the most frequent
 
@@ -40,25 +40,18 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     """Print what was written, its size, how closely it matches the photo, and the time."""
     r = report
     measured = r["measured_width"], r["measured_height"]
-    at = "" if measured == (r["width"], r["height"]) else f" at {measured[0]}x{measured[1]} px"
+    at = "" if measured == (r["width"], r["height"]) else f", at {measured[0]}x{measured[1]} px"
     rows = {
-        "file": f"{output}, {r['width']}x{r['height']} px",
-        "size": f"{r['svg_bytes']:,} bytes, {r['svgz_bytes']:,} gzipped; gradients are "
-        f"{r['bytes_by_part']['gradients'] / r['svg_bytes']:.0%} of it",
-        "Gaussians": f"{r['gaussians']:,}, fitted in {r['iterations']} iterations",
-        "match": f"{_match(r)}{at}, rasterised by {r['renderer']}",
+        "file": f"{output}, {r['width']}x{r['height']} px, {_size(r)}",
+        "shapes": f"{r['gaussians']:,} Gaussian{'s' * (r['gaussians'] != 1)}: {_finished(r)}",
+        "match": f"{_match(r, ' (30 is good, 40 hard to tell apart)')}{at}",
         "transparency": _alpha(r),
         "inks": (r["inks"] or "").replace(",", ", "),
         "scores": _scores(r),
-        "fit": f"PSNR {decibels(r['psnr_model'])} before writing; the SVG against it: "
-        f"{decibels(r['psnr_roundtrip'])}, {r['bias_roundtrip']:+.2f} of 255 on average",
-        "time": f"{r['total_s']:.1f} s, of which {r['fit_s']:.1f} s for the fit"
-        + _compilation(r["compile_s"]),
-        "in a page": _page(r),
-        "limit": _limit(r),
-        "finished": _finished(r),
+        "page": _page(r),
+        "time": f"{r['total_s']:.1f} s{_compilation(r['compile_s'])}",
     }
-    _print_table(rows, [("not reached", line) for line in r["unreached"]], r["notes"])
+    _print_table(rows, [("missed", line) for line in r["unreached"]], r["notes"])
 
 
 def print_check(report: dict[str, Any], svg: str) -> None:
@@ -68,27 +61,27 @@ def print_check(report: dict[str, Any], svg: str) -> None:
     others = f", {len(tags) - _MOST_TAGS} other tags" if len(tags) > _MOST_TAGS else ""
     rows = {
         "file": f"{svg}, {r['svg_width']:g}x{r['svg_height']:g} px",
-        "size": f"{r['svg_bytes']:,} bytes, {r['svgz_bytes']:,} gzipped",
+        "size": _size(r),
         "elements": f"{r['elements']:,}: {', '.join(tags[:_MOST_TAGS])}{others}",
-        "match": f"{_match(r)}, MS-SSIM {_ssim(r['ms_ssim_svg'], 176)}, rasterised by "
-        f"{r['renderer']} at {r['width']}x{r['height']} px",
+        "match": f"{_match(r)}, MS-SSIM {_ssim(r['ms_ssim_svg'], 176)}, "
+        f"at {r['width']}x{r['height']} px by {r['renderer']}",
         "enlarged": _enlarged(r),
         "transparency": _alpha(r),
         "scores": _scores(r),
-        "errors": f"{r['largest_error_svg']:.0f} of 255 at most, {r['bias_svg']:+.2f} of 255 on "
-        "average",
+        "errors": f"at most {r['largest_error_svg']:.0f} of 255 levels in any colour channel, "
+        f"{r['bias_svg']:+.2f} levels on average",
     }
     _print_table(rows, [], r["notes"])
 
 
 def _compilation(seconds: float) -> str:
-    """Return what the time of a compilation was for; "" where there was none, as below."""
+    """Return what the time of a compilation was for, or "" if there was none."""
     from gauss2svg.kernel_cache import are_kept
 
     if seconds <= COMPILED_S:
         return ""
-    again = "only once" if are_kept() else "in each run: set NUMBA_CACHE_DIR to a folder to keep it"
-    return f" and {seconds:.0f} s for a compilation, {again}"
+    again = "only in the first run" if are_kept() else "set NUMBA_CACHE_DIR to a folder to keep it"
+    return f", of which {seconds:.0f} s compiled the program ({again})"
 
 
 def _enlarged(report: dict[str, Any]) -> str:
@@ -97,12 +90,16 @@ def _enlarged(report: dict[str, Any]) -> str:
     if scale is None:
         return ""
     score, ssim = decibels(report["psnr_svg_enlarged"]), _ssim(report["ssim_svg_enlarged"])
-    return f"PSNR {score}, SSIM {ssim} against the reference at {scale:g} times the size"
+    return f"PSNR {score}, SSIM {ssim} against the reference, at {scale:g} times the size"
 
 
-def _match(report: dict[str, Any]) -> str:
+def _match(report: dict[str, Any], scale: str = "") -> str:
     score, ssim = decibels(report["psnr_svg"]), _ssim(report["ssim_svg"])
-    return f"PSNR {score}, SSIM {ssim} against the photo"
+    return f"PSNR {score}{scale}, SSIM {ssim}"
+
+
+def _size(report: dict[str, Any]) -> str:
+    return f"{report['svg_bytes']:,} bytes, {report['svgz_bytes']:,} gzipped"
 
 
 def _scores(report: dict[str, Any]) -> str:
@@ -113,40 +110,31 @@ def _scores(report: dict[str, Any]) -> str:
 
 
 def _finished(report: dict[str, Any]) -> str:
-    reason = report["stop_reason"]
+    """Return why the file has as many Gaussians as it has."""
+    reason, limit = report["stop_reason"], report["max_bytes"]
+    if reason == "max_bytes" and report["gaussians"]:
+        few = report["gaussians"] < _FEW
+        why = "one more would not fit in" if few else "no file is closer in"
+        gzipped = report["gzip"] or report["count_gzipped"]
+        return f"{why} {limit:,} {'gzipped ' * gzipped}bytes"
     alone = _NOTHING_TO_GAIN if report["quality"] is None else {}
-    return alone.get(reason, _STOPPED[reason])
-
-
-def _limit(report: dict[str, Any]) -> str:
-    """Return how much of a limit of bytes is used, and why no more."""
-    limit, why = report["max_bytes"], _finished(report)
-    if limit is None or not report["gaussians"]:
-        return ""
-    counted = report["gzip"] or report["count_gzipped"]
-    size = report["svgz_bytes" if counted else "svg_bytes"]
-    text = f"{size:,} of {limit:,} {'gzipped ' * counted}bytes, {size / limit:.1%}"
-    if report["stop_reason"] == "max_bytes":
-        why = "no larger one within the limit is closer"
-        if report["gaussians"] < _FEW:
-            why = "one Gaussian more would not fit"
-    return text if size >= _WELL_USED * limit else f"{text}: {why}"
+    return alone.get(reason, _STOPPED[reason]).format(**report)
 
 
 def _page(report: dict[str, Any]) -> str:
-    """Return how heavy the file is for a web page, where it is."""
+    """Return how long a browser takes to paint the file, or "" if that is not noticeable."""
     spent = report["paint_ms"]
     if spent is None or spent < HEAVY_MS:
         return ""
     lighter = "--markup editable" if report["markup"] == MINIMAL else "fewer Gaussians"
     return (
-        f"about {spent / 1000:.1f} s for a browser to paint it "
-        f"{report['paint_width']:.0f} px wide, and again at each repaint; lighter with {lighter}"
+        f"a browser takes about {spent / 1000:.1f} s to paint it {report['paint_width']:.0f} px "
+        f"wide, less with {lighter}"
     )
 
 
 def _alpha(report: dict[str, Any]) -> str:
-    """Return the match of a transparent photo, whose match elsewhere is that over white."""
+    """Return how a transparent photo is matched. The row "match" has its match over white."""
     if not report["transparent"]:
         return ""
     white, black, alpha = (decibels(report[f"psnr_svg{over}"]) for over in ("", "_black", "_alpha"))

@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 _BEGUN = time.perf_counter()
 
 _EXAMPLES = (
-    "gauss2svg photo.jpg -o out.svg                     # adapts to the image",
-    "gauss2svg photo.jpg -o out.svg --quality draft     # small and fast",
-    "gauss2svg photo.jpg -o out.svg --max-bytes 150k    # the best that fits",
+    "gauss2svg photo.jpg -o out.svg                     # adapts to the picture",
+    "gauss2svg photo.jpg -o out.svg --quality draft     # a small file, quickly",
+    "gauss2svg photo.jpg -o out.svg --max-bytes 150k    # the best file of that size",
 )
-HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
+HELP = "Turn a picture into an SVG of soft ellipses, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
 _OURS = b"written by gauss2svg"  # of the description of every file
@@ -43,15 +43,15 @@ _HEAD = 65536  # bytes within which it stands
 # Suffixes of further files.
 _SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
 _SUFFIXES |= {"save_scene": ".npz"}
-_ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
+_ORDER = tuple(GROUP_TITLES)  # of the help
 _PARAMETERS = f"""
 
 Parameters
 ----------
 photo
-    {", ".join(TITLES)}; - is standard input.
+    {", ".join(TITLES)}, - for stdin.
 output
-    SVG to write, - for standard output; by default photo.svg.
+    SVG to write, or - for stdout. The default is photo.svg.
 """
 
 
@@ -60,19 +60,19 @@ class OutputFiles:
     """Further files, and what is shown."""
 
     preview: Path | None = None
-    """Save the rasterised SVG to this file, as PNG."""
+    """Save the rasterised SVG as a PNG file."""
 
     report: Path | None = None
-    """Save all numbers of the run to this file, as JSON."""
+    """Save all measurements of the run as a JSON file."""
 
     outline: Path | None = None
-    """Save the outlines of the shapes to this file, as SVG."""
+    """Save the outlines of the shapes as a second SVG file."""
 
     save_scene: Path | None = None
-    """Save the fitted Gaussians to this file, as NPZ."""
+    """Save the fitted Gaussians as a NumPy file (.npz)."""
 
     overwrite: bool = False
-    """Replace an SVG of another program."""
+    """Without -o, replace an SVG of another program too."""
 
     quiet: bool = False
     """Show neither progress nor summary."""
@@ -83,12 +83,12 @@ class MakerFiles(OptionGroup):
     """What printers and plotters take."""
 
     separations: Path | None = None
-    """With --inks save a plate for each to plate-1.svg, plate-2.svg, where this is plate.svg: black
-    where the ink is seen."""
+    """Save one SVG for each of the --inks, black where the ink is visible. The name plate.svg gives
+    plate-1.svg, plate-2.svg and so on."""
 
     pens: Annotated[int | None, Whole(1, MOST_INKS)] = None
-    """Pens that draw the --outline, each a layer; then lines end at the page, and sizes are in
-    mm."""
+    """Number of pens that draw the --outline, each in a layer of its own. Lines then end at the
+    edge of the page, and the size of the file is in mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +113,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         for order, key in enumerate(_ORDER[:1] if short else _ORDER)
     }
     files_group = Group("Output files", sort_key=0.5)
-    makers_group = Group("Plates and pens", sort_key=0.6, show=everything)
+    makers_group = Group("Plates and pens", sort_key=2.5, show=everything)
     parsed = options_of(groups)
     defaults = parsed()
 
@@ -127,7 +127,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         photos = expanded(photo)
         if len(photos) != 1:
             got = brief(", ".join(photos)) if photos else "none"
-            advice = "gauss2svg batch" if photos else "gauss2svg --help"
+            advice = "gauss2svg batch for several" if photos else "gauss2svg --help"
             raise refusal("the photo", "one file", got, advice)
         both = Files(**vars(others), **vars(makers))
         return _run(photos[0], output, Options(**vars(options)), both)
@@ -154,7 +154,9 @@ def _run(photo: str, output: str | None, options: Options, further: Files) -> in
             print_summary(result.report, where)
         if interruption.signal is not None:
             steps = result.report["iterations"]
-            lines.append(f"interrupted after {steps} iterations; the best so far is in {where}")
+            lines.append(
+                f"interrupted after {steps} optimiser steps. The best picture so far is in {where}"
+            )
         for line in lines:
             say(line)
     return 0 if interruption.signal is None else status_of(interruption.signal)
@@ -168,7 +170,7 @@ def _default_output(photo: str, overwrite: bool) -> str:
     """
     if photo == STANDARD_STREAM:
         advice = "-o out.svg, or -o - for standard output"
-        raise InputError(f"--output must be given where the photo is standard input. Try {advice}")
+        raise InputError(f"--output must be given if the photo is standard input. Try {advice}")
     output = Path(photo).with_suffix(".svg")
     if output == Path(photo):
         raise refusal("the photo", "an image other than an SVG", quoted(photo))
@@ -177,8 +179,8 @@ def _default_output(photo: str, overwrite: bool) -> str:
             if _OURS in file.read(_HEAD):
                 return os.fspath(output)
         raise InputError(
-            f"{output} must be given by name, for it exists and gauss2svg did not write it. Try "
-            f"-o {output} to replace it, or -o with another name"
+            f"--output must be given, because {output} exists and gauss2svg did not write it. Try "
+            f"-o {output} to replace it, or another name"
         )
     return os.fspath(output)
 
@@ -211,8 +213,8 @@ def _check_makers(options: Options, further: Files) -> None:
     """Raise InputError for outlines, plates and pens that the options cannot have."""
     if further.outline is not None and options.fit.blend == ADD and not options.svg.portable:
         raise InputError(
-            "--outline must not be given with --blend add, whose signed colours have no strokes. "
-            "Try --portable"
+            "--outline must not be given with --blend add, because its shapes are not drawn one "
+            "over the other. Try --portable"
         )
     if further.separations is not None:
         if options.fit.inks is None:
@@ -224,7 +226,10 @@ def _check_makers(options: Options, further: Files) -> None:
         alone = f"{further.pens} alone"
         raise refusal("--pens", "given with --outline", alone, "--outline plot.svg")
     for name in options.document.layered:
-        raise InputError(f"--pens must not be given with {name}, whose layers are rounds")
+        raise InputError(
+            f"--pens must not be given with --{name}, because its layers are rounds of the fit. "
+            f"Try without --{name}"
+        )
 
 
 def _result(
@@ -277,11 +282,11 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
     files.write_all_atomically(written)
     if further.outline is not None and not further.quiet and (hiding := result.hiding) > 0:
         yield (
-            f"{hiding} opaque ellipses hide what is below them in the picture, where "
-            f"{further.outline} has all lines"
+            f"{further.outline} also shows lines that the picture hides, below {hiding} opaque "
+            "ellipses"
         )
     for path, ink in unseen.items():
-        yield f"{path} is not written: no shape of {ink} is seen"
+        yield f"{path} is not written, because {ink} is visible nowhere"
     for path in further.plates(MOST_INKS):
         if path not in written and path.exists():
-            yield f"{path} is of an earlier run, and not a plate of this picture"
+            yield f"{path} comes from an earlier run and is not a plate of this picture"

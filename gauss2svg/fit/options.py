@@ -37,37 +37,40 @@ class FitOptions(OptionGroup):
     """The model and the optimiser, as a caller of vectorize gives them."""
 
     iterations: Annotated[int | None, Whole(1, 10**9)] = None
-    """Number of optimiser steps; the default is the preset's."""
+    """Number of optimiser steps. The default depends on the preset."""
 
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
-    """Loss; l1 and ssim are the paper's, ssim takes some ten times as long."""
+    """Error that the fit reduces: mse (squared) or l1 (absolute), each also with ssim (structural
+    similarity). l1 and ssim follow the paper of the method. ssim takes about ten times as long."""
 
     tune: Tune | None = None
-    """What the fit is best at: what people see (perceptual), where errors count less in texture and
-    more on smooth areas, or PSNR (psnr); the default is perceptual, or psnr in the smallest
-    files and in inks."""
+    """What the fit is best at. perceptual: what people see, so errors count more on smooth areas
+    and less in texture. psnr: PSNR. The default is perceptual, but psnr for the smallest files and
+    for inks."""
 
     ssim_weight: Annotated[float | None, Number(0, 1)] = None
-    """Weight of 1 - SSIM in a loss with ssim, 0 to 1; the default is 0.2."""
+    """Weight of 1 - SSIM in a loss with ssim, from 0 to 1. The default is 0.2."""
 
     learning_rate: Annotated[float, Number(1e-6, 1e6)] = 1.0
-    """Learning-rate multiplier."""
+    """Factor by which every learning rate is multiplied."""
 
     blend: Literal["over", "add"] = "over"
-    """Alpha compositing (over) or the paper's additive blending of signed colours (add), which
-    CairoSVG does not draw."""
+    """over: shapes cover what is below them (alpha compositing). add: their colours add up and may
+    be negative, as in the paper of the method. CairoSVG does not draw add."""
 
     falloff: Literal["gaussian", "adaptive"] | None = None
-    """Falloff of the shapes: adaptive learns how crisp each rim is, gaussian keeps Gaussians, as in
-    the paper. The default is adaptive, or gaussian with additive blending."""
+    """How opacity falls from the centre of a shape to its rim. adaptive: each shape learns how
+    crisp its rim is. gaussian: all shapes stay Gaussians, as in the paper of the method. The
+    default is adaptive, but gaussian with --blend add."""
 
     inks: Annotated[Inks | None, check_inks] = None
-    """Draw in these colours alone, the background among them: "#f7c306,#c0322c,#17324d", how many
-    to choose for the picture, or a palette file (.gpl). Shapes are opaque and crisp."""
+    """Draw only in these colours, including the background: "#f7c306,#c0322c,#17324d". Or the
+    number of colours to choose from the picture, or a palette file (.gpl). Shapes are opaque and
+    have crisp rims."""
 
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
-    """Random seed; the same seed gives the same file. Another often does too: by default little is
-    drawn at random."""
+    """Random seed. The same seed gives the same file. Another seed often does too, because few
+    choices are random by default."""
 
     @property
     def tuned(self) -> Tune:
@@ -92,21 +95,22 @@ class DensifyOptions(OptionGroup):
     """How Gaussians are added and relocated during the fit."""
 
     init: Literal["selective", "error", "random", "live"] = "selective"
-    """Placement of new Gaussians: on the largest components of the residual (selective), in
-    proportion to its square (error), at random, or as in LIVE; tune perceptual weights the
-    residual."""
+    """Where new Gaussians are placed. selective: on the largest areas of error. error: at random,
+    more often where the squared error is larger. random: anywhere. live: as in the LIVE paper.
+    --tune perceptual weights the error."""
 
     schedule: Literal["exponential", "linear", "all-at-once"] = "exponential"
-    """Growth of the rounds to a given number of Gaussians."""
+    """How the number of Gaussians grows over the rounds. Applies to a given --gaussians."""
 
     per_round: Annotated[int | None, Whole(1, MOST_GAUSSIANS)] = None
-    """Gaussians added in each round; exponential rounds add 1, 2, 4, ... up to this number."""
+    """Number of Gaussians added in each round. exponential adds 1, 2, 4, ... up to this number.
+    Needs --gaussians."""
 
     round_iterations: Annotated[int | None, Whole(1, 10**9)] = None
-    """Number of optimiser steps in each round."""
+    """Number of optimiser steps in each round. Needs --gaussians."""
 
     relocate: bool = True
-    """Relocate the least useful Gaussians during the fit."""
+    """During the fit, move the least useful Gaussians to where the error is large."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +152,7 @@ class FitConfig:
             )
         if self.fit.ssim_weight is not None and not has_ssim(self.fit.loss):
             raise InputError(
-                "loss must be one with ssim where ssim_weight is given; got "
+                "loss must be one with ssim if ssim_weight is given; got "
                 f"{quoted(self.fit.loss)}. Try --loss {self.fit.loss}+ssim"
             )
         self._check_rounds()

@@ -53,7 +53,7 @@ def totals(
     if per_round is not None:
         if schedule == "all-at-once":
             raise InputError(
-                "schedule must be exponential or linear where per_round is given; got "
+                "schedule must be exponential or linear if per_round is given; got "
                 f"{quoted(schedule)}"
             )
         return _totals_by_round(schedule, gaussians, per_round)

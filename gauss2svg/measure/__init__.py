@@ -22,26 +22,29 @@ class CheckOptions(OptionGroup):
     """How an SVG is measured."""
 
     renderer: Renderer = "resvg"
-    """Renderer that rasterises the SVG; the last four must be installed."""
+    """Renderer that rasterises the SVG. resvg comes with gauss2svg, cairo needs the system library
+    cairo, and the others are programs to install."""
 
     max_svg_bytes: Annotated[int | str, byte_size] = "256M"
-    """Maximum size of the SVG, decompressed: 150000, 150k or 1.5M."""
+    """Maximum size of the SVG when decompressed, such as 150k or 1.5M."""
 
     max_elements: Annotated[int, Whole(1)] = 1_000_000
-    """Maximum number of elements of the SVG."""
+    """Maximum number of elements in the SVG."""
 
     draw_timeout: Annotated[float, Number(0, 86400, above=True)] = 300.0
-    """Time limit (s) of rasterising, at most 86400; the last four renderers stop after 300."""
+    """Maximum time (s) for rasterising the SVG, up to 86400. chromium, librsvg, firefox and
+    inkscape stop after 300 s in any case."""
 
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
-    """Maximum number of pixels of the photo, checked before it is decoded."""
+    """Maximum number of pixels of a photo. Larger photos are refused before they are decoded."""
 
     max_size: Annotated[int | None, Whole(1, MOST_PIXELS)] = None
-    """Longest side (px) to which a larger photo is reduced first; its own size if not given."""
+    """Longest side (px) at which the SVG is compared. Larger photos are reduced first. The default
+    is the size of the photo."""
 
     matte: Annotated[str | None, color_name] = None
-    """Background colour to composite a transparent photo over: white, black, #fa0 or #ffaa00. If
-    not given, alpha is compared as well."""
+    """Background colour for a transparent photo: white, black, #fa0 or #ffaa00. If not given,
+    transparency is compared too."""
 
     reference_scale: Annotated[float | None, Number(0, MOST_PIXELS, above=True)] = None
-    """Times the photo's size at which the SVG is compared with --reference; 4 if not given."""
+    """Factor by which the SVG is enlarged to compare it with --reference. The default is 4."""

@@ -323,27 +323,27 @@ def _notes(surveyed: Survey, frame: Frame, width: int, height: int, renderer: st
     for name, own in (("SVG", (frame.width, frame.height)), ("viewBox", frame.view_box[2:])):
         if not _fits(own, (width, height)):
             notes.append(
-                f"{name} is {own[0]:g}x{own[1]:g}, not in the photo's proportions: stretched to "
-                f"{width}x{height} px"
+                f"{name} is {own[0]:g}x{own[1]:g}, not in the photo's proportions, and was "
+                f"stretched to {width}x{height} px"
             )
             break  # one distortion is reported once
     if texts := surveyed.tags.get("text", 0):
         if renderer == "resvg":
-            notes.append(f"text ({texts}) is not drawn: resvg gets no fonts; convert it to paths")
+            notes.append(f"text ({texts}) is not drawn, because resvg gets no fonts. Try paths")
         else:
             notes.append(f"text ({texts}) is drawn in the fonts of this machine")
     if pictures := surveyed.tags.get("image", 0) + surveyed.tags.get("feImage", 0):
-        notes.append(f"embedded images ({pictures}) are measured as well: not only shapes")
+        notes.append(f"embedded images ({pictures}) are measured along with the shapes")
     notes += [
         f"{tag} ({surveyed.tags[tag]}) is left out by the renderer"
         for tag in _LEFT_OUT
         if tag in surveyed.tags
     ]
     if pages := surveyed.tags.get("foreignObject", 0):
-        how = "drawn by browsers alone" if renderer in BROWSERS else "left out by the renderer"
+        how = "drawn only by browsers" if renderer in BROWSERS else "left out by the renderer"
         notes.append(f"foreignObject ({pages}) is {how}")
     if not surveyed.qualified:
-        notes.append("root has no xmlns of SVG: browsers do not show the file")
+        notes.append("the root element has no xmlns of SVG, so browsers do not show the file")
     return notes
 
 

@@ -22,7 +22,7 @@ def check_together(options: Options) -> None:
     goal, svg = options.goal, options.svg
     if svg.count_gzipped and goal.max_bytes is None:
         raise InputError(
-            "count_gzipped must be given with max_bytes alone; got True. Try "
+            "count_gzipped must be given with max_bytes; got none. Try "
             "--max-bytes 60k --count-gzipped"
         )
     _check_time(options)
@@ -32,8 +32,8 @@ def check_alpha(options: Options, photo: Photo) -> None:
     """Raise InputError for additive blending of a transparent photo."""
     if photo.alpha is not None and options.written_blend == ADD:
         raise InputError(
-            "the photo must be opaque for additive blending, whose signed colours "
-            "hide nothing; got a transparent one. Try --matte white, or --portable"
+            "the photo must be opaque for additive blending; got a transparent one. Try "
+            "--matte white, or --portable"
         )
 
 
@@ -62,8 +62,8 @@ def _check_blend(options: Options) -> None:
         )
     for name in [f"form {svg.form}"] * (svg.form != GRADIENT) + document.layered:
         raise InputError(
-            f"{name} must not be given with additive blending, whose file has neither "
-            "layers in painter's order nor opacities. Try --portable"
+            f"{name} must not be given with additive blending, because its shapes do not cover "
+            "each other in layers. Try --portable"
         )
 
 
@@ -75,14 +75,14 @@ def _check_rounds(options: Options) -> None:
         value = getattr(options.densify, name)
         if value is not None:
             raise InputError(
-                f"{name} must not be given unless the number of Gaussians is, without a "
-                f"target; got {value}. Try --gaussians 1000"
+                f"{name} must be given with a number of Gaussians and without a target; got "
+                f"{value}. Try --gaussians 1000"
             )
     schedule = options.densify.schedule
     if schedule != DensifyOptions.schedule:
         raise InputError(
-            f"schedule must be {DensifyOptions.schedule} unless the number of Gaussians is given, "
-            f"without a target; got {quoted(schedule)}. Try --gaussians 1000"
+            f"schedule must be {DensifyOptions.schedule} if no number of Gaussians is given, or "
+            f"if there is a target; got {quoted(schedule)}. Try --gaussians 1000"
         )
 
 
@@ -91,8 +91,8 @@ def _check_shapes(options: Options) -> None:
     svg, renderer = options.svg, options.run.renderer
     if svg.markup == MINIMAL and needs_editable(options):
         raise InputError(
-            f"markup must be {EDITABLE} with {needs_editable(options)}; got {svg.markup}: a "
-            "minimal file has neither layers nor filters. Try --markup auto"
+            f"markup must be {EDITABLE} with {needs_editable(options)}, because a minimal file has "
+            f"neither layers nor filters; got {svg.markup}. Try --markup auto"
         )
     if svg.markup == MINIMAL and renderer not in DRAW_MINIMAL:
         raise RendererError(
@@ -101,8 +101,8 @@ def _check_shapes(options: Options) -> None:
         )
     if svg.form != GRADIENT and renderer not in DRAW_ROTATED_BLURS:
         raise RendererError(
-            f"form must be {GRADIENT} with the renderer {renderer}, which does not render "
-            f"rotated blurs; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
+            f"form must be {GRADIENT} with the renderer {renderer}, which draws rotated blurs "
+            f"wrongly; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
         )
 
 
@@ -120,8 +120,8 @@ def _check_inks(options: Options) -> None:
     }
     for name in [*(name for name, given in others.items() if given), *options.document.layered]:
         raise InputError(
-            f"{name} must not be given with inks, which are opaque ellipses without gradients, in "
-            f"layers by ink; got inks {fit.inks}. Try without it"
+            f"{name} must not be given with inks, because a picture in inks has opaque shapes "
+            f"without gradients, in one layer for each ink; got inks {fit.inks}. Try without it"
         )
 
 
@@ -134,6 +134,6 @@ def _check_time(options: Options) -> None:
         require_packages(asked)
         if goal.time_limit is not None:
             raise InputError(
-                f"{name} must not be given with time_limit, because how long scores take is "
-                f"not known; got {goal.time_limit:g}. Try gauss2svg check on the SVG"
+                f"{name} must not be given with time_limit, because the time that scores take "
+                f"is unknown; got {goal.time_limit:g}. Try gauss2svg check on the SVG"
             )

@@ -33,32 +33,33 @@ _MOST_DECIBELS = 100.0  # 8-bit images that differ have less up to 65 megapixels
 class Goal(OptionGroup):
     """Targets and limits of a run, the first of which ends it.
 
-    A limit of bytes or seconds that is given alone is a budget, and the best picture within it is
-    wanted; a preset or a number of Gaussians beside it is a cap, and two limits hold both.
+    A limit of bytes or seconds that is given alone is a budget: the best picture within it is
+    written. A preset or a number of Gaussians that is given with it is an upper bound. Of two
+    limits both hold.
     """
 
     quality: Literal["draft", "fast", "balanced", "high", "max"] | None = None
-    """Preset (balanced); a cap beside a limit."""
+    """Preset (balanced). With a limit, an upper bound."""
 
     gaussians: Annotated[int | Literal["auto"] | None, Whole(0, MOST_GAUSSIANS)] = None
-    """Number of Gaussians, with a target the largest; auto adapts it to the image."""
+    """Number of Gaussians. auto adapts it (default). With a target, the maximum."""
 
     target_psnr: Annotated[
         float | None,
         Number(0, _MOST_DECIBELS, above=True, advice="30 to 40, at which photos look good"),
     ] = None
-    """Target PSNR (dB) of the rasterised SVG."""
+    """PSNR (dB) to reach with the fewest Gaussians."""
 
     target_ssimulacra2: Annotated[
         float | None, Number(0, 99, advice="50 for medium, 70 for high quality")
     ] = None
-    """Target SSIMULACRA2 of the SVG (extra scores)."""
+    """SSIMULACRA2 to reach. Needs gauss2svg[scores]."""
 
     max_bytes: Annotated[int | str | None, byte_size] = None
-    """Maximum file size, such as 150k or 1.5M."""
+    """Write the best picture within this size: 150k."""
 
     time_limit: Annotated[float | None, Number(0, 1e9, above=True)] = None
-    """Time limit (s) of the run; the best in it."""
+    """Write the best picture within this time (s)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -66,8 +67,7 @@ class Goal(OptionGroup):
             object.__setattr__(self, "gaussians", None)
         for other in self._targets[1:]:
             raise InputError(
-                f"{other.option} must be given without {self._targets[0].option}; got "
-                f"'{getattr(self, other.option):g}'"
+                f"{other.option} must not be given with {self._targets[0].option}. Try one of them"
             )
 
     @property
@@ -117,37 +117,40 @@ class SvgOptions(OptionGroup):
     """
 
     form: Form = "gradient"
-    """gradient: radial gradients, for every renderer; blur: blurred ellipses, a smaller file for
-    Chromium, Firefox and Inkscape."""
+    """gradient: ellipses with radial gradients, which every renderer draws. blur: blurred ellipses,
+    which make a smaller file for Chromium, Firefox and Inkscape."""
 
     markup: Literal["auto", "editable", "minimal"] = "auto"
-    """editable: layers with names, for editors; minimal: nothing that does not draw; auto: with
-    --max-bytes the better file, else editable. The better file is the one that is closer at its
-    own size, or, if a drawing is within 41 dB there, the one that is closer enlarged."""
+    """editable: named layers, for editors. minimal: only what draws, in fewer bytes. auto:
+    editable, but with --max-bytes the one that is closer to the picture. If both match a drawing
+    with 41 dB or more, the one that is closer enlarged."""
 
     palette: Annotated[int | None, Whole(0, 2**24)] = None
-    """Maximum number of gradients in the file; fewer make it smaller, 0 writes all. The picture
-    still has thousands of colours: for a few see --inks."""
+    """Maximum number of gradients in the file. Fewer make it smaller, and 0 sets no limit. The
+    picture still has thousands of colours. For a few colours use --inks."""
 
     stops: Annotated[int | None, OneOf(STOP_COUNTS)] = None
-    """Stops of each gradient: 5, 6, 8, 10 or 12; the preset's if not given."""
+    """Number of colour stops in each gradient: 5, 6, 8, 10 or 12. The default depends on the
+    preset."""
 
     precision: Annotated[float | None, Number(LEAST_PRECISION, MOST_PRECISION)] = None
-    """Precision of coordinates (px), such as 0.05; the preset's if not given."""
+    """Step (px) to which coordinates are rounded, such as 0.05. The default depends on the
+    preset."""
 
     matte: Annotated[str | None, color_name] = None
-    """Background colour to composite a transparent photo over: white, black, #fa0 or #ffaa00. If
-    not given the SVG is transparent where the photo is."""
+    """Background colour for a transparent photo: white, black, #fa0 or #ffaa00. If not given, the
+    SVG is transparent where the photo is."""
 
     portable: bool = False
-    """Convert an additive fit to alpha-composited shapes, for every renderer."""
+    """Convert the result of --blend add to shapes that every renderer draws."""
 
     gzip: bool = False
-    """Compress the SVG, also where its name does not end in .svgz; --max-bytes applies to the
-    compressed file."""
+    """Compress the file, as a name that ends in .svgz does. --max-bytes then limits the compressed
+    size."""
 
     count_gzipped: bool = False
-    """Apply --max-bytes to the gzipped bytes of a plain SVG, which are what a web server sends."""
+    """Let --max-bytes limit the size after gzip, which a web server sends. The file is written
+    uncompressed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,28 +158,30 @@ class RunOptions(OptionGroup):
     """Resources and the measuring renderer."""
 
     renderer: Renderer = "resvg"
-    """Renderer that rasterises the SVG to measure it; the last four must be installed."""
+    """Renderer that rasterises the SVG to measure it. resvg comes with gauss2svg, cairo needs the
+    system library cairo, and the others are programs to install."""
 
     scores: bool = False
-    """Also measure SSIMULACRA2 and FLIP, with some seconds more for each megapixel; needs the extra
-    scores."""
+    """Also measure SSIMULACRA2 and FLIP, in some seconds for each megapixel. Needs
+    gauss2svg[scores]."""
 
     max_size: Annotated[int | None, Whole(1)] = None
-    """Longest side (px) of the image that the fit runs on; the preset's if not given."""
+    """Longest side (px) at which the photo is fitted. Larger photos are reduced first. The default
+    depends on the preset."""
 
     full_size: bool = False
-    """Measure the SVG at the size of the photo, and not of the fit or 1 megapixel: slower, and
-    hardly another score."""
+    """Measure the SVG at the size of the photo. Otherwise it is measured at the size of the fit, or
+    at 1 megapixel if that is larger, which is faster and gives nearly the same scores."""
 
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
-    """Maximum number of pixels of the photo, checked before it is decoded."""
+    """Maximum number of pixels of a photo. Larger photos are refused before they are decoded."""
 
     threads: Annotated[int | None, Whole(1)] = None
-    """CPU threads; one for each core if not given."""
+    """Number of CPU threads. The default is one for each core."""
 
     max_memory: Annotated[int | str | None, byte_size] = None
-    """Maximum memory, by an estimate: 500M or 2G; 80 % of what is free if not given. A fit that
-    would need more runs on fewer pixels."""
+    """Maximum memory, such as 500M or 2G. The default is 80 % of the free memory. A fit that is
+    estimated to need more runs on fewer pixels."""
 
 
 GROUPS: dict[str, type[OptionGroup]] = {
@@ -200,13 +205,14 @@ def unknown_option(name: str) -> TypeError:
 
 # Options that change no picture; max_memory only where there is too little of it.
 NOT_OF_PICTURE = frozenset({"threads", "max_memory", "max_pixels", "scores"})
+# In the order in which the help lists the groups.
 GROUP_TITLES = {
     "goal": "Goal",
-    "fit": "Fit",
-    "densify": "Densification",
     "svg": "SVG",
     "document": "Document",
-    "run": "Resources",
+    "run": "Measuring and resources",
+    "fit": "Fit",
+    "densify": "Densification",
 }
 
 

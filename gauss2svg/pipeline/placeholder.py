@@ -212,19 +212,20 @@ class PlaceholderOptions(OptionGroup):
     """What is written for each photo."""
 
     max_bytes: Annotated[int | str, check_bytes] = DEFAULT_BYTES
-    """Maximum size of each placeholder, 20k or less."""
+    """Maximum size of each placeholder in bytes, up to 20k."""
 
     bytes_of: Counted = "svg"
-    """What has that size: the file, the SVG inline in a page (content in JSON), or a data URI."""
+    """What --max-bytes limits. svg: the file. inline: the SVG inside a page, which is content in
+    JSON. data_uri, data_uri_base64: the data URI of that form."""
 
     format: Literal["json", "object", "html", "picture", "svg"] = "json"
-    """json: a list with SVG, data URIs, size and mean colour of each photo, by SQIP's keys; object:
-    the same by the photos' paths; html: an img element for each, with the placeholder behind it;
-    picture: the same in a picture element, with the AVIF and WebP of that name beside the photo;
-    svg: files."""
+    """json: a list with the SVG, data URIs, size and mean colour of each photo, by the keys of
+    SQIP. object: the same, by the paths of the photos. html: an img element for each photo, with
+    the placeholder as its background. picture: the same in a picture element, which also offers the
+    AVIF and WebP of the same name beside the photo. svg: one SVG file for each photo."""
 
     root: Path | None = None
-    """Folder to which paths and addresses are relative; that of the output if not given."""
+    """Folder to which paths and addresses are relative. The default is the folder of the output."""
 
 
 class PlaceholderList:

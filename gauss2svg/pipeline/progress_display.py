@@ -14,7 +14,7 @@ from gauss2svg.pipeline.run import Progress, ProgressCallback
 
 _PHASES = {
     "read": "reading the photo",
-    "compile": "preparing kernels (compiled on the first run, some seconds)",
+    "compile": "compiling the program (only in the first run, some seconds)",
     "fit": "fitting",
     "write": "writing the SVG",
     "measure": "rasterising and measuring the SVG",

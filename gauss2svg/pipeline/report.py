@@ -109,27 +109,28 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
         notes.append(f"measured at {width}x{height} px to meet the time limit")
     nothing = photo.alpha is not None and photo.alpha.any() and not len(outcome.scene)
     if nothing and not chosen.by_bytes:  # of which unreached says that it has no room
-        notes.append("the photo is too transparent to be rendered: the SVG is empty")
+        notes.append("the SVG is empty, because the photo is too transparent to be visible")
     if chosen.markup == MINIMAL != plan.options.svg.markup:
         notes.append(
-            "minimal markup, which is closer in as many bytes, without names and layers; "
-            "Inkscape, Figma and other editors need --markup editable"
+            "the file is in minimal markup, which is closer in as few bytes but has no names or "
+            "layers. For Inkscape, Figma and other editors give --markup editable"
         )
     outlines = outline_bytes(photo.sample)
     if outlines is not None and len(outcome.scene) and outlines <= len(outcome.svg):
         notes.append(
-            "a tracer, such as vtracer, draws these few flat colours exactly in about "
+            "a tracer such as vtracer draws these few flat colours exactly in about "
             f"{math.ceil(outlines / 1000)} kB"
         )
     unused = _unused_inks(plan, outcome)
     if unused:
-        verb = "is" if len(unused) == 1 else "are"
-        notes.append(f"{', '.join(unused)} of the inks {verb} seen nowhere, for others are closer")
+        notes.append(
+            f"not used: {', '.join(unused)} of the inks, because other inks are closer everywhere"
+        )
     rate = plan.options.fit.learning_rate
     if outcome.fitted.rollbacks and rate > 1:  # else nothing can be done about it
         notes.append(
-            f"a learning rate of {rate:g} was too large: the fit diverged, was rolled back and "
-            f"ended at {outcome.fitted.rate:.3g}"
+            f"--learning-rate {rate:g} is too large for this picture. The fit diverged, went back "
+            f"to its best state and ended with {outcome.fitted.rate:.3g}"
         )
     return notes
 

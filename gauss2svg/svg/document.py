@@ -61,20 +61,20 @@ class Document(OptionGroup):
     """Description of what the picture shows, for screen readers."""
 
     size: Annotated[str | None, check_size] = None
-    """Width where it is printed or placed, such as 120mm, 5in or 300px; photo: by the photo's
-    resolution; responsive: none, so that it fills its place in a page. The height follows from the
-    proportions."""
+    """Width in print or in a page, such as 120mm, 5in or 300px, from which the height follows.
+    photo: the width that the photo's resolution gives. responsive: as wide as its place in a web
+    page."""
 
     aspect: Annotated[str | None, check_aspect] = None
-    """How the picture fills a frame of other proportions: preserveAspectRatio, such as
-    'xMidYMid slice'."""
+    """How the picture fills a frame of other proportions, as a value of preserveAspectRatio in SVG,
+    such as 'xMidYMid slice'."""
 
     animate: Annotated[float | None, Number(0, 3600.0, above=True)] = None
-    """Seconds in which the rounds fade in, unless the viewer prefers reduced motion; the last frame
-    is the still picture."""
+    """Seconds in which the layers fade in, one after the other. Viewers who prefer reduced motion
+    see the finished picture at once."""
 
     fragments: bool = False
-    """Opened as out.svg#round-3 the file shows the picture up to that round."""
+    """Let an address such as out.svg#round-3 show the picture up to that round of the fit."""
 
     @property
     def layered(self) -> list[str]:

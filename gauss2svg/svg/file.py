@@ -7,7 +7,7 @@ import mimetypes
 import os
 import re
 
-from gauss2svg.errors import quoted, refusal
+from gauss2svg.errors import brief, quoted, refusal
 
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
 _SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
@@ -26,7 +26,8 @@ def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
     if text.endswith(("/", os.sep)):
         raise refusal(name, "the name of a file, not of a folder", quoted(text))
     if _type_of(text) not in (None, "image/svg+xml", "text/xml", "application/xml"):
-        raise refusal(name, "a name that ends in .svg or .svgz", quoted(text))
+        advice = brief(os.path.splitext(text)[0] + ".svg")
+        raise refusal(name, "a name that ends in .svg or .svgz", quoted(text), advice)
 
 
 def check_suffix(name: str, path: str | os.PathLike[str], suffix: str) -> None:

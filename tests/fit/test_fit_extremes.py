@@ -132,7 +132,7 @@ def test_every_transparent_picture_is_written_and_not_worse_than_an_empty_file(n
     assert "<rect" not in result.svg
     assert_finite(scene)
     json.dumps(result.report, allow_nan=False)
-    empty = "the photo is too transparent to be rendered: the SVG is empty"
+    empty = "the SVG is empty, because the photo is too transparent to be visible"
     assert (empty in result.report["notes"]) == (len(scene) == 0 and alpha.any())
     if name in ("faint everywhere", "a level everywhere", "nothing"):
         assert len(scene) == 0

@@ -79,8 +79,8 @@ def test_bytes_and_psnr_are_held(picture):
 @pytest.mark.parametrize(
     ("unused", "said"),
     [
-        ("#00ff00", "#00ff00 of the inks is seen nowhere"),
-        ("#00ff00,#ff00ff", "#00ff00, #ff00ff of the inks are seen nowhere"),
+        ("#00ff00", "not used: #00ff00 of the inks"),
+        ("#00ff00,#ff00ff", "not used: #00ff00, #ff00ff of the inks"),
     ],
 )
 def test_inks_that_are_seen_nowhere_are_named(unused, said, picture):

@@ -127,7 +127,7 @@ def test_what_is_transparent_is_white(drawn_here):
             'width="8" height="8" viewBox="0 0 8 4">',
             "viewBox is 8x4, not in the photo's proportions",
         ),
-        ('viewBox="0 0 8 8"><text>a</text>', "text (1) is not drawn: resvg gets no fonts"),
+        ('viewBox="0 0 8 8"><text>a</text>', "text (1) is not drawn, because resvg gets no fonts"),
         ('viewBox="0 0 8 8"><foreignObject/>', "foreignObject (1) is left out"),
         ('viewBox="0 0 8 8"><script/>', "script (1) is left out"),
         ('viewBox="0 0 8 8"><g><animate/></g>', "animate (1) is left out"),
@@ -145,7 +145,7 @@ def test_what_browsers_draw_is_not_called_left_out(renderer, halves, monkeypatch
     monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: halves)
     svg = f'<svg {XMLNS} viewBox="0 0 8 8"><foreignObject/><script/></svg>'
     assert gauss2svg.check(halves, svg, renderer=renderer).notes == (
-        "script (1) is left out by the renderer", "foreignObject (1) is drawn by browsers alone",
+        "script (1) is left out by the renderer", "foreignObject (1) is drawn only by browsers",
     )  # fmt: skip
 
 

@@ -169,7 +169,7 @@ def test_the_report_has_every_option(photo):
             RendererError,
             "form must be gradient with the renderer resvg.*chromium",
         ),
-        ({"per_round": 5}, InputError, "per_round must not be given unless .*--gaussians 1000"),
+        ({"per_round": 5}, InputError, "per_round must be given with .*--gaussians 1000"),
         ({"loss": "mse", "ssim_weight": 0.1}, InputError, "loss must be one with ssim.*l?mse.ssim"),
         ({"blend": "add", "falloff": "adaptive"}, InputError, "falloff must be gaussian"),
         (
@@ -182,7 +182,7 @@ def test_the_report_has_every_option(photo):
         (
             {"target_psnr": 20, "round_iterations": 4},
             InputError,
-            "round_iterations must not be given",
+            "round_iterations must be given with",
         ),
     ],
 )

@@ -208,7 +208,7 @@ def test_conversion_refuses_scenes_and_configs_of_the_other_blending(photo):
         ({"per_round": 4, "schedule": "all-at-once"}, "exponential or linear .*; got 'all-at-once"),
         ({"per_round": 1, "schedule": "linear"}, "room for 5000 rounds of 1 or more; got 60"),
         ({"round_iterations": 40}, "room for 6 rounds of 40 or more; got 200"),
-        ({"ssim_weight": 0.5}, "loss must be one with ssim where ssim_weight is given; got 'mse'"),
+        ({"ssim_weight": 0.5}, "loss must be one with ssim if ssim_weight is given; got 'mse'"),
     ],
 )
 def test_bad_options_are_refused_with_their_name(change, message):

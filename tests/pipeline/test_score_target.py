@@ -48,7 +48,7 @@ def test_score_that_few_gaussians_cannot_reach_is_reported(cat):
 
 
 def test_score_is_refused_beside_psnr_and_a_time_limit_and_for_small_photos(cat):
-    with pytest.raises(InputError, match="target_ssimulacra2 must be given without target_psnr"):
+    with pytest.raises(InputError, match="target_ssimulacra2 must not be given with target_psnr"):
         Goal(target_psnr=30, target_ssimulacra2=50)
     with pytest.raises(InputError, match="target_ssimulacra2 must not be given with time_limit"):
         vectorize(cat, target_ssimulacra2=50, time_limit=3)

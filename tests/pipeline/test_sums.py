@@ -153,7 +153,7 @@ def test_the_command_writes_additive_files_and_their_portable_form(
     quick = ["--gaussians", "40", "--iterations", "20", "--blend", "add"]
     assert main([str(photo_file), "-o", str(out), *quick]) == 0
     assert "mix-blend-mode" in out.read_text()
-    assert re.search(r"fit\s+PSNR", capsys.readouterr().err)
+    assert re.search(r"match\s+PSNR", capsys.readouterr().err)
     assert main([str(photo_file), "-o", str(out), *quick, "--portable", "--no-relocate"]) == 0
     assert "mix-blend-mode" not in out.read_text()
     before = out.read_text()

@@ -107,7 +107,7 @@ class Run:
         assert left <= self.names, f"left beside: {sorted(left - self.names)}"
         assert not list(self.temporary.iterdir()), "temporary files are left"
         new = {name for name in left - {"photo.png"} if self._is_new(self.folder / name)}
-        if status == 0 or "the best so far is in" in lines[0]:
+        if status == 0 or "The best picture so far is in" in lines[0]:
             assert new == self.names - {"photo.png"}, f"not written: {sorted(self.names - new)}"
             return "finished" if status == 0 else "best so far"
         assert "every file is whole or untouched" in lines[0], lines

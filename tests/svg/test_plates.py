@@ -152,10 +152,10 @@ def test_plates_keep_the_number_of_their_ink_where_another_is_unused(photo, tmp_
     quick = ["--gaussians", "20", "--iterations", "10"]
     assert main([*given, "--separations", str(tmp_path / "p.svg"), *quick]) == 0
     said = capsys.readouterr().err
-    assert f"{tmp_path / 'p-1.svg'} is not written: no shape of #00ff00 is seen" in said
+    assert f"{tmp_path / 'p-1.svg'} is not written, because #00ff00 is visible nowhere" in said
     assert ", ".join(inks) in said
     for older in ("p-1.svg", "p-7.svg"):
-        assert f"{tmp_path / older} is of an earlier run" in said
+        assert f"{tmp_path / older} comes from an earlier run" in said
         assert (tmp_path / older).read_text() == "of an earlier run"
         (tmp_path / older).unlink()
     made = {path.name: path.read_text() for path in sorted(tmp_path.glob("p-*.svg"))}
@@ -170,7 +170,7 @@ def test_opaque_shapes_that_hide_others_are_warned_of_with_outlines(photo, tmp_p
     given = [str(picture), "-o", str(tmp_path / "o.svg"), "--gaussians", "30", "--inks", "3"]
     for more, warned in ((["--outline", str(lines)], True), ([], False)):
         assert main([*given, "--iterations", "20", *more]) == 0
-        assert ("opaque ellipses hide what is below them" in capsys.readouterr().err) == warned
+        assert ("shows lines that the picture hides" in capsys.readouterr().err) == warned
 
 
 @pytest.mark.parametrize(
@@ -187,7 +187,7 @@ def test_opaque_shapes_that_hide_others_are_warned_of_with_outlines(photo, tmp_p
         (["--inks", "64"], "inks must be at most 2, the number of colours in the picture; got 64"),
         (["--pens", "3"], "--pens must be given with --outline"),
         (["--pens", "0", "--outline", "l.svg"], "--pens must be"),
-        (["--pens", "2", "--outline", "l.svg", "--animate", "2"], "must not be given with animate"),
+        (["--pens", "2", "--outline", "l.svg", "--animate", "2"], "not be given with --animate"),
     ],
 )
 def test_bad_inks_and_pens_are_one_line_status_two_and_no_file(given, why, tmp_path, capsys):

@@ -52,7 +52,7 @@ def test_first_signal_ends_the_fit_with_the_best_so_far(
     assert main(command) == STATUS[number]
     said = capfd.readouterr().err.splitlines()
     assert "interrupt again to quit at once" in said[0]
-    assert f"interrupted after {step} iterations; the best so far is in" in said[-1]
+    assert f"interrupted after {step} optimiser steps. The best picture so far is in" in said[-1]
     report = json.loads((tmp_path / "report.json").read_text())
     assert (report["iterations"], report["stop_reason"]) == (step, "interrupted")
     assert (tmp_path / "out.svg").read_text().startswith("<?xml")

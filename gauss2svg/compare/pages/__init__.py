@@ -22,22 +22,22 @@ class GalleryOptions(OptionGroup):
     """How a gallery is made."""
 
     jobs: Annotated[int, Whole(1, 256)] = 1
-    """Number of worker processes; with several, each SVG takes longer."""
+    """Number of worker processes. With several, each SVG takes longer."""
 
     threads: Annotated[int | None, Whole(1)] = None
-    """CPU threads of each process; if not given, the processes share the cores."""
+    """Number of CPU threads of each process. By default the processes share the cores."""
 
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
-    """Seed; the same seed gives the same files."""
+    """Random seed. The same seed gives the same files."""
 
     photo_size: Annotated[int, Whole(1)] = 2048
-    """Longest side (px) to which larger photos are reduced first."""
+    """Longest side (px). Larger photos are reduced to it first."""
 
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
-    """Maximum number of pixels of a photo, checked before it is decoded."""
+    """Maximum number of pixels of a photo. Larger photos are refused before they are decoded."""
 
     peer_timeout: Annotated[float, Number(1e-3, 1e6)] = 3600.0
-    """Time limit (s) of another tool for a photo."""
+    """Maximum time (s) that another tool may take for a photo."""
 
     title: Annotated[str, encodable_title] = "Photos as Gaussians"
     """Title of the pages."""

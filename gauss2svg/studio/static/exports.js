@@ -53,14 +53,14 @@ export class Exports {
       button.textContent = "Copied";
       setTimeout(() => { button.textContent = before; }, 1500);
     } catch (error) {
-      complain("save-error", `It could not be copied (${error.message}). Try to save it as a file.`);
+      complain("save-error", `Copying failed (${error.message}). Try to save it as a file.`);
     }
   }
 
   /** @param {string} what */
   write(what) {
     if (this.run === null) throw new TypeError("there is no run");
-    if (!navigator.clipboard) throw new Error("the browser opens its clipboard to this machine's own address and to https only");
+    if (!navigator.clipboard) throw new Error("browsers copy only from https or from the address of this machine");
     const { id, picture, lines } = this.run;
     if (what === "png") return navigator.clipboard.write([new ClipboardItem({ "image/png": getBlob(ofJob(id, "picture.png")) })]);
     if (what === "svg") return navigator.clipboard.writeText(picture.text);

@@ -37,6 +37,15 @@ const KINDS = /** @type {Record<string, Kind>} */ ({
   },
 });
 
+// What each kind of aim does, under the slider.
+const MEANING = /** @type {Record<string, string>} */ ({
+  quality: "draft is the smallest and quickest, max the closest to the photo.",
+  gaussians: "Number of shapes. More shapes are closer to the photo, and take more bytes and time.",
+  max_bytes: "Maximum file size. The best picture that fits is written.",
+  target_psnr: "Likeness to reach with as few shapes as possible: 30 dB is good, at 40 dB it is hard to tell them apart.",
+  time_limit: "Maximum time. The best picture reached by then is written.",
+});
+
 export class Goal {
   /** @param {Record<string, import("./api.js").Option>} options by their names @param {(kind: string) => void} kindChanged called with the option that the control stands for */
   constructor(options, kindChanged) {
@@ -94,7 +103,7 @@ export class Goal {
     this.kindChanged(this.kind);
     by("exact-field").hidden = isQuality;
     by("preset-field").hidden = !isQuality;
-    by("kind-help").textContent = this.options[this.kind].help;
+    by("kind-help").textContent = MEANING[this.kind];
     const kind = KINDS[this.kind];
     const scale = isQuality ? linear(0, this.presets.length - 1, 1) : kind.scale;
     this.slider.min = String(scale.least);

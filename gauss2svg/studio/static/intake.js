@@ -2,7 +2,7 @@
 
 import { make } from "./dom.js";
 
-const NO_PHOTO = "There was no photo in it. Try a JPEG, PNG or WebP file.";
+const NO_PHOTO = "That contains no photo. Try a JPEG, PNG or WebP file.";
 
 /** @import { Photo } from "./job.js" */
 

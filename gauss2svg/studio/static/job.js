@@ -4,7 +4,7 @@ import { ApiError, cancelJob, ofJob, postJob, stopJob } from "./api.js";
 
 const MOST_FOLLOWED = 3; // by streams: a browser has six connections to a server, also for pictures and answers
 const PAUSE_MS = 1000; // before a full queue is asked again, where the server names no time
-const LOST = "The server does not answer; it is asked again.";
+const LOST = "The server does not answer. Trying again.";
 const GONE = "The server no longer knows this run. Try to run it again";
 
 /** @import { Options, Progress, State } from "./api.js" */

@@ -13,7 +13,7 @@ import { Picture } from "./rounds.js";
 import { named, Trade } from "./trade.js";
 
 const OF_JOB = /^api\/jobs\/([^/]+)\/((?!frame).*)/; // frames are followed by others
-const FORGOTTEN = "The server has forgotten this run, and keeps its newest ones only. Try to run it again.";
+const FORGOTTEN = "The server has forgotten this run, because it keeps only its newest ones. Try to run it again.";
 
 /** @import { Form, Options } from "./api.js" */
 /** @import { DoneRun, Photo, Run } from "./job.js" */

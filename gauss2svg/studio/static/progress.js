@@ -7,8 +7,8 @@ import { decibels, seconds, size, whole } from "./numbers.js";
 /** @import { Photo, Run } from "./job.js" */
 
 const PHASES = /** @type {Record<string, string>} */ ({
-  read: "Reading the photo", compile: "Preparing, the first time only", write: "Writing the SVG",
-  measure: "Measuring it", correct: "Correcting colours",
+  read: "Reading the photo", compile: "Compiling, in the first run only", write: "Writing the SVG",
+  measure: "Measuring the SVG", correct: "Correcting colours",
 });
 /** @param {number} place */
 const ahead = (place) => (place === 1 ? "one before it" : `${place} before it`);
@@ -17,7 +17,7 @@ const ahead = (place) => (place === 1 ? "one before it" : `${place} before it`);
 function standing(run) {
   const place = run.place ?? 0;
   if (run.lost) return run.lost;
-  if (run.isStopping) return "Stopping with the best so far";
+  if (run.isStopping) return "Stopping, with the best picture so far";
   if (run.state === "waiting") return `Waiting, ${ahead(place)}`;
   if (run.state === "queued") return place > 1 ? `In the queue, ${ahead(place - 1)}` : "In the queue, next";
   const now = run.progress;

@@ -83,8 +83,8 @@ export class Trade {
   }
 
   fillTable() {
-    const columns = ["Run", "Aim", "Shapes", ...this.measured.map((axis) => axis.name), "Size", "Gzipped", "Time", "Beside the shown"];
-    const texts = ["Run", "Aim", "Beside the shown"];
+    const columns = ["Run", "Aim", "Shapes", ...this.measured.map((axis) => axis.name), "Size", "Gzipped", "Time", "Compare"];
+    const texts = ["Run", "Aim", "Compare"];
     const heads = columns.map((name) => make("th", { scope: "col", class: texts.includes(name) ? "text" : null }, name));
     const focused = document.activeElement?.getAttribute("data-action");
     by("runs").replaceChildren(
@@ -101,7 +101,7 @@ export class Trade {
     const cell = (words) => make("td", {}, words);
     const compare = make("button", {
       class: "small", type: "button", "aria-pressed": String(isCompared), "data-action": `compare-${run.number}`,
-      "aria-label": `Compare ${named(run)} with the shown one`,
+      "aria-label": `Compare ${named(run)} with the picture shown`,
       disabled: isShown || run.photo !== this.shown?.photo, click: () => this.compare(run),
     }, "Compare");
     return make("tr", { "aria-current": isShown ? "true" : null },
