@@ -30,7 +30,7 @@ from gauss2svg.raster import (
     renderer_named,
 )
 from gauss2svg.raster.features import Feature
-from gauss2svg.studio.schemas import ERRORS
+from gauss2svg.studio.routes import ERRORS
 
 _OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z0-9-]*|-)(?![\w-])")
 _SPECIAL = re.compile(r"([\\`*_<>#|\[\]{}])")

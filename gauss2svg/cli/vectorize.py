@@ -25,8 +25,8 @@ from gauss2svg.scene import ADD
 from gauss2svg.scene.inks import MOST_INKS, PALETTE_SUFFIX
 
 if TYPE_CHECKING:
-    from gauss2svg.pipeline.result import Result
     from gauss2svg.pipeline.run import Progress
+    from gauss2svg.pipeline.vectorize import Result
 
 _BEGUN = time.perf_counter()
 

@@ -20,9 +20,8 @@ from gauss2svg.compare.machine import machine
 from gauss2svg.errors import Gauss2SvgError, on_one_line, quoted, whole_number
 from gauss2svg.studio.guard import Bounded
 from gauss2svg.studio.jobs import Jobs, QueueFullError
+from gauss2svg.studio.routes import ERRORS, pages, results
 from gauss2svg.studio.routes import jobs as job_routes
-from gauss2svg.studio.routes import pages, results
-from gauss2svg.studio.schemas import ERRORS
 from gauss2svg.studio.uploads import samples_in
 from gauss2svg.version import __version__
 

@@ -9,8 +9,10 @@ import unicodedata
 from collections.abc import Sequence
 from pathlib import Path, PurePath
 from typing import Any
+from urllib.parse import quote
 
 from PIL import ExifTags, Image
+from pydantic import BaseModel, Field, computed_field
 
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.errors import InputError, brief
@@ -18,7 +20,6 @@ from gauss2svg.files import is_device, reading
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.open import UnreadTiffError, opened
 from gauss2svg.photo.tags import SWAPPED
-from gauss2svg.studio.schemas import Sample
 
 _SURROGATE = re.compile("[\ud800-\udfff]")  # what of a file's name is no Unicode
 _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
@@ -26,6 +27,21 @@ _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
 REFUSED = (".heic", ".heif", ".jxl")
 _MOST_SAMPLES = 100
 _LONGEST_NAME = 100
+
+
+class Sample(BaseModel):
+    """A picture that can be picked; width and height in px."""
+
+    name: str
+    path: Path = Field(exclude=True)
+    width: int
+    height: int
+
+    @computed_field
+    @property
+    def url(self) -> str:
+        """Address of its file, relative to the page."""
+        return f"api/samples/{quote(self.name, safe='')}"
 
 
 def display_name(given: str | None) -> str:

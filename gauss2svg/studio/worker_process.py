@@ -38,9 +38,8 @@ from gauss2svg.pipeline import presets
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.run import Progress
-from gauss2svg.pipeline.vectorize import vectorize_by, warm_up
+from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
 from gauss2svg.render.frame import FrameMaker, as_jpeg
 from gauss2svg.svg.document import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg

@@ -13,8 +13,7 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import Options, field_named
-from gauss2svg.pipeline.result import Result
-from gauss2svg.pipeline.vectorize import vectorize_by
+from gauss2svg.pipeline.vectorize import Result, vectorize_by
 
 # Options that are valid only beside another one of this value.
 BESIDE = {

@@ -22,7 +22,9 @@ from gauss2svg.studio.jobs import CANCELED, FAILED, Job, Jobs
 from gauss2svg.studio.options import lines_of, options_of
 from gauss2svg.studio.routes import (
     AllJobs,
+    JobState,
     KnownJob,
+    PhotoForm,
     Samples,
     job_named,
     parsed,
@@ -30,7 +32,7 @@ from gauss2svg.studio.routes import (
     validated,
 )
 from gauss2svg.studio.routes.results import picture
-from gauss2svg.studio.schemas import JobState, PhotoForm, Sample
+from gauss2svg.studio.uploads import Sample
 
 _MOST_OPTIONS = 64_000  # characters of their JSON
 _ALIVE_S = 15.0  # between two lines of an event stream that has nothing to tell

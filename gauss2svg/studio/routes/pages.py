@@ -20,8 +20,7 @@ from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio.options import form
 from gauss2svg.studio.routes import AllJobs, KnownSample, Samples, parsed, validated
-from gauss2svg.studio.schemas import Sample
-from gauss2svg.studio.uploads import REFUSED
+from gauss2svg.studio.uploads import REFUSED, Sample
 from gauss2svg.version import __version__
 
 router = APIRouter()
