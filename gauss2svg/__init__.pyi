@@ -28,7 +28,7 @@ from .pipeline.options import (
 )
 from .pipeline.placeholder import Placeholder as Placeholder, placeholder as placeholder
 from .pipeline.palette import quantize as quantize
-from .pipeline.result import Result as Result
+from .pipeline.vectorize import Result as Result
 from .pipeline.run import Progress as Progress
 from .pipeline.vectorize import vectorize as vectorize
 from .svg.document import Document as Document
