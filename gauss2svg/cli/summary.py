@@ -32,6 +32,8 @@ _NOTHING_TO_GAIN = {
     "enough": "more would make no visible difference",
     "cap": "as many as the picture has room for",
 }
+_SCALE = " (30 is soft, 35 good, 40 hard to tell apart)"
+_WELL_USED = 0.97  # share of a limit of bytes from which nothing need be said
 _FEW = 60  # Gaussians, of which each is a large part of a file
 _MOST_TAGS = 6  # of a checked SVG, the most frequent
 
@@ -44,7 +46,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     rows = {
         "file": f"{output}, {r['width']}x{r['height']} px, {_size(r)}",
         "shapes": f"{r['gaussians']:,} Gaussian{'s' * (r['gaussians'] != 1)}: {_finished(r)}",
-        "match": f"{_match(r, ' (30 is good, 40 hard to tell apart)')}{at}",
+        "match": f"{_match(r, _SCALE if r['inks'] is None else '')}{at}",
         "transparency": _alpha(r),
         "inks": (r["inks"] or "").replace(",", ", "),
         "scores": _scores(r),
@@ -113,10 +115,10 @@ def _finished(report: dict[str, Any]) -> str:
     """Return why the file has as many Gaussians as it has."""
     reason, limit = report["stop_reason"], report["max_bytes"]
     if reason == "max_bytes" and report["gaussians"]:
-        few = report["gaussians"] < _FEW
-        why = "one more would not fit in" if few else "no file is closer in"
         gzipped = report["gzip"] or report["count_gzipped"]
-        return f"{why} {limit:,} {'gzipped ' * gzipped}bytes"
+        more = report["svgz_bytes" if gzipped else "svg_bytes"] < _WELL_USED * limit
+        why = "one more would not fit" if report["gaussians"] < _FEW else "more would not be closer"
+        return f"limited by {limit:,} {'gzipped ' * gzipped}bytes{f'; {why}' * more}"
     alone = _NOTHING_TO_GAIN if report["quality"] is None else {}
     return alone.get(reason, _STOPPED[reason]).format(**report)
 

@@ -285,6 +285,9 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
             f"{further.outline} also shows lines that the picture hides, below {hiding} opaque "
             "ellipses"
         )
+    if further.separations is not None and not further.quiet:
+        first, *_, last = further.plates(len(result.report["inks"].split(",")))
+        yield f"the plates are {first} to {last}, in the order of the inks"
     for path, ink in unseen.items():
         yield f"{path} is not written, because {ink} is visible nowhere"
     for path in further.plates(MOST_INKS):

@@ -149,8 +149,8 @@ class SvgOptions(OptionGroup):
     size."""
 
     count_gzipped: bool = False
-    """Let --max-bytes limit the size after gzip, which a web server sends. The file is written
-    uncompressed."""
+    """Let --max-bytes limit the size after gzip at its highest level, 9, at which a web server can
+    send it. The file is written uncompressed."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -112,7 +112,7 @@ def test_the_svg_is_that_of_the_service_and_its_figures_are_the_report_s(visit, 
     with page.expect_download() as saved:  # beside the figures, the file that they are of
         page.locator("#save-now").click()
     assert saved.value.path().read_text() == svg
-    assert "30 is good" in page.locator("#meaning").text_content()
+    assert "35 is good" in page.locator("#meaning").text_content()
     last = page.locator("#last-run").text_content()
     assert last.startswith("The last run of this photo, draft, took ")
     assert all(text in last for text in (cells[1], cells[2], cells[4], cells[6]))
