@@ -61,26 +61,25 @@ def batch_command(
     parameters.refuse_options(batch_command, photos, output)
     if log == "json":
         streams.standard_stream(sys.stdout, "output")  # is refused now, not at the first record
-    with Batch(photos, output, Options(**vars(given)), batch) as made:
-        summary, count, shown_s = Summary(), made.index.count, 0.0
-        try:
-            with (
-                streams.counting_bar(quiet) as update,
-                closing(made.run(say=(lambda _: None) if quiet else say)) as records,
-            ):
-                update("", 0, count)
-                for record in records:
-                    summary.add(record)
-                    if log == "json":
-                        line = {**record.line(), "skipped": record.skipped}
-                        streams.write_output(json.dumps(line).encode() + b"\n")
-                    if summary.seconds - shown_s > _SHOW_S:
-                        shown_s = summary.seconds
-                        update(summary.state(count), summary.total, count)
-        except KeyboardInterrupt:
-            say(f"see {', '.join(made.finish())}")  # of what is done
-            raise
-        tables = made.finish()
+    made = Batch(photos, output, Options(**vars(given)), batch)
+    summary, count, shown_s = Summary(), made.count, 0.0
+    try:
+        with (
+            streams.counting_bar(quiet) as update,
+            closing(made.run(say=(lambda _: None) if quiet else say)) as records,
+        ):
+            update("", 0, count)
+            for record in records:
+                summary.add(record)
+                if log == "json":
+                    streams.write_output(json.dumps(record._asdict()).encode() + b"\n")
+                if summary.seconds - shown_s > _SHOW_S:
+                    shown_s = summary.seconds
+                    update(summary.state(count), summary.total, count)
+    except KeyboardInterrupt:
+        say(f"see {', '.join(made.finish())}")  # of what is done
+        raise
+    tables = made.finish()
     if not quiet:
         for line in summary.lines():
             say(line)

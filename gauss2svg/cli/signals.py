@@ -16,7 +16,7 @@ from functools import partial
 from types import FrameType
 from typing import Any
 
-from gauss2svg import batch
+from gauss2svg import pool
 
 _QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
 _SHOW_CURSOR = b"\x1b[?25h"  # which a progress bar hides
@@ -109,15 +109,15 @@ def raising() -> Iterator[None]:
     """Let signals raise inside, at its end at the latest: files are closed, child processes end."""
 
     def received(number: int, _frame: FrameType | None) -> None:
-        batch.pending = partial(raise_for, number)
+        pool.pending = partial(raise_for, number)
         raise_for(number)
 
     try:
         with _handled(received):
             yield
-            batch.raise_pending()
+            pool.raise_pending()
     finally:
-        batch.pending = None
+        pool.pending = None
 
 
 @contextmanager
@@ -125,7 +125,7 @@ def interruptible() -> Iterator[Interruption]:
     """Let the Interruption receive signals inside, if this is the main thread."""
     interruption = Interruption()
     with _handled(interruption._receive):
-        batch.raise_pending()  # what came before, and was lost in a callback
+        pool.raise_pending()  # what came before, and was lost in a callback
         yield interruption
 
 
