@@ -51,7 +51,7 @@ class _Job(Future[Any]):
         return super().cancel() or self.end(CancelledError())
 
     def end(self, reason: Exception) -> bool:
-        """Kill the process of this job, which fails with the reason; return whether there is one."""
+        """Kill the process of this job, which fails with the reason; return whether it had one."""
         with self.lock:
             if self.process is not None:
                 self.reason = reason

@@ -23,6 +23,7 @@ import gallery_site
 import numpy as np
 import psutil
 import pytest
+from batches import PoolHere
 from hypothesis import settings
 from numpy.typing import NDArray
 from skimage import data
@@ -285,6 +286,13 @@ def two(photo, tmp_path):
         galleries.save(photo[:9, i : 9 + i], tmp_path / f"{name}.png")
         for i, name in ((1, "a"), (2, "b"))
     ]
+
+
+@pytest.fixture
+def pool_here(monkeypatch) -> None:
+    """Batches and galleries have no processes of their own."""
+    monkeypatch.setattr("gauss2svg.batch.many.Pool", PoolHere)
+    monkeypatch.setattr("gauss2svg.compare.pages.build.Pool", PoolHere)
 
 
 @pytest.fixture(scope="module")

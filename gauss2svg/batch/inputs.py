@@ -144,16 +144,13 @@ def _pictures(root: str) -> Iterator[str]:
 
 def _remote(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
     """Yield the photo of a URL, or all that are under it or match it."""
-    base, is_folder = path.rstrip("/"), False
-    if PATTERN.search(url):
-        base, matches = _base(path), fs.glob(path, detail=True).items()
-        names = [name for name, info in matches if info["type"] == "file"]
-    elif url.startswith("http") or fs.isfile(path):
-        base, names = os.path.dirname(path), [path]
-    else:
-        is_folder, names = True, fs.find(path)
     host, is_whole, _ = url.partition(path.rstrip("/"))  # fsspec leaves out the host
+    is_pattern = PATTERN.search(url) is not None
+    find = fs.glob if is_pattern else fs.find
+    names = [path] if url.startswith("http") else find(path)
+    base = (_base(path) if is_pattern else path).rstrip("/")
     for name in names:
-        inside = name.removeprefix(base).lstrip("/")
-        if not is_folder or (is_picture(inside) and "/." not in f"/{inside}"):
+        inside = name.removeprefix(base).lstrip("/") or os.path.basename(name)
+        is_named = is_pattern or name == path  # whatever its suffix
+        if is_named or (is_picture(inside) and "/." not in f"/{inside}"):
             yield host + name if is_whole else fs.unstrip_protocol(name), inside

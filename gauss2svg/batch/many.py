@@ -11,7 +11,7 @@ import zlib
 from array import array
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache
@@ -25,7 +25,15 @@ from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.stores import PARTS_OF, STATE, is_url, prepare, reason_of, write
 from gauss2svg.batch.table import write_table
 from gauss2svg.batch.worker import BatchSpec, Photo, PhotoRecord, now, versions, work
-from gauss2svg.errors import ClusterError, InputError, brief, instance, quoted, refusal
+from gauss2svg.errors import (
+    ClusterError,
+    Gauss2SvgError,
+    InputError,
+    brief,
+    instance,
+    quoted,
+    refusal,
+)
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
 from gauss2svg.measure.memory import SHARE, free_bytes
 from gauss2svg.options import file_name
@@ -41,7 +49,6 @@ if TYPE_CHECKING:
 _USUAL = Header(4000, 3000, has_alpha=False)  # a photo of a camera, for which memory is shared out
 _SINGLE = 50_000  # photos up to which each is a job of its own
 _JOBS = 5000  # of more photos
-_READERS = 16  # threads that read marks from a store, which is mostly waiting
 _CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
 _KNOWN_S = 1.0  # for which a number of workers is taken as known
 _DIED = "its workers died; was there enough memory? Try --max-size, or --retry-failed with more"
@@ -76,18 +83,21 @@ def vectorize_many(
     return records()
 
 
-class _Photos:
-    """Photos in a temporary file, so that a million take little memory."""
+class _Spool:
+    """Tuples in a temporary file, so that a million take little memory."""
 
     def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile()
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 (for as long as the batch)
         self.count = 0
 
-    def add(self, photo: Photo) -> None:
-        pickle.dump(photo, self._file)
+    def __del__(self) -> None:
+        self._file.close()
+
+    def add(self, one: tuple[Any, ...]) -> None:
+        pickle.dump(one, self._file)
         self.count += 1
 
-    def __iter__(self) -> Iterator[Photo]:
+    def __iter__(self) -> Iterator[Any]:
         self._file.seek(0)
         for _ in range(self.count):
             yield pickle.load(self._file)
@@ -113,16 +123,15 @@ class Batch:
         if isinstance(sources, (str, bytes, os.PathLike)):
             raise refusal("sources", "a sequence", quoted(sources), f"[{sources!r}]")
         named = [file_name("sources", name).removeprefix("file://") for name in sources]
-        root = file_name("output", output, "the name or the URL of a folder").removeprefix(
-            "file://"
-        )
+        root = file_name("output", output, "the name or the URL of a folder")
+        root = root.removeprefix("file://")
         if root == STANDARD_STREAM:
             raise refusal("output", "a folder", quoted(root), "-o out/")
         self.root = root.rstrip("/") if is_url(root) else os.path.abspath(root)
         check_apart(named, self.root)
         self._spec = BatchSpec(self.options, self.root, versions(), self.batch.retry_failed)
         self._begun_at = now()
-        self._unmarked: dict[str, PhotoRecord] = {}  # by outputs whose mark could not be written
+        self._records = _Spool()  # of all that is known
         self._photos = self._listed(named)
         if not (count := self._photos.count):
             searched = brief(f"none in {', '.join(named) or 'no folder'}")
@@ -130,13 +139,13 @@ class Batch:
         self.count = count
         prepare(self.root)
 
-    def _listed(self, sources: list[str]) -> _Photos:
+    def _listed(self, sources: list[str]) -> _Spool:
         """List photos, each once. Raise InputError for two that would write one file."""
         folder = self.root
         while not (is_url(folder) or os.path.isdir(folder)):  # a new one is as its parent
             folder = os.path.dirname(folder)
         key_of = str.casefold if not is_url(folder) and folds_case(folder) else str
-        photos, hashes = _Photos(), array("q")
+        photos, hashes = _Spool(), array("q")
         for path, name in photos_of(sources):
             output = name + (".svgz" if self.options.svg.gzip else ".svg")
             parts = PARTS_OF.split(key_of(output))
@@ -148,7 +157,7 @@ class Batch:
             hashes.append(hash(key_of(output)))
         if len(np.unique(hashes)) == photos.count:
             return photos
-        unique, paths = _Photos(), dict[str, str]()
+        unique, paths = _Spool(), dict[str, str]()
         for path, output in photos:
             key = key_of(output)
             if key not in paths:
@@ -166,7 +175,16 @@ class Batch:
 
         say  called with a line about the cluster
         """
-        left = _Photos()
+        for record in self._known(client, cache(say)):
+            self._records.add(record)
+            yield record
+
+    def finish(self) -> list[str]:
+        """Write the table of all photos of which it is known what became; return its paths."""
+        return write_table(self.root, self._records)
+
+    def _known(self, client: Client | None, say: Callable[[str], None]) -> Iterator[PhotoRecord]:
+        left = _Spool()
         for photo in self._photos:
             # Workers ask stores, for whose answers they wait at the same time.
             is_here = not (is_url(photo[0]) or is_url(self.root))
@@ -174,38 +192,23 @@ class Batch:
                 yield record
             else:
                 left.add(photo)
-        if left.count:
-            described = as_json({**self._spec.versions, "options": self.options.flat()})
-            write(self.root, f"{STATE}/options-{self._spec.identities[0]}.json", described)
-            with ExitStack() as stack:
-                if client is not None or self.batch.scheduler is not None:
-                    client = client or stack.enter_context(_connected(self.batch.scheduler or ""))
-                    pool, threads, memory = _Cluster(client, cache(say)), 1, None
-                else:
-                    pool, threads, memory = self._local_pool(left.count)
-                    stack.enter_context(pool)
-                options = self.options.changed(threads=self.options.run.threads or threads)
-                spec = replace(self._spec, options=options, memory=memory)
-                yield from self._worked(pool, spec, left)
-
-    def finish(self) -> list[str]:
-        """Write the table of all photos whose marks are by these options; return its paths."""
-
-        def known(photo: Photo) -> PhotoRecord | None:
-            record = self._spec.marked(photo[1]) or self._unmarked.get(photo[1])
-            return record and record._replace(skipped=record.time < self._begun_at)
-
-        def records() -> Iterator[PhotoRecord]:
-            photos = iter(self._photos)
-            with ThreadPoolExecutor(_READERS) as readers:
-                mapped = readers.map if is_url(self.root) else map
-                while some := list(islice(photos, 1000)):
-                    yield from filter(None, mapped(known, some))
-
-        return write_table(self.root, records())
+        if not left.count:
+            return
+        described = as_json({**self._spec.versions, "options": self.options.flat()})
+        write(self.root, f"{STATE}/options-{self._spec.identities[0]}.json", described)
+        with ExitStack() as stack:
+            if client is not None or self.batch.scheduler is not None:
+                client = client or stack.enter_context(_connected(self.batch.scheduler or ""))
+                pool, threads, memory = _Cluster(client, say), 1, None
+            else:
+                pool, threads, memory = self._local_pool(left.count)
+                stack.enter_context(pool)
+            options = self.options.changed(threads=self.options.run.threads or threads)
+            spec = replace(self._spec, options=options, memory=memory)
+            yield from self._worked(pool, spec, left)
 
     def _worked(
-        self, pool: Pool | _Cluster, spec: BatchSpec, left: _Photos
+        self, pool: Pool | _Cluster, spec: BatchSpec, left: _Spool
     ) -> Iterator[PhotoRecord]:
         """Yield what workers make of photos; one that kills its workers has failed."""
         photos, again = iter(left), deque[list[Photo]]()
@@ -229,9 +232,7 @@ class Batch:
                     again.extend([photo] for photo in some)
                     continue
                 records = [spec.failed(some[0], "WorkerDied", _DIED)]
-            for record in records:
-                if record.error is not None and spec.marked(record.output) is None:
-                    self._unmarked[record.output] = record
+            for record in records:  # of photos of which some were done before a worker died
                 yield record._replace(skipped=record.time < self._begun_at)
 
     def _local_pool(self, most: int) -> tuple[Pool, int, int]:
@@ -300,4 +301,11 @@ def _connected(scheduler: str) -> Iterator[Client]:
         advice = "starting `dask scheduler`, and its address tcp://host:8786"
         raise ClusterError(f"scheduler must be {needed}; got {got}. Try {advice}") from error
     with client:
-        yield client
+        try:
+            yield client
+        except Gauss2SvgError:
+            raise
+        except Exception as error:  # the scheduler is gone, or a worker lacks gauss2svg
+            why = f"{type(error).__name__}: {reason_of(error)}"
+            advice = "the same command again: it goes on where this one ended"
+            raise ClusterError(f"lost {scheduler} or its workers ({why}). Try {advice}") from error

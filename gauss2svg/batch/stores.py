@@ -89,7 +89,8 @@ def write(root: str, name: str, data: bytes) -> None:
     where = f"{root}/{name}"
     if is_url(where):
         with reached(where, "write", OutputError) as (fs, path):
-            return fs.pipe_file(path, data)
+            fs.pipe_file(path, data)
+        return
     part = Path(root, PARTS, secrets.token_hex(8))
     try:
         write_whole(Path(where), data, part)
@@ -110,7 +111,8 @@ def prepare(root: str) -> None:
             if not _WHOLE_PUT & ({fs.protocol} if isinstance(fs.protocol, str) else {*fs.protocol}):
                 stores = ", ".join(sorted(_WHOLE_PUT))
                 raise refusal("output", f"a folder, or on one of {stores}", root, "a folder")
-        return write(root, f"{PARTS}/writable", b"")
+        write(root, f"{PARTS}/writable", b"")
+        return
     parts = Path(root, PARTS)
     make_folder(parts)
     check_writable(parts / "writable")

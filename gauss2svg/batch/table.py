@@ -111,19 +111,21 @@ def as_cell(value: Any) -> Any:
 def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
     """Write what became of all photos as CSV, and as Parquet with pyarrow; return the paths."""
     parts = None if is_url(root) else f"{root}/{PARTS}"
-    with reached(f"{root}/{TABLE}", "write", OutputError) as (fs, _):
-        with tempfile.TemporaryDirectory(dir=parts) as folder:
-            with open(f"{folder}/table.csv", "w", newline="", encoding="utf-8") as stream:
-                writer = csv.writer(stream)
-                writer.writerow(PhotoRecord._fields)
-                for record in records:
-                    texts = "; ".join(record.unreached), json.dumps(record.versions)
-                    row = record._replace(unreached=texts[0], versions=texts[1])
-                    writer.writerow(map(as_cell, row))
-            if find_spec("pyarrow") is not None:  # an extra
-                _write_parquet(f"{folder}/table.csv", f"{folder}/table.parquet")
-            for name in (names := sorted(os.listdir(folder))):
-                fs.put_file(f"{folder}/{name}", f"{root}/{STATE}/{name}")
+    with (
+        reached(f"{root}/{TABLE}", "write", OutputError) as (fs, _),
+        tempfile.TemporaryDirectory(dir=parts) as folder,
+    ):
+        with open(f"{folder}/table.csv", "w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(PhotoRecord._fields)
+            for record in records:
+                texts = "; ".join(record.unreached), json.dumps(record.versions)
+                row = record._replace(unreached=texts[0], versions=texts[1])
+                writer.writerow(map(as_cell, row))
+        if find_spec("pyarrow") is not None:  # an extra
+            _write_parquet(f"{folder}/table.csv", f"{folder}/table.parquet")
+        for name in (names := sorted(os.listdir(folder))):
+            fs.put_file(f"{folder}/{name}", f"{root}/{STATE}/{name}")
     return [f"{root}/{STATE}/{name}" for name in names]
 
 

@@ -30,7 +30,7 @@ from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
 MARK = ".gauss2svg.json"  # after the name of an SVG: the name of its mark
-_OF_REPORT = ["width", "height", "gaussians", "psnr_svg", "ssim_svg", "paint_ms", "stop_reason", "unreached"]
+_OF_REPORT = {"width", "height", "gaussians", "psnr_svg", "ssim_svg", "paint_ms", "stop_reason"}
 # Why a file of one name cannot be written where others can.
 _OF_ITS_NAME = {errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EINVAL}
 
@@ -117,7 +117,7 @@ class BatchSpec:
 
     def marked(self, output: str) -> PhotoRecord | None:
         """Return the record of a photo by these options; None without one. Raise OutputError."""
-        none = FileNotFoundError, NotADirectoryError, ValueError, TypeError, RecursionError
+        none = OSError, ValueError, TypeError, RecursionError  # no file, or none of ours
         with (
             reached(f"{self.root}/{output}{MARK}", kind=OutputError) as (fs, path),
             suppress(*none),
@@ -216,4 +216,5 @@ def _written(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
     result = vectorize_by(options, image, may_reduce=may_reduce)
     data = file_bytes(result.svg, options.svg.gzip)
     write(spec.root, output, data)
-    return {"bytes": len(data)} | {name: result.report[name] for name in _OF_REPORT}
+    of_report = {name: result.report[name] for name in _OF_REPORT}
+    return of_report | {"bytes": len(data), "unreached": result.report["unreached"]}
