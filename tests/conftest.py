@@ -273,7 +273,8 @@ def asked(monkeypatch):
         found.append((request["kind"], request["folder"].rpartition("/photos/")[2]))
         return (galleries.canned if request["kind"] == "variant" else answer_to)(request)
 
-    monkeypatch.setattr(build, "WorkerPool", lambda jobs, _: galleries.Here(answer))
+    monkeypatch.setattr(build, "Pool", PoolHere)
+    monkeypatch.setattr(build, "answer_to", answer)
     return found
 
 
@@ -290,9 +291,8 @@ def two(photo, tmp_path):
 
 @pytest.fixture
 def pool_here(monkeypatch) -> None:
-    """Batches and galleries have no processes of their own."""
+    """Batches have no processes of their own."""
     monkeypatch.setattr("gauss2svg.batch.many.Pool", PoolHere)
-    monkeypatch.setattr("gauss2svg.compare.pages.build.Pool", PoolHere)
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from gauss2svg.batch.inputs import check_apart, photos_of
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.stores import PARTS_OF, STATE, is_url, prepare, reason_of, write
 from gauss2svg.batch.table import write_table
-from gauss2svg.batch.worker import BatchSpec, Photo, PhotoRecord, now, versions, work
+from gauss2svg.batch.worker import BatchSpec, Photo, PhotoRecord, identity_of, now, versions, work
 from gauss2svg.errors import (
     ClusterError,
     Gauss2SvgError,
@@ -39,7 +39,7 @@ from gauss2svg.measure.memory import SHARE, free_bytes
 from gauss2svg.options import file_name
 from gauss2svg.photo.photo import Header
 from gauss2svg.pipeline.memory_budget import allowed
-from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pool import Pool, completed
 
@@ -129,7 +129,12 @@ class Batch:
             raise refusal("output", "a folder", quoted(root), "-o out/")
         self.root = root.rstrip("/") if is_url(root) else os.path.abspath(root)
         check_apart(named, self.root)
-        self._spec = BatchSpec(self.options, self.root, versions(), self.batch.retry_failed)
+        identities = (
+            identity_of(self.options, NOT_OF_PICTURE),
+            identity_of(self.options, {"threads"}),
+        )
+        retry = self.batch.retry_failed
+        self._spec = BatchSpec(self.options, self.root, versions(), identities, retry)
         self._begun_at = now()
         self._records = _Spool()  # of all that is known
         self._photos = self._listed(named)

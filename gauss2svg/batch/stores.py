@@ -81,9 +81,10 @@ def reached(
         raise kind(f"cannot {verb} {name}: {reason_of(error)}. Try {advice}") from error
 
 
-def write(root: str, name: str, data: bytes) -> None:
-    """Write a file of a folder, whole or not at all. Raise OutputError.
+def write(root: str, name: str, data: bytes, sync: bool = True) -> None:
+    """Write a file of a folder, whole or not at all, or empty after a power cut without `sync`.
 
+    Raise OutputError.
     The folder of unfinished files is not made: a machine that does not see it writes nothing.
     """
     where = f"{root}/{name}"
@@ -93,12 +94,12 @@ def write(root: str, name: str, data: bytes) -> None:
         return
     part = Path(root, PARTS, secrets.token_hex(8))
     try:
-        write_whole(Path(where), data, part)
+        write_whole(Path(where), data, part, sync)
     except OutputError as error:
         if getattr(error.__cause__, "errno", None) != errno.ENOENT:
             raise
         make_folder(Path(where).parent)
-        write_whole(Path(where), data, part)
+        write_whole(Path(where), data, part, sync)
 
 
 def prepare(root: str) -> None:
@@ -107,10 +108,9 @@ def prepare(root: str) -> None:
     Raise InputError for a store on which a file would be seen half written.
     """
     if is_url(root):
-        with reached(root, "write", OutputError) as (fs, _):
-            if not _WHOLE_PUT & ({fs.protocol} if isinstance(fs.protocol, str) else {*fs.protocol}):
-                stores = ", ".join(sorted(_WHOLE_PUT))
-                raise refusal("output", f"a folder, or on one of {stores}", root, "a folder")
+        if root.partition("://")[0] not in _WHOLE_PUT:
+            stores = ", ".join(sorted(_WHOLE_PUT))
+            raise refusal("output", f"a folder, or on one of {stores}", root, "a folder")
         write(root, f"{PARTS}/writable", b"")
         return
     parts = Path(root, PARTS)

@@ -12,11 +12,11 @@ import platform
 import time
 import warnings
 import zlib
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import cache
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ from gauss2svg.batch.stores import is_url, reached, write
 from gauss2svg.errors import ClusterError, Gauss2SvgError, OutputError, error_line, refusal
 from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.memory_budget import allowed
-from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
+from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
@@ -87,33 +87,33 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return the versions that workers must have as the command has them."""
     return {"gauss2svg": __version__} | {name: version(name) for name in ("numba", "numpy")}
+
+
+def identity_of(options: Options, without: Set[str]) -> str:
+    """Return a hash of the version and of the options but some."""
+    given = {k: v for k, v in options.flat().items() if k not in without}
+    text = json.dumps([__version__, given], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
 class BatchSpec:
     """What all photos share: options, the output folder, and what of earlier runs is taken up.
 
-    memory  bytes that a run may take where the options do not say so; None: what is free
+    identities  hashes of all that an SVG depends on, and of all that a failure does
+    memory      bytes that a run may take where the options do not say so; None: what is free
     """
 
     options: Options
     root: str
     versions: dict[str, str]
+    identities: tuple[str, str]
     retry_failed: bool = False
     memory: int | None = None
-
-    @cached_property
-    def identities(self) -> list[str]:
-        """Hashes of all that an SVG depends on, and of all that a failure does."""
-        hashes: list[str] = []
-        for others in (NOT_OF_PICTURE, {"threads"}):
-            given = {k: v for k, v in self.options.flat().items() if k not in others}
-            text = json.dumps([__version__, given], sort_keys=True)
-            hashes.append(hashlib.sha256(text.encode()).hexdigest()[:16])
-        return hashes
 
     def marked(self, output: str) -> PhotoRecord | None:
         """Return the record of a photo by these options; None without one. Raise OutputError."""
@@ -150,7 +150,9 @@ class BatchSpec:
         )
         # A name that is too long has failed, and so has its mark.
         with suppress(OutputError) if record.error else nullcontext():
-            write(self.root, record.output + MARK, json.dumps(record._asdict()).encode())
+            write(
+                self.root, record.output + MARK, json.dumps(record._asdict()).encode(), sync=False
+            )
         return record
 
     def failed(self, photo: Photo, code: str, line: str) -> PhotoRecord:

@@ -9,7 +9,14 @@ from datetime import datetime, timedelta
 
 import pytest
 from batches import (
-    TINY_COMMAND, left_parts, marks, outputs, PoolHere, save_photo, save_photos, tiny,
+    TINY_COMMAND,
+    PoolHere,
+    left_parts,
+    marks,
+    outputs,
+    save_photo,
+    save_photos,
+    tiny,
 )  # fmt: skip
 
 from gauss2svg.batch import many, worker
@@ -40,7 +47,9 @@ def run(tmp_path):
         found = {"done": [], "skipped": [], "failed": []}
         batch = BatchOptions(retry_failed=retry_failed)
         for one in vectorize_many(sources, tmp_path / "out", tiny(**options), batch=batch):
-            found["skipped" if one.skipped else "failed" if one.error else "done"].append(one.output)
+            found["skipped" if one.skipped else "failed" if one.error else "done"].append(
+                one.output
+            )
         return {kind: sorted(names) for kind, names in found.items()}
 
     return run
@@ -95,7 +104,9 @@ def test_each_photo_has_a_mark_and_a_row_with_all_that_is_asked_for(run, photos,
     assert sorted(filter(None, parquet.column("width").to_pylist())) == [12] * 4
 
 
-def test_what_is_done_needs_no_worker_and_stays_as_it_is(run, photos, tmp_path, capsys, monkeypatch):
+def test_what_is_done_needs_no_worker_and_stays_as_it_is(
+    run, photos, tmp_path, capsys, monkeypatch
+):
     (photos / "bad.png").write_bytes(b"no picture")
     run(photos)
     out = tmp_path / "out"
@@ -106,7 +117,9 @@ def test_what_is_done_needs_no_worker_and_stays_as_it_is(run, photos, tmp_path, 
     assert main([*command, *TINY_COMMAND]) == 1
     printed = capsys.readouterr()
     logged = [json.loads(line) for line in printed.out.splitlines()]
-    assert {one["output"]: one["skipped"] for one in logged} == dict.fromkeys([*GOOD, "bad.svg"], True)
+    assert {one["output"]: one["skipped"] for one in logged} == dict.fromkeys(
+        [*GOOD, "bad.svg"], True
+    )
     summary, advice, reason, names, see = printed.err.splitlines()
     assert summary.startswith("gauss2svg: 0 done, 4 skipped, 0 failed, 1 failed earlier in ")
     assert "--retry-failed" in advice
@@ -183,7 +196,11 @@ def test_fault_of_a_library_costs_its_photo_alone(run, photos, tmp_path, monkeyp
         return vectorize_by(options, image, **given)
 
     monkeypatch.setattr(worker, "vectorize_by", failing)
-    assert run(photos) == {"done": ["a.svg", "b/c d.svg"], "skipped": [], "failed": ["b/a.svg", "e.svg"]}
+    assert run(photos) == {
+        "done": ["a.svg", "b/c d.svg"],
+        "skipped": [],
+        "failed": ["b/a.svg", "e.svg"],
+    }
     errors = {name: one["error"] for name, one in marks(tmp_path / "out").items() if one["error"]}
     assert errors["e.svg"] == "ZeroDivisionError: a fault"
     assert errors["b/a.svg"].startswith("out of memory (5 GiB). Try")
@@ -196,7 +213,7 @@ def test_fault_of_a_library_costs_its_photo_alone(run, photos, tmp_path, monkeyp
 def test_disk_that_cannot_be_written_ends_the_batch_and_loses_nothing(
     of_mark, number, run, photos, tmp_path, monkeypatch
 ):
-    def failing(root, name, data):
+    def failing(root, name, data, sync=True):
         if name == "b/c d.svg" + MARK * of_mark:
             why = os.strerror(number)
             raise OutputError(f"cannot write it: {why}") from OSError(number, why)
@@ -215,7 +232,9 @@ def test_disk_that_cannot_be_written_ends_the_batch_and_loses_nothing(
 
 def test_name_that_cannot_be_written_costs_its_photo_alone(run, photos, tmp_path):
     save_photo(photos / "e.svg/x.png", 5)
-    long = [save_photo(tmp_path / "x.png", 6).rename(tmp_path / ("n" * length)) for length in (252, 250)]
+    long = [
+        save_photo(tmp_path / "x.png", 6).rename(tmp_path / ("n" * length)) for length in (252, 250)
+    ]
     found = run(photos, *long)
     failed = ["e.svg/x.svg", "n" * 250 + ".svg", "n" * 252 + ".svg"]
     assert found["failed"] == failed
@@ -260,8 +279,10 @@ def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, m
     assert outputs(tmp_path / "out") == {}
 
 
-def test_machine_that_does_not_see_the_output_folder_writes_nothing(run, photos, tmp_path, monkeypatch):
-    def elsewhere(root, name, data):
+def test_machine_that_does_not_see_the_output_folder_writes_nothing(
+    run, photos, tmp_path, monkeypatch
+):
+    def elsewhere(root, name, data, sync=True):
         write(str(tmp_path / "elsewhere"), name, data)
 
     monkeypatch.setattr(worker, "write", elsewhere)
@@ -341,7 +362,9 @@ def test_summary_counts_photos_and_names_few_of_those_that_failed():
     summary.add(PhotoRecord("b", "b", width=1000, height=2000, skipped=True))
     summary.add(PhotoRecord("c", "c", error="bad", skipped=True))
     first, earlier, *reasons, names = summary.lines()
-    assert re.match(r"1 done, 1 skipped, 8 failed, 1 failed earlier in .* photos and .* mega", first)
+    assert re.match(
+        r"1 done, 1 skipped, 8 failed, 1 failed earlier in .* photos and .* mega", first
+    )
     assert "--retry-failed" in earlier
     assert reasons == ["failed, 8: photo: broken at N", "failed, 1: bad"]
     assert names == "failed photos: /0.jpg, /1.jpg, /2.jpg, /3.jpg, /4.jpg and 4 more"

@@ -11,7 +11,6 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -98,7 +97,7 @@ def pictures(photo, small_svg, tmp_path, monkeypatch) -> Path:
 
 
 @pytest.fixture
-def in_this_process(hasty, drawn_here, asked, pool_here, monkeypatch) -> None:
+def in_this_process(hasty, drawn_here, asked, pool_here) -> None:
     """Fits are short, nothing starts a process, and SVGs of galleries are made up."""
 
 

@@ -28,10 +28,10 @@ def tiny(**given) -> Options:
 class PoolHere:
     """Stands in for a pool: its jobs run in this process, where tests can change what they do."""
 
-    died, most_deaths = WorkerDiedError, 2
+    died, most_deaths, workers = WorkerDiedError, 2, 1
 
     def __init__(self, *_: object) -> None:
-        self.jobs = 0
+        pass
 
     def __enter__(self) -> PoolHere:
         return self
