@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
+from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import OptionGroup, Whole
 
 _MOST_WORKERS = 1024  # more cores than a machine has; more processes are a slip of the keyboard
+
+
+def _address(name: str, value: Any) -> str:
+    """Return an address, which Dask checks. Raise InputError that names it for no text."""
+    if not isinstance(value, str):
+        raise refusal(name, "the address of a Dask scheduler", quoted(value), "tcp://host:8786")
+    return value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +26,7 @@ class BatchOptions(OptionGroup):
     """Number of worker processes on this machine; one for each core if not given, or as many as the
     memory allows."""
 
-    scheduler: str | None = None
+    scheduler: Annotated[str | None, _address] = None
     """Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work."""
 
     retry_failed: bool = False
