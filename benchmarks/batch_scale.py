@@ -1,13 +1,13 @@
-"""Driver and scheduler of a batch at growing numbers of photos, whose vectorisation is a stand-in.
+"""A batch at growing numbers of photos, whose vectorisation is a stand-in.
 
     python benchmarks/batch_scale.py 10000 100000 1000000
+    python benchmarks/batch_scale.py 100000 --cluster
 
-For each number: a list of that many empty files, a `dask scheduler` and two workers, which answer
-for each at once, for its SVG, as empty, is there already; then the same command again, of which the
-driver skips all. With `--touched` a third one follows, after every file was given another date:
-workers read them all and skip them by their bytes. All else is as it is for photos: the list, its
-index, shards, records, the table. Prints seconds, CPU seconds of all processes, and the largest
-resident memory of driver and scheduler.
+For each number: a list of that many empty files and two workers, processes of the command or of a
+Dask cluster, which answer for each at once, for its SVG, as empty, is there already; then the same
+command again, of which the command skips all. All else is as it is for photos: the list, jobs,
+marks, the table. Prints seconds, CPU seconds of all processes, the largest resident memory of the
+command and of the scheduler, and how the memory of the command grows from a quarter of the run on.
 """
 
 from __future__ import annotations
@@ -26,29 +26,26 @@ from pathlib import Path
 
 import psutil
 
-from gauss2svg.batch.stores import STATE
-
-_STAND_IN = '''
-"""Loaded by workers: in place of vectorising a photo and writing its SVG."""
-from gauss2svg.batch import worker
-
-def stand_in(spec, options, photo):
-    return {
+_STAND_IN = """
+import sys
+if "gauss2svg.pool" in sys.orig_argv or "distributed.cli.dask_worker" in sys.orig_argv:
+    from gauss2svg.batch import worker
+    worker._written = lambda spec, photo: {
         "width": 768, "height": 512, "gaussians": 5000, "psnr_svg": 32.125, "unreached": [],
         "bytes": 0,
     }
-
-worker._vectorized = stand_in
-'''
+"""
 _POLL_S = 0.2
 
 
-def start(*command: str) -> subprocess.Popen[bytes]:
-    """A process of Python's, whose complaints are not shown."""
+def start(folder: Path, *command: str) -> subprocess.Popen[bytes]:
+    """A process of Python's with the stand-in, whose complaints are not shown."""
+    (folder / "sitecustomize.py").write_text(_STAND_IN)
+    path = os.pathsep.join([str(folder), *sys.path[1:]])
     return subprocess.Popen(
         [sys.executable, "-P", "-m", *command],
         stderr=subprocess.DEVNULL,
-        env={**os.environ, "DASK_LOGGING__DISTRIBUTED": "error"},
+        env={**os.environ, "PYTHONPATH": path, "DASK_LOGGING__DISTRIBUTED": "error"},
     )
 
 
@@ -59,22 +56,26 @@ def cpu_s(cluster: list[psutil.Process]) -> float:
     return ended.ru_utime + ended.ru_stime + sum(one.user + one.system for one in times)
 
 
-def measured(
-    command: list[str], cluster: list[psutil.Process]
-) -> tuple[float, float, float, float]:
-    """Seconds of a command, CPU seconds of all processes, largest MB of it and of the scheduler."""
+def measured(folder: Path, command: list[str], cluster: list[psutil.Process]) -> list[str]:
+    """Seconds of a command, CPU seconds of all processes, MB of it, and of the scheduler."""
     begun, used = time.perf_counter(), cpu_s(cluster)
-    driver = start(*command)
-    largest = [0, 0]
+    driver, held = start(folder, *command), [0]
     while driver.poll() is None:
-        for at, process in enumerate((psutil.Process(driver.pid), cluster[0])):
-            with suppress(psutil.NoSuchProcess):
-                largest[at] = max(largest[at], process.memory_info().rss)
+        with suppress(psutil.NoSuchProcess):
+            held.append(psutil.Process(driver.pid).memory_info().rss)
         time.sleep(_POLL_S)
     if driver.returncode:
         raise SystemExit(f"the command ended with status {driver.returncode}")
-    seconds = time.perf_counter() - begun
-    return seconds, cpu_s(cluster) - used, largest[0] / 1e6, largest[1] / 1e6
+    seconds, used = time.perf_counter() - begun, cpu_s(cluster) - used
+    grown = max(held) - max(held[: 1 + len(held) // 4])
+    scheduler = f"{cluster[0].memory_info().rss / 1e6:.0f}" if cluster else ""
+    return [
+        f"{seconds:.1f}",
+        f"{used:.1f}",
+        f"{max(held) / 1e6:.0f}",
+        f"{grown / 1e6:.0f}",
+        scheduler,
+    ]
 
 
 def photos(count: int, folder: Path) -> Iterator[Path]:
@@ -83,9 +84,8 @@ def photos(count: int, folder: Path) -> Iterator[Path]:
         yield folder / f"{number // 1000:06}/{number % 1000:03}.jpg"
 
 
-def scale(count: int, folder: Path, runs: list[str]) -> None:
+def scale(count: int, folder: Path, on_cluster: bool) -> None:
     """Print a row of each run."""
-    (folder / "preload.py").write_text(_STAND_IN)
     with (folder / "list.txt").open("w") as stream:
         for photo in photos(count, folder / "photos"):
             stream.write(f"{photo}\n")
@@ -93,40 +93,27 @@ def scale(count: int, folder: Path, runs: list[str]) -> None:
             for path in (photo, svg):
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.touch()
-    os.sync()  # or the first record would wait for all of these
+    os.sync()  # or the first mark would wait for all of these
     where = folder / "scheduler.json"
     local = ("--no-dashboard", "--scheduler-file", str(where))
-    scheduler = start(
-        "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", *local
-    )
-    workers = [
-        start(
-            "distributed.cli.dask_worker", *local, "--nthreads", "1", "--no-nanny",
-            "--preload", str(folder / "preload.py"), "--local-directory", str(folder),
-        )
-        for _ in range(2)
-    ]  # fmt: skip
+    scheduler = ("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", *local)
+    worker = ("distributed.cli.dask_worker", *local, "--nthreads", "1", "--no-nanny")
+    local_worker = (*worker, "--local-directory", str(folder))
+    commands = [scheduler, local_worker, local_worker] if on_cluster else []
+    processes = [start(folder, *command) for command in commands]
+    options = ["--workers", "2"]
     try:
-        while not where.exists() or not where.read_text():
+        while on_cluster and (not where.exists() or not where.read_text()):
             time.sleep(_POLL_S)
-        address = json.loads(where.read_text())["address"]
-        cluster = [psutil.Process(process.pid) for process in (scheduler, *workers)]
+        if on_cluster:
+            options = ["--scheduler", json.loads(where.read_text())["address"]]
+        cluster = [psutil.Process(process.pid) for process in processes]
         command = ["gauss2svg", "batch", str(folder / "list.txt"), "-o", str(folder / "out")]
-        command += ["--scheduler", address, "--quiet"]
-        for run in runs:
-            if run == "touched":
-                for photo in photos(count, folder / "photos"):
-                    os.utime(photo, ns=(1, 1))
-            seconds, used, driver, held = measured(command, cluster)
-            kept = (folder / "out" / STATE).rglob("*")
-            size = sum(path.stat().st_size for path in kept if path.is_file())
-            print(
-                f"| {count:,} | {run} | {seconds:.1f} | {used:.1f} | {count / seconds:,.0f} | "
-                f"{driver:.0f} | {held:.0f} | {size / 1e6:.0f} |",
-                flush=True,
-            )
+        for run in ("first", "second"):
+            row = measured(folder, [*command, *options, "--quiet"], cluster)
+            print(f"| {count:,} | {run} | {' | '.join(row)} |", flush=True)
     finally:
-        for process in (*workers, scheduler):
+        for process in reversed(processes):
             process.kill()
             process.wait()
 
@@ -135,15 +122,13 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("counts", nargs="*", type=int, default=[10_000, 100_000, 1_000_000])
-    parser.add_argument("--touched", action="store_true", help="also a run in which workers read")
-    names = ["photos", "run", "s", "CPU s", "photos a second", "driver MB"]
-    names += ["scheduler MB", "records, tables MB"]
+    parser.add_argument("--cluster", action="store_true", help="by two workers of a Dask cluster")
+    names = ["photos", "run", "s", "CPU s", "MB", "of these after a quarter", "scheduler MB"]
     print(f"| {' | '.join(names)} |\n|{'---|' * len(names)}")
     given = parser.parse_args()
-    runs = ["first", "second", *(["touched"] if given.touched else [])]
     for count in given.counts:
         with tempfile.TemporaryDirectory(prefix="gauss2svg-") as folder:
-            scale(count, Path(folder), runs)
+            scale(count, Path(folder), given.cluster)
 
 
 if __name__ == "__main__":

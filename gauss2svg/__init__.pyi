@@ -3,7 +3,7 @@
 from . import studio as studio
 from .batch.many import vectorize_many as vectorize_many
 from .batch.options import BatchOptions as BatchOptions
-from .batch.records import PhotoRecord as PhotoRecord
+from .batch.worker import PhotoRecord as PhotoRecord
 from .compare.pages.build import (
     Gallery as Gallery,
     GalleryProgress as GalleryProgress,

@@ -149,20 +149,21 @@ def _refuse_device(path: Path) -> None:
         raise OSError(errno.EINVAL, "Windows takes the name for that of a device")
 
 
-def write_whole(path: Path, data: bytes, part: Path) -> None:
+def write_whole(path: Path, data: bytes, part: Path, sync: bool = True) -> None:
     """Write to `part`, on the same disk, and rename it: one file of many that are known to be ours.
 
     Unlike write_atomically it tries nothing beforehand. Raise OutputError.
     """
     try:
         _refuse_device(path)
-        _write_new(part, data, None)
+        _write_new(part, data, None, sync)
         replace(part, path)
-    except (OSError, ValueError) as error:
-        raise _cannot_write(path, error) from error
-    finally:
-        with suppress(OSError, ValueError):  # it was renamed
+    except BaseException as error:
+        with suppress(OSError, ValueError):  # it may not be there
             part.unlink()
+        if isinstance(error, (OSError, ValueError)):
+            raise _cannot_write(path, error) from error
+        raise
 
 
 def _mode_of(target: Path) -> int | None:
@@ -173,14 +174,15 @@ def _mode_of(target: Path) -> int | None:
         return None
 
 
-def _write_new(path: Path, data: bytes, mode: int | None) -> None:
-    """Create a file on the disk, with the usual permissions if mode is None."""
+def _write_new(path: Path, data: bytes, mode: int | None, sync: bool = True) -> None:
+    """Create a file, on the disk with `sync`, with the usual permissions if mode is None."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
     # Private until it has its final permissions.
     descriptor = os.open(path, flags, 0o666 if mode is None else 0o600)
     try:
         _write_all(descriptor, data)
-        os.fsync(descriptor)
+        if sync:
+            os.fsync(descriptor)
     finally:
         os.close(descriptor)
     if mode is not None:

@@ -23,6 +23,7 @@ import gallery_site
 import numpy as np
 import psutil
 import pytest
+from batches import PoolHere
 from hypothesis import settings
 from numpy.typing import NDArray
 from skimage import data
@@ -274,7 +275,8 @@ def asked(monkeypatch):
         found.append((request["kind"], request["folder"].rpartition("/photos/")[2]))
         return (galleries.canned if request["kind"] == "variant" else answer_to)(request)
 
-    monkeypatch.setattr(build, "WorkerPool", lambda jobs, _: galleries.Here(answer))
+    monkeypatch.setattr(build, "Pool", PoolHere)
+    monkeypatch.setattr(build, "answer_to", answer)
     return found
 
 
@@ -287,6 +289,12 @@ def two(photo, tmp_path):
         galleries.save(photo[:9, i : 9 + i], tmp_path / f"{name}.png")
         for i, name in ((1, "a"), (2, "b"))
     ]
+
+
+@pytest.fixture
+def pool_here(monkeypatch) -> None:
+    """Batches have no processes of their own."""
+    monkeypatch.setattr("gauss2svg.batch.many.Pool", PoolHere)
 
 
 @pytest.fixture(scope="module")

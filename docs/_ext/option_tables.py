@@ -17,7 +17,7 @@ from docutils import nodes
 from docutils.parsers.rst import directives
 from sphinx.util.docutils import SphinxDirective
 
-from gauss2svg.batch.records import PhotoRecord
+from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.cli.main import build_app
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.options import Field, Number, OptionGroup, Whole, fields_of

@@ -1,255 +1,222 @@
-"""What a worker does with a shard: every photo by the same pipeline as the command's.
-
-A worker process of this machine imports this module by name before it takes up work.
-"""
+"""What becomes of a photo: its SVG by the same pipeline as the command's, and its mark."""
 
 from __future__ import annotations
 
 import errno
 import hashlib
+import io
+import json
 import os
-import signal
-import sys
+import pickle
+import platform
 import time
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
+import zlib
+from collections.abc import Sequence, Set
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
-from typing import Any
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import version
+from typing import Any, NamedTuple
 
-from gauss2svg.batch.records import (
-    FOLDER,
-    BatchPhoto,
-    BatchSpec,
-    PhotoRecord,
-    ShardRecord,
-    kept,
-    versions,
-)
-from gauss2svg.batch.stores import Store, is_url, opened, reason_of, stamp_of
-from gauss2svg.errors import (
-    ClusterError,
-    Gauss2SvgError,
-    InputError,
-    OutputError,
-    RendererError,
-    error_line,
-)
-from gauss2svg.measure.memory import SHARE
+from gauss2svg.batch.stores import is_url, reached, write
+from gauss2svg.errors import ClusterError, Gauss2SvgError, OutputError, error_line, refusal
 from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
+from gauss2svg.version import __version__
 
-_OF_REPORT = (
-    "width", "height", "gaussians", "psnr_svg", "ssim_svg", "paint_ms", "stop_reason",
-)  # fmt: skip
+MARK = ".gauss2svg.json"  # after the name of an SVG: the name of its mark
+_OF_REPORT = {"width", "height", "gaussians", "psnr_svg", "ssim_svg", "paint_ms", "stop_reason"}
 # Why a file of one name cannot be written where others can.
-_OF_ITS_NAME = {
-    errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EXDEV, errno.EINVAL,
-}  # fmt: skip
-# Seconds after which a shard's other photos are handed back, so that progress is seen and no worker
-# is alone at the end with many photos.
-SHARD_S = 15.0
-# Output folders for which this worker is as it must be.
-_checked: set[tuple[Store, bytes | None]] = set()
+_OF_ITS_NAME = {errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EINVAL}
+
+
+class PhotoRecord(NamedTuple):
+    """What became of a photo.
+
+    input                 path or URL of the photo
+    output                name of the SVG, relative to the output folder
+    options               identity of the version and the options; of a failure, of limits too
+    stamp                 size and date of the photo, or what the store says of it
+    width, height         px of the photo
+    gaussians, bytes      of the SVG
+    psnr_svg              dB, None where it is infinite
+    seconds, cpu_seconds  that the photo took, of the clock and of its worker's cores
+    error                 why there is no SVG, one line; None where it is written
+    unreached             targets that were missed
+    versions              of gauss2svg, numba, NumPy and Python
+    ssim_svg              -1..1
+    paint_ms              estimate of what a browser takes to paint it
+    stop_reason           why the fit ended, as in the report
+    time                  at which it was done, ISO 8601 in UTC
+    error_code            class of the error, such as InputError, or WorkerDied; None without
+    skipped               True where an earlier run wrote it, or failed at it
+    """
+
+    input: str
+    output: str
+    options: str = ""
+    stamp: str = ""
+    width: int | None = None
+    height: int | None = None
+    gaussians: int | None = None
+    psnr_svg: float | None = None
+    bytes: int | None = None
+    seconds: float | None = None
+    error: str | None = None
+    unreached: Sequence[str] = ()
+    versions: dict[str, str] = {}  # noqa: RUF012 (never changed)
+    ssim_svg: float | None = None
+    paint_ms: float | None = None
+    stop_reason: str | None = None
+    time: str = ""
+    cpu_seconds: float | None = None
+    error_code: str | None = None
+    skipped: bool = False
+
+
+Photo = tuple[str, str]  # its path or URL, and the name of its output
+
+
+def now() -> str:
+    """Return the time, as records have it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return the versions that workers must have as the command has them."""
+    return {"gauss2svg": __version__} | {name: version(name) for name in ("numba", "numpy")}
+
+
+def identity_of(options: Options, without: Set[str]) -> str:
+    """Return a hash of the version and of the options but some."""
+    given = {k: v for k, v in options.flat().items() if k not in without}
+    text = json.dumps([__version__, given], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
-class Shard:
-    """Photos that one task works on, and the key of their record.
+class BatchSpec:
+    """What all photos share: options, the output folder, and what of earlier runs is taken up.
 
-    deaths   workers that died at a photo which is alone here
-    refusals times that an output could not be written; losses: that a worker died before it began
+    identities  hashes of all that an SVG depends on, and of all that a failure does
+    memory      bytes that a run may take where the options do not say so; None: what is free
     """
 
-    key: str
-    photos: tuple[BatchPhoto, ...]
-    deaths: int = 0
-    refusals: int = 0
-    losses: int = 0
+    options: Options
+    root: str
+    versions: dict[str, str]
+    identities: tuple[str, str]
+    retry_failed: bool = False
+    memory: int | None = None
 
+    def marked(self, output: str) -> PhotoRecord | None:
+        """Return the record of a photo by these options; None without one. Raise OutputError."""
+        none = OSError, ValueError, TypeError, RecursionError  # no file, or none of ours
+        with (
+            reached(f"{self.root}/{output}{MARK}", kind=OutputError) as (fs, path),
+            suppress(*none),
+        ):
+            record = PhotoRecord(**json.loads(fs.cat_file(path)))
+            is_failed = record.error is not None
+            if record.output == output and record.options == self.identities[is_failed]:
+                return record
+        return None
 
-@dataclass(frozen=True)
-class ShardResult:
-    """What became of a shard.
+    def kept(self, photo: Photo) -> PhotoRecord | None:
+        """Return the record of a photo that would become the same again; None of any other."""
+        record = self.marked(photo[1])
+        if record is not None and record.input == photo[0]:
+            with suppress(Gauss2SvgError), reached(f"{self.root}/{photo[1]}") as (fs, path):
+                has_failed = record.error is not None
+                holds = not self.retry_failed if has_failed else fs.size(path) == record.bytes
+                if holds and record.stamp == stamp_of(photo[0]):
+                    return record._replace(skipped=True)
+        return None
 
-    records   of its photos so far
-    has_died  whether another worker has died at it, and nothing was done here
-    refused   why an output could not be written
-    Photos without a record are to be worked on again.
-    """
-
-    records: tuple[PhotoRecord, ...]
-    has_died: bool = False
-    refused: str | None = None
-
-
-def dask_setup(_: Any) -> None:
-    """Ignore Ctrl-C, and Ctrl-Break of Windows: at a terminal they reach all its processes.
-
-    Dask calls it in workers of this machine, which the driver ends.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if sys.platform == "win32":
-        signal.signal(signal.SIGBREAK, signal.SIG_IGN)
-
-
-def work(spec: BatchSpec, shard: Shard) -> ShardResult:
-    """Vectorise the photos of a shard in order, until time is up; write their SVGs and records.
-
-    A shard that was begun and neither ended nor handed back has killed its worker: it is not begun
-    again, but answered with what was recorded. Raises ClusterError where this process cannot do it.
-    """
-    check_worker(spec)
-    begun = time.monotonic()
-    found: list[PhotoRecord] = []
-    record = None
-    try:
-        record = ShardRecord(spec.store, shard.key)
-        if record.begun:
-            return ShardResult(tuple(record.done.values()), has_died=True)
-        earlier = set(record.done)
-        found += [r for photo in shard.photos if (r := record.done.get(photo.output)) is not None]
-        options = _within_memory(spec.options)
-        with own_standard_error(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of decoders; nobody would read them
-            for photo in shard.photos:
-                if photo.output in earlier:
-                    continue
-                found.append(vectorize_photo(spec, options, photo, record.begin))
-                if photo.prior is None or found[-1].line() != photo.prior.line():
-                    record.add(found[-1])
-                if time.monotonic() - begun > SHARD_S:
-                    break
-        record.end()
-    except OutputError as error:
-        if record is not None:
-            # It is begun no more, and lines held back are kept. The first error says why.
-            with suppress(OutputError):
-                record.end()
-        return ShardResult(tuple(found), refused=str(error))
-    return ShardResult(tuple(found))
-
-
-def check_worker(spec: BatchSpec, dask_worker: Any = None) -> None:
-    """Raise ClusterError, once for each output folder, where this worker cannot do the work.
-
-    It must have the versions of the driver, one thread, the renderer, and see the output folder.
-    dask_worker  given by Dask outside of tasks
-    """
-    from distributed import get_worker
-
-    if (spec.store, spec.folder) in _checked:
-        return
-    worker, found = dask_worker or get_worker(), versions()
-    where = f"worker {worker.address}"
-    for name, wanted in spec.versions.items():
-        if found.get(name) != wanted:
-            raise ClusterError(
-                f"{name} of {where} must be {wanted}, as here; got {found.get(name)}. Try "
-                f"installing {name} {wanted} there"
+    def mark(self, photo: Photo, **given: Any) -> PhotoRecord:
+        """Write what became of a photo beside its SVG, after it, and return it."""
+        record = PhotoRecord(
+            *photo,
+            options=self.identities["error" in given],
+            versions=self.versions | {"python": platform.python_version()},
+            time=now(),
+            **given,
+        )
+        # A name that is too long has failed, and so has its mark.
+        with suppress(OutputError) if record.error else nullcontext():
+            write(
+                self.root, record.output + MARK, json.dumps(record._asdict()).encode(), sync=False
             )
-    if (threads := worker.state.nthreads) != 1:
-        raise ClusterError(
-            f"threads of {where} must be 1; got {threads}. Try dask worker --nthreads 1"
-        )
-    try:
-        Plan(spec.options).check_renderer()
-    except RendererError as error:
-        raise ClusterError(f"{where}: {error}") from error
-    if spec.store.read(FOLDER) != spec.folder:
-        raise ClusterError(
-            f"output must be a folder that all workers see; got another {spec.store.root} at "
-            f"{where}. Try a shared folder or a store"
-        )
-    _checked.add((spec.store, spec.folder))
+        return record
+
+    def failed(self, photo: Photo, code: str, line: str) -> PhotoRecord:
+        """Return the record of a photo without an SVG, which is marked if a mark can be written."""
+        stamp = ""
+        with suppress(Gauss2SvgError):
+            stamp = stamp_of(photo[0])
+        return self.mark(photo, error=error_line(line), error_code=code, stamp=stamp)
 
 
-def cannot_run(where: str, error: BaseException, spec: BatchSpec) -> ClusterError:
-    """The error for a worker that failed at what is no photo's fault."""
-    return ClusterError(
-        f"{where} cannot run gauss2svg: {type(error).__name__}: {reason_of(error)}. "
-        f"Try installing gauss2svg {spec.versions['gauss2svg']} there and for the scheduler"
-    )
+def stamp_of(source: str) -> str:
+    """Return what changes with a photo: size and date, or what a store says. Raise InputError."""
+    with reached(source) as (fs, path):
+        return fs.ukey(path)
 
 
-def vectorize_photo(
-    spec: BatchSpec, options: Options, photo: BatchPhoto, begin: Callable[[], None] = lambda: None
-) -> PhotoRecord:
-    """What becomes of a photo; raises OutputError alone, where no output can be written.
+def work(packed: bytes) -> list[PhotoRecord]:
+    """Return what becomes of photos. Raise OutputError where no output can be written."""
+    spec, photos = pickle.loads(zlib.decompress(packed))
+    if (here := versions()) != spec.versions:
+        advice = "installing the same there"
+        raise ClusterError(f"workers must have {spec.versions}; got {here}. Try {advice}")
+    with own_standard_error(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of decoders; nobody would read them
+        return [spec.kept(photo) or vectorized(spec, photo) for photo in photos]
 
-    begin  called before anything at which a worker may die
-    """
+
+def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
+    """Write the SVG of a photo and its mark, and return what became of it."""
     begun, cpu_begun = time.perf_counter(), time.process_time()
-    stamp = digest = ""
-    made: dict[str, Any]
+    given: dict[str, Any] = {}
     try:
-        stamp = stamp_of(photo.path)
-        if (record := kept(spec, photo, stamp)) is not None:
-            return record
-        digest = _digest(photo.path)
-        if (record := kept(spec, photo, stamp, digest)) is not None:
-            return record
-        begin()
-        made = _vectorized(spec, options, photo)
-    except Gauss2SvgError as error:
-        is_of_its_name = getattr(error.__cause__, "errno", None) in _OF_ITS_NAME
-        if isinstance(error, OutputError) and not (spec.store.is_local and is_of_its_name):
-            raise
-        made = _failure(error, str(error))
-    except MemoryError as error:
-        advice = "Try --max-size, or workers with more memory"
-        made = _failure(error, f"out of memory ({error}). {advice}")
+        given["stamp"] = stamp_of(photo[0])
+        given |= _written(spec, photo)
+        given["seconds"] = round(time.perf_counter() - begun, 3)
+        given["cpu_seconds"] = round(time.process_time() - cpu_begun, 3)
+        return spec.mark(photo, **given)
     except Exception as error:  # a fault of ours or of a library costs no other photo
-        made = _failure(error, f"{type(error).__name__}: {error}")
-    made["seconds"] = round(time.perf_counter() - begun, 3)
-    made["cpu_seconds"] = round(time.process_time() - cpu_begun, 3)
-    return spec.record(photo, stamp=stamp, sha256=digest, **made)
+        number = getattr(error.__cause__, "errno", None)
+        if isinstance(error, OutputError) and number not in _OF_ITS_NAME:
+            raise
+        line, code = str(error), type(error).__name__
+        if isinstance(error, MemoryError):
+            line = f"out of memory ({line}). Try --max-size, or workers with more memory"
+        elif not isinstance(error, Gauss2SvgError):
+            line = f"{code}: {line}"
+    return spec.failed(photo, code, line)
 
 
-def _failure(error: Exception, line: str) -> dict[str, Any]:
-    return {"error": error_line(line), "error_code": type(error).__name__}
-
-
-def _digest(path: str) -> str:
-    with opened(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
-
-
-def _vectorized(spec: BatchSpec, options: Options, photo: BatchPhoto) -> dict[str, Any]:
-    """Write the SVG of a photo; returns entries of its record."""
-    store = spec.store
+def _written(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
+    """Write the SVG of a photo, and return entries of its record."""
+    options, (source, output) = spec.options, photo
     # Memory that happens to be free now must not change a file.
-    may_reduce = spec.options.run.max_memory is not None
-    target = store.path(photo.output)
-    if photo.path == target or (store.is_local and os.path.realpath(photo.path) == target):
-        raise InputError(
-            f"output must be a file of its own; got {target}, which is also the photo. Try "
-            "another folder"
-        )
-    if is_url(photo.path):
-        with opened(photo.path) as file:
-            result = vectorize_by(options, file, may_reduce=may_reduce)
-    else:
-        result = vectorize_by(options, photo.path, may_reduce=may_reduce)
-    data, report = file_bytes(result.svg, options.svg.gzip), result.report
-    store.write(photo.output, data)
-    return {
-        **{name: report[name] for name in _OF_REPORT},
-        "unreached": report["unreached"],
-        "bytes": len(data),
-    }
-
-
-def _within_memory(options: Options) -> Options:
-    """The options, with the memory that this worker may take where none is given."""
-    from distributed import get_worker
-
-    if options.run.max_memory is not None:
-        return options
-    most = allowed(None)
-    limit = getattr(get_worker().memory_manager, "memory_limit", None)
-    return options.changed(max_memory=min(most, int(SHARE * limit)) if limit else most)
+    may_reduce = options.run.max_memory is not None
+    if not may_reduce and spec.memory is not None:
+        options = options.changed(max_memory=min(spec.memory, allowed(None)))
+    if (target := f"{spec.root}/{output}") in (source, os.path.realpath(source)):
+        raise refusal("output", "a file of its own", f"{target}, the photo", "another folder")
+    image: Any = source
+    if is_url(source):
+        with reached(source) as (fs, path):
+            image = io.BytesIO(fs.cat_file(path))
+    result = vectorize_by(options, image, may_reduce=may_reduce)
+    data = file_bytes(result.svg, options.svg.gzip)
+    write(spec.root, output, data)
+    of_report = {name: result.report[name] for name in _OF_REPORT}
+    return of_report | {"bytes": len(data), "unreached": result.report["unreached"]}

@@ -61,24 +61,23 @@ def batch_command(
 
     if log == "json":
         streams.standard_stream(sys.stdout, "output")  # is refused now, not at the first record
-    with Batch(photos, output, Options(**vars(given)), batch) as made:
-        summary, count = Summary(), made.index.count
-        try:
-            with (
-                streams.counting_bar(quiet) as update,
-                closing(made.run(say=(lambda _: None) if quiet else say)) as records,
-            ):
-                update("", 0, count)
-                for record in records:
-                    summary.add(record)
-                    if log == "json":
-                        line = {**record.line(), "skipped": record.skipped}
-                        streams.write_output(json.dumps(line).encode() + b"\n")
-                    update(summary.state(count), summary.total, count)
-        except KeyboardInterrupt:
-            say(f"see {', '.join(made.finish())}")  # of what is done
-            raise
-        tables = made.finish()
+    made = Batch(photos, output, Options(**vars(given)), batch)
+    summary, count = Summary(), made.count
+    try:
+        with (
+            streams.counting_bar(quiet) as update,
+            closing(made.run(say=(lambda _: None) if quiet else say)) as records,
+        ):
+            update("", 0, count)
+            for record in records:
+                summary.add(record)
+                if log == "json":
+                    streams.write_output(json.dumps(record._asdict()).encode() + b"\n")
+                update(summary.state(count), summary.total, count)
+    except KeyboardInterrupt:
+        say(f"see {', '.join(made.finish())}")  # of what is done
+        raise
+    tables = made.finish()
     if not quiet:
         for line in summary.lines():
             say(line)

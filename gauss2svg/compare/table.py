@@ -18,7 +18,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.batch import raise_pending
 from gauss2svg.compare import chart
 from gauss2svg.compare.chart import Point, scatter, template_environment
 from gauss2svg.compare.grid import Grid, Progress, Task
@@ -36,6 +35,7 @@ from gauss2svg.photo.listing import ListedPhoto, listed_photos
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.pipeline.run import thread_count
+from gauss2svg.pool import raise_pending
 from gauss2svg.version import __version__
 
 TOLERANCE = 0.1  # dB below a Pareto front that still count as on it

@@ -1,23 +1,21 @@
-"""Batches on processes: whatever dies, the outputs are those of a quiet run and none is lost."""
+"""Batches in processes, on both engines: whatever dies, the files are those of a quiet run."""
 
-import json
 import os
+import random
 import signal
 import subprocess
-from collections import Counter
-from contextlib import ExitStack
+import sys
+import time
 
 import pytest
-from batches import left_parts, lines, outputs, save_photos, tiny
-from clusters import NOBODY, Cluster, batch, batch_here, ended, preload, under_way, wait_for
+from batches import left_parts, marks, outputs, save_photos, tiny
+from clusters import Cluster, Local, batch, ended, wait_for
 
 from gauss2svg.batch.table import TABLE
 from gauss2svg.pipeline.vectorize import vectorize_by
 
 pytestmark = pytest.mark.process
-
-COUNT = 12
-NAMES = [f"{number:02}.png" for number in range(COUNT)]
+NAMES = [f"{number:02}.png" for number in range(12)]
 
 
 @pytest.fixture(scope="module")
@@ -33,128 +31,95 @@ def quiet(photos):
     }
 
 
-@pytest.fixture(scope="module")
-def clusters(tmp_path_factory):
-    """Gives the cluster, or another where the scheduler of that one was killed."""
-    with ExitStack() as stack:
-        made = []
-
-        def cluster():
-            if not made or made[-1].scheduler.poll() is not None:
-                made.append(stack.enter_context(Cluster(tmp_path_factory.mktemp("cluster"))))
-            return made[-1]
-
-        yield cluster
+@pytest.fixture(scope="module", params=[Local, Cluster])
+def engine(request, tmp_path_factory):
+    made = request.param(tmp_path_factory.mktemp("engine"))
+    yield made
+    if request.param is Cluster:
+        made.close()
 
 
 @pytest.fixture
-def cluster(clusters):
-    return clusters()
+def run(engine, photos, tmp_path):
+    """Begin a batch to out/."""
+    return lambda source=photos: batch(source, tmp_path / "out", *engine.options, cwd=engine.folder)
 
 
-@pytest.fixture
-def said(capsys):
-    """The lines of standard error but for the address of the dashboard, which bokeh adds."""
-    return lambda: _without_dashboard(capsys.readouterr().err.splitlines())
+def check_whole(out, quiet):
+    """What is there is whole, and a photo that is marked has its SVG."""
+    assert outputs(out).items() <= quiet.items()
+    assert marks(out).keys() <= outputs(out).keys()
 
 
-def _without_dashboard(lines):
-    return [line for line in lines if "dashboard" not in line]
-
-
-def skipped(line):
-    return int(line.split(" skipped")[0].split()[-1])
-
-
-def check(out, quiet, in_flight):
-    """All outputs are there, and only what was in flight was done twice."""
+def test_killed_at_any_moment_and_run_again_is_run_once(run, engine, quiet, tmp_path):
+    """The command and the workers in turn."""
+    out, rng = tmp_path / "out", random.Random(0)
+    for turn in range(6):
+        command = run()
+        wait_for(command, out, min(turn + 1, 10))
+        time.sleep(rng.uniform(0, 0.3))
+        pids = [command.pid] if turn % 2 else engine.workers(command)[:1]
+        for pid in pids:
+            os.kill(pid, signal.SIGKILL)
+        if turn % 2 == 0:
+            os.kill(command.pid, signal.SIGTERM)
+        command.communicate()
+        check_whole(out, quiet)
+    status, said = ended(run())
+    assert (status, "0 failed" in said[0]) == (0, True), said
     assert outputs(out) == quiet
-    found = Counter(one["output"] for one in map(json.loads, lines(out)) if "output" in one)
-    assert set(found) == set(quiet)
-    assert sum(found.values()) <= len(quiet) + in_flight
-
-
-def test_worker_that_is_killed_gives_its_photos_back(cluster, photos, quiet, tmp_path, said):
-    out = tmp_path / "out"
-    with under_way(photos, "-o", out, "--scheduler", cluster.address) as run:
-        wait_for(run.done, out, 4)
-        os.kill(cluster.workers()[0], signal.SIGKILL)
-    assert run.result() == 0
-    summary, *rest = said()
-    assert len(rest) == 1
-    assert summary.startswith(f"gauss2svg: {COUNT} done, 0 skipped, 0 failed in")
-    check(out, quiet, 1)
-
-
-def test_driver_that_is_killed_is_followed_by_one_that_goes_on(
-    cluster, photos, quiet, tmp_path, said
-):
-    out = tmp_path / "out"
-    command = [photos, "-o", out, "--scheduler", cluster.address]
-    run = batch(*command, cwd=tmp_path)
-    wait_for(run.poll, out, 6)
-    os.kill(run.pid, signal.SIGKILL)
-    run.communicate()
-    assert batch_here(*command) == 0
-    assert skipped(said()[0]) >= 4  # of 6, two may be in flight
-    check(out, quiet, 4)
-    assert batch_here(photos, "-o", out, "--scheduler", NOBODY) == 0
-    assert skipped(said()[0]) == COUNT
-
-
-def test_photos_that_exhaust_memory_or_crash_are_isolated(cluster, quiet, tmp_path, said):
-    good = NAMES[:4]
-    bad = save_photos(tmp_path / "in", [*good, "crash.png", "greedy.png"])
-    out = tmp_path / "out"
-    command = [bad, "-o", out, "--scheduler", cluster.address]
-    assert batch_here(*command) == 1
-    assert outputs(out) == {name: quiet[name] for name in (f"{one[:2]}.svg" for one in good)}
-    records = [one for one in map(json.loads, lines(out)) if one.get("error")]
-    assert sorted(one["output"] for one in records) == ["crash.svg", "greedy.svg"]
-    assert all(one["error"].startswith("2 workers died at it, alone") for one in records)
-    assert {one["error_code"] for one in records} == {"WorkerDied"}
-    said()
-    assert batch_here(*command) == 1  # they are not tried again unasked
-    assert f"0 done, {len(good)} skipped, 0 failed, 2 failed earlier" in said()[0]
-
-
-def test_scheduler_that_is_killed_ends_the_driver_and_loses_nothing(
-    cluster, dask_client, photos, quiet, tmp_path, said
-):
-    out = tmp_path / "out"
-    with under_way(photos, "-o", out, "--scheduler", cluster.address) as run:
-        wait_for(run.done, out, 6)
-        os.kill(cluster.scheduler.pid, signal.SIGKILL)
-    assert run.result() == 2
-    (line,) = said()
-    assert line.startswith("gauss2svg: lost the connection to")
-    assert batch_here(photos, "-o", out, "--scheduler", dask_client.scheduler.address) == 0
-    assert skipped(said()[0]) >= 4
-    check(out, quiet, 4)
-
-
-@pytest.mark.parametrize(("number", "workers"), [(signal.SIGINT, 2), (signal.SIGTERM, 1)])
-def test_interrupted_batch_ends_and_goes_on(
-    number, workers, dask_client, photos, quiet, tmp_path, said
-):
-    out = tmp_path / "out"
-    variables = {"DASK_DISTRIBUTED__WORKER__PRELOAD": preload(tmp_path)}
-    run = batch(photos, "-o", out, "--workers", workers, cwd=tmp_path, **variables)
-    wait_for(run.poll, out, 3)
-    os.killpg(run.pid, number)  # as at a terminal, which sends it to all processes
-    status, heard = ended(run)
-    assert status == 128 + number
-    see, *heard = _without_dashboard(heard)
-    assert see.startswith(f"gauss2svg: see {out / TABLE}")
-    assert heard == ["gauss2svg: interrupted; every file is whole or untouched"]
     table = (out / TABLE).read_text().splitlines()
-    assert 0 < len(table) - 1 <= len(outputs(out))
-    before = outputs(out)
-    assert 3 <= len(before) < COUNT
-    assert batch_here(photos, "-o", out, "--scheduler", dask_client.scheduler.address) == 0
-    assert skipped(said()[0]) >= len(before) - workers
-    check(out, quiet, 2 * workers)
-    assert len(left_parts(out)) <= workers  # of those that were killed just then
+    assert sorted(line.split(",")[1] for line in table[1:]) == sorted(quiet)
+
+
+def test_killed_worker_costs_no_photo(run, engine, quiet, tmp_path):
+    command = run()
+    wait_for(command, tmp_path / "out", 4)
+    os.kill(engine.workers(command)[0], signal.SIGKILL)
+    status, said = ended(command)
+    assert status == 0, said
+    assert f"{len(NAMES)} done, 0 skipped, 0 failed in" in said[0]
+    assert outputs(tmp_path / "out") == quiet
+
+
+def test_photos_that_exhaust_memory_or_crash_cost_no_other(run, engine, quiet, tmp_path):
+    bad = save_photos(tmp_path / "in", [*NAMES[:4], "crash.png", "greedy.png"])
+    if isinstance(engine, Local):
+        (bad / "greedy.png").unlink()  # it would take all memory of this machine
+    status, said = ended(run(bad))
+    assert status == 1, said
+    assert outputs(tmp_path / "out") == {name: quiet[name] for name in sorted(quiet)[:4]}
+    failed = [one for one in marks(tmp_path / "out").values() if one["error"]]
+    assert {one["error_code"] for one in failed} == {"WorkerDied"}
+    assert len(failed) == 2 - isinstance(engine, Local)
+    status, said = ended(run(bad))  # they are not tried again unasked
+    assert status == 1
+    assert f"0 done, 4 skipped, 0 failed, {len(failed)} failed earlier" in said[0]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_batch_ends_and_goes_on(number, run, quiet, tmp_path):
+    out = tmp_path / "out"
+    command = run()
+    wait_for(command, out, 3)
+    os.killpg(command.pid, number)  # as at a terminal, which sends it to all processes
+    status, (see, interrupted) = ended(command)
+    assert status == 128 + number
+    assert see.startswith(f"gauss2svg: see {out / TABLE}")
+    assert interrupted == "gauss2svg: interrupted; every file is whole or untouched"
+    table = (out / TABLE).read_text().splitlines()
+    assert 0 < len(table) - 1 <= len(outputs(out)) < len(NAMES)
+    check_whole(out, quiet)
+    assert ended(run())[0] == 0
+    assert outputs(out) == quiet
+    assert len(left_parts(out)) <= 2  # of those that were killed just then
+
+
+def test_two_runs_at_once_lose_nothing(run, quiet, tmp_path):
+    found = [ended(command) for command in (run(), run())]
+    assert [status for status, _ in found] == [0, 0], found
+    assert outputs(tmp_path / "out") == quiet
+    assert marks(tmp_path / "out").keys() == quiet.keys()
 
 
 @pytest.fixture
@@ -170,18 +135,57 @@ def full_disk(tmp_path):
 
 
 def test_full_disk_ends_the_batch_in_a_line_and_the_next_run_goes_on(
-    full_disk, dask_client, photos, quiet, tmp_path, said
+    full_disk, engine, photos, quiet
 ):
     out, ballast = full_disk / "out", full_disk / "ballast"
-    ballast.write_bytes(bytes(60_000))
-    command = [photos, "-o", out, "--scheduler", dask_client.scheduler.address]
-    assert batch_here(*command) == 2
-    (line,) = said()
+    ballast.write_bytes(bytes(50_000))
+    status, said = ended(batch(photos, out, *engine.options, cwd=engine.folder))
+    assert status == 2
+    (line,) = said
     assert "No space left on device" in line
-    written = outputs(out)
-    assert 0 < len(written) < COUNT
-    assert written.items() <= quiet.items()
+    assert 0 < len(outputs(out)) < len(NAMES)
+    check_whole(out, quiet)
     ballast.unlink()
     subprocess.run(["mount", "-o", "remount,size=2m", str(full_disk)], check=True)
-    assert batch_here(*command) == 0
+    assert ended(batch(photos, out, *engine.options, cwd=engine.folder))[0] == 0
     assert outputs(out) == quiet
+
+
+def test_scheduler_that_is_killed_ends_the_batch_and_loses_nothing(photos, quiet, tmp_path):
+    cluster = Cluster(tmp_path)
+    try:
+        command = batch(photos, tmp_path / "out", *cluster.options, cwd=tmp_path)
+        wait_for(command, tmp_path / "out", 4)
+        os.kill(cluster.scheduler.pid, signal.SIGKILL)
+        status, (line,) = ended(command)
+    finally:
+        cluster.close()
+    assert status == 2
+    assert line.startswith("gauss2svg: lost tcp://127.0.0.1:")
+    check_whole(tmp_path / "out", quiet)
+
+
+WITHOUT = """
+import sys
+sys.modules["distributed"] = sys.modules["fsspec"] = None
+from gauss2svg.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["in", "-o", "out", "--scheduler", "tcp://a:1"], 'Try pip install "gauss2svg[cluster]"'),
+        (["in", "-o", "s3://bucket/out"], 'Try pip install "gauss2svg[s3]"'),
+        (["s3://bucket/in", "-o", "out"], 'Try pip install "gauss2svg[s3]"'),
+        (["in", "-o", "out"], ""),
+    ],
+)
+def test_extra_that_is_missing_is_named_in_a_line(arguments, line, tmp_path):
+    save_photos(tmp_path / "in", ["a.png"])
+    tiny_options = ["--quality", "draft", "--gaussians", "4", "--iterations", "3"]
+    command = [sys.executable, "-c", WITHOUT, "batch", *arguments, *tiny_options]
+    found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert line in found.stderr
+    assert (found.returncode, found.stderr.count("\n")) == ((2, 1) if line else (0, 2))

@@ -11,9 +11,11 @@ from gauss2svg.batch.stores import STATE
 from gauss2svg.batch.table import TABLE
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pipeline.vectorize import vectorize_by
+from gauss2svg.pool import Pool
 
 pytestmark = [
     pytest.mark.process,
+    pytest.mark.usefixtures("pool_here"),
     # Of the server's sockets, and of s3fs's, which are closed when they are collected.
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
@@ -78,19 +80,15 @@ def bucket(server, tmp_path, monkeypatch):
     s3fs.S3FileSystem.clear_instance_cache()
 
 
-def run(client, bucket, **options):
-    found = vectorize_many(
-        [f"s3://{bucket}/in"], f"s3://{bucket}/out", tiny(**options), client=client
-    )
+def run(bucket, **options):
+    found = vectorize_many([f"s3://{bucket}/in"], f"s3://{bucket}/out", tiny(**options))
     return {one.output: "skipped" if one.skipped else one.error for one in found}
 
 
-def test_photos_of_a_bucket_become_svgs_of_a_bucket_and_are_skipped_then(
-    bucket, server, dask_client, tmp_path
-):
+def test_photos_of_a_bucket_become_svgs_of_a_bucket_and_are_skipped_then(bucket, server, tmp_path):
     name, fs = bucket
     expected = {photo.replace(".png", ".svg"): None for photo in NAMES}
-    assert run(dask_client, name) == expected
+    assert run(name) == expected
     for photo in NAMES:
         svg = fs.cat_file(f"{name}/out/{photo.replace('.png', '.svg')}")
         assert svg == vectorize_by(tiny(), tmp_path / "in" / photo).svg.encode()
@@ -98,26 +96,36 @@ def test_photos_of_a_bucket_become_svgs_of_a_bucket_and_are_skipped_then(
         assert server.puts.count(f"/{name}/out/{photo.replace('.png', '.svg')}") == 1
     assert fs.cat_file(f"{name}/out/{TABLE}").count(b"\n") == 4
     server.puts.clear()
-    assert run(dask_client, name) == dict.fromkeys(expected, "skipped")
+    assert run(name) == dict.fromkeys(expected, "skipped")
     assert all(f"/{STATE}/" in path for path in server.puts)
     fs.put_file(str(save_photo(tmp_path / "x.png", 9)), f"{name}/in/a.png")
-    assert run(dask_client, name) == {**dict.fromkeys(expected, "skipped"), "a.svg": None}
+    assert run(name) == {**dict.fromkeys(expected, "skipped"), "a.svg": None}
 
 
-def test_put_that_fails_ends_the_batch_and_the_next_run_goes_on(bucket, server, dask_client):
+def test_put_that_fails_ends_the_batch_and_the_next_run_goes_on(bucket, server):
     name, fs = bucket
     server.refused.add(f"/{name}/out/b/c d.svg")
     with pytest.raises(OutputError, match=r"cannot write s3://.*/out/b/c d.svg: "):
-        run(dask_client, name)
+        run(name)
     assert not fs.exists(f"{name}/out/b/c d.svg")
     server.refused.clear()
-    found = run(dask_client, name)
+    found = run(name)
     assert found == {"a.svg": "skipped", "b/a.svg": "skipped", "b/c d.svg": None}
 
 
-def test_bucket_that_is_not_there_is_refused_before_anything_runs(bucket, dask_client):
+@pytest.mark.parametrize("engine", ["processes", "cluster"])
+def test_both_engines_read_and_write_a_bucket(engine, bucket, monkeypatch, request):
+    name, fs = bucket
+    monkeypatch.setattr("gauss2svg.batch.many.Pool", Pool)
+    client = request.getfixturevalue("dask_client") if engine == "cluster" else None
+    found = vectorize_many([f"s3://{name}/in"], f"s3://{name}/out", tiny(), client=client)
+    assert [one.error for one in found] == [None] * 3
+    assert len(fs.find(f"{name}/out")) == 2 * 3 + 4  # marks; two tables, options, a probe
+
+
+def test_bucket_that_is_not_there_is_refused_before_anything_runs(bucket):
     name, _ = bucket
     with pytest.raises(OutputError, match="cannot write s3://none-of-it/out"):
-        vectorize_many([f"s3://{name}/in"], "s3://none-of-it/out", tiny(), client=dask_client)
-    with pytest.raises(InputError, match="cannot read s3://none-of-it/in"):
-        vectorize_many(["s3://none-of-it/in"], f"s3://{name}/out", tiny(), client=dask_client)
+        vectorize_many([f"s3://{name}/in"], "s3://none-of-it/out", tiny())
+    with pytest.raises(InputError, match="cannot read s3://none-of-it/in: The specified bucket"):
+        vectorize_many(["s3://none-of-it/in"], f"s3://{name}/out", tiny())

@@ -8,8 +8,9 @@ from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
+from batches import PoolHere
 from flat import build_gallery
-from galleries import Here, Page, Table, cells_expected, cells_of, save
+from galleries import Page, Table, cells_expected, cells_of, save
 from PIL import Image, PngImagePlugin
 
 from gauss2svg.cli.main import main
@@ -268,7 +269,8 @@ def test_second_build_makes_nothing_and_says_the_same(site, monkeypatch, capsys)
         asked.append(request["kind"])
         return answer_to(request)
 
-    monkeypatch.setattr(build, "WorkerPool", lambda jobs, _: Here(answer))
+    monkeypatch.setattr(build, "Pool", PoolHere)
+    monkeypatch.setattr(build, "answer_to", answer)
     assert main(site.arguments) == 1
     assert asked == ["photo"] * 2  # bad photos are read again
     assert "8 SVGs, 8 of them kept from before; 3 failed" in capsys.readouterr().err

@@ -13,7 +13,8 @@ from gauss2svg.cli.main import main
 from gauss2svg.compare.pages import build
 from gauss2svg.compare.pages.artifacts import answer_to
 from gauss2svg.compare.pages.pages import write_pages
-from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.compare.records import answered
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError
 from gauss2svg.photo.load import load_image
 
 TEXTS = [
@@ -224,3 +225,20 @@ def test_folder_of_somebody_else_is_kept(name, two, tmp_path, asked, refusal):
     assert asked == []
     assert path.read_text() == "mine"
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [name.split("/")[0]]
+
+
+@pytest.mark.parametrize(
+    ("error", "line", "more"),
+    [
+        (InputError("two\nlines.  Try one"), "two lines. Try one", {}),
+        (MemoryError("5 GiB"), "out of memory (5 GiB). Try smaller photos or fewer Gaussians", {}),
+        (ZeroDivisionError("a\nfault"), "ZeroDivisionError: a fault", {}),
+        (OutputError("the disk is full"), "the disk is full", {"fatal": True}),  # for all others
+    ],
+)
+def test_every_error_of_a_request_is_one_line(error, line, more):
+    def fail(_):
+        raise error
+
+    assert answered(fail, {}) == {"error": line, **more}
+    assert "KeyError" in answer_to({"kind": "nothing"})["error"]

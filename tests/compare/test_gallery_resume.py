@@ -254,10 +254,10 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(phot
 
 
 def test_full_disk_ends_all_at_once(two, tmp_path, monkeypatch, refusal):
-    def fill(self, requests, begun):
+    def fill(pool, requests, begun):
         begun(0)
         yield 0, {"error": "cannot write x: No space left on device", "fatal": True}
         pytest.fail("continued")
 
-    monkeypatch.setattr("gauss2svg.compare.pages.build.WorkerPool.run", fill)
+    monkeypatch.setattr("gauss2svg.compare.pages.build.answers", fill)
     assert "No space left" in refusal("gallery", *two, "-o", tmp_path / "out", "--counts", "5")

@@ -11,7 +11,6 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +19,6 @@ import pytest
 from PIL import Image
 
 import gauss2svg
-from gauss2svg.batch.many import Batch
 from gauss2svg.cli.main import build_app, main
 from gauss2svg.fit.densification import STOP_REASONS
 from gauss2svg.measure.scores import TARGETS
@@ -99,9 +97,8 @@ def pictures(photo, small_svg, tmp_path, monkeypatch) -> Path:
 
 
 @pytest.fixture
-def in_this_process(hasty, drawn_here, asked, dask_client, monkeypatch) -> None:
+def in_this_process(hasty, drawn_here, asked, pool_here) -> None:
     """Fits are short, nothing starts a process, and SVGs of galleries are made up."""
-    monkeypatch.setattr(Batch, "connected", lambda _: nullcontext(dask_client))
 
 
 def run_line(line: str) -> None:

@@ -1,16 +1,19 @@
-"""Photos, clusters and folders that the tests of batches share."""
+"""Photos, workers and folders that the tests of batches share."""
 
 from __future__ import annotations
 
+import json
 import os
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from gauss2svg.batch.records import RECORDS, BatchSpec
-from gauss2svg.batch.stores import PARTS, STATE, Store
+from gauss2svg.batch.stores import PARTS, STATE
+from gauss2svg.batch.worker import MARK
 from gauss2svg.pipeline.options import Options
+from gauss2svg.pool import WorkerDiedError
 
 # The least work that still gives a file of its own for each photo.
 TINY = {"quality": "draft", "gaussians": 4, "iterations": 3}
@@ -22,9 +25,30 @@ def tiny(**given) -> Options:
     return Options.from_flat(TINY | given)
 
 
-def spec_of(folder: Path) -> BatchSpec:
-    """What the photos of a batch into a folder share."""
-    return BatchSpec(tiny(), Store(str(folder)), {}, "")
+class PoolHere:
+    """Stands in for a pool: its jobs run in this process, where tests can change what they do."""
+
+    died, most_deaths, workers = WorkerDiedError, 2, 1
+
+    def __init__(self, *_: object) -> None:
+        pass
+
+    def __enter__(self) -> PoolHere:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def width(self) -> int:
+        return 2
+
+    def submit(self, function, *args) -> Future:
+        job = Future()
+        try:
+            job.set_result(function(*args))
+        except Exception as error:
+            job.set_exception(error)
+        return job
 
 
 def save_photo(path: Path, seed: int, side: int = 12) -> Path:
@@ -43,18 +67,18 @@ def save_photos(folder: Path, names: list[str]) -> Path:
 
 
 def outputs(folder: Path) -> dict[str, bytes]:
-    """The files of an output folder by their names, without its records."""
+    """The SVGs of an output folder by their names."""
     return {
         os.fspath(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")
-        if path.is_file() and STATE not in path.parts
+        if path.is_file() and STATE not in path.parts and not path.name.endswith(MARK)
     }
 
 
-def lines(folder: Path) -> list[str]:
-    """All lines of all records."""
-    paths = sorted((folder / RECORDS).iterdir())
-    return [line for path in paths for line in path.read_text().splitlines()]
+def marks(folder: Path) -> dict[str, dict]:
+    """What the marks of an output folder say, by their outputs."""
+    found = [json.loads(path.read_bytes()) for path in folder.rglob(f"*{MARK}")]
+    return {one["output"]: one for one in found}
 
 
 def left_parts(folder: Path) -> list[str]:

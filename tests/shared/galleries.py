@@ -99,24 +99,6 @@ class Asked(list):
         return found
 
 
-class Here:
-    """Stands in for WorkerPool: answers in this process, in turn."""
-
-    def __init__(self, answer_to):
-        self._answer_to = answer_to
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-    def run(self, requests, begun):
-        for index, request in enumerate(requests):
-            begun(index)
-            yield index, self._answer_to(request)
-
-
 ORIGIN = {
     "date": "2026-01-02", "jobs": 1, "threads": 1,
     "machine": {"cpu": "Abacus", "cores": 1, "platform": "Wood"},

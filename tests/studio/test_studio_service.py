@@ -118,7 +118,7 @@ def test_the_studio_and_batches_take_the_same_files_of_a_folder_for_photos(tmp_p
     for suffix in (*SUFFIXES, ".svg", ".txt", ""):
         (tmp_path / f"a{suffix}").write_bytes(picture.getvalue())
         (tmp_path / f".a{suffix}").write_bytes(picture.getvalue())
-    found = {source.path for source in photos_of([str(tmp_path)])}
+    found = {path for path, _ in photos_of([str(tmp_path)])}
     assert found == {str(sample.path) for sample in uploads.samples_in(tmp_path)}
     assert len(found) == len(SUFFIXES)
 

@@ -18,7 +18,7 @@ from PIL import Image
 
 from gauss2svg import files
 from gauss2svg.batch.inputs import expanded
-from gauss2svg.batch.stores import Store
+from gauss2svg.batch.stores import prepare, write
 from gauss2svg.cli import signals
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError, RendererError
@@ -194,7 +194,7 @@ def test_no_file_is_written_to_a_device_of_windows(tmp_path):
             files.check_writable(tmp_path / name)
     files.check_writable(tmp_path / "nul")
     with pytest.raises(OutputError, match="device") as caught:
-        Store(str(tmp_path)).write("con.svg", b"")
+        prepare(str(tmp_path)) or write(str(tmp_path), "con.svg", b"")
     # By this a batch knows that it is the fault of one photo's name.
     assert caught.value.__cause__.errno == errno.EINVAL
 

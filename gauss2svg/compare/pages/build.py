@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from distributed import Client, KilledWorker
-
-from gauss2svg.batch.cluster import answers, local_client
 from gauss2svg.compare.grid import Grid, Place, Progress, Record, Task
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.compare.pages.artifacts import (
@@ -37,6 +34,7 @@ from gauss2svg.options import file_name
 from gauss2svg.photo.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.run import compile_kernels, thread_count
+from gauss2svg.pool import Pool, WorkerDiedError, completed
 from gauss2svg.version import __version__
 
 
@@ -153,7 +151,7 @@ class _Build:
     def run(self) -> None:
         """Prepare the photos, so that bad ones are known early; then make the SVGs."""
         jobs = self._options.jobs
-        with WorkerPool(jobs, answer_to) as pool:
+        with Pool(jobs) as pool:
             for photo in self._photos:
                 if photo.problem is not None:
                     self._fail(photo, None, photo.problem)
@@ -247,8 +245,8 @@ class _Build:
         record = finished(self._root / folder_of(*task.place), task.key)
         return record if record is not None and is_scored(record) else None
 
-    def _make(self, pool: WorkerPool, tasks: list[Task]) -> None:
-        for task, answer in self._grid.answers(pool.run, tasks):
+    def _make(self, pool: Pool, tasks: list[Task]) -> None:
+        for task, answer in self._grid.answers(partial(answers, pool), tasks):
             if "error" in answer:
                 self._fail(task.photo, task.variant, on_one_line(answer["error"]))
             else:
@@ -298,56 +296,23 @@ def _is_foreign(folder: Path) -> bool:
         return True
 
 
-Answer = dict[str, Any]
-_Numbered = tuple[int, Mapping[str, Any]]
+def answers(
+    pool: Pool, requests: Sequence[Mapping[str, Any]], begun: Callable[[int], None]
+) -> Iterator[tuple[int, Record]]:
+    """Yield (index, answer) as requests are done; begun(index) is called as they begin."""
+    waiting = iter(enumerate(requests))
 
+    def next_request() -> tuple[int, Mapping[str, Any]] | None:
+        if (request := next(waiting, None)) is not None:
+            begun(request[0])
+        return request
 
-class WorkerPool:
-    """Up to `jobs` processes, started as requests need; its with statement ends them all."""
+    def submit(_: int, request: Mapping[str, Any]) -> Future[Record]:
+        return pool.submit(answer_to, request)
 
-    def __init__(self, jobs: int, answer_to: Callable[[Mapping[str, Any]], Answer]) -> None:
-        self._jobs, self._answer_to = jobs, answer_to
-        self._client: Client | None = None
-        self._started = 0
-        self._stack = ExitStack()
-
-    def __enter__(self) -> WorkerPool:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
-
-    def run(
-        self, requests: Sequence[Mapping[str, Any]], begun: Callable[[int], None]
-    ) -> Iterator[tuple[int, Answer]]:
-        """Yields (index, answer) as requests are done; begun(index) is called as they begin."""
-        if not requests:
-            return
-        needed = min(self._jobs, len(requests))
-        if self._client is None:
-            self._client = self._stack.enter_context(local_client(needed, dashboard=False))
-        elif needed > self._started:
-            cluster: Any = self._client.cluster
-            cluster.scale(needed)
-            self._client.wait_for_workers(needed)
-        self._started = max(self._started, needed)
-        waiting = iter(enumerate(requests))
-
-        def next_request() -> _Numbered | None:
-            request = next(waiting, None)
-            if request is not None:
-                begun(request[0])
-            return request
-
-        for (index, _), answer in answers(
-            self._client, partial(_answer, self._answer_to), next_request, lambda: self._jobs
-        ):
-            if isinstance(answer, KilledWorker):
-                answer = {"error": "its worker died; was there enough memory? Try fewer --jobs"}
-            elif isinstance(answer, Exception):
-                raise answer
-            yield index, answer
-
-
-def _answer(answer_to: Callable[[Mapping[str, Any]], Answer], request: _Numbered) -> Answer:
-    return answer_to(request[1])
+    for (index, _), job in completed(submit, next_request, lambda: pool.workers):
+        try:
+            yield index, job.result()
+        except WorkerDiedError:
+            error = "its worker died; was there enough memory? Try fewer --jobs"
+            yield index, {"error": error}
