@@ -30,8 +30,7 @@ from gauss2svg.errors import InputError, brief, instance, quoted
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
 from gauss2svg.measure.memory import free_bytes
 from gauss2svg.options import file_name
-from gauss2svg.photo.decode import header_of_image
-from gauss2svg.photo.open import opened as opened_image
+from gauss2svg.photo.load import header_of
 from gauss2svg.photo.photo import Header
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
@@ -248,6 +247,7 @@ class Batch:
         loads = [load_of(plan, Header(1, 1, has_alpha=False))]
         for path in self.index.largest(_SAMPLE):
             # A photo that cannot be read is reported when its turn comes.
-            with suppress(InputError), opened(path) as file, opened_image(file, path) as image:
-                loads.append(load_of(plan, header_of_image(image)))
+            with suppress(InputError), opened(path) as file:
+                if header := header_of(file):
+                    loads.append(load_of(plan, header))
         return max(load.bytes for load in loads)

@@ -36,7 +36,6 @@ from gauss2svg.errors import (
     error_line,
 )
 from gauss2svg.measure.memory import SHARE
-from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
@@ -114,7 +113,7 @@ def work(spec: BatchSpec, shard: Shard) -> ShardResult:
         earlier = set(record.done)
         found += [r for photo in shard.photos if (r := record.done.get(photo.output)) is not None]
         options = _within_memory(spec.options)
-        with own_standard_error(), warnings.catch_warnings():
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of decoders; nobody would read them
             for photo in shard.photos:
                 if photo.output in earlier:

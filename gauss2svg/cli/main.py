@@ -22,7 +22,6 @@ from gauss2svg.cli.signals import Terminated, ignore, raising, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError
-from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.options import field_named
 from gauss2svg.version import __version__
 
@@ -88,7 +87,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     try:
         app = build_app(everything=_HELP_ALL in given, short=list(given) in _SHORT)
-        with raising(), own_standard_error():
+        with raising():
             status = app(given or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:
         return _refuse(_in_our_words(error))

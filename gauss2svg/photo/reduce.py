@@ -6,12 +6,11 @@ Rows come from the top, some at a time, and only what a row of the result needs 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from gauss2svg.errors import InputError
 from gauss2svg.photo.alpha import AVERAGED, straight
@@ -116,21 +115,6 @@ def rows_at_once(width: int, channels: int) -> int:
     return max(1, (1 << 21) // (width * channels))
 
 
-def pieces(color: NDArray[Any] | Image.Image) -> Iterator[tuple[slice, NDArray[Any]]]:
-    """Rows of an array (h, w, channels), or of an image of 8 bits, some at a time."""
-    if isinstance(color, Image.Image):
-        (width, height), channels = color.size, len(color.getbands())
-    else:
-        height, width, channels = color.shape
-    step = rows_at_once(width, channels)
-    for top in range(0, height, step):
-        rows = slice(top, min(top + step, height))
-        if isinstance(color, Image.Image):
-            yield rows, np.atleast_3d(np.asarray(color.crop((0, rows.start, width, rows.stop))))
-        else:
-            yield rows, color[rows]
-
-
 def _ranges(length: int, count: int) -> NDArray[np.float64]:
     """(2, count): the first pixel of each of the result, and that after the last.
 
@@ -163,9 +147,3 @@ def _sums_at(values: NDArray[np.floating], places: NDArray[np.float64]) -> NDArr
     sums = np.concatenate([np.zeros((1, values.shape[1])), values.cumsum(axis=0, dtype=float)])
     before = np.minimum(np.floor(places), len(values) - 1).astype(np.intp)
     return sums[before] + (places - before)[..., None] * (sums[before + 1] - sums[before])
-
-
-def draft(image: Any, size: Size) -> int:
-    """Let a JPEG that is not loaded yet be decoded smaller; returns how many times."""
-    image.draft(image.mode, tuple(DRAFT * side for side in size))
-    return image.decoderconfig[0] if image.decoderconfig else 1

@@ -146,7 +146,7 @@ def check_decoding(header: Header, limit: int, reduced: bool = False) -> None:
     if reduced and header.reduced_bytes is not None:
         each = header.reduced_bytes
     decoded = each * header.width * header.height
-    needed = math.ceil(MARGIN * (BASE + decoded + header.part_bytes))
+    needed = math.ceil(MARGIN * (BASE + decoded))
     if needed > limit:
         photo = f"a photo of {header.width}x{header.height} px"
         raise _too_little(needed, limit, photo, "a smaller photo")

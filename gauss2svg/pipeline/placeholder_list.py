@@ -15,7 +15,7 @@ from urllib.parse import quote
 from gauss2svg.errors import Gauss2SvgError, InputError, quoted
 from gauss2svg.files import STANDARD_STREAM, check_outputs, make_folder, reading
 from gauss2svg.options import OptionGroup
-from gauss2svg.photo.listing import ListedPhoto, listed_photos
+from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.placeholder import (
     DEFAULT_BYTES,
     Counted,

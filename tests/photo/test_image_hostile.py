@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gauss2svg.photo.entropy import lack, table_of
+from gauss2svg.photo.jpeg import Survey, survey
 from hostile_jpegs import (
     BASELINE,
     CODES,
@@ -20,8 +22,6 @@ from hostile_jpegs import (
     scan,
 )
 
-from gauss2svg.photo.entropy import lack, table_of
-from gauss2svg.photo.jpeg import Survey, survey
 from gauss2svg.pipeline.vectorize import vectorize
 
 SHARED = Path(__file__).parents[1] / "shared"

@@ -5,11 +5,11 @@ import struct
 
 import numpy as np
 import pytest
+from gauss2svg.photo.jpeg import survey
 from pictures import encoded
 from PIL import Image, ImageFile
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo.jpeg import survey
 from gauss2svg.photo.load import load_image
 
 RNG = np.random.default_rng(0)

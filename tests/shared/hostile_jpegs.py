@@ -81,8 +81,9 @@ FILL_BYTES = (
 
 
 def _main() -> None:
-    from gauss2svg.errors import InputError
     from gauss2svg.photo.jpeg import Survey, survey
+
+    from gauss2svg.errors import InputError
     from gauss2svg.photo.load import load_image
 
     for name, (file, size) in UNUSUAL.items():
