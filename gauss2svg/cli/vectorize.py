@@ -42,13 +42,14 @@ _HEAD = 65536  # bytes within which it stands
 # Suffixes of further files.
 _SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
 _SUFFIXES |= {"save_scene": ".npz"}
+_SHOWN = 6  # formats that the help names
 _ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
 _PARAMETERS = f"""
 
 Parameters
 ----------
 photo
-    {", ".join(TITLES)}; - is standard input.
+    {", ".join(TITLES[:_SHOWN])}, ..; - is standard input.
 output
     SVG to write, - for standard output; by default photo.svg.
 """

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import re
 import struct
+import zlib
 from dataclasses import replace
 from typing import Any
 
@@ -16,10 +17,10 @@ import pyvips
 from PIL.ExifTags import Base
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from gauss2svg.errors import InputError, brief, on_one_line
+from gauss2svg.errors import brief
 from gauss2svg.photo import by_pillow, libvips
-from gauss2svg.photo.srgb import INKS, UNUSABLE, ColorSpace, by_codes, by_gamma
-from gauss2svg.photo.stored import Rows, Stored, frames_note
+from gauss2svg.photo.srgb import INKS, UNUSABLE, ColorSpace, by_gamma
+from gauss2svg.photo.stored import Rows, Stored
 from gauss2svg.photo.tags import exif_tags, tags_of
 
 _COLORS = {"b-w": 1, "grey16": 1, "cmyk": INKS}  # channels by interpretation; 3 in others
@@ -28,33 +29,36 @@ _START_OF_SCAN, _END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
 _CUT = "premature end of data segment"  # libjpeg's words, which libvips only warns of
 _JFIF = re.compile(rb"\xff\xd8\xff\xe0..JFIF\0..(.)(..)(..)", re.DOTALL)
 _NCLX = re.compile(rb"colrnclx(..)(..)", re.DOTALL)
+_MOST_PROFILE = 1 << 24  # bytes of a PNG's profile, unpacked
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
 _PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples of a TIFF
 _LAB = 8  # PhotometricInterpretation
 _SEPARATE = 2  # PlanarConfiguration
 
 
-def opened(file: bytes, loader: str, name: str) -> Stored:
+def opened(file: bytes, loader: str) -> Stored:
     """Read the header of a file by a loader of libvips."""
     page = _tiff_tags(file) if loader == "tiffload" else {}
     if page.get(Base.PhotometricInterpretation) == _LAB:  # whose 8 bits libvips does not read
-        return by_pillow.opened(file, "Tiff", name)
-    if 0 in _numbers(page, Base.StripOffsets) + _numbers(page, Base.TileOffsets):
-        raise ValueError("some of its strips or tiles have no data")
-    # A strip whose length is 0 gives a warning, and so do tiles and lines of faxes that are broken.
-    strict = loader == "tiffload" and 0 not in _numbers(page, Base.StripByteCounts)
-    notes: list[str] = []
-    if loader == "jpegload" and file.rfind(_END_OF_IMAGE) < file.rfind(_START_OF_SCAN):
+        return by_pillow.opened(file, "Tiff")
+    lacks_end = loader == "jpegload" and file.rfind(_END_OF_IMAGE) < file.rfind(_START_OF_SCAN)
+    if lacks_end:
         file += _END_OF_IMAGE
-        notes.append("its end marker is missing")
+    # Broken tiles and lines of faxes give warnings, but so does a strip whose length is 0.
+    is_strict = loader == "tiffload" and 0 not in _numbers(page, Base.StripByteCounts)
 
     def image(**options: int) -> Any:
         load = getattr(pyvips.Image, f"{loader}_buffer")
-        picture = load(
-            file, access="sequential", fail_on="warning" if strict else "error", **options
-        )
+        fail_on = "warning" if is_strict else "error"
+        picture = load(file, access="sequential", fail_on=fail_on, **options)
         if loader == "gifload" and not picture.hasalpha():
             return _with_margin(picture, file)
+        if loader == "heifload" and picture.format == "ushort":
+            bits = _field(picture, "bits-per-sample")
+            return picture.linear(1 / ((1 << bits) - 1 << 16 - bits), 0)
+        if page.get(Base.PhotometricInterpretation) == 0 and picture.format == "float":
+            others = picture.bands - 1
+            return picture.linear([-1] + [1] * others, [1] + [0] * others)
         return picture
 
     def rows(scale: int) -> Rows:
@@ -65,11 +69,10 @@ def opened(file: bytes, loader: str, name: str) -> Stored:
         libvips.forget_warnings()
         yield from libvips.rows(picture)
         del picture  # by which libjpeg's warnings come
-        warnings = libvips.warnings()
-        if any(_CUT in message for message in warnings):
+        if any(_CUT in message for message in libvips.warnings()):
             raise OSError(_CUT)
-        if warnings:
-            notes.append(f"its data are damaged: {brief(on_one_line(warnings[0]))}")
+        if loader in ("jpegload", "tiffload"):  # those of a PNG are of what is read otherwise
+            stored.notes += (f"decoder warns: {brief(m)}" for m in libvips.warnings()[-1:])
 
     header = image()
     if header.format not in libvips.TYPES:
@@ -77,32 +80,32 @@ def opened(file: bytes, loader: str, name: str) -> Stored:
     colors = min(_COLORS.get(header.interpretation, 3), header.bands)
     if header.bands > colors + _MOST_EXTRA:
         raise ValueError(f"it has {header.bands} samples for each pixel")
-    what = "pages" if loader == "tiffload" else "frames"
-    notes += frames_note(_field(header, "n-pages") or 1, what)
-    tags, broken = exif_tags(_field(header, "exif-data"), is_turned=loader == "heifload")
+    alpha = colors if header.hasalpha() else None
     stored = Stored(
-        header.width,
-        header.height,
-        colors,
-        colors if header.hasalpha() else None,
-        rows,
-        _reduced_bytes(loader, header),
-        space=ColorSpace(_field(header, "icc-profile-data")),
-        tags=tags_of(tags, broken),
-        notes=notes,
+        header.width, header.height, colors, alpha, rows, _reduced_bytes(loader, header)
     )
-    if loader == "jpegload":
+    stored.space = ColorSpace(_field(header, "icc-profile-data"))
+    what = "pages" if loader == "tiffload" else "frames"
+    stored.note_frames(_field(header, "n-pages") or 1, what)
+    if lacks_end:
+        stored.notes.append("its end marker is missing")
+    exif, broken = exif_tags(_field(header, "exif-data"), is_turned=loader == "heifload")
+    stored.tags = tags_of(exif, broken)
+    if loader == "pngload":
+        _add_chunks(stored, file)
+    elif loader == "tiffload":
+        _add_tags(stored, page)
+    elif loader == "jpegload":
+        stored.scales = (1, 2, 4, 8)
         if match := _JFIF.match(file):
             unit, *density = (int.from_bytes(number, "big") for number in match.groups())
-            if unit or Base.XResolution not in tags:
-                stored = replace(stored, tags=tags_of(tags, broken, tuple(density), unit + 1))
-        return replace(stored, scales=(1, 2, 4, 8))
-    if loader == "pngload":
-        return _of_png(stored, file)
-    if loader == "tiffload":
-        return _of_tiff(stored, header, page, name)
-    if loader == "heifload":
-        return _of_avif(stored, header, file)
+            if unit or Base.XResolution not in exif:
+                stored.tags = tags_of(exif, broken, density, unit + 1)
+    elif loader == "heifload":
+        if file[8:12] == b"avis":
+            stored.notes.append("first of several frames")
+        if not stored.space.profile and (match := _NCLX.search(file)):
+            stored.set_codes("nclx", [int.from_bytes(code, "big") for code in match.groups()])
     return stored
 
 
@@ -111,7 +114,7 @@ def _field(image: Any, name: str) -> Any:
 
 
 def _reduced_bytes(loader: str, image: Any) -> int:
-    """Bytes for each pixel while a photo is decoded and reduced (docs/decisions/memory.md)."""
+    """Return the bytes for each pixel while a photo is reduced (docs/decisions/memory.md)."""
     pixel = image.bands * np.dtype(libvips.TYPES[image.format]).itemsize
     if loader == "jpegload":
         return 2 * pixel if _field(image, "jpeg-multiscan") else 1
@@ -121,7 +124,7 @@ def _reduced_bytes(loader: str, image: Any) -> int:
 
 
 def _with_margin(image: Any, file: bytes) -> Any:
-    """A GIF whose first frame may be smaller than its screen: transparent around it."""
+    """Return a GIF whose first frame may be smaller than its screen, transparent around it."""
     place = 13 + (6 << (file[10] & 7) if file[10] & 0x80 else 0)
     while file[place] == 0x21:  # extensions, of blocks
         place += 2
@@ -135,36 +138,35 @@ def _with_margin(image: Any, file: bytes) -> Any:
     return image.bandjoin(shows.embed(left, top, image.width, image.height))
 
 
-def _of_png(stored: Stored, file: bytes) -> Stored:
-    """Add the colour space, the tags and the frames, which libvips does not tell all of."""
+def _add_chunks(stored: Stored, file: bytes) -> None:
+    """Add what the chunks of a PNG before its pixels say that libvips does not tell."""
     chunks: dict[bytes, bytes] = {}
     place = 8
     while (kind := file[place + 4 : place + 8]) not in (b"", b"IDAT"):
         end = place + 8 + int.from_bytes(file[place : place + 4], "big")
         chunks.setdefault(kind, file[place + 8 : end])
         place = end + 4
-    space = stored.space
-    if b"iCCP" in chunks and not space.profile:
-        stored.notes.append(UNUSABLE)
-    coded = by_codes(*chunks[b"cICP"][:2], "cICP") if len(chunks.get(b"cICP", b"")) == 4 else ""
-    if isinstance(coded, ColorSpace):
-        space = coded
-    elif coded:
-        stored.notes.append(coded)
-    if space is stored.space and not space.profile and b"sRGB" not in chunks:
-        gama, chrm = chunks.get(b"gAMA", b""), chunks.get(b"cHRM", b"")
-        if len(gama) == 4:
-            numbers = [n / 100_000 for n in struct.unpack(f">{len(chrm) // 4}I", chrm)]
-            space = by_gamma(int.from_bytes(gama, "big") / 100_000, numbers)
+    gama, chrm = (chunks.get(kind, b"") for kind in (b"gAMA", b"cHRM"))
+    if b"sRGB" not in chunks and len(gama) == 4:
+        numbers = struct.iter_unpack(">I", gama + chrm[:32])
+        gamma, *primaries = (number / 100_000 for (number,) in numbers)
+        stored.space = by_gamma(gamma, primaries)
+    if iccp := chunks.get(b"iCCP"):  # of which libpng forgets some that are of use
+        packed = iccp.partition(b"\0")[2][1:]
+        try:
+            profile = zlib.decompressobj().decompress(packed, _MOST_PROFILE)
+            stored.space = replace(stored.space, profile=profile)
+        except zlib.error:
+            stored.notes.append(UNUSABLE)
+    if len(codes := chunks.get(b"cICP", b"")) == 4:
+        stored.set_codes("cICP", codes[:2])
     density, unit = None, 0
     if len(stated := chunks.get(b"pHYs", b"")) == 9:
         *density, unit = struct.unpack(">IIB", stated)
         if unit:  # px per metre
             density = [0.0254 * number for number in density]
-    if len(frames := chunks.get(b"acTL", b"")) == 8:
-        stored.notes.extend(frames_note(int.from_bytes(frames[:4], "big")))
-    tags = tags_of(*exif_tags(chunks.get(b"eXIf")), density, 2 if unit else 1)
-    return replace(stored, space=space, tags=tags)
+    stored.tags = tags_of(*exif_tags(chunks.get(b"eXIf")), density, 2 if unit else 1)
+    stored.note_frames(int.from_bytes(chunks.get(b"acTL", b"")[:4], "big"))
 
 
 def _tiff_tags(file: bytes) -> dict[int, Any]:
@@ -184,39 +186,16 @@ def _numbers(tags: dict[int, Any], tag: int) -> tuple[int, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _of_tiff(stored: Stored, header: Any, tags: dict[int, Any], name: str) -> Stored:
-    """Add what the tags of the first page say that libvips does not tell."""
-    if tags.get(Base.NewSubfileType, 0) == _REDUCED_RESOLUTION or Base.DNGVersion in tags:
-        raise InputError(
-            f"{name} must be a developed photo; got a camera's raw file, or one that begins "
-            "with a preview. Try developing it, and saving it as TIFF, PNG or JPEG"
-        )
-    if tags.get(Base.PlanarConfiguration) == _SEPARATE and header.bands == 2:
-        raise ValueError("its grey and its alpha are in planes")
-    alpha = stored.alpha
-    if alpha is not None and (extra := tags.get(Base.ExtraSamples)):
-        kinds = [kind in (_PREMULTIPLIED, _STRAIGHT) for kind in extra]
-        alpha = alpha + kinds.index(True) if True in kinds else None
-    return replace(
-        stored,
-        alpha=alpha,
-        is_negative=tags.get(Base.PhotometricInterpretation) == 0 and header.format == "float",
-        tags=tags_of(tags),
-    )
-
-
-def _of_avif(stored: Stored, header: Any, file: bytes) -> Stored:
-    """Add the codes of its colours; libheif has turned it, whatever its EXIF data say."""
-    space, top = stored.space, None
-    if file[8:12] == b"avis":
-        stored.notes.append("first of several frames")
-    if not space.profile and (match := _NCLX.search(file)):
-        coded = by_codes(*(int.from_bytes(code, "big") for code in match.groups()), "nclx")
-        if isinstance(coded, str):
-            stored.notes.append(coded)
-        else:
-            space = coded
-    if header.format == "ushort":
-        bits = _field(header, "bits-per-sample")
-        top = (1 << bits) - 1 << 16 - bits  # libvips shifts them
-    return replace(stored, space=space, top=top)
+def _add_tags(stored: Stored, page: dict[int, Any]) -> None:
+    """Add what the tags of a TIFF's first page say that libvips does not tell."""
+    if page.get(Base.NewSubfileType, 0) == _REDUCED_RESOLUTION or Base.DNGVersion in page:
+        raise ValueError("it is a camera's raw file, or begins with a preview")
+    if 0 in _numbers(page, Base.StripOffsets) + _numbers(page, Base.TileOffsets):
+        raise ValueError("some of its strips or tiles have no data")
+    if stored.alpha is not None:
+        if page.get(Base.PlanarConfiguration) == _SEPARATE and stored.colors == 1:
+            raise ValueError("its grey and its alpha are in planes")
+        if extra := _numbers(page, Base.ExtraSamples):
+            kinds = [kind in (_PREMULTIPLIED, _STRAIGHT) for kind in extra]
+            stored.alpha = stored.colors + kinds.index(True) if True in kinds else None
+    stored.tags = tags_of(page)

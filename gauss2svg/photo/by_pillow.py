@@ -10,62 +10,56 @@ import numpy as np
 from PIL import Image, ImageCms
 from PIL.ExifTags import Base
 
-from gauss2svg.errors import InputError
 from gauss2svg.photo.reduce import rows_at_once
 from gauss2svg.photo.srgb import INKS, ColorSpace, by_gamma
 from gauss2svg.photo.stored import Rows, Stored
-from gauss2svg.photo.tags import tags_of
+from gauss2svg.photo.tags import BROKEN_EXIF, tags_of
 
 _COLORS = {"L": 1, "LA": 1, "RGB": 3, "RGBA": 3, "CMYK": INKS}  # channels by Pillow's mode
 _REDUCED_BYTES = (
     14  # for each pixel while a photo is decoded and reduced (docs/decisions/memory.md)
 )
+_START_OF_DATA, _END = b"\xff\x93", b"\xff\xd9"  # markers of JPEG 2000
 _MOST_LEVEL = 65535  # of grey integers
 
 
-def opened(file: bytes, loader: str, name: str) -> Stored:
+def opened(file: bytes, loader: str) -> Stored:
     """Read the header of a file by a plugin; not by Image.open, whose limit is the process's."""
+    if loader == "Jpeg2K" and file.rfind(_END) <= file.rfind(_START_OF_DATA):
+        raise ValueError("its data end early")  # which OpenJPEG draws black
     plugin = importlib.import_module(f"PIL.{loader}ImagePlugin")
-    return of_image(getattr(plugin, f"{loader}ImageFile")(io.BytesIO(file)), name)
+    return of_image(getattr(plugin, f"{loader}ImageFile")(io.BytesIO(file)))
 
 
-def of_image(image: Image.Image, name: str) -> Stored:
+def of_image(image: Image.Image) -> Stored:
     """Return a Pillow image, which may not be loaded yet."""
-    mode, info, tags = _mode(image), image.info, {}
-    try:
-        tags = dict(image.getexif())
-        broken = ()
-    except Exception:  # hostile bytes make the EXIF reader raise anything
-        broken = ("EXIF data broken; ignored",)
-    if image.format == "TIFF":  # which Pillow turns itself
-        tags.pop(Base.Orientation, None)
+    mode, info = _mode(image), image.info
+    colors = _COLORS.get(mode, 1)
 
     def rows(_scale: int) -> Rows:
         image.load()
-        picture: Any = image
-        if mode in _COLORS and mode != image.mode:
-            picture = _converted(image, mode)
-        for top in range(0, image.height, step := rows_at_once(image.width, _COLORS.get(mode, 1))):
-            box = 0, top, image.width, min(top + step, image.height)
-            some = np.asarray(picture.crop(box))
-            yield some.reshape(*some.shape[:2], -1) if mode in _COLORS else _levels(some, name)
+        picture: Any = _converted(image, mode)
+        for top in range(0, image.height, step := rows_at_once(image.width, len(mode))):
+            some = np.asarray(picture.crop((0, top, image.width, min(top + step, image.height))))
+            yield np.atleast_3d(some if mode in _COLORS else _levels(some))
 
-    stated = image.format not in ("JPEG", "MPO") or info.get("jfif_unit") in (1, 2)
-    space = ColorSpace(info.get("icc_profile"))
+    alpha = colors if mode.endswith("A") else None
+    stored = Stored(image.width, image.height, colors, alpha, rows, _REDUCED_BYTES)
+    if image.mode == "LAB":
+        stored.notes.append("converted from CIELAB to sRGB")
+    stored.space = ColorSpace(info.get("icc_profile"))
     if image.format == "PNG" and "gamma" in info and not {"srgb", "icc_profile"} & info.keys():
-        space = by_gamma(info["gamma"], info.get("chromaticity"))
-    colors = _COLORS.get(mode, 1)
-    return Stored(
-        image.width,
-        image.height,
-        colors,
-        colors if mode.endswith("A") else None,
-        rows,
-        _REDUCED_BYTES,
-        space=space,
-        tags=tags_of(tags, broken, info.get("dpi") if stated else None, 2),
-        notes=["converted from CIELAB to sRGB"] if image.mode == "LAB" else [],
-    )
+        stored.space = by_gamma(info["gamma"], info.get("chromaticity", ()))
+    tags, broken = {}, ()
+    try:
+        tags = dict(image.getexif())
+    except Exception:  # hostile bytes make the EXIF reader raise anything
+        broken = (BROKEN_EXIF,)
+    if image.format == "TIFF":  # which Pillow turns itself
+        tags.pop(Base.Orientation, None)
+    is_stated = image.format not in ("JPEG", "MPO") or info.get("jfif_unit") in (1, 2)
+    stored.tags = tags_of(tags, broken, info.get("dpi") if is_stated else None, 2)
+    return stored
 
 
 def _mode(image: Image.Image) -> str:
@@ -80,6 +74,8 @@ def _mode(image: Image.Image) -> str:
 
 
 def _converted(image: Image.Image, mode: str) -> Image.Image:
+    if image.mode == mode:
+        return image
     if image.mode != "LAB":
         return image.convert(mode)
     lab, srgb = ImageCms.createProfile("LAB"), ImageCms.createProfile("sRGB")
@@ -87,13 +83,12 @@ def _converted(image: Image.Image, mode: str) -> Image.Image:
     return ImageCms.applyTransform(image, transform)  # pyright: ignore[reportReturnType]
 
 
-def _levels(rows: Any, name: str) -> Any:
-    """Rows of grey integers or floats as (n, w, 1) of a type that is decoded."""
+def _levels(rows: Any) -> Any:
+    """Return rows of grey integers or floats as (n, w) of a type that is decoded."""
     if rows.dtype.kind in "iu":
         if rows.min() < 0 or rows.max() > _MOST_LEVEL:
-            raise InputError(
-                f"grey levels of {name} must be in 0..{_MOST_LEVEL}; got {rows.min()}.."
-                f"{rows.max()}. Try rescaling them"
+            raise ValueError(
+                f"its grey levels are in {rows.min()}..{rows.max()} and not 0..{_MOST_LEVEL}"
             )
         rows = rows.astype(np.uint16)
-    return rows[:, :, None]
+    return rows

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, brief
-from gauss2svg.photo.alpha import straight
 from gauss2svg.photo.formats import FORMATS, MOST_PIXELS, PREFIX_BYTES, format_of
 from gauss2svg.photo.photo import Photo, unit
 from gauss2svg.photo.reduce import DRAFT, Reduced, Size, SizeNeeded, reduced_size
@@ -33,7 +32,7 @@ def opened(file: BinaryIO, name: str, max_pixels: int) -> Stored:
         )
     file.seek(0)
     try:
-        stored = resolve_name(f"{found.decoder}:opened")(file.read(), found.loader, name)
+        stored = resolve_name(f"{found.decoder}:opened")(file.read(), found.loader)
     except (InputError, MemoryError):
         raise
     except Exception as error:  # hostile bytes make decoders raise anything
@@ -96,15 +95,12 @@ def _bands(
     """Color (n, w, channels), uint8 or float32 in 0..1, and alpha (n, w), some rows at a time."""
     top = 0
     for rows in stored.rows(scale):
-        if rows.dtype != np.uint8 or stored.top is not None:
-            rows = unit(rows, name, top) if stored.top is None else rows / np.float32(stored.top)
-        color, alpha = rows[:, :, : stored.colors], None
-        if stored.is_negative:
-            color = (255 if color.dtype == np.uint8 else 1) - color
+        color = rows[:, :, : stored.colors]
+        if color.dtype != np.uint8:
+            color = unit(color, name, top)
+        alpha = None
         if stored.alpha is not None:
-            alpha = unit(rows[:, :, stored.alpha :][:, :, :1], name)[:, :, 0]
-            if stored.is_premultiplied:
-                color = straight(unit(color, name), alpha)[:, :, : stored.colors]
+            alpha = unit(rows[:, :, stored.alpha, None], f"alpha of {name}", top)[:, :, 0]
         yield color, alpha
         top += len(rows)
 

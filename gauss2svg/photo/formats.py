@@ -48,11 +48,11 @@ FORMATS = {
         Format("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", LIBVIPS, "pngload"),
         Format("WEBP", (".webp",), rb"RIFF.{4}WEBP", LIBVIPS, "webpload", "WebP"),
         Format("TIFF", (".tif", ".tiff"), rb"II[\x2a\x2b]\0|MM\0[\x2a\x2b]", LIBVIPS, "tiffload"),
-        Format("GIF", (".gif",), rb"GIF8[79]a", LIBVIPS, "gifload"),
         # By the major brand, or by a compatible one of a file that only says MIAF.
         Format("AVIF", (".avif",), rb".{4}ftyp(avi[fs]|m[is]f1(.{4})+?avi[fs])", LIBVIPS,
                "heifload"),
         Format("HEIC", (".heic", ".heif", ".hif"), rb".{4}ftyp(he[iv][cxms]|m[is]f1)", LIBHEIF),
+        Format("GIF", (".gif",), rb"GIF8[79]a", LIBVIPS, "gifload"),
         Format("BMP", (".bmp",), rb"BM", PILLOW, "Bmp"),
         Format("JPEG2000", (".jp2", ".j2k", ".jpx"), rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", PILLOW,
                "Jpeg2K", "JPEG 2000"),

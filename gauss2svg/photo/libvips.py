@@ -28,7 +28,8 @@ class _Warnings(logging.Handler):
         self._local = threading.local()
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.of_thread.append(record.getMessage())
+        lines = record.getMessage().removeprefix("VIPS: ").splitlines()
+        self.of_thread.extend(line for line in lines if line)
 
     @property
     def of_thread(self) -> list[str]:

@@ -61,7 +61,7 @@ def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> H
     whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
-        return by_pillow.of_image(source, "image").header
+        return by_pillow.of_image(source).header
     with _file(source) as (file, name):
         return None if file is None else opened(file, name, max_pixels).header
 
@@ -112,7 +112,7 @@ def _load(source: ImageSource, max_pixels: int, needed: SizeNeeded | None) -> Ph
         return _as_needed(_from_array(_plain_array(source), "array", max_pixels), needed)
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
-        return decoded(by_pillow.of_image(source, "image"), "image", needed)
+        return decoded(by_pillow.of_image(source), "image", needed)
     with _file(source) as (file, name):
         if file is not None:
             return decoded(opened(file, name, max_pixels), name, needed)

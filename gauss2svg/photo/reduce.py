@@ -112,7 +112,7 @@ class Reduced:
 
 def rows_at_once(width: int, channels: int) -> int:
     """Number of rows that are converted at once."""
-    return max(1, (1 << 21) // (width * channels))
+    return max(1, (1 << 20) // (width * channels))
 
 
 def _ranges(length: int, count: int) -> NDArray[np.float64]:

@@ -22,21 +22,19 @@ _SAME = 1 / 255  # difference up to which a profile counts as sRGB
 _GAMMA = 1 / 2.2  # the gAMA of an sRGB image
 _SAME_GAMMA = 0.01  # relative difference up to which a gamma counts as that
 _LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
-# x and y of white, red, green and blue, by their code (ITU-T H.273, table 2).
-_D65 = (0.3127, 0.329)
+# x and y of white, red, green and blue of sRGB, and by their code (ITU-T H.273, table 2).
+_SRGB = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
 _PRIMARIES = {
-    1: (*_D65, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06),  # BT.709 and sRGB
-    5: (*_D65, 0.64, 0.33, 0.29, 0.6, 0.15, 0.06),  # BT.470 BG
-    6: (*_D65, 0.63, 0.34, 0.31, 0.595, 0.155, 0.07),  # SMPTE 170M
-    7: (*_D65, 0.63, 0.34, 0.31, 0.595, 0.155, 0.07),  # SMPTE 240M
-    9: (*_D65, 0.708, 0.292, 0.17, 0.797, 0.131, 0.046),  # BT.2020
-    11: (0.314, 0.351, 0.68, 0.32, 0.265, 0.69, 0.15, 0.06),  # DCI P3
-    12: (*_D65, 0.68, 0.32, 0.265, 0.69, 0.15, 0.06),  # Display P3
+    1: _SRGB,
+    2: _SRGB,  # not specified
+    5: (*_SRGB[:4], 0.29, 0.6, 0.15, 0.06),  # BT.470 BG
+    6: (*_SRGB[:2], 0.63, 0.34, 0.31, 0.595, 0.155, 0.07),  # SMPTE 170M
+    9: (*_SRGB[:2], 0.708, 0.292, 0.17, 0.797, 0.131, 0.046),  # BT.2020
+    12: (*_SRGB[:2], 0.68, 0.32, 0.265, 0.69, 0.15, 0.06),  # Display P3
 }
 # gAMA by the code of a transfer (ITU-T H.273, table 3). Cameras' curves, which are made for screens
-# of sRGB, count as sRGB, as in browsers.
-_TRANSFERS = dict.fromkeys((1, 6, 13, 14, 15), _GAMMA) | {4: 1 / 2.2, 5: 1 / 2.8, 8: 1.0}
-_UNSPECIFIED = 2
+# of sRGB, and one that is not specified count as sRGB, as in browsers.
+_TRANSFERS = dict.fromkeys((1, 2, 6, 13, 14, 15), _GAMMA) | {4: 1 / 2.2, 5: 1 / 2.8, 8: 1.0}
 # Bradford cone responses, for the adaptation of white (ICC.1:2022, annex E).
 _BRADFORD = np.array(
     [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
@@ -55,25 +53,21 @@ class ColorSpace:
 
     profile: bytes | None = None
     gamma: float = _GAMMA
-    chromaticity: tuple[float, ...] = _PRIMARIES[1]
+    chromaticity: tuple[float, ...] = _SRGB
     source: str = ""
 
 
-SRGB = ColorSpace()
-
-
-def by_codes(primaries: int, transfer: int, source: str) -> ColorSpace | str:
-    """Return the colour space of codes of ITU-T H.273, or a note if it is not supported."""
-    chromaticity = _PRIMARIES.get(1 if primaries == _UNSPECIFIED else primaries)
-    gamma = _TRANSFERS.get(13 if transfer == _UNSPECIFIED else transfer)
+def by_codes(primaries: int, transfer: int, source: str) -> ColorSpace | None:
+    """Return the colour space of codes of ITU-T H.273, None if it is not supported."""
+    chromaticity, gamma = _PRIMARIES.get(primaries), _TRANSFERS.get(transfer)
     if chromaticity is None or gamma is None:
-        return f"{source} with primaries {primaries} and transfer {transfer} not supported; ignored"
+        return None
     return ColorSpace(None, gamma, chromaticity, source)
 
 
-def by_gamma(gamma: float, chromaticity: Sequence[float] | None) -> ColorSpace:
+def by_gamma(gamma: float, chromaticity: Sequence[float]) -> ColorSpace:
     """Return the colour space of the gAMA and the eight numbers of cHRM, if any, of a PNG."""
-    if chromaticity is None or len(chromaticity) != 8:
+    if len(chromaticity) != 8:
         return ColorSpace(gamma=gamma, source=f"gAMA of {gamma:g}")
     return ColorSpace(None, gamma, tuple(chromaticity), f"gAMA of {gamma:g} and cHRM")
 
@@ -82,16 +76,17 @@ def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.f
     """Return color (h, w, 1, 3 or INKS) in 0..1 as grey or RGB in sRGB, and notes."""
     notes: list[str] = []
     if space.profile:
-        converted, note = _by_profile(color, space.profile)
+        converted, notes = _by_profile(color, space.profile)
         if converted is not None:
-            return converted, note
-        notes = note
-    elif color.shape[2] != INKS:
-        return _by_gamma(color, space)
+            return converted, notes
     if color.shape[2] == INKS:
-        color = (1 - color[:, :, :3]) * (1 - color[:, :, 3:])
-        notes.append("CMYK without a usable ICC profile; converted by the naive formula")
-    return color, notes
+        naive = (1 - color[:, :, :3]) * (1 - color[:, :, 3:])
+        return naive, [
+            *notes,
+            "CMYK without a usable ICC profile; converted by the naive formula",
+        ]
+    color, more = _by_gamma(color, space)
+    return color, notes + more
 
 
 def _by_profile(
@@ -138,7 +133,7 @@ def _transformed(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float
     levels = np.round(color * np.float32(65535)).astype(np.uint16)
     kind = "cmyk" if color.shape[2] == INKS else "rgb16"
     picture = pyvips.Image.new_from_array(levels).copy(interpretation=kind)
-    picture.set_type(pyvips.GValue.blob_type, "icc-profile-data", profile)
+    picture.set_type(pyvips.GValue.blob_type, "icc-profile-data", profile)  # pyright: ignore[reportArgumentType]
     picture = picture.icc_transform("srgb", embedded=True, intent="perceptual", depth=16)
     return np.concatenate([unit(rows, "photo") for rows in libvips.rows(picture)])
 
@@ -152,7 +147,7 @@ def _by_gamma(
     of sRGB with Bradford adaptation, then the sRGB curve. A gamma within 1 % of 1/2.2 stands for
     the sRGB curve itself.
     """
-    gamma, chromaticity, srgb = space.gamma, space.chromaticity, _PRIMARIES[1]
+    gamma, chromaticity, srgb = space.gamma, space.chromaticity, _SRGB
     if not _LEAST_GAMMA <= gamma <= _MOST_GAMMA:
         return color, [f"gAMA of {gamma:g} unusable; sRGB assumed"]
     matrix, notes = None, []
@@ -189,7 +184,7 @@ def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] 
     # Such primaries span no triangle.
     if abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < 1e-4:
         return None
-    theirs, srgb = _to_xyz(chromaticity), _to_xyz(_PRIMARIES[1])
+    theirs, srgb = _to_xyz(chromaticity), _to_xyz(_SRGB)
     whites = _BRADFORD @ srgb.sum(axis=1), _BRADFORD @ theirs.sum(axis=1)
     if not (whites[1] > 0).all():
         return None

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.ExifTags import Base
 
+BROKEN_EXIF = "EXIF data broken; ignored"
 _LEAST_DPI = 1.0  # a resolution of this or less counts as none
 _SQUARE = 0.01  # relative difference of resolutions up to which pixels count as square
 _INCHES = {2: 1.0, 3: 2.54}  # by ResolutionUnit: px per inch of 1 px per unit
@@ -35,9 +36,6 @@ class Tags:
     notes: tuple[str, ...] = ()
 
 
-UPRIGHT = Tags()
-
-
 def exif_tags(
     exif: bytes | None, *, is_turned: bool = False
 ) -> tuple[dict[int, Any], tuple[str, ...]]:
@@ -50,7 +48,7 @@ def exif_tags(
         tags.load(exif or b"")
         found = dict(tags)
     except Exception:  # hostile bytes make the EXIF reader raise anything
-        return {}, ("EXIF data broken; ignored",)
+        return {}, (BROKEN_EXIF,)
     if is_turned:
         found.pop(Base.Orientation, None)
     return found, ()
