@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 
 import numpy as np
 import pi_heif
@@ -11,13 +12,15 @@ from gauss2svg.photo.alpha import straight
 from gauss2svg.photo.reduce import rows_at_once
 from gauss2svg.photo.srgb import ColorSpace
 from gauss2svg.photo.stored import Rows, Stored
-from gauss2svg.photo.tags import exif_tags, tags_of
 
+# References of metadata, which have nothing that is used, and on which pi-heif 1.4 may crash.
+_METADATA = re.compile(rb"(\0\0..)cdsc", re.DOTALL)
 _REDUCED_BYTES = 10  # for each pixel and 8 bits, while a photo is decoded and reduced
 
 
 def opened(file: bytes, _loader: str) -> Stored:
-    """Read the header of the primary image, which libheif turns, whatever its EXIF data say."""
+    """Read the header of the primary image, which libheif turns and crops."""
+    file = _METADATA.sub(rb"\1free", file)
     heif = pi_heif.open_heif(io.BytesIO(file), convert_hdr_to_8bit=False, hdr_to_16bit=False)
     kind, _, bits = heif.mode.partition(";")
     depth = int(bits or 8)
@@ -38,7 +41,6 @@ def opened(file: bytes, _loader: str) -> Stored:
     elif nclx := heif.info.get("nclx_profile"):
         codes = nclx["color_primaries"], nclx["transfer_characteristics"]
         stored.set_codes("nclx", codes)
-    stored.tags = tags_of(*exif_tags(heif.info.get("exif"), is_turned=True))
     if len(heif) > 1:
         stored.notes.append(f"primary image of {len(heif)}")
     return stored

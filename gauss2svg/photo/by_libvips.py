@@ -1,4 +1,4 @@
-"""Photos by libvips: JPEG, PNG, WebP, TIFF, GIF and AVIF.
+"""Photos by libvips: JPEG, PNG, WebP, TIFF and AVIF.
 
 Each loader is called by its name, so libvips never chooses another one by the file.
 """
@@ -33,7 +33,7 @@ _MOST_PROFILE = 1 << 24  # bytes of a PNG's profile, unpacked
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
 _PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples of a TIFF
 _LAB = 8  # PhotometricInterpretation
-_SEPARATE = 2  # PlanarConfiguration
+_SEPARATE, _FLOAT = 2, 3  # PlanarConfiguration, SampleFormat
 
 
 def opened(file: bytes, loader: str) -> Stored:
@@ -51,8 +51,6 @@ def opened(file: bytes, loader: str) -> Stored:
         load = getattr(pyvips.Image, f"{loader}_buffer")
         fail_on = "warning" if is_strict else "error"
         picture = load(file, access="sequential", fail_on=fail_on, **options)
-        if loader == "gifload" and not picture.hasalpha():
-            return _with_margin(picture, file)
         if loader == "heifload" and picture.format == "ushort":
             bits = _field(picture, "bits-per-sample")
             return picture.linear(1 / ((1 << bits) - 1 << 16 - bits), 0)
@@ -118,24 +116,7 @@ def _reduced_bytes(loader: str, image: Any) -> int:
     pixel = image.bands * np.dtype(libvips.TYPES[image.format]).itemsize
     if loader == "jpegload":
         return 2 * pixel if _field(image, "jpeg-multiscan") else 1
-    return {"pngload": pixel, "webpload": 16, "tiffload": 2 * pixel, "gifload": 8}.get(
-        loader, 5 * pixel
-    )
-
-
-def _with_margin(image: Any, file: bytes) -> Any:
-    """Return a GIF whose first frame may be smaller than its screen, transparent around it."""
-    place = 13 + (6 << (file[10] & 7) if file[10] & 0x80 else 0)
-    while file[place] == 0x21:  # extensions, of blocks
-        place += 2
-        while file[place]:
-            place += 1 + file[place]
-        place += 1
-    left, top, width, height = struct.unpack_from("<4H", file, place + 1)
-    if (width, height) == (image.width, image.height):
-        return image
-    shows = (pyvips.Image.black(width, height) + 255).cast("uchar")
-    return image.bandjoin(shows.embed(left, top, image.width, image.height))
+    return {"pngload": pixel, "webpload": 16, "tiffload": 2 * pixel}.get(loader, 5 * pixel)
 
 
 def _add_chunks(stored: Stored, file: bytes) -> None:
@@ -192,10 +173,12 @@ def _add_tags(stored: Stored, page: dict[int, Any]) -> None:
         raise ValueError("it is a camera's raw file, or begins with a preview")
     if 0 in _numbers(page, Base.StripOffsets) + _numbers(page, Base.TileOffsets):
         raise ValueError("some of its strips or tiles have no data")
-    if stored.alpha is not None:
-        if page.get(Base.PlanarConfiguration) == _SEPARATE and stored.colors == 1:
-            raise ValueError("its grey and its alpha are in planes")
-        if extra := _numbers(page, Base.ExtraSamples):
-            kinds = [kind in (_PREMULTIPLIED, _STRAIGHT) for kind in extra]
-            stored.alpha = stored.colors + kinds.index(True) if True in kinds else None
+    is_half = page.get(Base.SampleFormat, (1,))[0] == _FLOAT and page[Base.BitsPerSample][0] == 16
+    if page.get(Base.PlanarConfiguration) == _SEPARATE and (
+        is_half or (stored.colors == 1 and stored.alpha is not None)
+    ):  # which libvips reads as if they were not in planes
+        raise ValueError("its grey and alpha, or its floats of 16 bits, are in planes")
+    if stored.alpha is not None and (extra := _numbers(page, Base.ExtraSamples)):
+        kinds = [kind in (_PREMULTIPLIED, _STRAIGHT) for kind in extra]
+        stored.alpha = stored.colors + kinds.index(True) if True in kinds else None
     stored.tags = tags_of(page)

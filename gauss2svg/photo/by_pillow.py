@@ -15,6 +15,8 @@ from gauss2svg.photo.srgb import INKS, ColorSpace, by_gamma
 from gauss2svg.photo.stored import Rows, Stored
 from gauss2svg.photo.tags import BROKEN_EXIF, tags_of
 
+Box = tuple[int, int, int, int]  # left, top, right and bottom in px
+
 _COLORS = {"L": 1, "LA": 1, "RGB": 3, "RGBA": 3, "CMYK": INKS}  # channels by Pillow's mode
 _REDUCED_BYTES = (
     14  # for each pixel while a photo is decoded and reduced (docs/decisions/memory.md)
@@ -47,6 +49,11 @@ def of_image(image: Image.Image) -> Stored:
     stored = Stored(image.width, image.height, colors, alpha, rows, _REDUCED_BYTES)
     if image.mode == "LAB":
         stored.notes.append("converted from CIELAB to sRGB")
+    if image.format == "GIF":
+        try:
+            stored.note_frames(getattr(image, "n_frames", 1))
+        except Exception:  # frames after the first are not used, and may be broken
+            stored.notes.append("first of several frames")
     stored.space = ColorSpace(info.get("icc_profile"))
     if image.format == "PNG" and "gamma" in info and not {"srgb", "icc_profile"} & info.keys():
         stored.space = by_gamma(info["gamma"], info.get("chromaticity", ()))
@@ -66,14 +73,24 @@ def _mode(image: Image.Image) -> str:
     """Return the mode in which an image is read."""
     if image.mode.startswith("I") or image.mode == "F":
         return image.mode
-    if image.mode in ("PA", "RGBa") or image.has_transparency_data:
+    if image.mode in ("PA", "RGBa") or image.has_transparency_data or _frame(image):
         return "LA" if image.mode in ("LA", "La") else "RGBA"
     if image.mode == "La":
         return "LA"
     return image.mode if image.mode in _COLORS else "L" if image.mode == "1" else "RGB"
 
 
+def _frame(image: Image.Image) -> Box | None:
+    """Return the place of a GIF's frame on its screen; None where it fills the screen."""
+    box = getattr(image, "dispose_extent", None)
+    return None if box in (None, (0, 0, *image.size)) else box
+
+
 def _converted(image: Image.Image, mode: str) -> Image.Image:
+    if (box := _frame(image)) is not None:
+        screen = Image.new(mode, image.size)
+        screen.paste(image.convert(mode).crop(box), box)
+        return screen
     if image.mode == mode:
         return image
     if image.mode != "LAB":

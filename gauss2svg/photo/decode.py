@@ -93,8 +93,10 @@ def _bands(
     stored: Stored, name: str, scale: int
 ) -> Iterator[tuple[NDArray[Any], NDArray[np.float32] | None]]:
     """Color (n, w, channels), uint8 or float32 in 0..1, and alpha (n, w), some rows at a time."""
-    top = 0
+    top, (width, height) = 0, (-(-side // scale) for side in (stored.width, stored.height))
     for rows in stored.rows(scale):
+        if rows.shape[1] != width:
+            raise ValueError(f"its rows have {rows.shape[1]} and not {width} px")
         color = rows[:, :, : stored.colors]
         if color.dtype != np.uint8:
             color = unit(color, name, top)
@@ -103,6 +105,8 @@ def _bands(
             alpha = unit(rows[:, :, stored.alpha, None], f"alpha of {name}", top)[:, :, 0]
         yield color, alpha
         top += len(rows)
+    if top != height:
+        raise ValueError(f"it has {top} and not {height} rows")
 
 
 def check_size(size: Size, name: str, max_pixels: int) -> None:

@@ -52,7 +52,7 @@ FORMATS = {
         Format("AVIF", (".avif",), rb".{4}ftyp(avi[fs]|m[is]f1(.{4})+?avi[fs])", LIBVIPS,
                "heifload"),
         Format("HEIC", (".heic", ".heif", ".hif"), rb".{4}ftyp(he[iv][cxms]|m[is]f1)", LIBHEIF),
-        Format("GIF", (".gif",), rb"GIF8[79]a", LIBVIPS, "gifload"),
+        Format("GIF", (".gif",), rb"GIF8[79]a", PILLOW, "Gif"),
         Format("BMP", (".bmp",), rb"BM", PILLOW, "Bmp"),
         Format("JPEG2000", (".jp2", ".j2k", ".jpx"), rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", PILLOW,
                "Jpeg2K", "JPEG 2000"),

@@ -115,6 +115,9 @@ UNREAD = {
         np.zeros((2, 32, 32), np.uint8), photometric="minisblack", planarconfig="separate",
         extrasamples=[2],
     ),
+    "floats of 16 bits in planes": tiff(
+        np.zeros((3, 32, 32), np.float16), photometric="rgb", planarconfig="separate"
+    ),
     "12 bits": tiff_file(
         bytes(288), t256=8, t257=8, t258=[12] * 3, t259=1, t262=2, t277=3, t278=8
     ),
