@@ -22,6 +22,8 @@ def opened(file: bytes, _loader: str) -> Stored:
     """Read the header of the primary image, which libheif turns and crops."""
     file = _METADATA.sub(rb"\1free", file)
     heif = pi_heif.open_heif(io.BytesIO(file), convert_hdr_to_8bit=False, hdr_to_16bit=False)
+    if not len(heif):
+        raise ValueError("it has no picture of HEVC")
     kind, _, bits = heif.mode.partition(";")
     depth = int(bits or 8)
 

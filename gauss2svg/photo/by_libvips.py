@@ -29,10 +29,14 @@ _START_OF_SCAN, _END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
 _CUT = "premature end of data segment"  # libjpeg's words, which libvips only warns of
 _JFIF = re.compile(rb"\xff\xd8\xff\xe0..JFIF\0..(.)(..)(..)", re.DOTALL)
 _NCLX = re.compile(rb"colrnclx(..)(..)", re.DOTALL)
+_AV1 = re.compile(rb"av1C..(.)", re.DOTALL)
+_GREY = 0x10  # bit of that byte
+_HEAD = 1 << 16  # bytes of a file in which it stands
 _MOST_PROFILE = 1 << 24  # bytes of a PNG's profile, unpacked
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
 _PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples of a TIFF
 _LAB = 8  # PhotometricInterpretation
+_FAXES = (2, 3, 4)  # Compression
 _SEPARATE, _FLOAT = 2, 3  # PlanarConfiguration, SampleFormat
 
 
@@ -44,8 +48,12 @@ def opened(file: bytes, loader: str) -> Stored:
     lacks_end = loader == "jpegload" and file.rfind(_END_OF_IMAGE) < file.rfind(_START_OF_SCAN)
     if lacks_end:
         file += _END_OF_IMAGE
-    # Broken tiles and lines of faxes give warnings, but so does a strip whose length is 0.
-    is_strict = loader == "tiffload" and 0 not in _numbers(page, Base.StripByteCounts)
+    if (match := _AV1.search(file, 0, _HEAD)) and loader == "heifload" and match[1][0] & _GREY:
+        return by_pillow.opened(file, "Avif")  # libheif does not widen greys of 16..235
+    # Of broken tiles and faxes libtiff only warns, as of a strip whose length is left out.
+    is_strict = (Base.TileWidth in page or page.get(Base.Compression) in _FAXES) and (
+        0 not in _numbers(page, Base.StripByteCounts)
+    )
 
     def image(**options: int) -> Any:
         load = getattr(pyvips.Image, f"{loader}_buffer")

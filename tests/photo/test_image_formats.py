@@ -109,6 +109,14 @@ def test_gif_has_one_clear_colour():
     np.testing.assert_allclose(photo.pixels[0, 1] * 255, [200, 100, 50], atol=1e-4)
 
 
+@pytest.mark.parametrize("spread", ["full", "limited"])
+def test_grey_avif_has_black_and_white(spread):
+    levels = np.kron(np.uint8([[0, 128, 255]]), np.ones((16, 16), np.uint8))
+    file = encoded(Image.fromarray(levels), "AVIF", quality=95, range=spread)
+    seen = load_image(file).pixels[8, 8::16, 0] * 255
+    np.testing.assert_allclose(seen, [0, 128, 255], atol=2)
+
+
 def framed(picture: Image.Image, at: tuple[int, int], screen: tuple[int, int]) -> bytes:
     """A GIF whose frame is placed on a larger screen."""
     file = bytearray(encoded(picture, "GIF"))
@@ -171,7 +179,8 @@ def test_orientation_is_applied(name, orientation):
     exif[0x0112] = orientation
     blocks = np.kron(STORED, np.ones((16, 16), np.uint8))  # so that JPEG keeps them
     options = {"lossless": True} if name == "WEBP" else {}
-    photo = load_image(encoded(Image.fromarray(blocks), name, exif=exif, **options))
+    picture = Image.fromarray(blocks).convert("RGB")
+    photo = load_image(encoded(picture, name, exif=exif, **options))
     seen = np.round(photo.pixels[8::16, 8::16, 0] * 255)
     np.testing.assert_allclose(seen, SEEN[orientation], atol=1)
     # An AVIF is turned by its own boxes.
