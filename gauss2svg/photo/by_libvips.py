@@ -58,6 +58,8 @@ def opened(file: bytes, loader: str) -> Stored:
     def image(**options: int) -> Any:
         load = getattr(pyvips.Image, f"{loader}_buffer")
         fail_on = "warning" if is_strict else "error"
+        if loader == "tiffload":  # without which a part of 50 MB is refused
+            options["unlimited"] = True
         picture = load(file, access="sequential", fail_on=fail_on, **options)
         if loader == "heifload" and picture.format == "ushort":
             bits = _field(picture, "bits-per-sample")
@@ -123,8 +125,8 @@ def _reduced_bytes(loader: str, image: Any) -> int:
     """Return the bytes for each pixel while a photo is reduced (docs/decisions/memory.md)."""
     pixel = image.bands * np.dtype(libvips.TYPES[image.format]).itemsize
     if loader == "jpegload":
-        return 2 * pixel if _field(image, "jpeg-multiscan") else 1
-    return {"pngload": pixel, "webpload": 16, "tiffload": 2 * pixel}.get(loader, 5 * pixel)
+        return 3 * pixel if _field(image, "jpeg-multiscan") else 3
+    return {"pngload": pixel + 2, "webpload": 14, "tiffload": 3 * pixel}.get(loader, 5 * pixel + 1)
 
 
 def _add_chunks(stored: Stored, file: bytes) -> None:

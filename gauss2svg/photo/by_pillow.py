@@ -18,9 +18,7 @@ from gauss2svg.photo.tags import BROKEN_EXIF, tags_of
 Box = tuple[int, int, int, int]  # left, top, right and bottom in px
 
 _COLORS = {"L": 1, "LA": 1, "RGB": 3, "RGBA": 3, "CMYK": INKS}  # channels by Pillow's mode
-_REDUCED_BYTES = (
-    14  # for each pixel while a photo is decoded and reduced (docs/decisions/memory.md)
-)
+_REDUCED_BYTES = 20  # for each pixel while a photo is reduced (docs/decisions/memory.md)
 _START_OF_DATA, _END = b"\xff\x93", b"\xff\xd9"  # markers of JPEG 2000
 _MOST_LEVEL = 65535  # of grey integers
 
