@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 
 from gauss2svg.batch.stores import is_url, reached, write
 from gauss2svg.errors import ClusterError, Gauss2SvgError, OutputError, error_line, refusal
-from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
@@ -175,7 +174,7 @@ def work(packed: bytes) -> list[PhotoRecord]:
     if (here := versions()) != spec.versions:
         advice = "installing the same there"
         raise ClusterError(f"workers must have {spec.versions}; got {here}. Try {advice}")
-    with own_standard_error(), warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of decoders; nobody would read them
         return [spec.kept(photo) or vectorized(spec, photo) for photo in photos]
 

@@ -16,7 +16,6 @@ from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError
-from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.options import field_named
 from gauss2svg.version import __version__
 
@@ -77,7 +76,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     try:
         app = build_app(everything=_HELP_ALL in given, short=list(given) in _SHORT)
-        with handling(), own_standard_error():
+        with handling():
             status = app(given or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:
         return _refuse(_in_our_words(error))

@@ -43,13 +43,14 @@ _HEAD = 65536  # bytes within which it stands
 # Suffixes of further files.
 _SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
 _SUFFIXES |= {"save_scene": ".npz"}
+_SHOWN = 6  # formats that the help names
 _ORDER = tuple(GROUP_TITLES)  # of the help
 _PARAMETERS = f"""
 
 Parameters
 ----------
 photo
-    {", ".join(TITLES)}, - for stdin.
+    {", ".join(TITLES[:_SHOWN])} and others, - for stdin.
 output
     SVG to write, or - for stdout. The default is photo.svg.
 """

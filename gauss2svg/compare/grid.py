@@ -12,7 +12,7 @@ from typing import Any
 
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
-from gauss2svg.photo.listing import ListedPhoto
+from gauss2svg.pipeline.listing import ListedPhoto
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
 Record = dict[str, Any]

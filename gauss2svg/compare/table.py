@@ -31,8 +31,8 @@ from gauss2svg.errors import InputError, number_within, whole_number
 from gauss2svg.files import as_json, check_writable, make_folder, write_all_atomically
 from gauss2svg.measure.scores import SCORES, Score
 from gauss2svg.options import file_name
-from gauss2svg.photo.listing import ListedPhoto, listed_photos
 from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import raise_pending

@@ -16,7 +16,7 @@ from gauss2svg.fit.adam import Blending
 from gauss2svg.fit.options import PERCEPTUAL, FitOptions
 from gauss2svg.fit.target import Target
 from gauss2svg.kernel_cache import cached
-from gauss2svg.photo.smooth import smoothed
+from gauss2svg.render.smooth import smoothed
 
 _PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
 

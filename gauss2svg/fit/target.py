@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from gauss2svg.fit.losses import image_gradient
 from gauss2svg.fit.options import DEFAULT_LOSS, PSNR
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, shrunk
-from gauss2svg.photo.smooth import smoothed
 from gauss2svg.render.cpu import (
     Splats,
     moments_of_gradient,
@@ -31,6 +30,7 @@ from gauss2svg.render.cpu import (
     render_planar,
     squared_error,
 )
+from gauss2svg.render.smooth import smoothed
 
 # Opacity of new Gaussians on a target with alpha (docs/decisions/placement.md).
 LEAST_OPACITY = 0.02  # least opacity at which a new Gaussian begins

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo.smooth import smoothed
+from gauss2svg.render.smooth import smoothed
 
 LEVELS = 255  # differences are reported in levels of an 8-bit channel
 LEAST_SIDE_FOR_SSIM = 3  # px

@@ -6,35 +6,36 @@ no decoder: the help needs it.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 # A quarter of a GiB at three bytes per pixel: Pillow's own limit (Image.MAX_IMAGE_PIXELS).
 DEFAULT_MAX_PIXELS = 89_478_485
 # Above twice that Pillow's decoders refuse any file; larger images are not rasterised either.
 MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
+PREFIX_BYTES = 64  # length of the start of a file that identifies its format
+
+LIBVIPS, LIBHEIF, PILLOW = (f"gauss2svg.photo.by_{name}" for name in ("libvips", "heif", "pillow"))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Format:
     """A format that is read.
 
-    name      Pillow's, in errors too
-    title     in text
-    suffixes  of names that are taken for photos where a folder is given
-    plugin    module that registers the decoder with Pillow when it is imported
-    feature   that a build of Pillow may lack; "": none
-    prepare   MODULE:FUNCTION of a file, which returns the one that is decoded; "": the file itself
-    damage    MODULE:FUNCTION of the file's bytes, the decoded image and its tags, which says what
-              the file lacks that the decoder does not miss, "" if nothing; "": the decoder refuses
+    name      in errors
+    suffixes  endings of the names that are taken for photos where a folder is given
+    start     regular expression of a file's first bytes
+    decoder   module that opens it
+    loader    what that module calls: an operation of libvips, or a plugin of Pillow
+    title     name in text
     """
 
     name: str
     suffixes: tuple[str, ...]
-    plugin: str
+    start: bytes
+    decoder: str
+    loader: str = ""
     title: str = ""
-    feature: str = ""
-    prepare: str = ""
-    damage: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", self.title or self.name)
@@ -43,35 +44,54 @@ class Format:
 FORMATS = {
     one.name: one
     for one in (
-        Format(
-            name="JPEG",
-            suffixes=(".jpg", ".jpeg", ".jpe", ".jfif"),
-            plugin="PIL.JpegImagePlugin",
-            prepare="gauss2svg.photo.jpeg:with_height",
-        ),
-        Format(
-            name="PNG",
-            suffixes=(".png",),
-            plugin="PIL.PngImagePlugin",
-            damage="gauss2svg.photo.damage:damage_of_png",
-        ),
-        Format(
-            name="WEBP",
-            title="WebP",
-            suffixes=(".webp",),
-            plugin="PIL.WebPImagePlugin",
-            feature="webp",
-        ),
-        Format(
-            name="TIFF",
-            suffixes=(".tif", ".tiff"),
-            plugin="PIL.TiffImagePlugin",
-            damage="gauss2svg.photo.damage:damage_of_tiff",
-        ),
-        Format(name="GIF", suffixes=(".gif",), plugin="PIL.GifImagePlugin"),
-        Format(name="BMP", suffixes=(".bmp",), plugin="PIL.BmpImagePlugin"),
-        Format(name="AVIF", suffixes=(".avif",), plugin="PIL.AvifImagePlugin", feature="avif"),
+        Format("JPEG", (".jpg", ".jpeg", ".jpe", ".jfif"), rb"\xff\xd8\xff", LIBVIPS, "jpegload"),
+        Format("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", LIBVIPS, "pngload"),
+        Format("WEBP", (".webp",), rb"RIFF.{4}WEBP", LIBVIPS, "webpload", "WebP"),
+        Format("TIFF", (".tif", ".tiff"), rb"II[\x2a\x2b]\0|MM\0[\x2a\x2b]", LIBVIPS, "tiffload"),
+        # By the major brand, or by a compatible one of a file that only says MIAF.
+        Format("AVIF", (".avif",), rb".{4}ftyp(avi[fs]|m[is]f1(.{4})+?avi[fs])", LIBVIPS,
+               "heifload"),
+        Format("HEIC", (".heic", ".heif", ".hif"), rb".{4}ftyp(he[iv][cxms]|m[is]f1)", LIBHEIF),
+        Format("GIF", (".gif",), rb"GIF8[79]a", PILLOW, "Gif"),
+        Format("BMP", (".bmp",), rb"BM", PILLOW, "Bmp"),
+        Format("JPEG2000", (".jp2", ".j2k", ".jpx"), rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", PILLOW,
+               "Jpeg2K", "JPEG 2000"),
+        Format("PSD", (".psd",), rb"8BPS", PILLOW, "Psd"),
+        Format("ICO", (".ico",), rb"\0\0\x01\0", PILLOW, "Ico"),
     )
-}
+}  # fmt: skip
 SUFFIXES = tuple(suffix for one in FORMATS.values() for suffix in one.suffixes)
 TITLES = tuple(one.title for one in FORMATS.values())
+
+_RAW = rb"II\*\0....CR|II[RU][\0SO]|MMOR|IIU\0|FUJIFILM"
+# Other files that are given in place of a photo, by their first bytes.
+_OTHERS = (
+    (_RAW, "a camera's raw file"),  # of which only a small preview would be read
+    (rb"%PDF", "a PDF"),
+    (rb"%!PS|\xc5\xd0\xd3\xc6", "a PostScript file"),
+    (rb"gimp xcf", "a GIMP file"),
+    (rb"(\xef\xbb\xbf)?\s*<(svg|\?xml|!DOCTYPE svg)", "an SVG or other XML"),
+    (rb"(?i)\s*<(!doctype html|html)", "a web page"),
+    (rb"\x1f\x8b", "a gzipped file"),
+    (rb"PK\x03\x04", "a ZIP archive"),
+    (rb".{4}ftypcrx ", "a camera's raw file"),
+    (rb".{4}ftyp", "a video"),
+    (rb"\0\0\0\x0cJXL |\xff\x0a", "a JPEG XL file"),
+    (rb"P[1-7Ff]\s", "a Netpbm file"),
+    # Its image type and depth; an icon would have none in it.
+    (rb".\0[\2\3\x0a\x0b]\0{5}.{8}[\x08\x10\x18\x20]|.\x01[\1\x09].{13}[\x08\x10]", "a TGA file"),
+    (rb"\0\0\x02\0", "a cursor"),
+    (rb"v/1\x01", "an OpenEXR file"),
+)
+
+
+def format_of(start: bytes) -> Format | str:
+    """Return the format of a file by its first PREFIX_BYTES, or what else the file is."""
+    if not start:
+        return "an empty file"
+    if not re.match(_RAW, start, re.DOTALL):
+        for one in FORMATS.values():
+            if re.match(one.start, start, re.DOTALL):
+                return one
+    kinds = (kind for pattern, kind in _OTHERS if re.match(pattern, start, re.DOTALL))
+    return next(kinds, "an unknown format")

@@ -17,10 +17,10 @@ from PIL import Image
 from gauss2svg.errors import InputError, brief, quoted, whole_number
 from gauss2svg.files import reading
 from gauss2svg.options import file_name
+from gauss2svg.photo import by_pillow
 from gauss2svg.photo.alpha import has_alpha, nearest, over, pixels_of, shrunk
-from gauss2svg.photo.decode import decode_file, decode_image, header_of_file, header_of_image
+from gauss2svg.photo.decode import check_size, decoded, opened
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
-from gauss2svg.photo.open import check_size
 from gauss2svg.photo.photo import Header, Photo, unit
 from gauss2svg.photo.reduce import Size, SizeNeeded, decoded_size, reduced_size
 
@@ -61,9 +61,9 @@ def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> H
     whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
-        return header_of_image(source)
+        return by_pillow.of_image(source).header
     with _file(source) as (file, name):
-        return None if file is None else header_of_file(file, name, max_pixels)
+        return None if file is None else opened(file, name, max_pixels).header
 
 
 def load_reduced(
@@ -112,10 +112,10 @@ def _load(source: ImageSource, max_pixels: int, needed: SizeNeeded | None) -> Ph
         return _as_needed(_from_array(_plain_array(source), "array", max_pixels), needed)
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
-        return decode_image(source, "image", needed)
+        return decoded(by_pillow.of_image(source), "image", needed)
     with _file(source) as (file, name):
         if file is not None:
-            return decode_file(file, name, max_pixels, needed)
+            return decoded(opened(file, name, max_pixels), name, needed)
     raise InputError(
         "photo must be a path, bytes, a binary file, a PIL image, a numpy array or a torch "
         f"tensor; got {type(source).__name__}"

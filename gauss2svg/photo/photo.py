@@ -17,7 +17,6 @@ class Header:
 
     width, height  in px, as stored
     has_alpha      whether it may have alpha
-    part_bytes     of data that are unpacked at once, where Pillow does not decode it
     reduced_bytes  of memory for each pixel while it is decoded and reduced; None where all of it
                    is decoded first
     """
@@ -25,7 +24,6 @@ class Header:
     width: int
     height: int
     has_alpha: bool
-    part_bytes: int = 0
     reduced_bytes: int | None = None
 
 

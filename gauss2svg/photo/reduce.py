@@ -6,15 +6,15 @@ Rows come from the top, some at a time, and only what a row of the result needs 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from gauss2svg.errors import InputError
 from gauss2svg.photo.alpha import AVERAGED, straight
+from gauss2svg.photo.photo import unit
 
 Size = tuple[int, int]  # width and height in px
 # Of a photo of that width and height, as stored; or the longest side in px.
@@ -62,11 +62,14 @@ class Reduced:
         self._across, self._down = (
             _ranges(*pair) / scale for pair in zip(stored, size, strict=True)
         )
-        self._rows: list[NDArray[np.float32]] = []  # of the result
+        self._size = size
+        self._pixels: Any = None  # the result
+        self._count = 0  # its rows so far
         self._sum: Any = 0  # of what there is of the next one
         self._top = 0
         self._has_alpha = False
-        self._sample: list[NDArray[np.float32]] = []
+        self._sample: Any = None
+        self._samples = 0  # rows of the sample so far
 
     def add(self, color: NDArray[Any], alpha: NDArray[np.float32] | None) -> None:
         """Add rows (rows, width, 1 or 3), float32 in 0..1 or uint8.
@@ -79,12 +82,16 @@ class Reduced:
             self._has_alpha = True
             color = np.dstack([color * alpha[:, :, None], alpha * np.float32(top)])
         bottom = self._top + len(color)
-        for begin in np.floor(self._down[0, len(self._sample) :]).astype(int):
+        if self._pixels is None:
+            self._pixels = np.empty((*self._size[::-1], color.shape[2]), np.float32)
+            self._sample = np.empty((*self._size[::-1], stored.shape[2]), stored.dtype)
+        for begin in np.floor(self._down[0, self._samples :]).astype(int):
             if begin >= bottom:
                 break
-            row = stored[begin - self._top, np.floor(self._across[0]).astype(int)]
-            self._sample.append(row.astype(np.float32) / np.float32(top))
-        for begin, end in self._down.T[len(self._rows) :]:
+            columns = np.floor(self._across[0]).astype(int)
+            self._sample[self._samples] = stored[begin - self._top, columns]
+            self._samples += 1
+        for begin, end in self._down.T[self._count :]:
             if begin >= bottom:
                 break
             self._sum += _sum(color, max(begin - self._top, 0), min(end, bottom) - self._top)
@@ -92,19 +99,18 @@ class Reduced:
                 break
             sums = _sums_at(self._sum, self._across)
             lengths = (self._across[1] - self._across[0]) * ((end - begin) * top)
-            self._rows.append(((sums[1] - sums[0]) / lengths[:, None]).astype(np.float32))
-            self._sum = 0
+            self._pixels[self._count] = (sums[1] - sums[0]) / lengths[:, None]
+            self._count, self._sum = self._count + 1, 0
         self._top = bottom
 
     @property
     def sample(self) -> NDArray[np.float32]:
         """(h, w, channels) the pixel of the photo at the first corner of each of the result."""
-        return np.stack(self._sample)
+        return unit(self._sample, "photo")
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Color (h, w, 1 or 3) and alpha (h, w), None if no row had it."""
-        pixels = np.stack(self._rows)
-        np.clip(pixels, 0, 1, out=pixels)
+        pixels = np.clip(self._pixels, 0, 1, out=self._pixels)
         if not self._has_alpha:
             return pixels, None
         whole = straight(pixels[:, :, :-1], pixels[:, :, -1])
@@ -113,22 +119,7 @@ class Reduced:
 
 def rows_at_once(width: int, channels: int) -> int:
     """Number of rows that are converted at once."""
-    return max(1, (1 << 21) // (width * channels))
-
-
-def pieces(color: NDArray[Any] | Image.Image) -> Iterator[tuple[slice, NDArray[Any]]]:
-    """Rows of an array (h, w, channels), or of an image of 8 bits, some at a time."""
-    if isinstance(color, Image.Image):
-        (width, height), channels = color.size, len(color.getbands())
-    else:
-        height, width, channels = color.shape
-    step = rows_at_once(width, channels)
-    for top in range(0, height, step):
-        rows = slice(top, min(top + step, height))
-        if isinstance(color, Image.Image):
-            yield rows, np.atleast_3d(np.asarray(color.crop((0, rows.start, width, rows.stop))))
-        else:
-            yield rows, color[rows]
+    return max(1, (1 << 20) // (width * channels))
 
 
 def _ranges(length: int, count: int) -> NDArray[np.float64]:
@@ -163,9 +154,3 @@ def _sums_at(values: NDArray[np.floating], places: NDArray[np.float64]) -> NDArr
     sums = np.concatenate([np.zeros((1, values.shape[1])), values.cumsum(axis=0, dtype=float)])
     before = np.minimum(np.floor(places), len(values) - 1).astype(np.intp)
     return sums[before] + (places - before)[..., None] * (sums[before + 1] - sums[before])
-
-
-def draft(image: Any, size: Size) -> int:
-    """Let a JPEG that is not loaded yet be decoded smaller; returns how many times."""
-    image.draft(image.mode, tuple(DRAFT * side for side in size))
-    return image.decoderconfig[0] if image.decoderconfig else 1

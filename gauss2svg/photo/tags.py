@@ -1,9 +1,10 @@
-"""Tags of an image file: orientation, resolution, number of frames."""
+"""Orientation and resolution, by the tags of a TIFF or of EXIF data."""
 
 from __future__ import annotations
 
 import math
 import numbers
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.ExifTags import Base
 
+BROKEN_EXIF = "EXIF data broken; ignored"
 _LEAST_DPI = 1.0  # a resolution of this or less counts as none
 _SQUARE = 0.01  # relative difference of resolutions up to which pixels count as square
+_INCHES = {2: 1.0, 3: 2.54}  # by ResolutionUnit: px per inch of 1 px per unit
 SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
 
 Density = tuple[float, float]  # px per length, across and down
@@ -28,44 +31,56 @@ class Tags:
     notes        for the report
     """
 
-    orientation: int
-    dpi: Density | None
-    notes: tuple[str, ...]
+    orientation: int = 1
+    dpi: Density | None = None
+    notes: tuple[str, ...] = ()
 
 
-def tags_of(image: Image.Image) -> Tags:
-    """Tags of an image, of a TIFF before it is loaded; broken ones give a note, no error."""
-    try:
-        exif = dict(image.getexif())
-        notes = ()
-    except Exception:  # hostile bytes make the EXIF reader raise anything
-        exif = {}
-        notes = ("EXIF data broken; ignored",)
-    dpi = _dpi(image, exif)
-    found = tags_from(exif.get(Base.Orientation), dpi, dpi or _proportions(image))
-    return Tags(found.orientation, found.dpi, (*notes, *found.notes))
+def exif_tags(
+    exif: bytes | None, *, is_turned: bool = False
+) -> tuple[dict[int, Any], tuple[str, ...]]:
+    """Return the tags of EXIF data, and a note if the data are broken.
 
-
-def tags_from(orientation: Any, dpi: Density | None, proportions: Density | None) -> Tags:
-    """Tags of the upright photo from those of its stored rows and columns.
-
-    orientation  anything; values other than 1..8 count as 1
-    dpi          px per inch across and down; proportions: the same, perhaps without a unit
+    is_turned  whether the decoder has turned the photo already, whatever its tag says
     """
-    notes = []
+    tags = Image.Exif()
+    try:
+        tags.load(exif or b"")
+        found = dict(tags)
+    except Exception:  # hostile bytes make the EXIF reader raise anything
+        return {}, (BROKEN_EXIF,)
+    if is_turned:
+        found.pop(Base.Orientation, None)
+    return found, ()
+
+
+def tags_of(
+    tags: Mapping[int, Any], notes: tuple[str, ...] = (), density: Any = None, unit: Any = 0
+) -> Tags:
+    """Return the orientation and the resolution of the upright photo.
+
+    density  px across and down for each unit, a ResolutionUnit, as stored; None: by the tags
+    """
+    density = _pair(density)
+    if density is None:
+        density = _pair((tags.get(Base.XResolution), tags.get(Base.YResolution)))
+        unit = tags.get(Base.ResolutionUnit, 2)
+    orientation, more = tags.get(Base.Orientation), list(notes)
     if not isinstance(orientation, int) or not 1 <= orientation <= 8:
         orientation = 1
     if orientation != 1:
-        notes.append("EXIF orientation applied")
-    if orientation in SWAPPED:
-        dpi = dpi and (dpi[1], dpi[0])
-        proportions = proportions and (proportions[1], proportions[0])
-    if proportions is not None and abs(proportions[0] / proportions[1] - 1) > _SQUARE:
-        notes.append(
-            f"pixels are {proportions[1] / proportions[0]:.3g} times as wide as high by the "
-            "resolution tag; treated as square"
+        more.append("EXIF orientation applied")
+    if density is None:
+        return Tags(orientation, None, tuple(more))
+    across, down = reversed(density) if orientation in SWAPPED else density
+    if abs(across / down - 1) > _SQUARE:
+        more.append(
+            f"pixels are {down / across:.3g} times as wide as high by the resolution tag; "
+            "treated as square"
         )
-    return Tags(orientation, dpi, tuple(notes))
+    inch = _INCHES.get(unit, 0) if isinstance(unit, int) else 0
+    dpi = (inch * across, inch * down) if inch * min(density) > _LEAST_DPI else None
+    return Tags(orientation, dpi, tuple(more))
 
 
 def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
@@ -82,46 +97,6 @@ def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
 def turned(size: tuple[int, int], orientation: int) -> tuple[int, int]:
     """Width and height of an upright image that is stored with that size."""
     return (size[1], size[0]) if orientation in SWAPPED else size
-
-
-def frames_note(image: Image.Image) -> list[str]:
-    """A note if there is more than one frame or page; reads through the file."""
-    what = "pages" if image.format == "TIFF" else "frames"
-    try:
-        count = getattr(image, "n_frames", 1)
-    except Exception:  # frames after the first are not used, and may be broken
-        return [f"first of several {what}"]
-    return [f"first of {count} {what}"] if count > 1 else []
-
-
-def _dpi(image: Image.Image, exif: dict[int, Any]) -> Density | None:
-    """Pixels per inch across and down as stored; None without such a tag."""
-    # Pillow invents 72 for a JPEG and 1 for a TIFF without one, so their own tags are read.
-    stated = image.info.get("jfif_unit") in (1, 2) or image.format in ("PNG", "BMP", None)
-    dpi = _pair(image.info.get("dpi")) if stated else None
-    if dpi is None:
-        tags = exif.get(Base.XResolution), exif.get(Base.YResolution)
-        return dpi_in(_pair(tags), exif.get(Base.ResolutionUnit, 2))
-    return dpi if min(dpi) > _LEAST_DPI else None
-
-
-def dpi_in(density: Density | None, unit: Any) -> Density | None:
-    """Pixels per inch of a density in a TIFF's ResolutionUnit; None without a unit or if tiny."""
-    # ResolutionUnit 2 is inches, 3 is centimetres.
-    inch = {2: 1.0, 3: 2.54}.get(unit) if isinstance(unit, int) else None
-    if density is None or inch is None or inch * min(density) <= _LEAST_DPI:
-        return None
-    return inch * density[0], inch * density[1]
-
-
-def _proportions(image: Image.Image) -> Density | None:
-    """Densities across and down without a unit, where the file has no others."""
-    info = image.info
-    if info.get("jfif_unit") == 0:
-        return _pair(info.get("jfif_density"))
-    if image.format == "TIFF":
-        return _pair(info.get("resolution"))
-    return _pair(info.get("aspect"))  # of a PNG
 
 
 def _pair(values: Any) -> Density | None:

@@ -8,8 +8,7 @@ that are measured and a fit on F px: the largest of three stages,
     fitting     12 M + a F,  a by the loss, and more in inks
     measuring   57 M + 36 F, and more in inks
 
-(70, 28 and 151 for a transparent photo; decoding a TIFF that Pillow does not takes what one of
-its strips or tiles does besides), plus that of the interpreter, the libraries and each
+(70, 28 and 151 for a transparent photo), plus that of the interpreter, the libraries and each
 shape, times a margin. benchmarks/memory.py compares it with processes. Not counted are other
 programs that rasterise, and the first compilation of the kernels (105 MB).
 """
@@ -146,7 +145,7 @@ def check_decoding(header: Header, limit: int, reduced: bool = False) -> None:
     if reduced and header.reduced_bytes is not None:
         each = header.reduced_bytes
     decoded = each * header.width * header.height
-    needed = math.ceil(MARGIN * (BASE + decoded + header.part_bytes))
+    needed = math.ceil(MARGIN * (BASE + decoded))
     if needed > limit:
         photo = f"a photo of {header.width}x{header.height} px"
         raise _too_little(needed, limit, photo, "a smaller photo")

@@ -24,8 +24,8 @@ from gauss2svg.errors import Gauss2SvgError, InputError, quoted
 from gauss2svg.files import STANDARD_STREAM, check_outputs, make_folder, reading
 from gauss2svg.options import OneOf, OptionGroup, byte_size
 from gauss2svg.photo.alpha import alpha_of, has_alpha, pixels_of
-from gauss2svg.photo.listing import ListedPhoto, listed_photos
 from gauss2svg.photo.load import ImageSource
+from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
 from gauss2svg.pipeline.progress_display import watched

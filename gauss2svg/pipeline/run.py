@@ -18,7 +18,6 @@ from numba.core import config
 from gauss2svg.errors import InputError, whole_number
 from gauss2svg.fit.options import FitProgress
 from gauss2svg.fit.placement import components_of
-from gauss2svg.photo.entropy import lack, table_of
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.photo.reduce import SizeNeeded, reduced_size
@@ -99,7 +98,6 @@ class Run:
         if header is not None:
             reduced = reduced_size(needed, header.width, header.height) is not None
             check_decoding(header, self.most_bytes, reduced=reduced)
-        self.compile_s += compile_reading()  # before it is needed, so that it does not count either
         return load_image(image, max_pixels=self._max_pixels, matte=matte, needed=needed)
 
     @contextmanager
@@ -159,14 +157,6 @@ _done: set[str] = set()
 COMPILED_S = 2.0
 
 
-def compile_reading() -> float:
-    """Compile what reading a JPEG needs; returns the seconds spent."""
-    begun = time.perf_counter()
-    table = table_of(b"", b"")
-    lack([b""], 1, 1, [(table, table)], (0, 0), False, np.zeros(1, np.uint64))
-    return time.perf_counter() - begun
-
-
 def compile_kernels(blend: str = OVER) -> float:
     """Compile every kernel that a run with this blend needs; returns the seconds spent.
 
@@ -178,7 +168,6 @@ def compile_kernels(blend: str = OVER) -> float:
     begun = time.perf_counter()
     if blend != OVER:  # a portable file is alpha-composited
         compile_kernels()
-    compile_reading()
     one = np.ones(1)
     scene = Scene(
         4, 4, np.full((1, 2), 2.0), np.ones((1, 2)), np.zeros(1), np.full((1, 3), 0.5), one,

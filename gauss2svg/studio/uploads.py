@@ -11,20 +11,19 @@ from pathlib import Path, PurePath
 from typing import Any
 from urllib.parse import quote
 
-from PIL import ExifTags, Image
 from pydantic import BaseModel, Field, computed_field
 
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.errors import InputError, brief
 from gauss2svg.files import is_device, reading
+from gauss2svg.photo.decode import opened
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
-from gauss2svg.photo.open import UnreadTiffError, opened
-from gauss2svg.photo.tags import SWAPPED
+from gauss2svg.photo.tags import turned
 
 _SURROGATE = re.compile("[\ud800-\udfff]")  # what of a file's name is no Unicode
 _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
 # Not read, but offered by the dialog for files, so that the page says why.
-REFUSED = (".heic", ".heif", ".jxl")
+REFUSED = (".jxl",)
 _MOST_SAMPLES = 100
 _LONGEST_NAME = 100
 
@@ -58,28 +57,14 @@ def stem_of(name: str) -> str:
     return f"_{stem}" if is_device(stem) else stem
 
 
-def size_of(path: Path, name: str) -> tuple[int | None, int | None]:
-    """Width and height in px of an upright photo, by its header alone; None where it has none.
+def size_of(path: Path, name: str) -> tuple[int, int]:
+    """Width and height in px of an upright photo, by its header alone.
 
     Raises InputError that says the name, for what is no photo and for too many pixels.
     """
     with reading(path, "another photo") as file:
-        try:
-            with opened(file, name, DEFAULT_MAX_PIXELS) as image:
-                width, height = image.size
-                turned = _is_turned(image)
-        except UnreadTiffError:  # by tifffile, in the worker
-            return None, None
-    return (height, width) if turned else (width, height)
-
-
-def _is_turned(image: Image.Image) -> bool:
-    try:
-        # That of a PNG would decode the whole image, in search of tags behind it.
-        tags = Image.Image.getexif(image)
-        return tags.get(ExifTags.Base.Orientation) in SWAPPED
-    except Exception:  # hostile bytes make the EXIF reader raise anything
-        return False
+        stored = opened(file, name, DEFAULT_MAX_PIXELS)
+    return turned((stored.width, stored.height), stored.tags.orientation)
 
 
 def samples_in(folder: Path | None) -> Sequence[Sample]:
@@ -100,10 +85,9 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
             width, height = size_of(path, path.name)
         except InputError:  # it says so when it is picked nowhere: it is no photo to pick
             continue
-        if width is not None and height is not None:
-            # For a page: bytes that are no UTF-8 are escaped as in an address.
-            name = _SURROGATE.sub(lambda found: f"%{ord(found[0]) & 0xFF:02X}", path.name)
-            found.append(Sample(name=name, path=path, width=width, height=height))
+        # For a page: bytes that are no UTF-8 are escaped as in an address.
+        name = _SURROGATE.sub(lambda found: f"%{ord(found[0]) & 0xFF:02X}", path.name)
+        found.append(Sample(name=name, path=path, width=width, height=height))
     if folder is not None and not found:
         raise _no_folder(folder, "no photo is in it")
     return found

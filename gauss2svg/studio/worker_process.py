@@ -33,7 +33,6 @@ from gauss2svg.errors import Gauss2SvgError, on_one_line
 from gauss2svg.files import as_json, as_png, saved, write_whole
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.alpha import over
-from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline import presets
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
@@ -89,15 +88,14 @@ class _Worker:
     def _answer(self, request: dict[str, Any]) -> None:
         job, name = request["job"], request["name"]
         try:
-            with own_standard_error():
-                options = Options.from_flat(request["options"])
-                result = self._fit(request, options)
-                folder = Path(request["folder"])
-                # The SVG first, which is waited for; then what is looked at afterwards.
-                (folder / "picture.svg").write_bytes(result.svg.encode())
-                (folder / "report.json").write_bytes(as_json(result.report))
-                self._send(job, "done")
-                self._write_rest(request, result, options)
+            options = Options.from_flat(request["options"])
+            result = self._fit(request, options)
+            folder = Path(request["folder"])
+            # The SVG first, which is waited for; then what is looked at afterwards.
+            (folder / "picture.svg").write_bytes(result.svg.encode())
+            (folder / "report.json").write_bytes(as_json(result.report))
+            self._send(job, "done")
+            self._write_rest(request, result, options)
         except _CanceledError:
             pass
         except Gauss2SvgError as error:

@@ -26,7 +26,7 @@ from gauss2svg.compare.variants import (
     settings_of,
 )
 from gauss2svg.errors import InputError, OutputError
-from gauss2svg.photo.listing import ListedPhoto
+from gauss2svg.pipeline.listing import ListedPhoto
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS

@@ -20,8 +20,8 @@ from gauss2svg.compare.pages.artifacts import answer_to
 from gauss2svg.compare.pages.results import NUMBERS
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure.scores import SCORES
-from gauss2svg.photo.listing import slug_of
 from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.listing import slug_of
 
 pytestmark = pytest.mark.process
 

@@ -19,7 +19,7 @@ from gauss2svg.compare.peers import PEERS
 from gauss2svg.compare.variants import DEFAULT_VARIANTS, main_variant, variants_of
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.measure.scores import SCORES
-from gauss2svg.photo.listing import listed_photos, slug_of, unique_slugs
+from gauss2svg.pipeline.listing import listed_photos, slug_of, unique_slugs
 
 names = st.text(
     st.one_of(

@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +12,11 @@ from PIL import Image, ImageCms
 from gauss2svg.photo.load import load_image
 
 RNG = np.random.default_rng(0)
+DATA = Path(__file__).parents[1] / "data"
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 CONVERTED = "converted from its embedded ICC profile to sRGB"
-UNREADABLE = "embedded ICC profile unreadable; sRGB assumed"
-OTHER = "embedded ICC profile is for another colour space; sRGB assumed"
+UNUSABLE = "embedded ICC profile unreadable or for another colour space; sRGB assumed"
 
 
 def fixed(*values: float) -> bytes:
@@ -107,27 +108,55 @@ def test_grey_has_profiles_of_grey_and_of_colours():
         assert photo.notes == (CONVERTED,)
 
 
-def test_sixteen_bits_with_a_profile_are_reduced_and_noted():
+def test_sixteen_bits_with_a_profile_stay_sixteen():
     wide = RNG.integers(0, 65536, (6, 9, 3), dtype=np.uint16)
     icc = chunk(b"iCCP", b"x\0\0" + zlib.compress(matrix_profile(1.8)))
     photo = load_image(png(wide, icc, bits=16))
-    np.testing.assert_allclose(photo.pixels, srgb_curve((wide / 65535) ** 1.8), atol=3 / 255)
-    assert photo.notes == ("reduced to 8 bits per channel to apply its ICC profile", CONVERTED)
+    np.testing.assert_allclose(photo.pixels, srgb_curve((wide / 65535) ** 1.8), atol=1.5 / 255)
+    assert photo.notes == (CONVERTED,)
 
 
 @pytest.mark.parametrize(
-    ("profile", "note"),
+    "profile",
     [
-        (b"nonsense", UNREADABLE),
-        (SRGB[:200], UNREADABLE),
-        (matrix_profile(2.2, b"GRAY"), OTHER),
-        (ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes(), OTHER),
+        b"nonsense",
+        SRGB[:200],
+        matrix_profile(2.2, b"GRAY"),
+        ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes(),
     ],
 )
-def test_profile_that_does_not_fit_is_noted_and_left_out(profile, note):
-    photo = load_image(encoded(Image.fromarray(BYTES), "PNG", icc_profile=profile))
+@pytest.mark.parametrize("name", ["PNG", "TIFF"])
+def test_profile_that_does_not_fit_is_noted_and_left_out(name, profile):
+    photo = load_image(encoded(Image.fromarray(BYTES), name, icc_profile=profile))
     np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
-    assert photo.notes == (note,)
+    assert photo.notes == (UNUSABLE,)
+
+
+P3 = b"\0\x0c\0\x0d"  # primaries and transfer of Display P3 (ITU-T H.273)
+PQ = b"\0\x09\0\x10"  # of HDR
+
+
+def coded(name: str, codes: bytes) -> bytes:
+    """A file of (200, 60, 60) on the left whose colours are of these codes."""
+    halves = np.kron(np.uint8([[[200, 60, 60], [60, 200, 60]]]), np.ones((16, 12, 1), np.uint8))
+    if name == "PNG":
+        return png(halves, chunk(b"cICP", bytes((codes[1], codes[3], 0, 1))))
+    file = (DATA / "p3.heic").read_bytes()
+    if name == "AVIF":
+        file = encoded(Image.fromarray(halves), "AVIF", quality=95, subsampling="4:4:4")
+    place = file.index(b"colrnclx") + 8
+    return file[:place] + codes + file[place + 4 :]
+
+
+@pytest.mark.parametrize("name", ["PNG", "AVIF", "HEIC"])
+def test_codes_of_primaries_are_converted_and_hdr_is_noted(name):
+    source = "cICP" if name == "PNG" else "nclx"
+    photo = load_image(coded(name, P3))
+    np.testing.assert_allclose(photo.pixels[8, 4] * 255, [217, 42, 52], atol=2)  # CSS Color 4
+    assert photo.notes == (f"converted from {source} to sRGB",)
+    photo = load_image(coded(name, PQ))
+    np.testing.assert_allclose(photo.pixels[8, 4] * 255, [200, 60, 60], atol=2)
+    assert photo.notes == (f"{source} with primaries 9 and transfer 16 not supported; ignored",)
 
 
 GAMMAS = [1.0, 0.45455, 0.4545 * 1.009, 0.5556, 0.3]

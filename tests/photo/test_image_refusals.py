@@ -2,16 +2,17 @@
 
 import io
 import os
+import resource
 import struct
 import subprocess
 import zlib
-from pkgutil import resolve_name
+from pathlib import Path
 
 import numpy as np
 import pytest
 from flat import vectorize
 from pictures import chunk, encoded, png, tiff
-from PIL import Image, features
+from PIL import Image
 
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.cli.main import main
@@ -23,19 +24,39 @@ from gauss2svg.studio.uploads import REFUSED
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (12, 19, 3), dtype=np.uint8)
-NAMES = [name for name in FORMATS if name != "AVIF" or features.check("avif")]
+BROKEN = "must be a complete image of a supported kind; got one that is broken, truncated or"
+PICTURE = Image.fromarray(BYTES)
+HEIC = (Path(__file__).parents[1] / "data" / "turned.heic").read_bytes()
 
 
-@pytest.mark.parametrize("name", NAMES)
+def psd_of(array) -> bytes:
+    """A Photoshop file of one picture without layers."""
+    height, width, channels = array.shape
+    head = b"8BPS" + struct.pack(">H6xHIIHH", 1, channels, height, width, 8, 3)
+    return head + bytes(12) + b"\0\0" + np.moveaxis(array, 2, 0).tobytes()
+
+
+def file_of(name: str) -> bytes:
+    """A file of 19x12 px of a format; HEIC has 16x24."""
+    if name == "HEIC":
+        return HEIC
+    if name == "PSD":
+        return psd_of(BYTES)
+    sizes = {"sizes": [PICTURE.size]} if name == "ICO" else {}
+    return encoded(PICTURE, name, **sizes)
+
+
+@pytest.mark.parametrize("name", FORMATS)
 def test_every_format_is_read_under_all_of_its_names(name, tmp_path):
     for suffix in FORMATS[name].suffixes:
         path = tmp_path / f"photo{suffix}"
-        Image.fromarray(BYTES).save(path, name, **({"lossless": True} if name == "WEBP" else {}))
+        path.write_bytes(file_of(name))
         assert is_picture(path.name.upper())
-        assert load_image(path).pixels.shape == BYTES.shape
+        photo = load_image(path)
+        assert photo.pixels.shape == ((24, 16, 3) if name == "HEIC" else BYTES.shape)
+        if name in ("PNG", "TIFF", "BMP", "PSD", "ICO", "JPEG2000"):
+            np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-6)
     assert not set(FORMATS[name].suffixes) & set(REFUSED)
-    for hook in (FORMATS[name].prepare, FORMATS[name].damage):
-        assert not hook or callable(resolve_name(hook))
 
 
 def bmp_of(width: int, height: int) -> bytes:
@@ -111,12 +132,14 @@ def test_animated_bomb_is_refused_as_well():
             load_image(file, max_pixels=1199)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FORMATS)
 def test_limit_of_pixels_holds_for_every_format(name):
-    file = encoded(Image.fromarray(BYTES), name)
-    assert load_image(file, max_pixels=228).height == 12
-    with pytest.raises(InputError, match=r"at most 227 px \(--max-pixels\); got 19x12 = 228 px"):
-        load_image(file, max_pixels=227)
+    file = file_of(name)
+    photo = load_image(file)
+    count = photo.width * photo.height
+    assert load_image(file, max_pixels=count).height == photo.height
+    with pytest.raises(InputError, match=rf"at most {count - 1} px \(--max-pixels\); got .* px"):
+        load_image(file, max_pixels=count - 1)
 
 
 def test_limit_of_pixels_is_heeded_by_both_commands(tmp_path, drawn_here, capsys):
@@ -142,26 +165,25 @@ def test_limit_of_pixels_is_heeded_by_both_commands(tmp_path, drawn_here, capsys
 
 def test_limit_of_the_process_is_left_alone_and_changes_nothing(monkeypatch):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 20)
-    result = vectorize(encoded(Image.fromarray(BYTES), "PNG"), gaussians=2, iterations=1)
-    assert result.raster.shape == (12, 19, 3)
+    for name in ("PNG", "WEBP", "TIFF", "GIF", "BMP"):
+        assert load_image(file_of(name)).pixels.shape == BYTES.shape
     assert Image.MAX_IMAGE_PIXELS == 20
-    for name in ("WEBP", "TIFF", "GIF"):  # whose plugins of Pillow look by themselves
-        photo = photo_or_refusal(encoded(Image.fromarray(BYTES), name))
-        assert isinstance(photo, Photo) or "MAX_IMAGE_PIXELS of this process" in str(photo)
 
 
 @pytest.mark.parametrize("kind", [b"iCCP", b"zTXt", b"iTXt"])
-def test_chunk_that_unpacks_to_too_much_is_one_line(kind):
-    packed = zlib.compress(bytes(50_000_000), 9)
+def test_chunk_that_unpacks_to_much_takes_no_memory_and_stops_no_picture(kind):
+    packed = zlib.compress(bytes(200_000_000), 6)
     head = b"x\0\1\0\0\0" if kind == b"iTXt" else b"x\0\0"
-    with pytest.raises(InputError, match="unpack to more than"):
-        load_image(png(BYTES, chunk(kind, head + packed)))
+    file = png(BYTES, chunk(kind, head + packed))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    np.testing.assert_allclose(load_image(file).pixels, BYTES / 255, atol=1e-7)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kB
 
 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", "must be a supported image (JPEG, PNG, WEBP, TIFF, GIF, BMP"),
+        (b"", f"must be a supported image ({', '.join(FORMATS)})"),
         (b"", "got an empty file"),
         (b"hello, this is a text", "got an unknown format. Try converting it"),
         (b'<svg xmlns="http://www.w3.org/2000/svg"/>', "got an SVG or other XML"),
@@ -169,31 +191,32 @@ def test_chunk_that_unpacks_to_too_much_is_one_line(kind):
         (b"<!DOCTYPE html><html></html>", "got a web page"),
         (b"%PDF-1.7\n", "got a PDF"),
         (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "got a PostScript file"),
-        (b"8BPS\0\1" + bytes(20), "got a Photoshop file"),
-        (b"\0\0\0\x18ftypheic" + bytes(20), "got a HEIC file"),
-        (b"\0\0\0\x0cjP  \r\n\x87\n", "got a JPEG 2000 file"),
+        (b"\0\0\0\x18ftypmif1\0\0\0\0mif1heic\0\0\0\x08meta", BROKEN),
+        (b"\0\0\0\x20ftypisom" + bytes(20), "got a video"),
+        (b"\0\0\0\x0cjP  \r\n\x87\n", BROKEN),
         (b"\x1f\x8b\x08" + bytes(20), "got a gzipped file"),
         (b"P6 2 2 255\n" + bytes(12), "got a Netpbm file"),
-        (b"\0\0\1\0\1\0" + bytes(20), "got an icon"),
-        (b"\0\0\2\0\1\0\x10\x10" + bytes(20), "got an icon"),
+        (b"8BPS\0\1" + bytes(20), BROKEN),
+        (b"\0\0\1\0\1\0" + bytes(20), BROKEN),
+        (b"\0\0\2\0\1\0\x10\x10" + bytes(20), "got a cursor"),
         *(
             (encoded(Image.new(mode, (4, 4)), "TGA", **packed), "got a TGA file")
             for mode in ("L", "P", "RGB", "RGBA")
             for packed in ({}, {"compression": "tga_rle"}, {"id_section": b"abc"})
         ),
-        (b"\x89PNG\r\n\x1a\n", "must be a complete image; got a broken"),
-        (b"\xff\xd8\xff\xe0", "must be a complete image; got a broken"),
-        (b"RIFF\0\0\0\0WEBPVP8 ", "must be a complete image; got a broken"),
-        (b"II*\0\x08\0\0\0", "got a broken or truncated one: it has no page. Try re-saving it"),
+        (b"\x89PNG\r\n\x1a\n", BROKEN),
+        (b"\xff\xd8\xff\xe0", BROKEN),
+        (b"RIFF\0\0\0\0WEBPVP8 ", BROKEN),
+        (b"II*\0\x08\0\0\0", BROKEN),
         (b"II*\0\x10\0\0\0CR\2\0" + bytes(20), "got a camera's raw file. Try converting it"),
         (tiff_of((254, 4, 1), (256, 3, 2), (257, 3, 2), (258, 3, 8), (262, 3, 1), (273, 4, 8)),
-         "must be a developed photo; got a camera's raw file, or one that"),
-        (png(np.zeros((0, 4, 3), np.uint8)), "its header has no size"),
+         "it is a camera's raw file, or begins with a preview"),
+        (png(np.zeros((0, 4, 3), np.uint8)), BROKEN),
         (float_tiff(np.float32([[0, 1.5]])), "must be finite and in 0..1; got 1.5 at row 0"),
         (float_tiff(np.full((2, 3, 3), np.nan, np.float32)), "got nan at row 0, column 0"),
-        (float_tiff(np.int32([[-5, 7]])), "must be in 0..65535; got -5..7"),
-        (float_tiff(np.uint32([[70000, 2**32 - 1]])), "must be in 0..65535; got 70000..4294967295"),
-        (float_tiff(np.zeros((4, 4), np.complex64)), "got complex64 samples, 1 per pixel"),
+        (float_tiff(np.int32([[-5, 7]])), "its samples are of type int"),
+        (float_tiff(np.uint32([[70000, 2**32 - 1]])), "its samples are of type uint"),
+        (float_tiff(np.zeros((4, 4), np.complex64)), BROKEN),
     ],
 )  # fmt: skip
 @pytest.mark.filterwarnings("ignore")  # Pillow's
@@ -257,32 +280,29 @@ def photo_or_refusal(data: bytes) -> Photo | InputError:
 
 
 def test_colours_without_their_palette_are_refused():
-    whole = io.BytesIO()
-    Image.fromarray(np.zeros((4, 4), np.uint8)).convert("P").save(whole, "PNG")
-    data = whole.getvalue()
+    data = encoded(Image.new("P", (4, 4)), "PNG")
     at = data.index(b"PLTE") - 4
     length = int.from_bytes(data[at : at + 4], "big") + 12
-    with pytest.raises(InputError, match="its palette is missing"):
+    with pytest.raises(InputError, match=BROKEN):
         load_image(data[:at] + data[at + length :])
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FORMATS)
 def test_file_that_is_cut_off_is_refused_or_whole(name):
-    options = {"progressive": True} if name == "JPEG" else {}
-    file = encoded(Image.fromarray(BYTES), name, **options)
+    file = file_of(name)
     whole = load_image(file).pixels
     refused = 0
-    for length in range(len(file)):
+    for length in range(0, len(file), 1 if len(file) < 2000 else 3):
         photo = photo_or_refusal(file[:length])
         if isinstance(photo, InputError):
             refused += 1
         else:
             np.testing.assert_array_equal(photo.pixels, whole)
-    assert refused > 0.9 * len(file)
+    assert refused > 0.25 * len(file)
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", [*NAMES, "float TIFF", "16-bit PNG"])
+@pytest.mark.parametrize("name", [*FORMATS, "float TIFF", "16-bit PNG"])
 def test_file_with_wrong_bytes_is_a_photo_or_an_input_error(name):
     exif = Image.Exif()
     exif[0x0112], exif[0x011A], exif[0x011B] = 6, 300.0, 150.0
@@ -291,8 +311,8 @@ def test_file_with_wrong_bytes_is_a_photo_or_an_input_error(name):
     elif name == "16-bit PNG":
         file = png(BYTES.astype(np.uint16) * 257, chunk(b"gAMA", b"\0\1\2\3"), bits=16)
     else:
-        options = {} if name in ("GIF", "BMP") else {"exif": exif}
-        file = encoded(Image.fromarray(BYTES), name, **options)
+        tagged = name in ("JPEG", "PNG", "WEBP", "TIFF", "AVIF")
+        file = encoded(PICTURE, name, exif=exif) if tagged else file_of(name)
     rng = np.random.default_rng(1)
     for _ in range(150):
         wrong = bytearray(file)

@@ -10,7 +10,6 @@ from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.fit.state import State
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.photo.smooth import smoothed
 from gauss2svg.pipeline.drawings import is_shaded, outline_bytes
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
@@ -22,6 +21,7 @@ from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render
 from gauss2svg.render.cpu import render_planar, splats_of
+from gauss2svg.render.smooth import smoothed
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.svg.minimal import minimal_rounded
 

@@ -32,6 +32,7 @@ from gauss2svg.svg.syntax.source import svg_source
 
 _LONGEST = 2000
 _PILLOW = Path(PIL.__file__).parent
+_DATA = Path(__file__).parents[1] / "data"
 _PNG = b"\x89PNG\r\n\x1a\n"
 _MOST_SVG_BYTES, _MOST_ELEMENTS = 10_000_000, 100_000
 _INTERESTING = [0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0x8000, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF]
@@ -67,15 +68,15 @@ def picture_seeds() -> tuple[bytes, ...]:
         (color, "TIFF", {"compression": "jpeg"}), (color, "TIFF", {"compression": "tiff_deflate"}),
         (grey.convert("1"), "TIFF", {"compression": "group4"}), (cmyk, "TIFF", frames),
         (palette, "GIF", {}), (palette, "GIF", frames | {"transparency": 2}), (grey, "GIF", {}),
-        (color, "BMP", {}), (palette, "BMP", {}),
+        (color, "BMP", {}), (palette, "BMP", {}), (color, "JPEG2000", {}), (alpha, "ICO", {}),
+        (color, "AVIF", {"exif": exif}), (alpha, "AVIF", {}),
     ]  # fmt: skip
-    if "AVIF" in Image.SAVE:
-        made += [(color, "AVIF", {"exif": exif}), (alpha, "AVIF", {})]
     seeds = []
     for picture, name, options in made:
         stream = io.BytesIO()
         picture.save(stream, name, **options)
         seeds.append(stream.getvalue())
+    seeds += [path.read_bytes() for path in sorted(_DATA.glob("*.heic"))]
     return tuple(seeds)
 
 

@@ -16,7 +16,7 @@ from gauss2svg.cli.main import build_app
 from gauss2svg.files import as_png
 from gauss2svg.fit.placement import components_of
 from gauss2svg.measure import metrics
-from gauss2svg.photo.smooth import smoothed
+from gauss2svg.render.smooth import smoothed
 from gauss2svg.scene.nearest import nearest_entry
 
 

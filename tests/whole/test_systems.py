@@ -23,7 +23,7 @@ from gauss2svg.cli import signals
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError, RendererError
 from gauss2svg.files import is_device
-from gauss2svg.photo.listing import slug_of
+from gauss2svg.pipeline.listing import slug_of
 from gauss2svg.processes import (
     command_line,
     crash_of,

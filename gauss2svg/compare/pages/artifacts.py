@@ -32,9 +32,8 @@ from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.perceptual import packages, packages_missing, perceptual_scores
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
-from gauss2svg.photo.listing import ListedPhoto, slug_of
 from gauss2svg.photo.load import WHITE, header_of, load_image, load_reduced
-from gauss2svg.photo.stderr import own_standard_error
+from gauss2svg.pipeline.listing import ListedPhoto, slug_of
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by, warm_up
 from gauss2svg.svg.syntax.source import parse_document
@@ -86,8 +85,7 @@ def _holds(folder: Path, digest: str | None) -> bool:
 
 def answer_to(request: Request) -> dict[str, Any]:
     """The record of what a request asks for, or {"error": ..}: what a worker does."""
-    with own_standard_error():
-        return answered(make_photo if request["kind"] == "photo" else make_variant, request)
+    return answered(make_photo if request["kind"] == "photo" else make_variant, request)
 
 
 def make_photo(request: Request) -> dict[str, Any]:

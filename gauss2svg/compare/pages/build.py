@@ -31,7 +31,7 @@ from gauss2svg.compare.variants import Variant, variants_of
 from gauss2svg.errors import InputError, OutputError, on_one_line
 from gauss2svg.files import check_writable, make_folder
 from gauss2svg.options import file_name
-from gauss2svg.photo.listing import ListedPhoto, listed_photos
+from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.run import compile_kernels, thread_count
 from gauss2svg.pool import Pool, WorkerDiedError, completed

@@ -15,7 +15,7 @@ from gauss2svg.compare.records import Row
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
 from gauss2svg.measure.scores import SCORES
-from gauss2svg.photo.listing import ListedPhoto
+from gauss2svg.pipeline.listing import ListedPhoto
 
 # Keys of a report; a peer's report lacks some.
 NUMBERS = (

@@ -1,0 +1,142 @@
+"""TIFFs of many kinds are the pictures that were stored; those that are not read say why."""
+
+import io
+import zlib
+
+import numpy as np
+import pytest
+from pictures import encoded, tiff, tiff_file
+from PIL import Image
+
+from gauss2svg.errors import InputError
+from gauss2svg.photo.load import load_image
+
+VALUES = np.random.default_rng(0).uniform(0.2, 1, (37, 45, 4))
+KINDS = {  # photometric, channels, extra sample
+    "colours": ("rgb", 3, None),
+    "straight alpha": ("rgb", 4, "unassalpha"),
+    "premultiplied alpha": ("rgb", 4, "assocalpha"),
+    "unknown fourth": ("rgb", 4, "unspecified"),
+    "grey": ("minisblack", 1, None),
+    "inverted grey": ("miniswhite", 1, None),
+    "grey and alpha": ("minisblack", 2, "unassalpha"),
+    "inks": ("separated", 4, None),
+}
+TYPES = {"8": np.uint8, "16": np.uint16, "float": np.float32}
+LAYOUTS = {
+    "one strip": {},
+    "strips": {"rowsperstrip": 8},
+    "tiles": {"tile": (16, 32)},
+    "planes": {"planarconfig": "separate", "rowsperstrip": 8},
+}
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("compression", [None, "zlib"])
+@pytest.mark.parametrize("type_name", TYPES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_samples_are_those_that_were_stored(kind, type_name, compression, layout, order):
+    photometric, channels, extra = KINDS[kind]
+    if layout == "planes" and channels < 3:
+        pytest.skip("refused, or no planes")
+    values = VALUES[:, :, :channels]
+    stored = np.dstack([values[:, :, :-1] * values[:, :, -1:], values[:, :, -1:]])
+    stored = stored if extra == "assocalpha" else values
+    top = 1 if type_name == "float" else np.iinfo(TYPES[type_name]).max
+    samples = (stored * top).round() if top > 1 else stored
+    samples = samples.astype(TYPES[type_name])
+    options = LAYOUTS[layout] | {"compression": compression, "byteorder": order}
+    if layout == "planes":
+        samples = np.ascontiguousarray(np.moveaxis(samples, -1, 0))
+    elif channels > 1:
+        options["planarconfig"] = "contig"
+    options |= {"extrasamples": [extra]} if extra else {}
+    photo = load_image(tiff(samples.squeeze(), photometric=photometric, **options))
+    color = values[:, :, :-1] if extra else values
+    color = 1 - color if photometric == "miniswhite" else color
+    if photometric == "separated":
+        color = (1 - values[:, :, :3]) * (1 - values[:, :, 3:])
+    # Dividing by an alpha of at least 0.2 enlarges the error of both.
+    levels = 255 if type_name == "8" else 65535
+    np.testing.assert_allclose(photo.pixels, color * np.ones(3), atol=6 / levels)
+    if extra in (None, "unspecified"):
+        assert photo.alpha is None
+    else:
+        np.testing.assert_allclose(photo.alpha, values[:, :, -1], atol=1 / levels)
+
+
+@pytest.mark.parametrize("scale", [1, 257])
+def test_colour_map_of_eight_or_sixteen_bits(scale):
+    """Old scanners write levels of 8 bits into the map."""
+    levels = [0, 85, 170, 255]
+    entries = [*levels, *[0] * 252] + [*levels[::-1], *[0] * 252] + [10, 20, 30, 40, *[0] * 252]
+    tags = {"t258": 8, "t259": 1, "t262": 3, "t277": 1, "t278": 8}
+    data = bytes([0, 1, 2, 3] * 16)
+    entries = [scale * entry for entry in entries]
+    photo = load_image(tiff_file(data, t256=8, t257=8, t320=entries, **tags))
+    expected = np.stack([levels, levels[::-1], [10, 20, 30, 40]], axis=1) / 255
+    np.testing.assert_allclose(photo.pixels[0, :4], expected, atol=1 / 255)
+
+
+def test_luma_and_chroma_of_fewer_pixels_are_their_colours():
+    """YCbCr (ITU-R BT.601) of 2x2 pixels, not compressed: luma 100, Cb 100, Cr 180."""
+    data = bytes([100] * 4 + [100, 180]) * 16
+    tags = {"t258": [8] * 3, "t259": 1, "t262": 6, "t277": 3, "t278": 8, "t530": [2, 2]}
+    photo = load_image(tiff_file(data, t256=8, t257=8, **tags))
+    assert photo.alpha is None
+    expected = [100 + 1.402 * 52, 100 - 0.344 * -28 - 0.714 * 52, 100 + 1.772 * -28]
+    np.testing.assert_allclose(photo.pixels[4, 4] * 255, expected, atol=1.5)
+
+
+FAX = {"t256": 64, "t257": 48, "t258": 1, "t262": 1, "t277": 1, "t278": 48}
+
+
+def test_strip_whose_length_is_left_out_is_read():
+    picture = Image.new("1", (64, 48), 1)
+    picture.paste(0, (8, 8, 40, 30))
+    with Image.open(io.BytesIO(encoded(picture, "TIFF", compression="group4"))) as image:
+        begin, count = image.tag_v2[273][0], image.tag_v2[279][0]
+        data = image.fp.getvalue()[begin : begin + count]
+    photo = load_image(tiff_file(data, t259=4, t279=0, **FAX))
+    np.testing.assert_array_equal(photo.pixels[:, :, 0], np.asarray(picture))
+
+
+GREY = np.full((8, 8), 0.5)
+UNREAD = {
+    "float64": tiff(GREY, photometric="minisblack"),
+    "32-bit integers": tiff(np.uint32(GREY * 9), photometric="minisblack"),
+    "signed integers": tiff(np.int16(GREY * 9), photometric="minisblack"),
+    "complex numbers": tiff(GREY.astype(np.complex64), photometric="minisblack"),
+    "tiles in planes": tiff(
+        np.zeros((3, 32, 32), np.uint8), photometric="rgb", planarconfig="separate", tile=(16, 16)
+    ),
+    "grey and alpha in planes": tiff(
+        np.zeros((2, 32, 32), np.uint8), photometric="minisblack", planarconfig="separate",
+        extrasamples=[2],
+    ),
+    "floats of 16 bits in planes": tiff(
+        np.zeros((3, 32, 32), np.float16), photometric="rgb", planarconfig="separate"
+    ),
+    "12 bits": tiff_file(
+        bytes(288), t256=8, t257=8, t258=[12] * 3, t259=1, t262=2, t277=3, t278=8
+    ),
+    "an unknown predictor": tiff_file(
+        zlib.compress(bytes(384)), t256=8, t257=8, t258=[16] * 3, t259=8, t262=2, t277=3, t278=8,
+        t317=7,
+    ),
+    "a thousand samples": tiff(
+        np.zeros((8, 8, 1000), np.uint8), photometric="minisblack", planarconfig="contig"
+    ),
+    "a preview": tiff(np.uint8(GREY), photometric="minisblack", subfiletype=1),
+    "a camera's raw file": tiff(
+        np.uint8(GREY), photometric="minisblack", extratags=[(50706, "B", 4, b"\1\4\0\0", True)]
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", UNREAD)
+def test_what_is_not_read_is_refused_in_one_line(kind):
+    with pytest.raises(InputError, match="must be a complete image of a supported kind") as refusal:
+        load_image(UNREAD[kind])
+    assert "\n" not in str(refusal.value)
