@@ -28,8 +28,7 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import compile_kernels
 from gauss2svg.pipeline.search.by_bytes import ByBytes
-from gauss2svg.pipeline.search.outcome import Watch
-from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.pipeline.search.outcome import Subject, Watch
 from gauss2svg.raster import rasterize
 from gauss2svg.svg.file import file_bytes
 

@@ -2,7 +2,7 @@
 
 from . import studio as studio
 from .batch.many import vectorize_many as vectorize_many
-from .batch.options import BatchOptions as BatchOptions
+from .batch import BatchOptions as BatchOptions
 from .batch.worker import PhotoRecord as PhotoRecord
 from .compare.pages.build import (
     Gallery as Gallery,
@@ -33,7 +33,7 @@ from .pipeline.run import Progress as Progress
 from .pipeline.vectorize import vectorize as vectorize
 from .svg.document import Document as Document
 from .svg.document import SvgFormat as SvgFormat
-from .svg.notebook import Scene as Scene
+from .svg.file import Scene as Scene
 from .svg.reader.read import read_svg as read_svg
 from .svg.write import outline_svg as outline_svg, plate_svg as plate_svg, write_svg as write_svg
 from .version import __version__ as __version__

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gauss2svg.batch import BatchOptions
 from gauss2svg.batch.inputs import check_apart, photos_of
-from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.stores import PARTS_OF, STATE, is_url, prepare, reason_of, write
 from gauss2svg.batch.table import write_table
 from gauss2svg.batch.worker import BatchSpec, Photo, PhotoRecord, identity_of, now, versions, work

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Group, Parameter
 
-from gauss2svg.batch.options import BatchOptions
+from gauss2svg.batch import BatchOptions
 from gauss2svg.cli import parameters, streams
 from gauss2svg.cli.parameters import Output, Quiet
 from gauss2svg.cli.streams import say

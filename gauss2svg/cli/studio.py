@@ -44,7 +44,7 @@ def studio_command(
                 f"the studio needs packages that are not installed ({package}). "
                 'Try pip install "gauss2svg[studio]"'
             )
-    from gauss2svg.studio.server import serve
+    from gauss2svg.studio.service import serve
 
     serve(folder, host, port, jobs, threads, browser=not no_browser, say=say)
     return 0

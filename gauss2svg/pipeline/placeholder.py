@@ -31,8 +31,7 @@ from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
 from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.run import ProgressCallback, Run
 from gauss2svg.pipeline.search.drawing import search_by_bytes
-from gauss2svg.pipeline.search.outcome import Watch
-from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.pipeline.search.outcome import Subject, Watch
 from gauss2svg.svg.document import MINIMAL
 from gauss2svg.svg.element import hex_color
 from gauss2svg.version import __version__

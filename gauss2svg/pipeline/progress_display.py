@@ -81,7 +81,7 @@ def _terminal() -> Iterator[ProgressCallback | None]:
 def _notebook() -> Iterator[ProgressCallback]:
     """Yield a callback that updates one output of a cell; the last picture and its figures stay."""
     from gauss2svg.render.frame import FrameMaker, as_jpeg
-    from gauss2svg.svg.notebook import image
+    from gauss2svg.svg.file import image
 
     display: Any = importlib.import_module("IPython.display")
     frames = FrameMaker(_FRAMES_A_SECOND, _MOST_SIDE)

@@ -27,14 +27,12 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.report import decibels, run_report
 from gauss2svg.pipeline.run import ProgressCallback, Run, compile_kernels
-from gauss2svg.pipeline.search.outcome import Outcome, Search, Watch, best_of
-from gauss2svg.pipeline.search.subject import Subject, document_for
+from gauss2svg.pipeline.search.outcome import Outcome, Search, Subject, Watch, best_of, document_for
 from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.element import LARGEST_NUMBER
-from gauss2svg.svg.file import check_svg_name, file_bytes, is_svgz
-from gauss2svg.svg.notebook import image
+from gauss2svg.svg.file import check_svg_name, file_bytes, image, is_svgz
 from gauss2svg.svg.plates import ink_name, inks_of_scene
 from gauss2svg.svg.write import outline_svg, plate_svg
 

@@ -73,7 +73,7 @@ class Scene:
     transparent: bool = False
     drawn: NDArray[np.int8] = _FILLED_IN
 
-    as_html: ClassVar[Callable[[Scene], str] | None] = None  # gauss2svg.svg.notebook says why
+    as_html: ClassVar[Callable[[Scene], str] | None] = None  # gauss2svg.svg.file says why
 
     def __post_init__(self) -> None:
         for name, known in (("blend", BLENDS), ("transparent", (False, True))):

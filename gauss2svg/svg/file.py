@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import gzip
+import html
 import mimetypes
 import os
 import re
 
 from gauss2svg.errors import brief, quoted, refusal
+from gauss2svg.scene import Scene
 
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
 _SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
@@ -63,3 +66,22 @@ def bytes_by_part(svg: str) -> dict[str, int]:
         "geometry": geometry,
         "overhead": len(data) - gradients - geometry,
     }
+
+
+def image(data: bytes, media_type: str, alt: str) -> str:
+    """HTML of a picture with its data, no wider than the page.
+
+    It is an <img>, because the gradient ids of two inline SVGs would clash.
+    """
+    source = f"data:{media_type};base64,{base64.b64encode(data).decode()}"
+    return f'<img alt="{html.escape(alt)}" style="max-width:100%" src="{source}"/>'
+
+
+def picture(scene: Scene) -> str:
+    """HTML of a scene as the model's renderer draws it, some 50 kB for any number of shapes."""
+    from gauss2svg.render.frame import as_jpeg  # numba, which few scenes are shown for
+
+    return image(as_jpeg(scene), "image/jpeg", repr(scene))
+
+
+Scene.as_html = picture

@@ -19,9 +19,8 @@ from batches import (
     tiny,
 )  # fmt: skip
 
-from gauss2svg.batch import many, worker
+from gauss2svg.batch import BatchOptions, many, worker
 from gauss2svg.batch.many import Batch, vectorize_many
-from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.stores import PARTS, STATE, write
 from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
 from gauss2svg.batch.worker import MARK, PhotoRecord

@@ -17,7 +17,7 @@ from gauss2svg.cli.main import main
 from gauss2svg.compare import chart
 from gauss2svg.compare.pages import build
 from gauss2svg.compare.pages.artifacts import answer_to
-from gauss2svg.compare.pages.results import NUMBERS
+from gauss2svg.compare.pages.pages import NUMBERS
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.load import load_image

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.compare.pages.artifacts import finished, rounds_of
-from gauss2svg.compare.pages.pages import is_gallery
-from gauss2svg.compare.pages.results import read_report, summary_of
+from gauss2svg.compare.pages.pages import is_gallery, read_report, summary_of
 from gauss2svg.compare.peers import PEERS
 from gauss2svg.compare.variants import DEFAULT_VARIANTS, main_variant, variants_of
 from gauss2svg.errors import InputError, OutputError

@@ -5,9 +5,8 @@ import pytest
 from flat import fit_config, vectorize
 
 from gauss2svg.fit import adam, divergence
-from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.fit import fit
-from gauss2svg.fit.session import LEAST_SIGMA, FitSession
+from gauss2svg.fit.session import LEAST_SIGMA, DivergenceGuard, FitSession
 from gauss2svg.fit.state import STEPS, State
 from gauss2svg.measure import metrics
 from gauss2svg.render import render

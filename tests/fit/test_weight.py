@@ -16,7 +16,7 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.palette import quantize, visible_mass
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.export import Export, Exporter
-from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.pipeline.search.outcome import Subject
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document, SvgFormat

@@ -18,7 +18,7 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.cap import Cap
 from gauss2svg.pipeline.search.correction import Corrections
 from gauss2svg.pipeline.search.export import Exporter
-from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.pipeline.search.outcome import Subject
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import half_radius

@@ -15,9 +15,8 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search import by_bytes, drawing, small_file
 from gauss2svg.pipeline.search.drawing import search_by_bytes
-from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Watch, best_of
+from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Subject, Watch, best_of
 from gauss2svg.pipeline.search.small_file import SmallFile, closeness
-from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize
 
 SIDE, UP = 32, RASTER_TIMES

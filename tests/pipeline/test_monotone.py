@@ -7,9 +7,9 @@ import pytest
 from flat import fit_config, vectorize
 
 from gauss2svg.fit import adam, divergence
-from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.population import Population
+from gauss2svg.fit.session import DivergenceGuard
 from gauss2svg.fit.state import STEPS, State
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan

@@ -10,7 +10,7 @@ import pytest
 from cyclopts import App
 
 import gauss2svg
-from gauss2svg.batch.options import BatchOptions
+from gauss2svg.batch import BatchOptions
 from gauss2svg.cli.main import build_app
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.compare.variants import AXES

@@ -88,7 +88,7 @@ def test_warming_up_compiles_all_that_a_run_needs():
     code = (
         "import numpy as np; from gauss2svg import FitOptions, vectorize; "
         "from gauss2svg.pipeline.run import compile_kernels; compile_kernels(); "
-        "from gauss2svg.render.walk import add_pairs, walk_tiles; "
+        "from gauss2svg.render.cpu import add_pairs, walk_tiles; "
         "from gauss2svg.render.tiles import _find_strip_rows, _list_pairs; "
         "vectorize(np.random.default_rng(0).random((20, 20, 3)), "
         "gaussians=9, fit=FitOptions(iterations=9)); "

@@ -15,9 +15,8 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search import drawing
 from gauss2svg.pipeline.search.drawing import search_by_bytes
-from gauss2svg.pipeline.search.outcome import Watch
+from gauss2svg.pipeline.search.outcome import Subject, Watch
 from gauss2svg.pipeline.search.small_file import recolored
-from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render
 from gauss2svg.render.cpu import render_planar, splats_of

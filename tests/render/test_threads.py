@@ -14,9 +14,8 @@ from numba import njit
 from numba.core.compiler_lock import global_compiler_lock
 
 from gauss2svg.render import render
-from gauss2svg.render.cpu import kernel_lock
+from gauss2svg.render.cpu import add_pairs, kernel_lock
 from gauss2svg.render.threads import in_shares
-from gauss2svg.render.walk import add_pairs
 
 forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")  # of forks beside threads

@@ -25,8 +25,19 @@ from gauss2svg.compare.pages.artifacts import (
     is_scored,
     with_kept_slugs,
 )
-from gauss2svg.compare.pages.pages import ASSETS, DATA, INDEX, OUTPUTS, is_gallery, write_pages
-from gauss2svg.compare.pages.results import Failure, Row, results_of, rows_of, summary_of
+from gauss2svg.compare.pages.pages import (
+    ASSETS,
+    DATA,
+    INDEX,
+    OUTPUTS,
+    Failure,
+    Row,
+    is_gallery,
+    results_of,
+    rows_of,
+    summary_of,
+    write_pages,
+)
 from gauss2svg.compare.variants import Variant, variants_of
 from gauss2svg.errors import InputError, OutputError, on_one_line
 from gauss2svg.files import check_writable, make_folder

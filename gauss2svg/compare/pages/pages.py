@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import statistics
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -13,21 +15,172 @@ from jinja2 import Environment
 
 from gauss2svg.compare import chart
 from gauss2svg.compare.chart import COSTS, Point, scatter, template_environment
+from gauss2svg.compare.grid import Place, Record
 from gauss2svg.compare.pages.artifacts import (
     ERRORS,
     OUTLINES,
     PICTURE,
+    REPORT,
+    SCENE,
     SIDE,
     THUMBNAIL,
+    folder_of,
     thumbnail_size,
 )
-from gauss2svg.compare.pages.results import PhotoResult, Row, SvgResult
-from gauss2svg.compare.records import csv_text
+from gauss2svg.compare.records import Row, csv_text
 from gauss2svg.compare.variants import Variant, main_variant
+from gauss2svg.errors import OutputError
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure.heatmap import MOST, legend
 from gauss2svg.measure.scores import ON_REQUEST, PSNR, SCORES, Score
+from gauss2svg.pipeline.listing import ListedPhoto
 from gauss2svg.version import __version__
+
+# Keys of a report; a peer's report lacks some.
+NUMBERS = (
+    "gaussians", "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
+    *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
+)  # fmt: skip
+_MEDIANS = (
+    "gaussians", "svg_bytes", "svgz_bytes", "total_s", *(score.key for score in SCORES),
+)  # fmt: skip
+_TOTALS = ("svg_bytes", "total_s")
+
+
+@dataclass(frozen=True)
+class SvgResult:
+    """A finished SVG of a photo.
+
+    folder  relative to the gallery, with /
+    report  as the command line writes it
+    record  what else its worker tells: the crops worst and typical (x, y, width, height in px,
+            PSNR in dB); rounds, [round, shapes up to it] of the SVG's groups, not of a peer's;
+            cpu_s of all cores; origin: date, machine, jobs and threads
+    """
+
+    variant: Variant
+    folder: str
+    report: dict[str, Any]
+    record: Record
+
+    @property
+    def remarks(self) -> list[str]:
+        """The notes of the report, and the targets that it missed."""
+        return [*self.report.get("unreached", ()), *self.report["notes"]]
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Paths of the files to download, by kind."""
+        named = {"SVG": PICTURE, "report": REPORT}
+        if self.variant.is_own:
+            named |= {"scene": SCENE, "outlines": OUTLINES}
+        return {what: f"{self.folder}/{name}" for what, name in named.items()}
+
+
+@dataclass(frozen=True)
+class PhotoResult:
+    """A prepared photo and its finished SVGs, in the order of the variants."""
+
+    photo: ListedPhoto
+    folder: str
+    picture: str
+    width: int
+    height: int
+    notes: tuple[str, ...]
+    svgs: tuple[SvgResult, ...]
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A photo that cannot be read, where variant is None, or an SVG that could not be made."""
+
+    photo: ListedPhoto
+    variant: Variant | None
+    error: str
+
+
+def results_of(
+    root: Path,
+    photos: Iterable[ListedPhoto],
+    variants: Sequence[Variant],
+    records: Mapping[Place, Record],
+) -> list[PhotoResult]:
+    """All that is finished; raises OutputError where a report cannot be read."""
+    return [
+        PhotoResult(
+            photo=photo,
+            folder=folder_of(photo),
+            picture=f"{folder_of(photo)}/{record['photo']}",
+            width=record["width"],
+            height=record["height"],
+            notes=tuple(record["notes"]),
+            svgs=tuple(
+                SvgResult(variant, folder, read_report(root / folder), records[photo, variant])
+                for variant in variants
+                if (photo, variant) in records
+                for folder in [folder_of(photo, variant)]
+            ),
+        )
+        for photo in photos
+        if (record := records.get((photo, None))) is not None
+    ]
+
+
+def read_report(folder: Path) -> dict[str, Any]:
+    """The report in a finished folder; raises OutputError where it cannot be read."""
+    try:
+        return json.loads((folder / REPORT).read_bytes())
+    except (OSError, ValueError) as error:
+        raise OutputError(
+            f"cannot read {folder / REPORT}: {error}. Try deleting its folder"
+        ) from error
+
+
+def rows_of(results: Iterable[PhotoResult]) -> list[Row]:
+    """One row per SVG: photo, variant, numbers and files."""
+    return [
+        {
+            "photo": one.photo.name,
+            "page": f"{one.folder}/index.html",
+            "variant": svg.variant.name,
+            "tool": svg.variant.tool,
+            "tool_version": svg.variant.version,
+            "width": one.width,
+            "height": one.height,
+            **{name: svg.report.get(name) for name in NUMBERS},
+            "cpu_s": svg.record["cpu_s"],
+            "renderer": svg.report["renderer"],
+            "seed": svg.report.get("seed"),
+            **svg.record["origin"],
+            "files": svg.files,
+        }
+        for one in results
+        for svg in one.svgs
+    ]
+
+
+def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
+    """One row per variant: number of photos, medians and totals.
+
+    Missing numbers, the infinite PSNR of an exact SVG among them, do not count.
+    """
+    found = []
+    for variant in variants:
+        own = [row for row in rows if row["variant"] == variant.name]
+        if not own:
+            continue
+        known = {
+            name: [row[name] for row in own if row[name] is not None]
+            for name in dict.fromkeys(_MEDIANS + _TOTALS)
+        }
+        medians = {
+            f"median_{name}": statistics.median(known[name]) if known[name] else None
+            for name in _MEDIANS
+        }
+        totals = {f"total_{name}": sum(known[name]) for name in _TOTALS}
+        found.append({"variant": variant.name, "photos": len(own), **medians, **totals})
+    return found
+
 
 INDEX, TRADE_OFF, HOW = "index.html", "trade-off.html", "how.html"
 DATA, TABLE = "gallery.json", "gallery.csv"

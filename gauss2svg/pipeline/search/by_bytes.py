@@ -36,9 +36,8 @@ from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES
-from gauss2svg.pipeline.search.outcome import Outcome, Watch
+from gauss2svg.pipeline.search.outcome import Outcome, Subject, Watch
 from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, SmallFiles, Writing, closeness
-from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA

@@ -35,8 +35,7 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.cap import Cap, Growth, fewest
 from gauss2svg.pipeline.search.correction import Corrections
 from gauss2svg.pipeline.search.export import Export, Exporter
-from gauss2svg.pipeline.search.outcome import Outcome, Watch
-from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.pipeline.search.outcome import Outcome, Subject, Watch
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import Scene

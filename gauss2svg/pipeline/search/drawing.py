@@ -30,9 +30,8 @@ from gauss2svg.pipeline.drawings import (
 )
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.by_bytes import ByBytes, Recipe, nearest_exponents, reduced_to
-from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Watch
+from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Subject, Watch
 from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, Writing, closeness
-from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene

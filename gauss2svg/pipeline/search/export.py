@@ -17,7 +17,7 @@ from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
 from gauss2svg.photo.alpha import has_alpha, stacked
 from gauss2svg.pipeline.palette import quantize, with_plain_edges
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.pipeline.search.outcome import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene

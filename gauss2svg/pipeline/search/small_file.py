@@ -26,8 +26,7 @@ from gauss2svg.measure.metrics import mean_squared_error
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, shrunk, stacked, views
 from gauss2svg.pipeline.palette import best_palette
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.outcome import SEEN_UP_TO
-from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import splats_of

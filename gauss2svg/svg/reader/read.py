@@ -31,8 +31,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, RHO_LIMIT
+from gauss2svg.svg.file import Scene
 from gauss2svg.svg.minimal_shapes import arc_beta
-from gauss2svg.svg.notebook import Scene
 from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
 from gauss2svg.svg.reader.canvas import misplaced, read_canvas
 from gauss2svg.svg.reader.gradient import (
