@@ -43,7 +43,9 @@ MINIMAL_UP_TO = 20_000
 
 
 # Bytes before gzip between which each search for a limit is run (docs/decisions/markup.md).
-BY_BYTES_UP_TO = 30_000  # largest limit of the search that plans every byte
+# Largest limit of the search that plans every byte, for photos that it has to reduce.
+BY_BYTES_UP_TO = 30_000
+WHOLE_SIDE = 256  # px of the longest side of a photo that this search does not reduce
 # Least limit of minimal files of the usual fit, where files that plan every byte are tried too.
 MINIMAL_FROM = 8_000
 EDITABLE_FROM = 5_000  # least limit of editable files, where there is another
@@ -87,6 +89,7 @@ class Plan:
     covering  whether crisp shapes are fitted by how much of each pixel they cover, as those of a
               drawing are; False before the photo is read
     has_edges  whether the photo is a drawing with antialiased edges; False before it is read
+    is_small   whether the photo has at most WHOLE_SIDE px; False before it is read
     Raises InputError or RendererError for options that exclude each other.
     """
 
@@ -95,6 +98,7 @@ class Plan:
     by_bytes: bool = False
     covering: bool = False
     has_edges: bool = False
+    is_small: bool = False
 
     def __post_init__(self) -> None:
         check_together(self.options)
@@ -117,7 +121,9 @@ class Plan:
         by_preset = goal.count is None and self.aim is None and not goal.is_budget
         usual &= self.options.fit.learned_falloff and not self.options.svg.portable
         edges = usual and has_edges(pixels)
-        return dataclasses.replace(self, covering=by_preset and edges, has_edges=edges)
+        whole = max(pixels.shape[:2]) <= WHOLE_SIDE
+        covering = by_preset and edges
+        return dataclasses.replace(self, covering=covering, has_edges=edges, is_small=whole)
 
     def check_renderer(self) -> None:
         """Raise RendererError if the measuring renderer is not installed."""
@@ -291,7 +297,7 @@ class Plan:
         if limit is None or self.aim is not None:
             return [self]
         found = list[Plan]()
-        up_to = math.inf if self.has_edges else BY_BYTES_UP_TO
+        up_to = math.inf if self.has_edges or self.is_small else BY_BYTES_UP_TO
         by_bytes = asked != EDITABLE and self._may_be_by_bytes and limit <= up_to
         if by_bytes:
             found.append(self._search(MINIMAL, by_bytes=True))

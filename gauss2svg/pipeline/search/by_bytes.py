@@ -34,7 +34,7 @@ from gauss2svg.fit.options import DensifyOptions, FitConfig, FitProgress, FitRes
 from gauss2svg.fit.session import AsWritten, FitSession
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk
-from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.plan import WHOLE_SIDE, Plan
 from gauss2svg.pipeline.presets import MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES
 from gauss2svg.pipeline.search.outcome import Outcome, Subject, Watch
 from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, SmallFiles, Writing, closeness
@@ -47,7 +47,6 @@ from gauss2svg.svg.plain_ellipse import drawn_beta
 # The fits of small files of photos (docs/decisions/small.md).
 SIDE_PER_ROOT = 12.0  # longest side of the working picture in px, per square root of the count
 LEAST_SIDE = 96  # least longest side of the working picture in px
-MOST_SIDE = 256  # largest longest side of the working picture in px
 # Ratio by which shapes may turn out shorter than expected. If they seem shorter, most were
 # written as nothing.
 SHORTER = 3.0
@@ -162,9 +161,9 @@ class ByBytes:
     def _reduced(self, subject: Subject) -> Subject:
         """Return the subject with a working picture for as many shapes as the bytes allow."""
         count = max((self._limit - self.flat.size) / self._each[0], 1)
-        most = self._plan.options.run.max_size or MOST_SIDE
+        most = self._plan.options.run.max_size or WHOLE_SIDE
         side = SIDE_PER_ROOT * math.sqrt(count)
-        return reduced_to(subject, min(max(side, LEAST_SIDE), MOST_SIDE, most))
+        return reduced_to(subject, min(max(side, LEAST_SIDE), WHOLE_SIDE, most))
 
     def _costs(self, best: SmallFile) -> FitResult:
         """Return the costs of all fits, and why they ended."""
