@@ -1,4 +1,4 @@
-"""Many photos: inputs, what becomes of one, its mark, the table of all, and Dask's clusters."""
+"""Many photos: options, inputs, what becomes of one, its mark, the table, and Dask's clusters."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any

@@ -19,16 +19,14 @@ from gauss2svg.pipeline.options import GROUP_TITLES, Options
 _Parsed = parameters.options_of(
     {key: Group(title, sort_key=at) for at, (key, title) in enumerate(GROUP_TITLES.items(), 1)}
 )
-_DEFAULTS = _Parsed()
+_DEFAULTS, _GROUP = _Parsed(), Group("Batch", sort_key=0)
 
 
 def batch_command(
     photos: Annotated[list[str], Parameter(negative="", allow_leading_hyphen=True)],
     *,
     output: Output,
-    batch: Annotated[
-        BatchOptions, Parameter(name="*", group=Group("Batch", sort_key=0))
-    ] = BatchOptions(),
+    batch: Annotated[BatchOptions, Parameter(name="*", group=_GROUP)] = BatchOptions(),
     options: Annotated[Path | None, Parameter(name=parameters.OPTIONS_FILE)] = None,
     given: Annotated[_Parsed, Parameter(name="*")] = _DEFAULTS,  # pyright: ignore[reportInvalidTypeForm]
     log: Literal["json"] | None = None,

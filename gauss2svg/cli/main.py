@@ -71,8 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
     """
     hold_closed_descriptors()
     warnings.filterwarnings("ignore", module="PIL")  # reported as errors where they matter
-    for library in ("PIL", "tifffile"):  # whose complaints would be more lines than one
-        logging.getLogger(library).addHandler(logging.NullHandler())
+    logging.getLogger("PIL").addHandler(logging.NullHandler())  # an error is one line, and ours
     given = sys.argv[1:] if arguments is None else arguments
     try:
         app = build_app(everything=_HELP_ALL in given, short=list(given) in _SHORT)

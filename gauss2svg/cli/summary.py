@@ -33,7 +33,6 @@ _NOTHING_TO_GAIN = {
     "cap": "as many as the picture has room for",
 }
 _SCALE = " (30 is soft, 35 good, 40 hard to tell apart)"
-_WELL_USED = 0.97  # share of a limit of bytes from which nothing need be said
 _FEW = 60  # Gaussians, of which each is a large part of a file
 _MOST_TAGS = 6  # of a checked SVG, the most frequent
 
@@ -116,7 +115,7 @@ def _finished(report: dict[str, Any]) -> str:
     reason, limit = report["stop_reason"], report["max_bytes"]
     if reason == "max_bytes" and report["gaussians"]:
         gzipped = report["gzip"] or report["count_gzipped"]
-        more = report["svgz_bytes" if gzipped else "svg_bytes"] < _WELL_USED * limit
+        more = report["svgz_bytes" if gzipped else "svg_bytes"] < 0.97 * limit
         why = "one more would not fit" if report["gaussians"] < _FEW else "more would not be closer"
         return f"limited by {limit:,} {'gzipped ' * gzipped}bytes{f'; {why}' * more}"
     alone = _NOTHING_TO_GAIN if report["quality"] is None else {}

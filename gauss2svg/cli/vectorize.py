@@ -287,10 +287,10 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
             "ellipses"
         )
     if further.separations is not None and not further.quiet:
-        first, *_, last = further.plates(len(result.report["inks"].split(",")))
-        yield f"the plates are {first} to {last}, in the order of the inks"
-    for path, ink in unseen.items():
-        yield f"{path} is not written, because {ink} is visible nowhere"
+        yield f"the plates are {further.plates(1)[0]} and so on, in the order of the inks"
+    yield from (
+        f"{path} is not written, because {unseen[path]} is visible nowhere" for path in unseen
+    )
     for path in further.plates(MOST_INKS):
         if path not in written and path.exists():
             yield f"{path} comes from an earlier run and is not a plate of this picture"

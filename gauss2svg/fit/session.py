@@ -1,4 +1,9 @@
-"""A fit in progress: rounds of growth, refinement, and changes of the count afterwards."""
+"""A fit in progress: rounds of growth, refinement, and changes of the count afterwards.
+
+A guard against divergence rolls a fit back to its best state, from which it continues in smaller
+steps. Detailed photos do not need it. Smooth images and those of few pixels do, because a single
+step can undo nearly all progress (docs/decisions/divergence.md).
+"""
 
 from __future__ import annotations
 

@@ -8,6 +8,10 @@ lanes (gauss2svg.render.simd) take a fifth of the time of loops left to LLVM's v
 half of whole tiles: docs/decisions/kernels.md.
 
 The number of threads changes no bit of any result: see gauss2svg.render.cpu.
+
+Tiles are dealt to the shares of the work in turn, every tile writes only its own pixels and its
+own pairs, and pairs are added up Gaussian by Gaussian: the number of threads changes no bit of
+any result.
 """
 
 import os

@@ -1,4 +1,9 @@
-"""The file of an SVG: its name, its bytes, gzipped or not, and what parts they are of."""
+"""The file of an SVG: its name, its bytes, gzipped or not, what parts they are of, and its HTML.
+
+A scene lies below the renderers and cannot draw, so `Scene` asks the function that this module
+installs for the HTML that IPython shows. The package and the reader take `Scene` from here, and a
+scene alone still loads NumPy and no renderer.
+"""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flat import fit_config, vectorize
 
-from gauss2svg.fit import adam, divergence
+from gauss2svg.fit import adam, session
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import DivergenceGuard
@@ -106,7 +106,7 @@ def test_finished_fit_continues_in_small_steps_that_grow():
     while guard.rate < 1 and len(rates) < 50:
         assert guard.accepts(1.0, 1.0, State.empty(), None)
         rates.append(guard.rate)
-    assert rates[0] == divergence.GENTLE
+    assert rates[0] == session.GENTLE
     assert rates == sorted(rates)
     assert 10 < len(rates) < 20
 

@@ -15,7 +15,7 @@ from studio_server import answer_of
 from gauss2svg.batch.inputs import photos_of
 from gauss2svg.errors import InputError
 from gauss2svg.photo.formats import SUFFIXES
-from gauss2svg.studio import jobs, server, uploads
+from gauss2svg.studio import jobs, service, uploads
 from gauss2svg.studio.service import create_app
 
 ASK = b"GET / HTTP/1.1\r\nHost: here\r\n\r\n"
@@ -29,10 +29,10 @@ async def application(_scope, _receive, send):
 @contextlib.asynccontextmanager
 async def listening():
     """The port of a server that answers 204."""
-    config = server._config(application)
+    config = service._config(application)
     config.lifespan = "off"
-    one = server._Server(config, lambda: asyncio.sleep(0), lambda: None)
-    taken = server._socket("127.0.0.1", 0)
+    one = service._Server(config, lambda: asyncio.sleep(0), lambda: None)
+    taken = service._socket("127.0.0.1", 0)
     listens = asyncio.Event()
     one._ready = listens.set
     serving = asyncio.create_task(one.serve([taken]))
@@ -44,8 +44,8 @@ async def listening():
 
 @pytest.mark.parametrize("asked", [False, True])
 def test_connections_that_send_nothing_more_shut_nobody_out(monkeypatch, asked):
-    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 10)
-    monkeypatch.setattr(server, "_MOST_WAITING", 5)
+    monkeypatch.setattr(service, "_MOST_CONNECTIONS", 10)
+    monkeypatch.setattr(service, "_MOST_WAITING", 5)
 
     async def visited():
         async with listening() as port:
@@ -71,7 +71,7 @@ def test_connections_that_send_nothing_more_shut_nobody_out(monkeypatch, asked):
 
 @pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: x\r\n", ASK])
 def test_a_request_whose_head_never_ends_is_given_up(monkeypatch, sent):
-    monkeypatch.setattr(server, "_HEAD_S", 0.2)
+    monkeypatch.setattr(service, "_HEAD_S", 0.2)
 
     async def waited():
         async with listening() as port:
@@ -91,7 +91,7 @@ def test_a_request_whose_head_never_ends_is_given_up(monkeypatch, sent):
     ("host", "warns"), [("127.0.0.1", False), ("localhost", False), ("0.0.0.0", True)]
 )
 def test_a_host_that_others_reach_warns(monkeypatch, host, warns):
-    monkeypatch.setattr(server._Server, "run", lambda self, sockets: self._ready())
+    monkeypatch.setattr(service._Server, "run", lambda self, sockets: self._ready())
     said = []
     server.serve(None, host, 0, 1, 1, browser=False, say=said.append)
     warning = f"warning: anyone who reaches {host} and knows the token"
@@ -124,15 +124,15 @@ def test_the_studio_and_batches_take_the_same_files_of_a_folder_for_photos(tmp_p
 
 
 def test_a_port_is_the_studios_alone_while_it_listens_and_free_at_once_afterwards():
-    with server._socket("127.0.0.1", 0) as first:
+    with service._socket("127.0.0.1", 0) as first:
         first.listen()
         port = first.getsockname()[1]
         with pytest.raises(InputError, match=f"got 127.0.0.1:{port}"):
-            server._socket("127.0.0.1", port)
+            service._socket("127.0.0.1", port)
         # This side closes first, whose port then waits.
         with socket.create_connection(("127.0.0.1", port)):
             first.accept()[0].close()
-    server._socket("127.0.0.1", port).close()
+    service._socket("127.0.0.1", port).close()
 
 
 @pytest.mark.skipif(sys.platform != "win32", reason="loops of other systems start processes")

@@ -108,6 +108,7 @@ class ByBytes:
         self.subject = self._files.subject = self._reduced(subject)
         self.fits: list[FitResult] = []
         self._ended = ""  # why no further step is made
+        self._all_pixels = False  # whether a fit has as many shapes as its picture has pixels
 
     @property
     def flat(self) -> SmallFile:
@@ -174,6 +175,8 @@ class ByBytes:
             reason = "gain"
         elif not self._ended and len(best.scene) == self._plan.count:
             reason = "gaussians"
+        elif not self._ended and self._all_pixels:
+            reason = "cap"
         costs = FitResult(best.scene, 0, 0, 0.0, 0.0, 0, reason)
         for fitted in self.fits:
             costs = dataclasses.replace(fitted.after(costs, reason), rounds=fitted.rounds)
@@ -221,8 +224,10 @@ class ByBytes:
                 np.full((len(one), 3), 0.4), one, beta=np.array(recipe.exponents),
             )  # fmt: skip
             by_bytes = len(one) + (self._limit - self._files.bytes_of(probe)) / expected
+        pixels = math.prod(self.subject.size)
+        self._all_pixels |= by_bytes >= pixels
         # Whether one fits is seen when it is written.
-        return int(min(max(by_bytes, 1), self._most, math.prod(self.subject.size)))
+        return int(min(max(by_bytes, 1), self._most, pixels))
 
     def _fit(self, count: int, recipe: Recipe, start: int, starts: int) -> Scene:
         """Fit so many shapes, on the photo's canvas; plain ellipses have MOST_BETA too."""

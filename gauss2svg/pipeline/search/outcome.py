@@ -1,4 +1,4 @@
-"""What a search is and ends with, and which of several outcomes is the best."""
+"""What a search is given, what it ends with, and which of several outcomes is the best."""
 
 from __future__ import annotations
 
