@@ -41,8 +41,7 @@ def studio_command(
     for package in ("fastapi", "python_multipart", "uvicorn"):
         if find_spec(package) is None:
             raise InputError(
-                f"the studio needs packages that are not installed ({package}). "
-                'Try pip install "gauss2svg[studio]"'
+                f'{package} must be installed for the studio. Try pip install "gauss2svg[studio]"'
             )
     from gauss2svg.studio.service import serve
 

@@ -7,8 +7,6 @@ Cost is counted in pair rows: one Gaussian on one row of one tile, 16 pixels. Ro
 lanes (gauss2svg.render.simd) take a fifth of the time of loops left to LLVM's vectoriser, and
 half of whole tiles: docs/decisions/kernels.md.
 
-The number of threads changes no bit of any result: see gauss2svg.render.cpu.
-
 Tiles are dealt to the shares of the work in turn, every tile writes only its own pixels and its
 own pairs, and pairs are added up Gaussian by Gaussian: the number of threads changes no bit of
 any result.

@@ -1,4 +1,4 @@
-"""The service as an ASGI application, photos in, progress and SVGs out, and the command's server."""
+"""The service, an ASGI application: photos in, progress and SVGs out; and the command's server."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def test_a_request_whose_head_never_ends_is_given_up(monkeypatch, sent):
 def test_a_host_that_others_reach_warns(monkeypatch, host, warns):
     monkeypatch.setattr(service._Server, "run", lambda self, sockets: self._ready())
     said = []
-    server.serve(None, host, 0, 1, 1, browser=False, say=said.append)
+    service.serve(None, host, 0, 1, 1, browser=False, say=said.append)
     warning = f"warning: anyone who reaches {host} and knows the token"
     assert [line.startswith(warning) for line in said] == [True, False][not warns :]
     assert "http://127.0.0.1:" in said[-1] or "http://localhost:" in said[-1]
