@@ -77,7 +77,6 @@ def bad_inputs() -> Iterator[tuple[str, list[str]]]:
         ("a PNG with a wrong checksum", "sum.png", png[:29] + bytes(4) + png[33:]),
         ("a PNG without pixels", "none.png", _png(0, 4)),
         ("a bomb: 2000 million pixels in a PNG", "bomb.png", _png(50_000, 40_000)),
-        ("a bomb in its colour profile", "profile.png", _png(4, 4, _profile_bomb())),
         ("a TIFF with a value over 1", "beyond.tif", _tiff(beyond)),
         ("a TIFF with a NaN", "nan.tif", _tiff(missing)),
         ("a TIFF of complex numbers", "complex.tif", _tiff(colors[:, :, 0] + 1j)),
@@ -99,10 +98,6 @@ def _png(width: int, height: int, extra: bytes = b"") -> bytes:
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     body = _chunk(b"IHDR", head) + extra + _chunk(b"IDAT", zlib.compress(bytes(52)))
     return b"\x89PNG\r\n\x1a\n" + body + _chunk(b"IEND", b"")
-
-
-def _profile_bomb() -> bytes:
-    return _chunk(b"iCCP", b"x\0\0" + zlib.compress(bytes(100_000_000), 9))
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:
