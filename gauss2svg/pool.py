@@ -20,19 +20,17 @@ from typing import Any
 import psutil
 
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.processes import end_of, end_tree, module_command, module_path, own_group
+from gauss2svg.processes import (
+    end_of,
+    end_tree,
+    module_command,
+    module_path,
+    own_group,
+    raise_pending,
+)
 
 _WATCH_S = 0.1  # between two looks at the time and the memory of jobs
 _IDLE_S = 1.0
-# A Ctrl-C is lost where what it raises is in a callback of Python's garbage collector or of C code:
-# the handler of a command leaves it here as well.
-pending: Callable[[], None] | None = None
-
-
-def raise_pending() -> None:
-    """Raise again what a signal has raised; called between tasks and at the end of a command."""
-    if pending is not None:
-        pending()
 
 
 class WorkerDiedError(Gauss2SvgError, RuntimeError):

@@ -7,7 +7,7 @@ import re
 import shlex
 import signal
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, NamedTuple, TypedDict
@@ -26,6 +26,17 @@ _EXCEPTIONS = {
     0xC0000409: "abort",
 }
 _PLAIN = re.compile(r"[\w@+=:,./\\-]+", re.ASCII)
+
+
+# A Ctrl-C is lost where what it raises is in a callback of Python's garbage collector or of C code:
+# the handler of a command leaves it here as well.
+pending: Callable[[], None] | None = None
+
+
+def raise_pending() -> None:
+    """Raise again what a signal has raised; called between tasks and at the end of a command."""
+    if pending is not None:
+        pending()
 
 
 class _Group(TypedDict, total=False):

@@ -16,7 +16,7 @@ from functools import partial
 from types import FrameType
 from typing import Any
 
-from gauss2svg import pool
+from gauss2svg import processes
 
 _QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
 _SHOW_CURSOR = b"\x1b[?25h"  # which a progress bar hides
@@ -43,7 +43,7 @@ class Interruption:
     def asked(self) -> bool:
         """Return whether the fit is to end; the `stop` of `vectorize`, called after every step."""
         if not self._has_fitted:
-            pool.raise_pending()  # there is nothing to write
+            processes.raise_pending()  # there is nothing to write
         self._fitting = self._has_fitted = True
         return self.signal is not None
 
@@ -74,7 +74,7 @@ def status_of(number: int) -> int:
 
 def raise_for(number: int, _frame: FrameType | None = None) -> None:
     """Raise KeyboardInterrupt for SIGINT, Terminated for the others; a signal handler."""
-    pool.pending = partial(raise_for, number)
+    processes.pending = partial(raise_for, number)
     raise KeyboardInterrupt if number == signal.SIGINT else Terminated
 
 
@@ -106,12 +106,12 @@ def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> It
     is_main = threading.current_thread() is threading.main_thread()
     before = _set(dict.fromkeys(SIGNALS, handler)) if is_main else {}
     try:
-        pool.raise_pending()  # what came before
+        processes.raise_pending()  # what came before
         yield
-        pool.raise_pending()
+        processes.raise_pending()
     finally:
         _set(before)
-        pool.pending = None
+        processes.pending = None
 
 
 def ignore() -> None:

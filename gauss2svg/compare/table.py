@@ -35,7 +35,7 @@ from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.pipeline.run import thread_count
-from gauss2svg.pool import raise_pending
+from gauss2svg.processes import raise_pending
 from gauss2svg.version import __version__
 
 TOLERANCE = 0.1  # dB below a Pareto front that still count as on it
