@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import pickle
 import tempfile
@@ -293,9 +292,6 @@ def _connected(scheduler: str) -> Iterator[Client]:
         advice = 'pip install "gauss2svg[cluster]"'
         message = f"distributed must be installed for --scheduler. Try {advice}"
         raise InputError(message) from error
-    for name in logging.root.manager.loggerDict:
-        if name.startswith("distributed"):  # what is wrong is reported in our words
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     client = Client.__new__(Client)
     try:
         client.__init__(scheduler, timeout=_CONNECT_S, set_as_default=False)

@@ -70,8 +70,10 @@ def main(arguments: list[str] | None = None) -> int:
     under its --min-psnr.
     """
     hold_closed_descriptors()
-    warnings.filterwarnings("ignore", module="PIL")  # reported as errors where they matter
-    logging.getLogger("PIL").addHandler(logging.NullHandler())  # an error is one line, and ours
+    # An error is one line, and ours. What matters of these is reported as an error.
+    warnings.filterwarnings("ignore", module="PIL|distributed")
+    logging.getLogger().addHandler(logging.NullHandler())  # of all that have no handler
+    logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)  # which has one
     given = sys.argv[1:] if arguments is None else arguments
     try:
         app = build_app(everything=_HELP_ALL in given, short=list(given) in _SHORT)

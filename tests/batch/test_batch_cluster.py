@@ -165,6 +165,28 @@ def test_scheduler_that_is_killed_ends_the_batch_and_loses_nothing(photos, quiet
     check_whole(tmp_path / "out", quiet)
 
 
+LOGGING = """
+import logging, sys, warnings
+from gauss2svg.batch.many import Batch
+from gauss2svg.cli.main import main
+from gauss2svg.errors import ClusterError
+def lost(*_, **__):
+    import distributed
+    for name in ("distributed.core", "tornado.application", "asyncio", "concurrent.futures"):
+        logging.getLogger(name).critical("lost")
+    warnings.warn_explicit("versions differ", UserWarning, "client.py", 1, "distributed.client")
+    raise ClusterError("lost it")
+Batch.run = lost
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_what_libraries_log_of_a_lost_scheduler_is_not_shown(photos, tmp_path):
+    command = [sys.executable, "-c", LOGGING, "batch", str(photos), "-o", str(tmp_path / "out")]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (found.returncode, found.stderr) == (2, "gauss2svg: lost it\n")
+
+
 WITHOUT = """
 import sys
 sys.modules["distributed"] = sys.modules["fsspec"] = None

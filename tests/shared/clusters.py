@@ -46,7 +46,7 @@ def started(*command: str, cwd: Path, **options) -> subprocess.Popen:
     return subprocess.Popen(
         [sys.executable, "-P", "-m", *command],
         cwd=cwd,
-        env={**os.environ, "PYTHONPATH": path, "DASK_LOGGING__DISTRIBUTED": "critical"},
+        env={**os.environ, "PYTHONPATH": path},
         start_new_session=True,
         **options,
     )
