@@ -1,7 +1,7 @@
 """Ctrl-C, SIGTERM, Ctrl-Break: the first ends a fit with the best result so far, the second quits.
 
-A signal before the fit quits as well, because there is nothing to write yet, and so does one after
-it: files are whole or untouched.
+A signal before the fit quits as well, because there is nothing to write yet. After the fit the
+first signal lets the command write and measure the result. Files are whole or untouched.
 """
 
 from __future__ import annotations
@@ -38,25 +38,21 @@ class Interruption:
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        self._fitting = self._has_fitted = False
+        self._has_fitted = False
 
     def asked(self) -> bool:
         """Return whether the fit is to end; the `stop` of `vectorize`, called after every step."""
         if not self._has_fitted:
             processes.raise_pending()  # there is nothing to write
-        self._fitting = self._has_fitted = True
+        self._has_fitted = True
         return self.signal is not None
 
-    def after_fit(self) -> None:
-        """Let a signal quit; called when what follows a fit begins."""
-        self._fitting = False
-
     def receive(self, number: int, _frame: FrameType | None) -> None:
-        """Let the first signal in a fit end it, and quit at any other; a signal handler."""
+        """Note the first signal once a fit has begun, and quit at any other; a signal handler."""
         first, self.signal = self.signal is None, number
         if not self._has_fitted:
             _before_the_fit(number)
-        if not (first and self._fitting):
+        if not first or not self._has_fitted:
             raise_for(number)
         _tell(_ENDING)
 

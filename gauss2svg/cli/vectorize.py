@@ -25,7 +25,6 @@ from gauss2svg.scene import ADD
 from gauss2svg.scene.inks import MOST_INKS, PALETTE_SUFFIX
 
 if TYPE_CHECKING:
-    from gauss2svg.pipeline.run import Progress
     from gauss2svg.pipeline.vectorize import Result
 
 _BEGUN = time.perf_counter()
@@ -153,14 +152,15 @@ def _run(photo: str, output: str | None, options: Options, further: Files) -> in
             from gauss2svg.cli.summary import print_summary
 
             print_summary(result.report, where)
-        if interruption.signal is not None:
+        ended_by = interruption.signal
+        if ended_by is not None:
             steps = result.report["iterations"]
             lines.append(
                 f"interrupted after {steps} optimiser steps. The best picture so far is in {where}"
             )
         for line in lines:
             say(line)
-    return 0 if interruption.signal is None else status_of(interruption.signal)
+    return 0 if ended_by is None else status_of(ended_by)
 
 
 def _default_output(photo: str, overwrite: bool) -> str:
@@ -242,15 +242,8 @@ def _result(
     source = standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
     if output == STANDARD_STREAM:
         standard_stream(sys.stdout, "output")  # refused now where it is closed
-    with watched(not further.quiet) as show:
-
-        def progress(now: "Progress") -> None:
-            if now.phase in ("write", "measure"):
-                interruption.after_fit()
-            if show is not None:
-                show(now)
-
-        started = _BEGUN if options.goal.time_limit is not None else None
+    started = _BEGUN if options.goal.time_limit is not None else None
+    with watched(not further.quiet) as progress:
         return vectorize_by(
             options, source, progress=progress, stop=interruption.asked, started=started
         )

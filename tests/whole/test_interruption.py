@@ -11,6 +11,7 @@ from skimage import data
 
 from gauss2svg.cli.main import main
 from gauss2svg.cli.signals import Interruption, handling
+from gauss2svg.pipeline.run import Run
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
@@ -69,6 +70,32 @@ def test_second_signal_ends_everything_and_leaves_the_old_file(
     assert "every file is whole or untouched" in capsys.readouterr().err
     assert (tmp_path / "out.svg").read_text() == "old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.svg", "photo.png"]
+
+
+@pytest.mark.parametrize("number", STATUS)
+@pytest.mark.parametrize("phase", ["write", "measure"])
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_finished_fit_is_written_and_measured_unless_a_second_signal_comes(
+    times, phase, number, command, tmp_path, monkeypatch, capsys
+):
+    notify = Run.notify
+
+    def and_signals(run, now, fit=None):
+        notify(run, now, fit)
+        for _ in range(times if now == phase else 0):
+            signal.raise_signal(number)
+
+    monkeypatch.setattr(Run, "notify", and_signals)
+    assert main(command) == STATUS[number]
+    said = capsys.readouterr().err
+    if times == 2:
+        assert "every file is whole or untouched" in said
+        assert (tmp_path / "out.svg").read_text() == "old"
+        return
+    assert "The best picture so far is in" in said
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["iterations"] == 60
+    assert report["svg_bytes"] == (tmp_path / "out.svg").stat().st_size
 
 
 @pytest.mark.parametrize("number", STATUS)
