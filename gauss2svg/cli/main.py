@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import signal
 import sys
 import warnings
@@ -16,7 +17,7 @@ from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError
-from gauss2svg.pipeline.options import field_named
+from gauss2svg.pipeline.options import field_named, option_names
 from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
@@ -111,11 +112,17 @@ def run() -> None:
 
 def _in_our_words(error: CycloptsError) -> str:
     """Return the line of an error of the parser of the command line."""
-    missing = error.argument if isinstance(error, cyclopts.MissingArgumentError) else None
-    if missing is not None and missing.field_info.is_positional:
-        command = " ".join(("gauss2svg", *(error.command_chain or ())))
-        name = missing.name.lstrip("-").upper()
+    command = " ".join(("gauss2svg", *(error.command_chain or ())))
+    if isinstance(error, cyclopts.MissingArgumentError) and error.argument is not None:
+        if error.keyword is not None:
+            advice = f"{command} {'--help' if error.command_chain else _HELP_ALL}"
+            return f"{error.keyword} must be given with a value; got none. Try {advice}"
+        name = error.argument.name
+        if error.argument.field_info.is_positional:
+            name = name.lstrip("-").upper()
         return f"{command} must be given {name}; got none. Try {command} --help"
+    if isinstance(error, cyclopts.RepeatArgumentError):
+        return f"{error.token.keyword} must be given once; got it more often. Try one of them"
     token = error.token if isinstance(error, cyclopts.CoercionError) else None
     if token is not None and token.keyword:
         found = field_named(token.keyword.lstrip("-").replace("-", "_"))
@@ -129,11 +136,16 @@ def _in_our_words(error: CycloptsError) -> str:
 
 
 def _as_typed(line: str, given: Sequence[str]) -> str:
-    """Return an error line whose option is named as it was on the command line."""
-    name, _, rest = line.partition(" ")
-    option = f"--{name.replace('_', '-')}"
-    is_typed = option in (one.partition("=")[0] for one in given)
-    return f"{option} {rest}" if is_typed else line
+    """Return an error line about an option with the dashes that options have here.
+
+    given  words of the command line, of which options of a command alone are known
+    """
+    typed = {word.partition("=")[0][2:].replace("-", "_") for word in given if word[:2] == "--"}
+    names = typed | set(option_names())
+    if line.partition(" ")[0] not in names:
+        return line
+    found = re.compile(rf"(^|\b(?:with|got|if) )({'|'.join(map(re.escape, names))})(?=[ ,;.])")
+    return found.sub(lambda match: f"{match[1]}--{match[2].replace('_', '-')}", line)
 
 
 def _refuse(message: str) -> int:

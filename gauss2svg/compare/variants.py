@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -25,6 +26,9 @@ from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
 from gauss2svg.version import __version__
+
+# An option in the advice of an error, and its value, which an axis has after an equals sign.
+_ADVISED = re.compile(r"--([\w-]+)(?: (?!and\b|or\b|without\b)(\w[\w+]*))?")
 
 Settings = tuple[tuple[str, Any], ...]  # names and values, sorted by name
 
@@ -310,8 +314,13 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
         try:
             Plan(Options.from_flat(options_in(dict(settings))))
         except Gauss2SvgError as error:  # as every run with them would
-            raise InputError(f"axes: {error}") from error
+            raise InputError(f"axes: {_ADVISED.sub(_as_axis, str(error))}") from error
     return list(found)
+
+
+def _as_axis(advised: re.Match[str]) -> str:
+    name, value = advised.groups()
+    return f"--axis {name}={value}" if value else f"--axis {name}"
 
 
 def _checked(check: Callable[[Any], Any], value: Any) -> Any:

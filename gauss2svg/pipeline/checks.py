@@ -50,7 +50,8 @@ def _check_blend(options: Options) -> None:
     svg, document, blend = options.svg, options.document, options.fit.blend
     if svg.portable and blend != ADD:
         raise InputError(
-            f"blend must be {ADD} with portable; got {quoted(blend)}. Try --blend {ADD}"
+            f"portable must be given with blend {ADD}, whose files it converts; got blend {blend}. "
+            "Try without --portable"
         )
     if options.written_blend != ADD:
         return
@@ -69,21 +70,19 @@ def _check_blend(options: Options) -> None:
 
 def _check_rounds(options: Options) -> None:
     """Refuse rounds of a count that is not given."""
-    if not options.goal.count_adapts:
+    goal, densify = options.goal, options.densify
+    if not goal.count_adapts:
         return
-    for name in ("per_round", "round_iterations"):
-        value = getattr(options.densify, name)
-        if value is not None:
+    limits = ("target_psnr", "target_ssimulacra2", "max_bytes", "time_limit")
+    given = [f"--{one.replace('_', '-')}" for one in limits if getattr(goal, one) is not None]
+    advice = "--gaussians 1000" + (f" without {' and '.join(given)}" if given else "")
+    for name in ("per_round", "round_iterations", "schedule"):
+        value = getattr(densify, name)
+        if value != getattr(DensifyOptions, name):
             raise InputError(
-                f"{name} must be given with a number of Gaussians and without a target; got "
-                f"{value}. Try --gaussians 1000"
+                f"{name} must be given with a number of Gaussians, and without a target or limit; "
+                f"got {value}. Try {advice}"
             )
-    schedule = options.densify.schedule
-    if schedule != DensifyOptions.schedule:
-        raise InputError(
-            f"schedule must be {DensifyOptions.schedule} if no number of Gaussians is given, or "
-            f"if there is a target; got {quoted(schedule)}. Try --gaussians 1000"
-        )
 
 
 def _check_shapes(options: Options) -> None:

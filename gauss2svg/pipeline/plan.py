@@ -290,8 +290,8 @@ class Plan:
     def searches(self) -> list[Plan]:
         """The plans of the searches to run, of whose files the closest is written; mostly one.
 
-        With a limit of bytes they differ in markup and fit. A target and a limit of
-        seconds leave time for one.
+        With a limit of bytes they differ in markup and fit. A limit of seconds leaves time for one,
+        and a target is looked for by one.
         """
         limit, asked = self.plain_limit, self.options.svg.markup
         if limit is None or self.aim is not None:
@@ -311,6 +311,16 @@ class Plan:
             return found
         # The one that is the closest most often.
         return found[-1:] if limit > UNASKED_UP_TO else found[-2:-1] or found
+
+    def without_target(self) -> Plan | None:
+        """The plan of the closest file within the bytes, for a target that none of them reaches.
+
+        None without a target or a limit of bytes, and where a limit of seconds leaves no time.
+        """
+        goal = self.options.goal
+        if self.aim is None or goal.max_bytes is None or goal.time_limit is not None:
+            return None
+        return Plan(self.options.changed(**{self.aim.name: None}))
 
     def _search(self, markup: Markup, by_bytes: bool = False) -> Plan:
         svg = dataclasses.replace(self.options.svg, markup=markup)
@@ -381,6 +391,14 @@ class Aim(Search):
     def score(self, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
         """The score of a raster against a photo of its shape."""
         return self.of.sign * measured(self.of, raster, photo)
+
+    def of_file(
+        self, found: RoundTrip, photo: NDArray[np.float32], working: NDArray[np.float32]
+    ) -> float:
+        """The score of a measured file against the one of both pictures that its raster is of."""
+        if (known := self.known(found)) is not None:
+            return known
+        return self.score(found.raster, photo if found.raster.shape == photo.shape else working)
 
     def known(self, found: RoundTrip) -> float | None:
         """The score of a written file where its round trip has measured it, as it does PSNR."""

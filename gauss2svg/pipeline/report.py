@@ -49,7 +49,7 @@ def run_report(
     shown = shown_width(document, outcome.scene)
     return {
         **options.flat(),
-        "quality": plan.quality,
+        "quality": chosen.quality,
         # Values of options that were left open.
         "width": photo.full[0],
         "height": photo.full[1],

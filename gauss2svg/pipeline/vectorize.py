@@ -6,14 +6,14 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Never
+from typing import Any, NamedTuple, Never
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, instance
 from gauss2svg.files import write_atomically
-from gauss2svg.fit.options import DensifyOptions, FitOptions, FitProgress
+from gauss2svg.fit.options import DensifyOptions, FitOptions
 from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.scores import Score
@@ -192,19 +192,64 @@ def vectorize_by(
     plan = Plan(options)
     plan.check_renderer()
     run = Run(options.run, progress, stop, started)
-    photo, sizes = _read(plan, run, image, may_reduce)
+    image, header = run.opened(image)
+    drawn = _drawn(plan, run, image, header, may_reduce)
+    within = plan.without_target()
+    if within is not None and _may_be_closer(plan, drawn.outcome):
+        drawn = _closer(plan, drawn, _drawn(within, run, image, header, may_reduce))
+    return _result(plan, run, drawn)
+
+
+class _Drawn(NamedTuple):
+    """A photo as it is measured, what is drawn of it, and the outcome."""
+
+    photo: Photo
+    subject: Subject
+    outcome: Outcome
+
+
+def _drawn(
+    plan: Plan, run: Run, image: ImageSource, header: Header | None, may_reduce: bool
+) -> _Drawn:
+    """Read the photo, and run the searches of a plan."""
+    photo, sizes = _read(plan, run, image, header, may_reduce)
     plan = dataclasses.replace(plan, fit_side=max(sizes.fit))
-    photo, subject = _subject(photo, sizes, options.document)
+    photo, subject = _subject(photo, sizes, plan.options.document)
     plan = plan.for_picture(subject.photo)
-    with run.compiled(options.fit.blend):
+    with run.compiled(plan.options.fit.blend):
         outcome = best_of(_searches(plan, run, subject))
     subject.release()
-    return _result(plan, run, photo, subject, outcome)
+    return _Drawn(photo, subject, outcome)
 
 
-def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Sizes]:
+def _may_be_closer(plan: Plan, outcome: Outcome) -> bool:
+    """Return whether a search without the target may come closer to it."""
+    aim, reached = plan.aim, outcome.reached
+    missed = aim is not None and reached is not None and not aim.reached(reached)
+    return missed and outcome.fitted.stop_reason != "interrupted"
+
+
+def _closer(plan: Plan, first: _Drawn, second: _Drawn) -> _Drawn:
+    """Return the one whose score is better by the aim of the plan, with the costs of both."""
+    aim, outcome = plan.aim, second.outcome
+    assert aim is not None
+    score = aim.of_file(outcome.measured, second.subject.photo, outcome.working)
+    second = second._replace(outcome=dataclasses.replace(outcome, reached=score))
+    is_closer = first.outcome.reached is None or score > first.outcome.reached
+    best, other = (second, first) if is_closer else (first, second)
+    reason = best.outcome.fitted.stop_reason
+    if outcome.fitted.stop_reason == "interrupted":
+        reason = "interrupted"
+    elif is_closer and aim.reached(score):
+        reason = aim.name
+    fitted = best.outcome.fitted.after(other.outcome.fitted, reason)
+    return best._replace(outcome=dataclasses.replace(best.outcome, fitted=fitted))
+
+
+def _read(
+    plan: Plan, run: Run, image: ImageSource, header: Header | None, may_reduce: bool
+) -> tuple[Photo, Sizes]:
     """The photo, at its own size or that at which it is measured, and the sizes of the run."""
-    image, header = run.opened(image)
 
     def sizes(width: int, height: int, has_alpha: bool = False) -> Sizes:
         known = header or Header(width, height, has_alpha)
@@ -246,16 +291,8 @@ def _searches(plan: Plan, run: Run, subject: Subject) -> Iterator[Search]:
         run.deadline(plan.options.goal.time_limit), subject.size, photo_pixels, run.threads,
         steps_for(plan, subject.working), plan.options.run.renderer,
     )  # fmt: skip
-    one_by_one = plan.searches()
-    for one in one_by_one:
-        is_last = one is one_by_one[-1]
-
-        def report(phase: str, fitting: FitProgress | None, is_last: bool = is_last) -> None:
-            # A signal between two searches must not lose the file that is found already.
-            if fitting is not None or is_last:
-                run.notify(phase, fitting)
-
-        watch = Watch(budget, report, run.stop)
+    watch = Watch(budget, run.notify, run.stop)
+    for one in plan.searches():
         # Few runs need both.
         if one.by_bytes:
             from gauss2svg.pipeline.search.drawing import search_by_bytes
@@ -267,8 +304,9 @@ def _searches(plan: Plan, run: Run, subject: Subject) -> Iterator[Search]:
             yield ByCount(one, subject, watch)
 
 
-def _result(plan: Plan, run: Run, photo: Photo, subject: Subject, outcome: Outcome) -> Result:
+def _result(plan: Plan, run: Run, drawn: _Drawn) -> Result:
     """The file of an outcome, with the report on it."""
+    photo, subject, outcome = drawn
     aim, raster = plan.aim, outcome.measured.raster
     reference = subject.photo if raster.shape == subject.photo.shape else outcome.working
     scores = Scores()

@@ -158,7 +158,7 @@ def refused(tmp_path, monkeypatch, refusal):
         (["in", "-o", "ftp://host/out"], "output must be a folder, or on one of abfs"),
         (["what://x/in", "-o", "out"], "cannot read what://x/in: Protocol not known: what. Try"),
         (["in", "-o", "out", "--workers", "0"], "workers must be a whole number in 1.."),
-        (["in", "-o", "out", "--portable"], "blend must be add with portable"),
+        (["in", "-o", "out", "--portable"], "--portable must be given with --blend add"),
         (["in", "-o", "out", "--options", "gone.toml"], "cannot read gone.toml: No such file"),
         (["in", "-o", "out", "--options", "bad.toml"], "the options of bad.toml: Invalid"),
         (["in", "-o", "out", "--options", "key.toml"], "key.toml: option must be one of"),

@@ -155,6 +155,21 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
         (["PHOTO", "-o", "OUT", "--report", "FOLDER/a.png"], "a name that ends in .json"),
         (["PHOTO", "-o", "OUT", "--outline", "FOLDER/a.pdf"], "ends in .svg or .svgz"),
         (["-"], "--output must be given if the photo is standard input"),
+        (["batch", "PHOTO"], "gauss2svg batch must be given --output; got none. Try gauss2svg"),
+        (["PHOTO", "--max-bytes"], "--max-bytes must be given with a value; got none. Try"),
+        (["PHOTO", "-o", "OUT", "-o", "OUT"], "-o must be given once; got it more often. Try"),
+        (
+            ["PHOTO", "-o", "OUT", "--target-psnr", "30", "--target-ssimulacra2", "60"],
+            "--target-ssimulacra2 must not be given with --target-psnr. Try",
+        ),
+        (
+            ["PHOTO", "-o", "OUT", "--inks", "3", "--falloff", "gaussian"],
+            "--falloff gaussian must not be given with --inks, because a picture in inks",
+        ),
+        (
+            ["PHOTO", "-o", "OUT", "--loss", "l1", "--ssim-weight", "0.3"],
+            "--loss must be one with ssim if --ssim-weight is given; got 'l1'. Try --loss l1+ssim",
+        ),
     ],
 )  # fmt: skip
 def test_mistake_is_one_line_status_two_and_no_file(arguments, message, picture, tmp_path, refusal):

@@ -16,6 +16,9 @@ BENCH = [
         "axis gaussians must be a whole number in 0..10000000 or auto; got ''",
     ),
     (["--axis", "precision=0"], "axis precision must be a number in 0.001..1; got 0"),
+    (["--axis", "schedule"], "schedule must be given with a number of Gaussians"),
+    (["--axis", "schedule"], "; got linear. Try --axis gaussians=1000"),
+    (["--axis", "renderer=cairo", "--axis", "blend=add"], "renderer=resvg, or --axis portable"),
     (["--axis", "init", "--axis", "init=error"], "axis init must be given once"),
     (
         ["--peers", "vtracer,tracer"],

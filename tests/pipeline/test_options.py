@@ -162,7 +162,7 @@ def test_the_report_has_every_option(photo):
 @pytest.mark.parametrize(
     ("given", "error", "match"),
     [
-        ({"portable": True}, InputError, "blend must be add with portable; got 'over'"),
+        ({"portable": True}, InputError, "portable must be given with blend add"),
         ({"blend": "add", "renderer": "cairo"}, RendererError, "renderer must be one of .*resvg"),
         (
             {"form": "blur"},
@@ -182,7 +182,7 @@ def test_the_report_has_every_option(photo):
         (
             {"target_psnr": 20, "round_iterations": 4},
             InputError,
-            "round_iterations must be given with",
+            "round_iterations must be given with .*--gaussians 1000 without --target-psnr",
         ),
     ],
 )

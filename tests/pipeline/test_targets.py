@@ -55,6 +55,27 @@ def test_target_psnr_is_met_by_the_rasterised_file_and_hardly_passed(photo):
     assert np.mean(passed_by) < 0.6
 
 
+@pytest.mark.parametrize(
+    ("limit", "side"), [(2_000, 64), pytest.param(60_000, 128, marks=pytest.mark.sweep)]
+)
+def test_a_target_out_of_reach_costs_none_of_the_closeness_within_a_limit(photo, limit, side):
+    picture = photo[:side, :side]
+    alone = vectorize(picture, max_bytes=limit, **QUICK)
+    both = vectorize(picture, max_bytes=limit, target_psnr=90, **QUICK)
+    assert both.report["psnr_svg"] >= alone.report["psnr_svg"]
+    assert len(both.svg.encode()) <= limit
+    assert both.report["target_psnr"] == 90
+    assert "90 dB not reached" in both.report["unreached"][0]
+
+
+@pytest.mark.sweep
+def test_a_target_that_the_closest_file_within_a_limit_reaches_is_reached(photo):
+    alone = vectorize(photo, max_bytes=20_000, **QUICK).report["psnr_svg"]
+    report = vectorize(photo, max_bytes=20_000, target_psnr=alone - 0.02, **QUICK).report
+    assert report["unreached"] == []
+    assert report["stop_reason"] == "target_psnr"
+
+
 @pytest.mark.sweep
 def test_higher_target_takes_more_gaussians_and_no_more_than_needed(photo):
     counts = [vectorize(photo, target_psnr=t, **QUICK).report["gaussians"] for t in (22, 26)]

@@ -230,12 +230,10 @@ class ByCount:
         aim, photo, working = self._plan.aim, self._subject.photo, self._subject.working
         if aim is None:
             return None
-        if (known := aim.known(measured)) is not None:
-            return known
         shape = measured.raster.shape
-        if shape == working.shape and not math.isnan(best.score):
+        if aim.known(measured) is None and shape == working.shape and not math.isnan(best.score):
             return best.score  # of the same raster
-        return aim.score(measured.raster, photo if shape == photo.shape else working)
+        return aim.of_file(measured, photo, working)
 
     def _stop_reason(self, best: Export, reached: float | None) -> str:
         aim, limit = self._plan.aim, self._plan.byte_limit or math.inf
