@@ -80,7 +80,7 @@ def start(folder: Path) -> None:
     (folder / "start.inc").write_text(
         '<figure class="start" id="start">\n'
         f'<img src="_static/start/{COUNTS[-1]}.webp" width="{width}" height="{height}" '
-        'alt="A cup of coffee on a wooden table, drawn by Gaussians">\n'
+        'alt="A cup of coffee on a wooden table, drawn by soft shapes">\n'
         '<label hidden>Few to many shapes <input type="range" min="0" '
         f'max="{len(COUNTS) - 1}" value="{len(COUNTS) - 1}"></label>\n'
         f'<ol data-frames="{" ".join(map(str, COUNTS))}">\n' + "\n".join(frames) + "\n</ol>\n"

@@ -15,7 +15,6 @@ html_title = project
 
 extensions = [
     "myst_parser",
-    "sphinx_design",
     "sphinx.ext.autodoc",
     "docstrings",
     "option_tables",

@@ -12,9 +12,9 @@ from gauss2svg.errors import on_one_line
 from gauss2svg.measure.scores import ON_REQUEST, TARGETS
 from gauss2svg.pipeline.report import HEAVY_MS, decibels
 from gauss2svg.pipeline.run import COMPILED_S
-from gauss2svg.svg.document import MINIMAL
+from gauss2svg.svg.document import MINIMAL, RESPONSIVE
 
-# Sentences that follow the number of Gaussians, by the report's stop_reason.
+# Sentences that follow the number of shapes, by the report's stop_reason.
 _STOPPED = {
     "iterations": "all {iterations} optimiser steps are done",
     "gaussians": "as many as you asked for",
@@ -33,7 +33,7 @@ _NOTHING_TO_GAIN = {
     "cap": "as many as the picture has room for",
 }
 _SCALE = " (30 is soft, 35 good, 40 hard to tell apart)"
-_FEW = 60  # Gaussians, of which each is a large part of a file
+_FEW = 60  # shapes, of which each is a large part of a file
 _MOST_TAGS = 6  # of a checked SVG, the most frequent
 
 
@@ -43,8 +43,8 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     measured = r["measured_width"], r["measured_height"]
     at = "" if measured == (r["width"], r["height"]) else f", at {measured[0]}x{measured[1]} px"
     rows = {
-        "file": f"{output}, {r['width']}x{r['height']} px, {_size(r)}",
-        "shapes": f"{r['gaussians']:,} Gaussian{'s' * (r['gaussians'] != 1)}: {_finished(r)}",
+        "file": f"{output}, {r['width']}x{r['height']} px{_shown(r)}, {_size(r)}",
+        "shapes": f"{r['gaussians']:,}: {_finished(r)}",
         "match": f"{_match(r, _SCALE if r['inks'] is None else '')}{at}",
         "transparency": _alpha(r),
         "inks": (r["inks"] or "").replace(",", ", "),
@@ -103,6 +103,14 @@ def _size(report: dict[str, Any]) -> str:
     return f"{report['svg_bytes']:,} bytes, {report['svgz_bytes']:,} gzipped"
 
 
+def _shown(report: dict[str, Any]) -> str:
+    """Return the size that was asked for, in which the picture is shown, or "" if none was."""
+    size = report["size"]
+    if size is None:
+        return ""
+    return ", shown as wide as its place" if size == RESPONSIVE else f", shown {size} wide"
+
+
 def _scores(report: dict[str, Any]) -> str:
     """Return the perceptual scores that were asked for, and why one is missing."""
     found = [one for one in ON_REQUEST if one.has(report[one.key])]
@@ -111,7 +119,7 @@ def _scores(report: dict[str, Any]) -> str:
 
 
 def _finished(report: dict[str, Any]) -> str:
-    """Return why the file has as many Gaussians as it has."""
+    """Return why the file has as many shapes as it has."""
     reason, limit = report["stop_reason"], report["max_bytes"]
     if reason == "max_bytes" and report["gaussians"]:
         gzipped = report["gzip"] or report["count_gzipped"]
@@ -127,7 +135,7 @@ def _page(report: dict[str, Any]) -> str:
     spent = report["paint_ms"]
     if spent is None or spent < HEAVY_MS:
         return ""
-    lighter = "--markup editable" if report["markup"] == MINIMAL else "fewer Gaussians"
+    lighter = "--markup editable" if report["markup"] == MINIMAL else "fewer shapes"
     return (
         f"a browser takes about {spent / 1000:.1f} s to paint it {report['paint_width']:.0f} px "
         f"wide, less with {lighter}"

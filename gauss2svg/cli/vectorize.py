@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 _BEGUN = time.perf_counter()
 
 _EXAMPLES = (
-    "gauss2svg photo.jpg -o out.svg                     # adapts to the picture",
-    "gauss2svg photo.jpg -o out.svg --quality draft     # a small file, quickly",
-    "gauss2svg photo.jpg -o out.svg --max-bytes 150k    # the best file of that size",
+    "gauss2svg photo.jpg -o out.svg                       # adapts to the picture",
+    "gauss2svg photo.jpg -o out.svg --max-bytes 150k      # the best file of 150 kB",
+    "gauss2svg photo.jpg --max-bytes 60k --count-gzipped  # the best of 60 kB gzipped",
 )
-HELP = "Turn a picture into an SVG of soft ellipses, and measure how closely it matches.\n\n" + (
+HELP = "Turn a picture into an SVG of soft shapes, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
 _OURS = b"written by gauss2svg"  # of the description of every file

@@ -42,13 +42,13 @@ class Goal(OptionGroup):
     """Preset (balanced). With a limit, an upper bound."""
 
     gaussians: Annotated[int | Literal["auto"] | None, Whole(0, MOST_GAUSSIANS)] = None
-    """Number of Gaussians. auto adapts it (default). With a target, the maximum."""
+    """Number of shapes. auto adapts it (default). With a target, the maximum."""
 
     target_psnr: Annotated[
         float | None,
         Number(0, _MOST_DECIBELS, above=True, advice="30 to 40, at which photos look good"),
     ] = None
-    """PSNR (dB) to reach with the fewest Gaussians."""
+    """PSNR (dB) to reach with the fewest shapes."""
 
     target_ssimulacra2: Annotated[
         float | None, Number(0, 99, advice="50 for medium, 70 for high quality")

@@ -465,11 +465,11 @@ def unreached(
         )
     if goal.byte_limit is not None and size > goal.byte_limit:
         lines.append(
-            f"limit of {goal.max_bytes} bytes exceeded: the file has {size} even without Gaussians"
+            f"limit of {goal.max_bytes} bytes exceeded: the file has {size} even without shapes"
         )
     elif reason == "max_bytes" and not gaussians:
         lines.append(
-            f"limit of {goal.max_bytes} bytes leaves no room for a Gaussian: the file has none. "
+            f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none. "
             "Try a larger --max-bytes"
         )
     limit = goal.time_limit

@@ -19,7 +19,7 @@ _PHASES = {
     "write": "writing the SVG",
     "measure": "rasterising and measuring the SVG",
 }
-_FITS = {"additive": "fitting additively", "correct": "correcting the number of Gaussians"}
+_FITS = {"additive": "fitting additively", "correct": "correcting the number of shapes"}
 # Of a notebook, whose messages are kept and sent as text.
 _FRAMES_A_SECOND, _MOST_SIDE = 4, 400
 
@@ -125,7 +125,7 @@ def _said(progress: Progress) -> tuple[str, float | None]:
 
 
 def _figures(now: FitProgress) -> str:
-    return f"{now.gaussians} Gaussians, {now.psnr:.2f} dB"
+    return f"{now.gaussians} shapes, {now.psnr:.2f} dB"
 
 
 def _left(now: FitProgress) -> str:

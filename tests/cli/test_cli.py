@@ -37,7 +37,7 @@ def test_photo_becomes_svg_with_all_that_was_asked_for(picture, tmp_path):
     assert done.returncode == 0, done.stderr
     assert done.stdout == b""
     summary = done.stderr.decode()
-    for word in ("Gaussians", "gzipped", "PSNR", "SSIM"):
+    for word in ("shapes", "gzipped", "PSNR", "SSIM"):
         assert word in summary
     assert sum(not line.startswith(" ") for line in summary.splitlines()) <= 5
     numbers = json.loads(report.read_text())

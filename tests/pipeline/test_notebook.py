@@ -86,7 +86,7 @@ def test_a_terminal_shows_what_a_run_does_and_how_long_it_will_take(monkeypatch)
         callback(Progress("fit", now))
     said = written.getvalue()
     assert "fitting, round 2" in said
-    assert "120 Gaussians, 27.12 dB, 3 s left" in said
+    assert "120 shapes, 27.12 dB, 3 s left" in said
 
 
 def test_a_placeholder_shows_its_run_as_an_svg_does(photo, monkeypatch):

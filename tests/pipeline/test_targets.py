@@ -148,8 +148,7 @@ def test_limit_without_room_for_a_gaussian_is_reported(photo):
     assert (report["gaussians"], report["stop_reason"]) == (0, "max_bytes")
     assert report["svg_bytes"] <= 115
     assert report["unreached"] == [
-        "limit of 115 bytes leaves no room for a Gaussian: the file has none. "
-        "Try a larger --max-bytes"
+        "limit of 115 bytes leaves no room for a shape: the file has none. Try a larger --max-bytes"
     ]
     flat = vectorize(np.full((9, 9, 3), 0.4, np.float32), max_bytes=300).report
     assert (flat["gaussians"], flat["unreached"]) == (0, [])
