@@ -95,7 +95,7 @@ def test_a_placeholder_shows_its_run_as_an_svg_does(photo, monkeypatch):
     monkeypatch.setattr("rich.console.Console", lambda stderr: terminal)
     made = {gauss2svg.placeholder(photo[:32, :32], 400, progress=p).svg for p in (None, True)}
     assert len(made) == 1
-    assert "Gaussians, " in written.getvalue()
+    assert "shapes, " in written.getvalue()
     with pytest.raises(gauss2svg.InputError, match="progress must be"):
         gauss2svg.placeholder(photo[:32, :32], 400, progress=1)  # pyright: ignore
 

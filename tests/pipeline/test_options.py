@@ -110,7 +110,8 @@ def test_the_short_help_fits_one_screen_and_has_what_people_use(capsys, monkeypa
         assert f"--{field.name.replace('_', '-')}" in text
     assert "--help-all" in text
     assert "--learning-rate" not in text
-    assert text.count("gauss2svg photo.jpg -o") == 3
+    assert text.count("gauss2svg photo.jpg ") == 3
+    assert "--count-gzipped" in text
 
 
 def test_every_group_but_the_run_and_the_document_may_be_varied_in_a_benchmark():
