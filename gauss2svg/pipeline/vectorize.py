@@ -194,15 +194,16 @@ def vectorize_by(
     run = Run(options.run, progress, stop, started)
     image, header = run.opened(image)
     drawn = _drawn(plan, run, image, header, may_reduce)
-    within = plan.without_target()
-    if within is not None and _may_be_closer(plan, drawn.outcome):
-        drawn = _closer(plan, drawn, _drawn(within, run, image, header, may_reduce))
-    return _result(plan, run, drawn)
+    within = drawn.plan.without_target()
+    if within is not None and _may_be_closer(drawn):
+        drawn = _closer(drawn, _drawn(within, run, image, header, may_reduce))
+    return _result(run, drawn)
 
 
 class _Drawn(NamedTuple):
-    """A photo as it is measured, what is drawn of it, and the outcome."""
+    """A photo as it is measured, what is drawn of it, and the outcome of a plan for it."""
 
+    plan: Plan
     photo: Photo
     subject: Subject
     outcome: Outcome
@@ -219,22 +220,22 @@ def _drawn(
     with run.compiled(plan.options.fit.blend):
         outcome = best_of(_searches(plan, run, subject))
     subject.release()
-    return _Drawn(photo, subject, outcome)
+    return _Drawn(plan, photo, subject, outcome)
 
 
-def _may_be_closer(plan: Plan, outcome: Outcome) -> bool:
+def _may_be_closer(drawn: _Drawn) -> bool:
     """Return whether a search without the target may come closer to it."""
-    aim, reached = plan.aim, outcome.reached
+    aim, outcome, reached = drawn.plan.aim, drawn.outcome, drawn.outcome.reached
     missed = aim is not None and reached is not None and not aim.reached(reached)
     return missed and outcome.fitted.stop_reason != "interrupted"
 
 
-def _closer(plan: Plan, first: _Drawn, second: _Drawn) -> _Drawn:
-    """Return the one whose score is better by the aim of the plan, with the costs of both."""
-    aim, outcome = plan.aim, second.outcome
+def _closer(first: _Drawn, second: _Drawn) -> _Drawn:
+    """Return the one whose score is better by the first plan's aim, with the costs of both."""
+    aim, outcome = first.plan.aim, second.outcome
     assert aim is not None
     score = aim.of_file(outcome.measured, second.subject.photo, outcome.working)
-    second = second._replace(outcome=dataclasses.replace(outcome, reached=score))
+    second = second._replace(plan=first.plan, outcome=dataclasses.replace(outcome, reached=score))
     is_closer = first.outcome.reached is None or score > first.outcome.reached
     best, other = (second, first) if is_closer else (first, second)
     reason = best.outcome.fitted.stop_reason
@@ -304,9 +305,9 @@ def _searches(plan: Plan, run: Run, subject: Subject) -> Iterator[Search]:
             yield ByCount(one, subject, watch)
 
 
-def _result(plan: Plan, run: Run, drawn: _Drawn) -> Result:
+def _result(run: Run, drawn: _Drawn) -> Result:
     """The file of an outcome, with the report on it."""
-    photo, subject, outcome = drawn
+    plan, photo, subject, outcome = drawn
     aim, raster = plan.aim, outcome.measured.raster
     reference = subject.photo if raster.shape == subject.photo.shape else outcome.working
     scores = Scores()

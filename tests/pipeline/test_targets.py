@@ -69,6 +69,13 @@ def test_a_target_out_of_reach_costs_none_of_the_closeness_within_a_limit(photo,
 
 
 @pytest.mark.sweep
+def test_a_target_out_of_reach_leaves_the_inks_that_were_chosen(photo):
+    report = vectorize(photo[:64, :64], inks=3, max_bytes=3_000, target_psnr=90, **QUICK).report
+    assert report["inks"].count("#") == 3
+    assert report["stop_reason"] == "max_bytes"
+
+
+@pytest.mark.sweep
 def test_a_target_that_the_closest_file_within_a_limit_reaches_is_reached(photo):
     alone = vectorize(photo, max_bytes=20_000, **QUICK).report["psnr_svg"]
     report = vectorize(photo, max_bytes=20_000, target_psnr=alone - 0.02, **QUICK).report
