@@ -33,6 +33,7 @@ _NOTHING_TO_GAIN = {
     "cap": "as many as the picture has room for",
 }
 _SCALE = " (30 is soft, 35 good, 40 hard to tell apart)"
+_SCALE_OF_INKS = " (few colours are never close in dB: judge by eye)"
 _FEW = 60  # shapes, of which each is a large part of a file
 _MOST_TAGS = 6  # of a checked SVG, the most frequent
 
@@ -45,7 +46,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     rows = {
         "file": f"{output}, {r['width']}x{r['height']} px{_shown(r)}, {_size(r)}",
         "shapes": f"{r['gaussians']:,}: {_finished(r)}",
-        "match": f"{_match(r, _SCALE if r['inks'] is None else '')}{at}",
+        "match": f"{_match(r, _SCALE if r['inks'] is None else _SCALE_OF_INKS)}{at}",
         "transparency": _alpha(r),
         "inks": (r["inks"] or "").replace(",", ", "),
         "scores": _scores(r),

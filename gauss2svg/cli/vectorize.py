@@ -72,7 +72,7 @@ class OutputFiles:
     """Save the fitted Gaussians as a NumPy file (.npz)."""
 
     overwrite: bool = False
-    """Without -o, replace an SVG of another program too."""
+    """Replace photo.svg even if another program wrote it. A file named by -o is always replaced."""
 
     quiet: bool = False
     """Show neither progress nor summary."""
@@ -280,7 +280,8 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
             "ellipses"
         )
     if further.separations is not None and not further.quiet:
-        yield f"the plates are {further.plates(1)[0]} and so on, in the order of the inks"
+        names = ", ".join(f"{path} ({ink})" for path, ink in of.items() if ink in plates)
+        yield f"plates: {names}"
     yield from (
         f"{path} is not written, because {unseen[path]} is visible nowhere" for path in unseen
     )

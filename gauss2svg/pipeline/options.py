@@ -39,7 +39,7 @@ class Goal(OptionGroup):
     """
 
     quality: Literal["draft", "fast", "balanced", "high", "max"] | None = None
-    """Preset (balanced). With a limit, an upper bound."""
+    """Preset (balanced). With a limit, an upper bound on quality."""
 
     gaussians: Annotated[int | Literal["auto"] | None, Whole(0, MOST_GAUSSIANS)] = None
     """Number of shapes. auto adapts it (default). With a target, the maximum."""
@@ -122,8 +122,8 @@ class SvgOptions(OptionGroup):
 
     markup: Literal["auto", "editable", "minimal"] = "auto"
     """editable: named layers, for editors. minimal: only what draws, in fewer bytes. auto:
-    editable, but with --max-bytes the one that is closer to the picture. If both match a drawing
-    with 41 dB or more, the one that is closer enlarged."""
+    editable. With --max-bytes, auto takes the markup that is closer to the picture. For a drawing
+    that both match with 41 dB or more, it takes the one that is closer when enlarged."""
 
     palette: Annotated[int | None, Whole(0, 2**24)] = None
     """Maximum number of gradients in the file. Fewer make it smaller, and 0 sets no limit. The
