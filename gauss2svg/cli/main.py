@@ -131,6 +131,11 @@ def _in_our_words(error: CycloptsError) -> str:
                 found[1].parsed(token.value)
         except InputError as refusal:
             return _as_typed(str(refusal), [token.keyword])
+        if error.argument is not None and (words := error.argument.get_choices(force=True)):
+            return f"{token.keyword} must be one of {', '.join(words)}; got {token.value!r}"
+        if isinstance(error, cyclopts.CoercionError) and error.target_type in (int, float):
+            number = "a whole number" if error.target_type is int else "a number"
+            return f"{token.keyword} must be {number}; got {token.value!r}. Try {command} --help"
     line = " ".join(str(error).split()).rstrip(".").removeprefix("Parameter ")
     return f"{line}. Try gauss2svg --help-all, or --help after the name of a command"
 

@@ -138,8 +138,8 @@ def _page(report: dict[str, Any]) -> str:
         return ""
     lighter = "--markup editable" if report["markup"] == MINIMAL else "fewer shapes"
     return (
-        f"a browser takes about {spent / 1000:.1f} s to paint it {report['paint_width']:.0f} px "
-        f"wide, less with {lighter}"
+        f"about {spent / 1000:.1f} s of CPU time for a browser to paint it, "
+        f"{report['paint_width']:.0f} px wide; less with {lighter}"
     )
 
 

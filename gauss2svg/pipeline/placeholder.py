@@ -214,8 +214,8 @@ class PlaceholderOptions(OptionGroup):
     """Maximum size of each placeholder in bytes, up to 20k."""
 
     bytes_of: Counted = "svg"
-    """What --max-bytes limits. svg: the file. inline: the SVG inside a page, which is content in
-    JSON. data_uri, data_uri_base64: the data URI of that form."""
+    """What --max-bytes limits. svg: the file. inline: the SVG as it stands inside a page ("content"
+    in the JSON). data_uri, data_uri_base64: the data URI of that form."""
 
     format: Literal["json", "object", "html", "picture", "svg"] = "json"
     """json: a list with the SVG, data URIs, size and mean colour of each photo, by the keys of

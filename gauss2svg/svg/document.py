@@ -62,8 +62,8 @@ class Document(OptionGroup):
 
     size: Annotated[str | None, check_size] = None
     """Width in print or in a page, such as 120mm, 5in or 300px, from which the height follows.
-    photo: the width that the photo's resolution gives. responsive: as wide as its place in a web
-    page."""
+    photo: the width that the photo's resolution gives. responsive: fills the width of its
+    place in a web page."""
 
     aspect: Annotated[str | None, check_aspect] = None
     """How the picture fills a frame of other proportions, as a value of preserveAspectRatio in SVG,
