@@ -149,8 +149,8 @@ class SvgOptions(OptionGroup):
     size."""
 
     count_gzipped: bool = False
-    """Let --max-bytes limit the size after gzip at level 9. The file is written uncompressed. Servers
-    that use a lower level send some percent more: level 6 up to 5 %."""
+    """Let --max-bytes limit the size after gzip at level 9. The file is written uncompressed.
+    Servers that use a lower level send some percent more: level 6 up to 5 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
