@@ -54,6 +54,8 @@ def refusal(name: str, needed: str, got: str, advice: str = "") -> InputError:
 
 def on_one_line(text: str) -> str:
     """Return text for a terminal: one line, its control characters escaped."""
+    if text.isprintable():
+        return text
     plain = (" " if c.isspace() else c for c in text)
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in plain)
 

@@ -15,22 +15,17 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
+from itertools import islice
 from typing import Any
 
 import psutil
 
+from gauss2svg import processes
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.processes import (
-    end_of,
-    end_tree,
-    module_command,
-    module_path,
-    own_group,
-    raise_pending,
-)
+from gauss2svg.processes import end_of, end_tree, raise_pending
 
 _WATCH_S = 0.1  # between two looks at the time and the memory of jobs
-_IDLE_S = 1.0
+_IDLE_S = 1.0  # after which the width is asked for again
 
 
 class WorkerDiedError(Gauss2SvgError, RuntimeError):
@@ -63,9 +58,6 @@ class Pool:
     memory  bytes of a process, above which it is killed; None: no limit
     """
 
-    died = WorkerDiedError
-    most_deaths = 2  # of processes at a job, after which it is to blame
-
     def __init__(self, workers: int, memory: int | None = None) -> None:
         self.workers, self._memory = workers, memory
         self._threads = ThreadPoolExecutor(workers)
@@ -84,10 +76,6 @@ class Pool:
         self._threads.shutdown()
         for process in self._idle:
             _end(process)
-
-    def width(self) -> int:
-        """Return how many jobs are worth submitting: one for each process, and one that waits."""
-        return 2 * self.workers
 
     def submit(self, function: Callable[..., Any], *args: Any, timeout: float = 0.0) -> Future[Any]:
         """Return the future of a call, which is killed after `timeout` seconds of work if not 0."""
@@ -136,40 +124,34 @@ class Pool:
 
 
 def completed(
-    submit: Callable[..., Future[Any]],
-    next_request: Callable[[], tuple[Any, ...] | None],
+    submit: Callable[[Any], Future[Any]],
+    requests: Iterator[Any],
     width: Callable[[], int],
-    idle: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[Any, Future[Any]]]:
     """Yield (request, its ended future) as jobs end; cancel the others when the iterator is closed.
 
-    next_request  the arguments of `submit`, or None while there are none: what a caller learns from
-                  an answer may lead to more
-    width         how many may be submitted at once
-    idle          called about each second in which none has ended
+    requests  are taken as they can be submitted
+    width     how many may be submitted at once
     """
     jobs: dict[Future[Any], Any] = {}
     try:
         while True:
             raise_pending()
-            while len(jobs) < width() and (request := next_request()) is not None:
-                jobs[submit(*request)] = request
+            for request in islice(requests, max(0, width() - len(jobs))):
+                jobs[submit(request)] = request
             if not jobs:
                 return
-            ended = wait(jobs, _IDLE_S, FIRST_COMPLETED).done
-            for job in ended:
+            for job in wait(jobs, _IDLE_S, FIRST_COMPLETED).done:
                 yield jobs.pop(job), job
-            if not ended:
-                idle()
     finally:
         for job in jobs:
             job.cancel()
 
 
 def _started() -> subprocess.Popen[bytes]:
-    command, pipe = module_command("gauss2svg.pool"), subprocess.PIPE
-    environment = {**os.environ, **module_path()}
-    return subprocess.Popen(command, stdin=pipe, stdout=pipe, env=environment, **own_group())
+    command, pipe = processes.module_command("gauss2svg.pool"), subprocess.PIPE
+    environment, group = {**os.environ, **processes.module_path()}, processes.own_group()
+    return subprocess.Popen(command, stdin=pipe, stdout=pipe, env=environment, **group)
 
 
 def _end(process: subprocess.Popen[bytes]) -> int:

@@ -66,20 +66,6 @@ def local_photos(sources: Iterable[str]) -> list[str]:
     return found
 
 
-def check_apart(sources: Iterable[str], output: str) -> None:
-    """Raise InputError for an output, a path or a URL, in a folder that is searched for photos."""
-    for source in sources:
-        is_folder = os.path.isdir(source) or (is_url(source) and not PATTERN.search(source))
-        folder = source if is_folder else _base(source)
-        if is_url(folder) != is_url(output) or not (is_folder or "**" in source):
-            continue
-        paths = (output, folder) if is_url(output) else map(os.path.realpath, (output, folder))
-        inside, outside = (f"{path.rstrip('/')}/" for path in paths)
-        if inside.startswith(outside):
-            got = f"{output}, which is in {folder or '.'}"
-            raise refusal("output", "outside of the inputs", got, "another folder")
-
-
 def is_picture(name: str) -> bool:
     """Whether a file of this name is taken for a photo where a folder is given."""
     return name.lower().endswith(SUFFIXES) and not name.startswith(".")

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import pickle
-import tempfile
-import time
-import zlib
-from array import array
-from collections import Counter, deque
+import sqlite3
+import weakref
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from functools import cache
-from itertools import islice
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from gauss2svg.batch import BatchOptions
-from gauss2svg.batch.inputs import check_apart, photos_of
+from gauss2svg.batch.inputs import photos_of
 from gauss2svg.batch.stores import PARTS_OF, STATE, is_url, prepare, reason_of, write
 from gauss2svg.batch.table import write_table
-from gauss2svg.batch.worker import BatchSpec, Photo, PhotoRecord, identity_of, now, versions, work
+from gauss2svg.batch.worker import (
+    BatchSpec,
+    Photo,
+    PhotoRecord,
+    kept,
+    record_of,
+    versions,
+    work,
+)
 from gauss2svg.errors import (
     ClusterError,
     Gauss2SvgError,
@@ -40,7 +44,8 @@ from gauss2svg.photo.photo import Header
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pool import Pool, completed
+from gauss2svg.pool import Pool, WorkerDiedError, completed
+from gauss2svg.version import __version__
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -49,8 +54,7 @@ _USUAL = Header(4000, 3000, has_alpha=False)  # a photo of a camera, for which m
 _SINGLE = 50_000  # photos up to which each is a job of its own
 _JOBS = 5000  # of more photos
 _CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
-_KNOWN_S = 1.0  # for which a number of workers is taken as known
-_DIED = "its workers died; was there enough memory? Try --max-size, or --retry-failed with more"
+_DIED = "its workers died; was there enough memory? Try --max-size, or fewer --workers"
 
 
 def vectorize_many(
@@ -66,7 +70,7 @@ def vectorize_many(
     sources  folders, globs, lists (.txt, .lst), photos: paths of this machine or URLs of fsspec
     output   folder of the SVGs and their marks and, in gauss2svg-batch, of the table
     options  of each vectorisation: Options(goal=Goal(quality="draft"), ...)
-    batch    BatchOptions(workers=4), (scheduler="tcp://host:8786"), (retry_failed=True)
+    batch    BatchOptions(workers=4), (scheduler="tcp://host:8786")
     client   of a Dask cluster with one thread for each worker; None: as `batch` says
 
     What an earlier run has done is skipped; where that is all, no worker is needed. A bad photo is
@@ -82,31 +86,28 @@ def vectorize_many(
     return records()
 
 
-class _Spool:
-    """Tuples in a temporary file, so that a million take little memory."""
+class _Engine(NamedTuple):
+    """Those who do jobs.
 
-    def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115 (for as long as the batch)
-        self.count = 0
+    submit   of an executor of concurrent.futures
+    width    returns how many jobs are worth submitting at once
+    died     what a job raises whose worker died
+    threads  of a job
+    memory   bytes that a job may take, None: what is free
+    """
 
-    def __del__(self) -> None:
-        self._file.close()
-
-    def add(self, one: tuple[Any, ...]) -> None:
-        pickle.dump(one, self._file)
-        self.count += 1
-
-    def __iter__(self) -> Iterator[Any]:
-        self._file.seek(0)
-        for _ in range(self.count):
-            yield pickle.load(self._file)
+    submit: Callable[..., Future[Any]]
+    width: Callable[[], int]
+    died: type[Exception]
+    threads: int
+    memory: int | None
 
 
 class Batch:
     """Photos to vectorise: checked and listed.
 
-    Raises InputError for bad arguments, no photos, two that would write one file, and an output
-    folder inside an input one; OutputError for a folder that cannot be written.
+    Raises InputError for bad arguments, no photos, and two that would write one file; OutputError
+    for a folder that cannot be written.
     """
 
     def __init__(
@@ -127,186 +128,154 @@ class Batch:
         if root == STANDARD_STREAM:
             raise refusal("output", "a folder", quoted(root), "-o out/")
         self.root = root.rstrip("/") if is_url(root) else os.path.abspath(root)
-        check_apart(named, self.root)
-        identities = (
-            identity_of(self.options, NOT_OF_PICTURE),
-            identity_of(self.options, {"threads"}),
-        )
-        retry = self.batch.retry_failed
-        self._spec = BatchSpec(self.options, self.root, versions(), identities, retry)
-        self._begun_at = now()
-        self._records = _Spool()  # of all that is known
-        self._photos = self._listed(named)
-        if not (count := self._photos.count):
+        given = {k: v for k, v in self.options.flat().items() if k not in NOT_OF_PICTURE}
+        text = json.dumps([__version__, given], sort_keys=True)
+        identity = hashlib.sha256(text.encode()).hexdigest()[:16]
+        self._spec = BatchSpec(self.options, self.root, versions(), identity)
+        # A temporary file, so that a million photos take little memory.
+        self._db = sqlite3.connect("", check_same_thread=False)
+        weakref.finalize(self, self._db.close)
+        self.count = self._listed(named)
+        if not self.count:
             searched = brief(f"none in {', '.join(named) or 'no folder'}")
             raise refusal("photos", "one or more", searched, "gauss2svg batch photos/")
-        self.count = count
         prepare(self.root)
 
-    def _listed(self, sources: list[str]) -> _Spool:
+    def _listed(self, sources: list[str]) -> int:
         """List photos, each once. Raise InputError for two that would write one file."""
         folder = self.root
         while not (is_url(folder) or os.path.isdir(folder)):  # a new one is as its parent
             folder = os.path.dirname(folder)
         key_of = str.casefold if not is_url(folder) and folds_case(folder) else str
-        photos, hashes = _Spool(), array("q")
-        for path, name in photos_of(sources):
-            output = name + (".svgz" if self.options.svg.gzip else ".svg")
-            parts = PARTS_OF.split(key_of(output))
-            if not {"", ".", ".."}.isdisjoint(parts) or parts[0] == STATE or ":" in parts[0]:
-                needed = f"in the output folder and outside of its {STATE}"
-                raise refusal("output", needed, f"{output}, of {path}", "another glob or folder")
-            # Workers may have another current folder.
-            photos.add((path if is_url(path) else os.path.abspath(path), output))
-            hashes.append(hash(key_of(output)))
-        if len(np.unique(hashes)) == photos.count:
-            return photos
-        unique, paths = _Spool(), dict[str, str]()
-        for path, output in photos:
-            key = key_of(output)
-            if key not in paths:
-                unique.add((path, output))
-            if (other := paths.setdefault(key, path)) != path:
-                needed, advice = "with outputs of their own", "a run and a folder for each"
-                got = f"{other} and {path}, which would both write {output}"
-                raise refusal("photos", needed, got, advice)
-        return unique
 
-    def run(
-        self, client: Client | None = None, say: Callable[[str], None] = lambda _: None
-    ) -> Generator[PhotoRecord]:
-        """Yield what becomes of each photo; workers are needed where one is left to be done.
+        def rows() -> Iterator[tuple[bytes, bytes]]:
+            for path, name in photos_of(sources):
+                output = name + (".svgz" if self.options.svg.gzip else ".svg")
+                parts = PARTS_OF.split(key_of(output))
+                if not {"", ".", ".."}.isdisjoint(parts) or parts[0] == STATE or ":" in parts[0]:
+                    needed = f"in the output folder and outside of its {STATE}"
+                    raise refusal("output", needed, f"{output}, of {path}", "another folder")
+                # Workers may have another current folder.
+                photo = path if is_url(path) else os.path.abspath(path), output
+                yield os.fsencode(key_of(output)), pickle.dumps(photo)
 
-        say  called with a line about the cluster
-        """
-        for record in self._known(client, cache(say)):
-            self._records.add(record)
-            yield record
+        self._db.execute("CREATE TABLE records (record BLOB)")
+        self._db.execute("CREATE TABLE photos (key BLOB PRIMARY KEY, photo BLOB, other BLOB)")
+        self._db.executemany(
+            "INSERT INTO photos VALUES (?, ?, NULL) ON CONFLICT DO UPDATE"
+            " SET other = excluded.photo WHERE excluded.photo != photo",
+            rows(),
+        )
+        two = self._db.execute("SELECT photo, other FROM photos WHERE other IS NOT NULL").fetchone()
+        if two is not None:
+            (one, output), (other, _) = map(pickle.loads, two)
+            got = f"{one} and {other}, which would both write {output}"
+            advice = "a run and a folder for each"
+            raise refusal("photos", "with outputs of their own", got, advice)
+        return self._left()
+
+    def _left(self) -> int:
+        """Return the number of photos of which it is not known what becomes."""
+        return self._db.execute("SELECT count(*) FROM photos").fetchone()[0]
+
+    def run(self, client: Client | None = None) -> Generator[PhotoRecord]:
+        """Yield what becomes of each photo; workers are needed where one is left to be done."""
+        yield from self._done_before()
+        yield from self._done_now(client)
+
+    def _record(self, record: PhotoRecord) -> PhotoRecord:
+        self._db.execute("INSERT INTO records VALUES (?)", (pickle.dumps(record),))
+        return record
 
     def finish(self) -> list[str]:
         """Write the table of all photos of which it is known what became; return its paths."""
-        return write_table(self.root, self._records)
+        records = self._db.execute("SELECT record FROM records")
+        return write_table(self.root, (pickle.loads(record) for (record,) in records))
 
-    def _known(self, client: Client | None, say: Callable[[str], None]) -> Iterator[PhotoRecord]:
-        left = _Spool()
-        for photo in self._photos:
+    def _done_before(self) -> Iterator[PhotoRecord]:
+        for row, photo in self._db.execute("SELECT rowid, photo FROM photos"):
+            source, output = pickle.loads(photo)
             # Workers ask stores, for whose answers they wait at the same time.
-            is_here = not (is_url(photo[0]) or is_url(self.root))
-            if is_here and (record := self._spec.kept(photo)):
-                yield record
-            else:
-                left.add(photo)
-        if not left.count:
+            is_here = not (is_url(source) or is_url(self.root))
+            if is_here and (record := kept(self._spec, (source, output))):
+                self._db.execute("DELETE FROM photos WHERE rowid = ?", (row,))
+                yield self._record(record)
+
+    def _done_now(self, client: Client | None) -> Iterator[PhotoRecord]:
+        if not (count := self._left()):
             return
         described = as_json({**self._spec.versions, "options": self.options.flat()})
-        write(self.root, f"{STATE}/options-{self._spec.identities[0]}.json", described)
-        with ExitStack() as stack:
-            if client is not None or self.batch.scheduler is not None:
-                client = client or stack.enter_context(_connected(self.batch.scheduler or ""))
-                pool, threads, memory = _Cluster(client, say), 1, None
-            else:
-                pool, threads, memory = self._local_pool(left.count)
-                stack.enter_context(pool)
+        write(self.root, f"{STATE}/options-{self._spec.identity}.json", described)
+        if client is None and self.batch.scheduler is None:
+            engine = _on_this_machine(self.options, self.batch.workers, count)
+        else:
+            engine = _on_cluster(client, self.batch.scheduler)
+        size = 1 if count <= _SINGLE else count // _JOBS
+        rows = self._db.execute("SELECT photo FROM photos")
+        jobs = iter(lambda: [pickle.loads(photo) for (photo,) in rows.fetchmany(size)], [])
+        suspects: list[Photo] = []
+        with engine as (submit, width, died, threads, memory):
             options = self.options.changed(threads=self.options.run.threads or threads)
             spec = replace(self._spec, options=options, memory=memory)
-            yield from self._worked(pool, spec, left)
-
-    def _worked(
-        self, pool: Pool | _Cluster, spec: BatchSpec, left: _Spool
-    ) -> Iterator[PhotoRecord]:
-        """Yield what workers make of photos; one that kills its workers has failed."""
-        photos, again = iter(left), deque[list[Photo]]()
-        size = 1 if left.count <= _SINGLE else left.count // _JOBS
-        deaths = Counter[Photo]()
-
-        def next_request() -> tuple[list[Photo]] | None:
-            some = again.popleft() if again else list(islice(photos, size))
-            return (some,) if some else None
-
-        def submit(some: list[Photo]) -> Future[list[PhotoRecord]]:
-            # Dask's scheduler remembers its last thousand tasks, with all that is in them.
-            return pool.submit(work, zlib.compress(pickle.dumps((spec, some))))
-
-        for (some,), job in completed(submit, next_request, pool.width):
-            try:
-                records = job.result()
-            except pool.died:
-                deaths.update(some if len(some) == 1 else ())
-                if deaths[some[0]] < pool.most_deaths:
-                    again.extend([photo] for photo in some)
-                    continue
-                records = [spec.failed(some[0], "WorkerDied", _DIED)]
-            for record in records:  # of photos of which some were done before a worker died
-                yield record._replace(skipped=record.time < self._begun_at)
-
-    def _local_pool(self, most: int) -> tuple[Pool, int, int]:
-        """Return processes of this machine, threads of each, and bytes that a run of each may take.
-
-        Processes times threads are the cores, and processes times the estimate of a usual run are
-        at most the memory that a single run would take.
-        """
-        from gauss2svg.pipeline.memory_budget import load_of  # and numba, which takes a while
-        from gauss2svg.pipeline.run import compile_kernels, thread_count
-
-        compile_kernels(self.options.fit.blend)
-        cores, needed = thread_count(None), load_of(Plan(self.options), _USUAL).bytes
-        fitting = min(cores // (self.options.run.threads or 1), allowed(None) // needed, most)
-        workers = self.batch.workers or max(1, fitting)
-        memory = free_bytes() // workers
-        return Pool(workers, memory), max(1, cores // workers), int(SHARE * memory)
-
-
-class _Cluster:
-    """The workers of a Dask client, by the interface of a pool; each works on one job."""
-
-    most_deaths = 1  # at a job, after those that the scheduler allows
-
-    def __init__(self, client: Client, say: Callable[[str], None]) -> None:
-        from distributed import KilledWorker
-
-        self._client, self._say, self.died = client, say, KilledWorker
-        self._width, self._known_until = 1, 0.0
-        self.submit: Callable[..., Future[Any]] = client.get_executor(pure=False).submit
-
-    def width(self) -> int:
-        """Return the number of workers, which may change. Raise ClusterError for other threads."""
-        if time.monotonic() < self._known_until:
-            return self._width
-        threads: Any = self._client.nthreads()
-        for worker, count in threads.items():
-            if count != 1:  # numba's kernels are for one thread of a process at a time
-                got = f"threads of worker {worker} must be 1; got {count}"
-                raise ClusterError(f"{got}. Try dask worker --nthreads 1")
-        if not threads:
-            self._say("no workers yet; waiting for them")
-        self._width, self._known_until = max(1, len(threads)), time.monotonic() + _KNOWN_S
-        return self._width
+            for is_last, some in (False, jobs), (True, ([photo] for photo in suspects)):
+                for photos, job in completed(partial(submit, work, spec), some, width):
+                    try:
+                        records = job.result()
+                    except died:
+                        if not is_last:
+                            suspects += photos
+                            continue
+                        records = [record_of(spec, photos[0], error=_DIED, error_code="WorkerDied")]
+                    yield from map(self._record, records)
 
 
 @contextmanager
-def _connected(scheduler: str) -> Iterator[Client]:
-    """Yield a client of a scheduler, such as tcp://host:8786. Raise ClusterError without answer."""
+def _on_this_machine(options: Options, workers: int | None, most: int) -> Iterator[_Engine]:
+    """Yield processes of this machine.
+
+    Processes times threads are the cores, and processes times the estimate of a usual run are at
+    most the memory that a single run would take.
+    """
+    from gauss2svg.pipeline.memory_budget import load_of  # and numba, which takes a while
+    from gauss2svg.pipeline.run import compile_kernels, thread_count
+
+    compile_kernels(options.fit.blend)
+    cores, needed = thread_count(None), load_of(Plan(options), _USUAL).bytes
+    fitting = min(cores // (options.run.threads or 1), allowed(None) // needed, most)
+    workers = workers or max(1, fitting)
+    memory, threads = free_bytes() // workers, max(1, cores // workers)
+    with Pool(workers, memory) as pool:
+        # A job for each process, and one that waits.
+        width, share = lambda: 2 * workers, int(SHARE * memory)
+        yield _Engine(pool.submit, width, WorkerDiedError, threads, share)
+
+
+@contextmanager
+def _on_cluster(client: Client | None, scheduler: str | None) -> Iterator[_Engine]:
+    """Yield the workers of a Dask cluster. Raise ClusterError where it does not answer."""
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError as error:
         advice = 'pip install "gauss2svg[cluster]"'
         message = f"distributed must be installed for --scheduler. Try {advice}"
         raise InputError(message) from error
-    client = Client.__new__(Client)
     try:
-        client.__init__(scheduler, timeout=_CONNECT_S, set_as_default=False)
-    except Exception as error:  # of addresses, names, sockets and handshakes
-        client.status = "closed"  # or its finaliser would complain
-        needed, got = "the address of a running Dask scheduler", quoted(scheduler)
-        got = f"{got} ({reason_of(error)[:200]})"
-        advice = "starting `dask scheduler`, and its address tcp://host:8786"
+        given = {"timeout": _CONNECT_S, "set_as_default": False}
+        with nullcontext(client) if client else Client(scheduler, **given) as used:
+
+            def width() -> int:
+                threads: Any = used.nthreads()
+                if set(threads.values()) - {1}:  # numba's kernels are for one thread of a process
+                    got, advice = quoted(threads), "dask worker --nthreads 1"
+                    raise ClusterError(f"threads of workers must be 1; got {got}. Try {advice}")
+                return max(1, len(threads))
+
+            submit = used.get_executor(pure=False).submit
+            yield _Engine(submit, width, KilledWorker, 1, None)
+    except Gauss2SvgError:
+        raise
+    except Exception as error:  # of addresses, sockets, handshakes; or a worker lacks gauss2svg
+        got = f"{quoted(scheduler or client)} ({type(error).__name__}: {reason_of(error)[:200]})"
+        needed = "the address of a Dask scheduler whose workers have gauss2svg"
+        advice = "the same command once it runs, which goes on where this one ended"
         raise ClusterError(f"scheduler must be {needed}; got {got}. Try {advice}") from error
-    with client:
-        try:
-            yield client
-        except Gauss2SvgError:
-            raise
-        except Exception as error:  # the scheduler is gone, or a worker lacks gauss2svg
-            why = f"{type(error).__name__}: {reason_of(error)}"
-            advice = "the same command again: it goes on where this one ended"
-            raise ClusterError(f"lost {scheduler} or its workers ({why}). Try {advice}") from error

@@ -5,11 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import os
-import re
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Iterable, Iterator
+from datetime import timedelta
 from importlib.util import find_spec
 from typing import Any, get_type_hints
 
@@ -18,85 +17,49 @@ from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.errors import OutputError
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
-_MOST_REASONS = 1000  # of failures that are distinguished
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # by OWASP's page on CSV injection
 _NAMED = 5  # failed photos, in the summary
 
 
 class Summary:
-    """What became of the photos so far.
-
-    done, skipped  with an SVG, from now and from an earlier run; pixels: of the first
-    failed         now and in earlier runs; earlier: of them those that were skipped
-    """
+    """What became of the photos so far: how many are done, skipped and failed."""
 
     def __init__(self) -> None:
-        self.done = self.skipped = self.failed = self.earlier = self.pixels = 0
-        self._reasons: Counter[str] = Counter()
-        self._named: list[str] = []
-        self._begun = time.monotonic()
-        self._first_s = 0.0  # when the first photo that is not skipped was done
+        self.done = self.skipped = self.failed = 0
+        self._failures: list[str] = []  # the first few
+        self._begun = self._first = (
+            time.monotonic()
+        )  # the second: when a photo began that is not skipped
 
     def add(self, record: PhotoRecord) -> None:
-        """Count a photo; one that failed counts as failed also where it was skipped."""
-        if not record.skipped and self.done + self.failed == self.earlier:
-            self._first_s = self.seconds
-        if record.error is None:
-            self.done += not record.skipped
-            self.skipped += record.skipped
-            self.pixels += 0 if record.skipped else (record.width or 0) * (record.height or 0)
-            return
-        self.failed += 1
-        self.earlier += record.skipped
-        # An error without what is the photo's own: its name and numbers.
-        text = record.error.replace(record.input, "photo")
-        text = re.sub(r"[0-9]+", "N", text.replace(os.path.basename(record.input), "photo"))
-        is_known = text in self._reasons or len(self._reasons) < _MOST_REASONS
-        self._reasons[text if is_known else "other reasons"] += 1
-        if len(self._named) < _NAMED:
-            self._named.append(record.input)
+        """Count a photo."""
+        self.done += not (record.error or record.skipped)
+        self.skipped += record.skipped
+        self.failed += record.error is not None
+        if not self.done + self.failed:
+            self._first = time.monotonic()
+        if record.error and len(self._failures) < _NAMED:
+            self._failures.append(f"failed: {record.input}: {record.error}")
 
     @property
     def total(self) -> int:
         """Number of photos so far."""
         return self.done + self.failed + self.skipped
 
-    @property
-    def seconds(self) -> float:
-        """Seconds since the summary was made."""
-        return time.monotonic() - self._begun
-
     def state(self, count: int) -> str:
-        """Return photos a second since the first, failures and time left, of so many photos."""
-        worked = self.done + self.failed - self.earlier
-        rate = max(worked - 1, 0) / max(self.seconds - self._first_s, 0.2)
-        left_s = (count - self.total) / rate if rate else 0.0
-        hours, minutes = divmod(round(left_s / 60), 60)
-        time_left = f"{hours} h {minutes} min" if hours else f"{minutes} min"
-        time_left = time_left if left_s >= 90 else f"{left_s:.0f} s"
-        return f"{rate:.3g} photos/s, {self.failures}, {time_left} left"
-
-    @property
-    def failures(self) -> str:
-        """How many failed, and how many of them in an earlier run."""
-        now = f"{self.failed - self.earlier:,} failed"
-        return f"{now}, {self.earlier:,} failed earlier" if self.earlier else now
+        """Return photos a second, failures and time left, of so many photos."""
+        rate = (self.done + self.failed) / max(time.monotonic() - self._first, 0.2)
+        left = timedelta(seconds=round((count - self.total) / rate)) if rate else "unknown time"
+        return f"{rate:.3g} photos/s, {self.failed:,} failed, {left} left"
 
     def lines(self) -> Iterator[str]:
         """Yield the summary for a terminal."""
-        rate, pixels = self.done / self.seconds, self.pixels / self.seconds / 1e6
-        yield (
-            f"{self.done:,} done, {self.skipped:,} skipped, {self.failures} in "
-            f"{self.seconds:.1f} s: {rate:.3g} photos and {pixels:.3g} megapixels a second"
-        )
-        if self.earlier:
-            yield "what failed earlier was skipped: --retry-failed takes it up"
-        for reason, count in self._reasons.most_common(10):
-            yield f"failed, {count:,}: {reason}"
-        if self._named:
-            others = self.failed - len(self._named)
-            more = f" and {others:,} more" if others else ""
-            yield f"failed photos: {', '.join(self._named)}{more}"
+        seconds = time.monotonic() - self._begun
+        counts = f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed"
+        yield f"{counts} in {seconds:.1f} s: {self.done / seconds:.3g} photos a second"
+        yield from self._failures
+        if others := self.failed - len(self._failures):
+            yield f"failed: {others:,} more"
 
 
 def as_cell(value: Any) -> Any:

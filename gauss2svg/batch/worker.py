@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import io
 import json
 import os
-import pickle
 import platform
 import time
 import warnings
-import zlib
-from collections.abc import Sequence, Set
-from contextlib import nullcontext, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
@@ -39,8 +36,8 @@ class PhotoRecord(NamedTuple):
 
     input                 path or URL of the photo
     output                name of the SVG, relative to the output folder
-    options               identity of the version and the options; of a failure, of limits too
-    stamp                 size and date of the photo, or what the store says of it
+    options               identity of the version and the options
+    stamp                 size and date of the photo, or what the store says; empty of a failure
     width, height         px of the photo
     gaussians, bytes      of the SVG
     psnr_svg              dB, None where it is infinite
@@ -53,7 +50,7 @@ class PhotoRecord(NamedTuple):
     stop_reason           why the fit ended, as in the report
     time                  at which it was done, ISO 8601 in UTC
     error_code            class of the error, such as InputError, or WorkerDied; None without
-    skipped               True where an earlier run wrote it, or failed at it
+    skipped               True where an earlier run wrote it
     """
 
     input: str
@@ -92,74 +89,19 @@ def versions() -> dict[str, str]:
     return {"gauss2svg": __version__} | {name: version(name) for name in ("numba", "numpy")}
 
 
-def identity_of(options: Options, without: Set[str]) -> str:
-    """Return a hash of the version and of the options but some."""
-    given = {k: v for k, v in options.flat().items() if k not in without}
-    text = json.dumps([__version__, given], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
 @dataclass(frozen=True)
 class BatchSpec:
-    """What all photos share: options, the output folder, and what of earlier runs is taken up.
+    """What all photos share: options, the output folder, and versions that workers must have.
 
-    identities  hashes of all that an SVG depends on, and of all that a failure does
-    memory      bytes that a run may take where the options do not say so; None: what is free
+    identity  hash of the version and of the options on which an SVG depends
+    memory    bytes that a run may take where the options do not say so; None: what is free
     """
 
     options: Options
     root: str
     versions: dict[str, str]
-    identities: tuple[str, str]
-    retry_failed: bool = False
+    identity: str
     memory: int | None = None
-
-    def marked(self, output: str) -> PhotoRecord | None:
-        """Return the record of a photo by these options; None without one. Raise OutputError."""
-        none = OSError, ValueError, TypeError, RecursionError  # no file, or none of ours
-        with (
-            reached(f"{self.root}/{output}{MARK}", kind=OutputError) as (fs, path),
-            suppress(*none),
-        ):
-            record = PhotoRecord(**json.loads(fs.cat_file(path)))
-            is_failed = record.error is not None
-            if record.output == output and record.options == self.identities[is_failed]:
-                return record
-        return None
-
-    def kept(self, photo: Photo) -> PhotoRecord | None:
-        """Return the record of a photo that would become the same again; None of any other."""
-        record = self.marked(photo[1])
-        if record is not None and record.input == photo[0]:
-            with suppress(Gauss2SvgError), reached(f"{self.root}/{photo[1]}") as (fs, path):
-                has_failed = record.error is not None
-                holds = not self.retry_failed if has_failed else fs.size(path) == record.bytes
-                if holds and record.stamp == stamp_of(photo[0]):
-                    return record._replace(skipped=True)
-        return None
-
-    def mark(self, photo: Photo, **given: Any) -> PhotoRecord:
-        """Write what became of a photo beside its SVG, after it, and return it."""
-        record = PhotoRecord(
-            *photo,
-            options=self.identities["error" in given],
-            versions=self.versions | {"python": platform.python_version()},
-            time=now(),
-            **given,
-        )
-        # A name that is too long has failed, and so has its mark.
-        with suppress(OutputError) if record.error else nullcontext():
-            write(
-                self.root, record.output + MARK, json.dumps(record._asdict()).encode(), sync=False
-            )
-        return record
-
-    def failed(self, photo: Photo, code: str, line: str) -> PhotoRecord:
-        """Return the record of a photo without an SVG, which is marked if a mark can be written."""
-        stamp = ""
-        with suppress(Gauss2SvgError):
-            stamp = stamp_of(photo[0])
-        return self.mark(photo, error=error_line(line), error_code=code, stamp=stamp)
 
 
 def stamp_of(source: str) -> str:
@@ -168,27 +110,44 @@ def stamp_of(source: str) -> str:
         return fs.ukey(path)
 
 
-def work(packed: bytes) -> list[PhotoRecord]:
+def kept(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
+    """Return the record of a photo that would become the same again; None of any other."""
+    # An error is a mark that is not there or none of ours: the photo is done again.
+    with suppress(Gauss2SvgError), reached(f"{spec.root}/{photo[1]}") as (fs, path):
+        record = PhotoRecord(**json.loads(fs.cat_file(path + MARK)))
+        as_now = (*photo, spec.identity, stamp_of(photo[0]))
+        if record[:4] == as_now and record.bytes == fs.size(path):
+            return record._replace(skipped=True)
+    return None
+
+
+def record_of(spec: BatchSpec, photo: Photo, **given: Any) -> PhotoRecord:
+    """Return what became of a photo just now."""
+    of_worker = spec.versions | {"python": platform.python_version()}
+    return PhotoRecord(*photo, spec.identity, versions=of_worker, time=now(), **given)
+
+
+def work(spec: BatchSpec, photos: Sequence[Photo]) -> list[PhotoRecord]:
     """Return what becomes of photos. Raise OutputError where no output can be written."""
-    spec, photos = pickle.loads(zlib.decompress(packed))
     if (here := versions()) != spec.versions:
         advice = "installing the same there"
         raise ClusterError(f"workers must have {spec.versions}; got {here}. Try {advice}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of decoders; nobody would read them
-        return [spec.kept(photo) or vectorized(spec, photo) for photo in photos]
+        return [kept(spec, photo) or vectorized(spec, photo) for photo in photos]
 
 
 def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
-    """Write the SVG of a photo and its mark, and return what became of it."""
+    """Write the SVG of a photo, then its mark, and return what became of it."""
     begun, cpu_begun = time.perf_counter(), time.process_time()
-    given: dict[str, Any] = {}
     try:
-        given["stamp"] = stamp_of(photo[0])
-        given |= _written(spec, photo)
+        stamp = stamp_of(photo[0])
+        given = _written(spec, photo)
         given["seconds"] = round(time.perf_counter() - begun, 3)
         given["cpu_seconds"] = round(time.process_time() - cpu_begun, 3)
-        return spec.mark(photo, **given)
+        record = record_of(spec, photo, stamp=stamp, **given)
+        write(spec.root, photo[1] + MARK, json.dumps(record._asdict()).encode(), sync=False)
+        return record
     except Exception as error:  # a fault of ours or of a library costs no other photo
         number = getattr(error.__cause__, "errno", None)
         if isinstance(error, OutputError) and number not in _OF_ITS_NAME:
@@ -198,7 +157,7 @@ def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
             line = f"out of memory ({line}). Try --max-size, or workers with more memory"
         elif not isinstance(error, Gauss2SvgError):
             line = f"{code}: {line}"
-    return spec.failed(photo, code, line)
+        return record_of(spec, photo, error=error_line(line), error_code=code)
 
 
 def _written(spec: BatchSpec, photo: Photo) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def batch_command(
     try:
         with (
             streams.counting_bar(quiet) as update,
-            closing(made.run(say=(lambda _: None) if quiet else say)) as records,
+            closing(made.run()) as records,
         ):
             update("", 0, count)
             for record in records:
@@ -81,5 +81,5 @@ def batch_command(
             say(line)
         say(f"see {', '.join(tables)}")
     elif summary.failed:
-        say(f"{summary.failures}; see {tables[0]}")
+        say(f"{summary.failed:,} failed; see {tables[0]}")
     return parameters.STATUS_SOME_FAILED if summary.failed else 0

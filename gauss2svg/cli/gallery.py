@@ -1,6 +1,5 @@
 """The command `gauss2svg gallery`, imported only where it is run."""
 
-import os
 import re
 import sys
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.batch.inputs import check_apart, local_photos
+from gauss2svg.batch.inputs import local_photos
 from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, words
 from gauss2svg.cli.streams import counting_bar, say
 from gauss2svg.compare.pages import GalleryOptions
@@ -55,7 +54,10 @@ def gallery_command(
     from gauss2svg.measure.perceptual import packages_missing
 
     given = local_photos(photos)
-    check_apart(photos, os.fspath(output))
+    for source in photos:
+        if output.resolve().is_relative_to(Path(source).resolve()):
+            got = f"{output}, which is in {source}"
+            raise refusal("output", "outside of the inputs", got, "another folder")
     with counting_bar(quiet) as update:
         gallery = build_gallery(
             given,

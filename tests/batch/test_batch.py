@@ -19,7 +19,7 @@ from batches import (
     tiny,
 )  # fmt: skip
 
-from gauss2svg.batch import BatchOptions, many, worker
+from gauss2svg.batch import many, worker
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.stores import PARTS, STATE, write
 from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
@@ -42,10 +42,9 @@ def photos(tmp_path):
 def run(tmp_path):
     """Run a batch to out/; returns the outputs that were done, skipped, and failed."""
 
-    def run(*sources, retry_failed=False, **options):
+    def run(*sources, **options):
         found = {"done": [], "skipped": [], "failed": []}
-        batch = BatchOptions(retry_failed=retry_failed)
-        for one in vectorize_many(sources, tmp_path / "out", tiny(**options), batch=batch):
+        for one in vectorize_many(sources, tmp_path / "out", tiny(**options)):
             found["skipped" if one.skipped else "failed" if one.error else "done"].append(
                 one.output
             )
@@ -72,22 +71,30 @@ def test_outputs_are_those_of_the_command_under_relative_names(run, photos, tmp_
     assert (tmp_path / "out/a.svgz").read_bytes()[:2] == b"\x1f\x8b"
 
 
-def test_each_photo_has_a_mark_and_a_row_with_all_that_is_asked_for(run, photos, tmp_path):
+def test_output_folder_may_be_in_an_input_one_whose_photos_it_adds_none_to(run, photos, tmp_path):
+    run(photos)
+    for _ in range(2):
+        found = [one.output for one in vectorize_many([photos], photos, tiny())]
+        assert sorted(found) == GOOD
+    made = outputs(photos)
+    assert {name: made[name] for name in GOOD} == outputs(tmp_path / "out")
+
+
+def test_each_photo_has_a_row_and_each_svg_a_mark_with_all_that_is_asked_for(run, photos, tmp_path):
     (photos / "bad.png").write_bytes(b"no picture")
     run(photos)
     out = tmp_path / "out"
     table = rows(out)
-    assert marks(out).keys() == table.keys() == {*GOOD, "bad.svg"}
+    bad = table["bad.svg"]
+    assert table.keys() == {*GOOD, "bad.svg"}
+    assert "must be a supported image" in bad["error"]
+    assert bad["error_code"] == "InputError"
+    assert outputs(out).keys() == marks(out).keys() == set(GOOD)
     for name, one in marks(out).items():
         assert one.keys() == table[name].keys() == set(PhotoRecord._fields)
         assert one["versions"].keys() == {"gauss2svg", "numba", "numpy", "python"}
         assert datetime.fromisoformat(one["time"]).utcoffset() == timedelta(0)
         assert table[name]["time"] == one["time"]
-        if name == "bad.svg":
-            assert "must be a supported image" in one["error"]
-            assert one["error_code"] == "InputError"
-            assert not (out / name).exists()
-            continue
         assert (out / STATE / f"options-{one['options']}.json").exists()
         assert one["error"] is one["error_code"] is None
         assert one["bytes"] == (out / name).stat().st_size
@@ -106,24 +113,18 @@ def test_each_photo_has_a_mark_and_a_row_with_all_that_is_asked_for(run, photos,
 def test_what_is_done_needs_no_worker_and_stays_as_it_is(
     run, photos, tmp_path, capsys, monkeypatch
 ):
-    (photos / "bad.png").write_bytes(b"no picture")
     run(photos)
     out = tmp_path / "out"
     files = {path: path.read_bytes() for path in out.rglob("*.*") if "table" not in path.name}
     monkeypatch.setattr(many, "Pool", None)
     nobody = "tcp://127.0.0.1:9"
     command = ["batch", str(photos), "-o", str(out), "--scheduler", nobody, "--log", "json"]
-    assert main([*command, *TINY_COMMAND]) == 1
+    assert main([*command, *TINY_COMMAND]) == 0
     printed = capsys.readouterr()
     logged = [json.loads(line) for line in printed.out.splitlines()]
-    assert {one["output"]: one["skipped"] for one in logged} == dict.fromkeys(
-        [*GOOD, "bad.svg"], True
-    )
-    summary, advice, reason, names, see = printed.err.splitlines()
-    assert summary.startswith("gauss2svg: 0 done, 4 skipped, 0 failed, 1 failed earlier in ")
-    assert "--retry-failed" in advice
-    assert reason.startswith("gauss2svg: failed, 1: photo must be a supported image")
-    assert names == f"gauss2svg: failed photos: {photos / 'bad.png'}"
+    assert {one["output"]: one["skipped"] for one in logged} == dict.fromkeys(GOOD, True)
+    summary, see = printed.err.splitlines()
+    assert summary.startswith("gauss2svg: 0 done, 4 skipped, 0 failed in ")
     assert str(out / TABLE) in see
     assert {row["skipped"] for row in rows(out).values()} == {"True"}
     assert files.items() <= {path: path.read_bytes() for path in out.rglob("*.*")}.items()
@@ -132,10 +133,7 @@ def test_what_is_done_needs_no_worker_and_stays_as_it_is(
 def damage_marks(folder):
     for number, path in enumerate(sorted((folder / "out").rglob(f"*{MARK}"))):
         text = path.read_text()
-        path.write_text([text[:50], "[]", "null", '{"more": 1}', "[" * 100_000][number])
-
-
-ALL = sorted([*GOOD, "bad.svg"])
+        path.write_text([text[:50], "[]", '{"more": 1}', "[" * 100_000][number])
 
 
 @pytest.mark.parametrize(
@@ -148,32 +146,24 @@ ALL = sorted([*GOOD, "bad.svg"])
         (lambda at: (at / "out/e.svg").unlink(), {}, ["e.svg"]),
         (lambda at: (at / "out/e.svg").write_text("cut"), {}, ["e.svg"]),
         (lambda at: (at / f"out/e.svg{MARK}").unlink(), {}, ["e.svg"]),
-        (lambda at: save_photo(at / "photos/bad.png", 9), {}, ["bad.svg"]),
-        (lambda at: None, {"seed": 5}, ALL),
+        (lambda at: None, {"seed": 5}, GOOD),
         (lambda at: None, {"threads": 1}, []),
-        (lambda at: None, {"max_pixels": 1000}, ["bad.svg"]),  # at which it may have failed
-        (lambda at: None, {"max_memory": "1G"}, ["bad.svg"]),
-        (lambda at: None, {"retry_failed": True}, ["bad.svg"]),
-        (damage_marks, {}, ALL),
+        (lambda at: None, {"max_pixels": 1000}, []),
+        (damage_marks, {}, GOOD),
     ],
 )  # fmt: skip
-def test_what_changed_alone_is_done_again(change, options, again, run, photos, tmp_path):
+def test_what_changed_alone_is_done_again_and_what_failed(
+    change, options, again, run, photos, tmp_path
+):
     (photos / "bad.png").write_bytes(b"no picture")
     run(photos)
     change(tmp_path)
     found = run(photos, **options)
-    assert sorted([*found["done"], *found["failed"]]) == again
-    assert rows(tmp_path / "out").keys() == {*ALL, *again}
-    options = {name: value for name, value in options.items() if name != "retry_failed"}
-    assert len(run(photos, **options)["skipped"]) == len({*ALL, *again})
-
-
-def test_photo_that_failed_at_a_limit_is_taken_up_at_another(run, photos):
-    assert len(run(photos, max_pixels=100)["failed"]) == 4
-    assert len(run(photos, max_pixels=100)["skipped"]) == 4
-    assert len(run(photos, max_memory="1M")["failed"]) == 4
-    assert len(run(photos, max_pixels=1000)["done"]) == 4
-    assert len(run(photos, max_pixels=100)["skipped"]) == 4
+    assert found["done"] == again
+    assert found["failed"] == ["bad.svg"]
+    assert rows(tmp_path / "out").keys() == {*GOOD, *again, "bad.svg"}
+    save_photo(photos / "bad.png", 9)
+    assert run(photos, **options)["done"] == ["bad.svg"]
 
 
 def test_fit_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, monkeypatch):
@@ -181,7 +171,7 @@ def test_fit_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, monke
     limit = 254_000_000  # between the estimates of a fit of the preset's size and of one pixel
     monkeypatch.setattr(worker, "allowed", lambda _: limit)
     assert run(photo)["failed"] == ["large.svg"]
-    assert marks(tmp_path / "out")["large.svg"]["error"].startswith("memory must be at least ")
+    assert rows(tmp_path / "out")["large.svg"]["error"].startswith("memory must be at least ")
     assert run(photo, max_memory=limit)["done"] == ["large.svg"]
 
 
@@ -200,11 +190,11 @@ def test_fault_of_a_library_costs_its_photo_alone(run, photos, tmp_path, monkeyp
         "skipped": [],
         "failed": ["b/a.svg", "e.svg"],
     }
-    errors = {name: one["error"] for name, one in marks(tmp_path / "out").items() if one["error"]}
+    errors = {name: row["error"] for name, row in rows(tmp_path / "out").items()}
     assert errors["e.svg"] == "ZeroDivisionError: a fault"
     assert errors["b/a.svg"].startswith("out of memory (5 GiB). Try")
     faults.clear()
-    assert run(photos, retry_failed=True)["done"] == ["b/a.svg", "e.svg"]
+    assert run(photos)["done"] == ["b/a.svg", "e.svg"]
 
 
 @pytest.mark.parametrize("of_mark", [False, True])
@@ -261,14 +251,14 @@ def test_photo_that_kills_its_workers_is_found_and_costs_no_other(
     monkeypatch.setattr(many, "_JOBS", 2)
     found = run(photos)
     assert found["failed"] == ["3.svg", "7.svg"]
-    assert found["done"] == [f"{number}.svg" for number in range(10) if number not in (3, 7)]
-    assert {deaths.count("3.svg"), deaths.count("7.svg")} == {3 if single == 0 else 2}
-    killed = marks(tmp_path / "out")["3.svg"]
+    others = [f"{number}.svg" for number in range(10) if number not in (3, 7)]
+    assert sorted(found["done"] + found["skipped"]) == others
+    assert sorted(deaths) == ["3.svg"] * 2 + ["7.svg"] * 2
+    killed = rows(tmp_path / "out")["3.svg"]
     assert killed["error_code"] == "WorkerDied"
     assert killed["error"].startswith("its workers died; was there enough memory? Try")
     monkeypatch.setattr(worker, "vectorized", vectorized)
-    assert run(photos)["skipped"] == sorted(marks(tmp_path / "out"))
-    assert run(photos, retry_failed=True)["done"] == ["3.svg", "7.svg"]
+    assert run(photos) == {"done": ["3.svg", "7.svg"], "skipped": others, "failed": []}
 
 
 def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, monkeypatch):
@@ -356,19 +346,17 @@ def test_no_cell_of_a_table_begins_a_formula(tmp_path):
 def test_summary_counts_photos_and_names_few_of_those_that_failed():
     summary = Summary()
     for number in range(8):
-        summary.add(PhotoRecord(f"/{number}.jpg", "", error=f"{number}.jpg: broken at {number}"))
-    summary.add(PhotoRecord("a", "a", width=1000, height=2000))
-    summary.add(PhotoRecord("b", "b", width=1000, height=2000, skipped=True))
-    summary.add(PhotoRecord("c", "c", error="bad", skipped=True))
-    first, earlier, *reasons, names = summary.lines()
-    assert re.match(
-        r"1 done, 1 skipped, 8 failed, 1 failed earlier in .* photos and .* mega", first
-    )
-    assert "--retry-failed" in earlier
-    assert reasons == ["failed, 8: photo: broken at N", "failed, 1: bad"]
-    assert names == "failed photos: /0.jpg, /1.jpg, /2.jpg, /3.jpg, /4.jpg and 4 more"
-    assert summary.total == 11
-    assert re.search(r"photos/s, 8 failed, 1 failed earlier, .* left", summary.state(20))
+        summary.add(PhotoRecord(f"/{number}.jpg", "", error="broken"))
+    summary.add(PhotoRecord("a", "a"))
+    summary.add(PhotoRecord("b", "b", skipped=True))
+    counts, *failures = summary.lines()
+    assert re.match(r"1 done, 1 skipped, 8 failed in .* s: .* photos a second", counts)
+    assert failures == [
+        *(f"failed: /{number}.jpg: broken" for number in range(5)),
+        "failed: 3 more",
+    ]
+    assert summary.total == 10
+    assert re.search(r"photos/s, 8 failed, 0:0\d:\d\d left", summary.state(20))
 
 
 def test_two_runs_at_once_make_each_file_whole_and_the_same_table(photos, tmp_path):

@@ -145,13 +145,10 @@ def refused(tmp_path, monkeypatch, refusal):
         (["in/*.gif", "-o", "out"], "photos must be one or more; got none in in/*.gif. Try"),
         (["gone.png", "-o", "out"], "cannot read gone.png: No such file or directory. Try"),
         (["gone.txt", "-o", "out"], "cannot read gone.txt: No such file or directory. Try"),
-        (["in", "in/b/c.png", "-o", "in/out"], "output must be outside of the inputs; got "),
-        (["in", "-o", "in"], "output must be outside of the inputs; got "),
-        (["in/**/*.png", "-o", "in/b/x"], "output must be outside of the inputs; got "),
         (["in", "in2", "-o", "out"], "in/a.png and in2/a.png, which would both write a.svg. Try"),
         (["in/*/../../x.png", "-o", "out"], "output must be in the output folder and outside "),
         (["state", "-o", "out"], "output must be in the output folder and outside of its gauss2"),
-        (["in", "-o", "in/a.png"], "output must be outside of the inputs; got "),
+        (["in", "-o", "in/a.png"], "cannot create "),
         (["in", "-o", "file"], "cannot create "),
         (["in", "-o", "-"], "output must be a folder; got '-'"),
         (["in", "-o", "what://x/y"], "output must be a folder, or on one of abfs"),
@@ -223,6 +220,7 @@ def test_options_of_a_file_count_unless_they_are_given(tmp_path, monkeypatch):
 )  # fmt: skip
 def test_what_is_no_scheduler_is_refused_in_a_line(address, why, refused):
     line = refused("in", "-o", "out", "--scheduler", address)
-    assert f"scheduler must be the address of a running Dask scheduler; got '{address}' (" in line
+    assert "scheduler must be the address of a Dask scheduler whose workers have" in line
+    assert f"got '{address}' (" in line
     assert why in line
     gc.collect()  # no client is heard of again

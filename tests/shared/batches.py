@@ -13,7 +13,6 @@ from PIL import Image
 from gauss2svg.batch.stores import PARTS, STATE
 from gauss2svg.batch.worker import MARK
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pool import WorkerDiedError
 
 # The least work that still gives a file of its own for each photo.
 TINY = {"quality": "draft", "gaussians": 4, "iterations": 3}
@@ -28,19 +27,14 @@ def tiny(**given) -> Options:
 class PoolHere:
     """Stands in for a pool: its jobs run in this process, where tests can change what they do."""
 
-    died, most_deaths, workers = WorkerDiedError, 2, 1
-
-    def __init__(self, *_: object) -> None:
-        pass
+    def __init__(self, workers: int, *_: object) -> None:
+        self.workers = workers
 
     def __enter__(self) -> PoolHere:
         return self
 
     def __exit__(self, *_: object) -> None:
         pass
-
-    def width(self) -> int:
-        return 2
 
     def submit(self, function, *args) -> Future:
         job = Future()

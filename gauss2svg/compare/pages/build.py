@@ -311,17 +311,16 @@ def answers(
     pool: Pool, requests: Sequence[Mapping[str, Any]], begun: Callable[[int], None]
 ) -> Iterator[tuple[int, Record]]:
     """Yield (index, answer) as requests are done; begun(index) is called as they begin."""
-    waiting = iter(enumerate(requests))
 
-    def next_request() -> tuple[int, Mapping[str, Any]] | None:
-        if (request := next(waiting, None)) is not None:
-            begun(request[0])
-        return request
+    def each() -> Iterator[tuple[int, Mapping[str, Any]]]:
+        for index, request in enumerate(requests):
+            begun(index)
+            yield index, request
 
-    def submit(_: int, request: Mapping[str, Any]) -> Future[Record]:
-        return pool.submit(answer_to, request)
+    def submit(request: tuple[int, Mapping[str, Any]]) -> Future[Record]:
+        return pool.submit(answer_to, request[1])
 
-    for (index, _), job in completed(submit, next_request, lambda: pool.workers):
+    for (index, _), job in completed(submit, each(), lambda: pool.workers):
         try:
             yield index, job.result()
         except WorkerDiedError:
