@@ -26,10 +26,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.state import COLUMNS, FARTHEST, GEOMETRY, STEPS, State
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD
@@ -58,19 +60,54 @@ MOST_ASPECT = 30.0
 LEAST_RIM = 0.5
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Bounds of a fit within which renderers draw shapes accurately, besides this module's.
+# px; under 0.3 px every SVG renderer loses mass (docs/decisions/renderers.md).
+LEAST_SIGMA = 0.35
+# An opaque or additive Gaussian has no opacity: its logit stays at one of practically 1.
+OPAQUE_LOGIT = 12.0
+# Start of new Gaussians, and bounds of additive blending (docs/decisions/fit.md).
+INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new alpha-composited Gaussian
+SIGNED_COLOR_RATE = 0.025  # learning rate of signed colours
+MOST_SIGNED_COLOR = 0.5  # largest absolute value of a channel of a signed colour in the fit
 
-    least_sigma   px of the working image, of the minor axis
-    most_sigma    px of the working image, of the major axis
-    least_color, most_color  of each channel
+
+@dataclass(frozen=True)
+class Blending:
+    """Learning rates, bounds and initial values of the shapes of a fit.
+
+    rates                    by parameter
+    initial_opacity_logit    of a new Gaussian
+    least_color, most_color  of each channel; signed colours are bounded so that a file, whose
+                             partial sums must fit into 8 bits, can hold them
     """
 
-    least_sigma: float
-    most_sigma: float
+    rates: Rates
+    initial_opacity_logit: float
     least_color: float = 0.0
     most_color: float = 1.0
+
+    def without(self, *names: str) -> Blending:
+        """The same with parameters that are not stepped."""
+        return dataclasses.replace(self, rates={**self.rates, **dict.fromkeys(names, 0.0)})
+
+    @cached_property
+    def sharing(self) -> Blending:
+        """The same without what shapes share, which SharedColors steps."""
+        return self.without(*(p.name for p in PARAMETERS if p.shared))
+
+
+def blending_of(options: FitOptions, opaque: bool = False) -> Blending:
+    """The settings of a fit with these options; opaque: whether all opacities stay 1."""
+    if options.blend == ADD:
+        rates = {**RATES, "opacity": 0.0, "color": SIGNED_COLOR_RATE}
+        most = MOST_SIGNED_COLOR
+        found = Blending(rates, OPAQUE_LOGIT, -most, most)
+    else:
+        found = Blending(RATES, INITIAL_OPACITY_LOGIT)
+    if opaque or options.inks is not None:
+        found = dataclasses.replace(found, initial_opacity_logit=OPAQUE_LOGIT).without("opacity")
+    if options.inks is not None:
+        found = found.without("color")
+    return found if options.learned_falloff else found.without("beta")
 
 
 # Keeps a step finite where the gradient has always been 0; added before the bias correction.
@@ -95,20 +132,27 @@ def gradients(
 
 
 def step(
-    state: State, gradient: NDArray[np.float64], rates: Rates, limits: Limits, rate: float
+    state: State,
+    gradient: NDArray[np.float64],
+    blending: Blending,
+    most_sigma: float,
+    rate: float = 1.0,
 ) -> bool:
     """Move every Gaussian of the state by one Adam step, in place; whether all stayed finite.
 
-    One that would get a parameter that is not finite stays where it is, and its moments are reset.
-    rate is a factor of all learning rates.
+    most_sigma  largest major axis, px of the working image
+    rate        factor of all learning rates
+
+    A Gaussian that would get a parameter that is not finite stays where it is, and its moments are
+    reset.
     """
     columns = [*GEOMETRY, *(p.name for p, _ in STEPPED for _ in range(p.width))]
-    sizes = rate * np.array([rates[name] for name in columns])
+    sizes = rate * np.array([blending.rates[name] for name in columns])
     finite = True
     with np.errstate(all="ignore"):  # what is not finite is found afterwards
         for begin in range(0, len(state), _BLOCK):
             block = slice(begin, begin + _BLOCK)
-            finite &= _step_block(state, block, gradient[block], sizes, limits)
+            finite &= _step_block(state, block, gradient[block], sizes, blending, most_sigma)
     return finite
 
 
@@ -117,7 +161,8 @@ def _step_block(
     block: slice,
     gradient: NDArray[np.float64],
     sizes: NDArray[np.float64],
-    limits: Limits,
+    blending: Blending,
+    most_sigma: float,
 ) -> bool:
     first, second, age = state.first[block], state.second[block], state.age[block]
     d = _directions(first, second, age, gradient, sizes)
@@ -127,7 +172,7 @@ def _step_block(
     l11, l21, l22 = state.factor[block].T
     x = mean[:, 0] + l11 * d[0]
     y = mean[:, 1] + l21 * d[0] + l22 * d[1]
-    l11, l21, l22, minor = _stretched(l11, l21, l22, d[2], d[3], d[4], limits)
+    l11, l21, l22, minor = _stretched(l11, l21, l22, d[2], d[3], d[4], most_sigma)
     reach = np.abs(x) + np.abs(y) + l11 + np.abs(l21) + l22
     # A sum is finite only if all of its terms are.
     finite = (reach < FARTHEST) & (l22 > 0) & np.isfinite(sum(d[6:], d[5]))
@@ -147,7 +192,7 @@ def _step_block(
             continue
         least, most = raw.least, raw.most
         if parameter.name == "color":
-            least, most = limits.least_color, limits.most_color
+            least, most = blending.least_color, blending.most_color
         elif parameter.name == "beta":
             sharpest = np.log(RIM_WIDTH / LEAST_RIM * minor)
             most = np.clip(sharpest, least, most)
@@ -192,7 +237,7 @@ def _directions(
 
 
 def _stretched(
-    l11: _Column, l21: _Column, l22: _Column, a: _Column, c: _Column, b: _Column, limits: Limits
+    l11: _Column, l21: _Column, l22: _Column, a: _Column, c: _Column, b: _Column, most_sigma: float
 ) -> tuple[_Column, _Column, _Column, _Column]:
     """Return l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], in the limits, and the minor axis."""
     # exp(A) to second order; L exp(A) gives a valid covariance whatever the error
@@ -208,8 +253,8 @@ def _stretched(
     far = np.sqrt(np.square(f11 + f22) + np.square(f21 - f12))
     near = np.sqrt(np.square(f11 - f22) + np.square(f21 + f12))
     major, minor = 0.5 * (far + near), 0.5 * np.abs(far - near)
-    new_minor = np.clip(minor, limits.least_sigma, limits.most_sigma)
-    new_major = np.clip(major, limits.least_sigma, limits.most_sigma)
+    new_minor = np.clip(minor, LEAST_SIGMA, most_sigma)
+    new_major = np.clip(major, LEAST_SIGMA, most_sigma)
     new_major = np.minimum(new_major, MOST_ASPECT * new_minor)
     at = np.flatnonzero((new_minor != minor) | (new_major != major))
     if at.size > 0:
@@ -222,64 +267,3 @@ def _stretched(
     root = np.sqrt(xx)
     l22 = np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / root
     return root, xy / root, l22, new_minor
-
-
-# An opaque or additive Gaussian has no opacity: its logit stays at one of practically 1.
-OPAQUE_LOGIT = 12.0
-
-
-# Start of new Gaussians, and bounds of additive blending (docs/decisions/fit.md).
-INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new alpha-composited Gaussian
-INITIAL_SIGMA = 0.3  # sigma of a new Gaussian, as a share of the mean spacing
-SIGNED_COLOR_RATE = 0.025  # learning rate of signed colours
-MOST_SIGNED_COLOR = 0.5  # largest absolute value of a channel of a signed colour in the fit
-
-
-@dataclass(frozen=True)
-class Blending:
-    """Learning rates, bounds and initial values for one of gauss2svg.scene.BLENDS.
-
-    additive                 whether new Gaussians have the residual's colours, not the target's
-    least_color, most_color  of each channel; signed colours are bounded so that a file, whose
-                             partial sums must fit into 8 bits, can hold them
-    initial_opacity_logit    of a new Gaussian
-    initial_sigma            of a new Gaussian, as a share of the mean spacing sqrt(area / (pi n))
-    """
-
-    additive: bool
-    rates: Rates
-    least_color: float
-    most_color: float
-    initial_opacity_logit: float
-    initial_sigma: float
-
-
-def in_inks(usual: Blending) -> Blending:
-    """The settings where shapes are opaque and keep their colours and exponents."""
-    held = dict.fromkeys(("opacity", "color", "beta"), 0.0)
-    rates = {**usual.rates, **held}
-    return dataclasses.replace(usual, rates=rates, initial_opacity_logit=OPAQUE_LOGIT)
-
-
-def blending(blend: str, opaque: bool = False, learned_falloff: bool = True) -> Blending:
-    """The settings for a blend, one of gauss2svg.scene.BLENDS.
-
-    opaque           whether all opacities stay 1
-    learned_falloff  whether exponents are stepped; else all stay those of Gaussians
-    """
-    additive = blend == ADD
-    rates = dict(RATES)
-    if additive:
-        rates |= {"opacity": 0.0, "color": SIGNED_COLOR_RATE}
-    if opaque:
-        rates["opacity"] = 0.0
-    if not learned_falloff:
-        rates["beta"] = 0.0
-    return Blending(
-        additive=additive,
-        rates=rates,
-        least_color=-MOST_SIGNED_COLOR if additive else 0.0,
-        most_color=MOST_SIGNED_COLOR if additive else 1.0,
-        initial_opacity_logit=(OPAQUE_LOGIT if additive or opaque else INITIAL_OPACITY_LOGIT),
-        initial_sigma=INITIAL_SIGMA,
-    )

@@ -8,9 +8,8 @@ from contextlib import contextmanager
 
 from gauss2svg.fit import schedule
 
-# The clock of a fit that only time limits (docs/decisions/time.md).
-# Steps of a round of growth at most. The rest of the time is better spent once all Gaussians
-# exist.
+# Steps of a round of growth at most, in a fit that only time limits. The rest of the time is better
+# spent once all Gaussians exist (docs/decisions/time.md).
 MOST_STEPS_A_ROUND = 30
 
 
@@ -18,7 +17,7 @@ class Clock:
     """Progress in 0..1: growth, in at most `rounds` rounds, is 0..GROWTH_SHARE, then refinement.
 
     iterations        of both stages, or None for as many as the time allows
-    deadline          in s of time.perf_counter(), or None; may be moved
+    deadline          returns the end of the fit, in s of time.perf_counter(), or None
     round_iterations  of each round of growth; None: growth takes GROWTH_SHARE of the iterations
     stop              polled at every step; once it returns True the fit ends
     """
@@ -27,28 +26,23 @@ class Clock:
         self,
         iterations: int | None,
         rounds: int,
-        deadline: float | None,
+        deadline: Callable[[], float | None] = lambda: None,
         round_iterations: int | None = None,
-        stop: Callable[[], bool] | None = None,
+        stop: Callable[[], bool] = lambda: False,
     ) -> None:
         self.iterations = iterations
-        self.deadline = deadline
         self.iteration = 0
-        self._rounds = max(rounds, 1)
-        self._round_iterations = round_iterations
-        self._begun = self._stage_begun = time.perf_counter()
-        self._stage_first = 0
-        self._stage_steps: int | None = None
-        self._from = 0.0
-        self._reduced = False
         self.out_of_time = False
-        self._stop = stop or (lambda: False)
-        self._stopped = False
+        self._rounds, self._round_iterations = max(rounds, 1), round_iterations
+        self._deadline, self._paused_s = deadline, 0.0
+        self._stop, self._stopped = stop, False
+        self._begun = time.perf_counter()
+        self.begin_refinement(None, 0.0)
 
     @property
     def elapsed_s(self) -> float:
-        """Wall-clock seconds since the start of the fit."""
-        return time.perf_counter() - self._begun
+        """Wall-clock seconds since the start of the fit, without pauses."""
+        return time.perf_counter() - self._begun - self._paused_s
 
     @property
     def stopped(self) -> bool:
@@ -58,19 +52,17 @@ class Clock:
 
     def round_is_over(self, index: int) -> bool:
         """Whether round `index` (0, 1, ...) of growth has used its steps or its time."""
-        growth, share = schedule.GROWTH_SHARE, (index + 1) / self._rounds
-        steps = MOST_STEPS_A_ROUND * (index + 1)
-        if self._round_iterations is not None:
-            steps = self._round_iterations * (index + 1)
-        elif self.iterations is not None:
+        growth = schedule.GROWTH_SHARE
+        steps = (self._round_iterations or MOST_STEPS_A_ROUND) * (index + 1)
+        if self._round_iterations is None and self.iterations is not None:
             steps = int(self.iterations * growth) * (index + 1) // self._rounds
-        late = self._time_share() >= growth * share
+        late = self._share_of_time(0.0) >= growth * (index + 1) / self._rounds
         return self.iteration >= steps or late or self.stopped
 
     @property
     def growth_is_late(self) -> bool:
         """Whether growth has used its share of the time."""
-        return self._time_share() >= schedule.GROWTH_SHARE
+        return self._share_of_time(0.0) >= schedule.GROWTH_SHARE
 
     def growth_progress(self, index: int) -> float:
         """Progress in 0..GROWTH_SHARE at the end of round `index`."""
@@ -81,35 +73,26 @@ class Clock:
 
         reduced: whether the first ones run on reduced pictures, which then get more of them.
         """
-        self._reduced = reduced
-        self._stage_first, self._stage_steps = self.iteration, steps
-        self._stage_begun, self._from = time.perf_counter(), progress
+        self._from, self._reduced = progress, reduced
+        self._first_step, self._steps, self._since_s = self.iteration, steps, self.elapsed_s
 
     @contextmanager
     def paused(self) -> Iterator[None]:
         """Stop the clock inside: the end of the fit is as much later."""
         begun = time.perf_counter()
         yield
-        taken = time.perf_counter() - begun
-        self._begun, self._stage_begun = self._begun + taken, self._stage_begun + taken
-        if self.deadline is not None:
-            self.deadline += taken
+        self._paused_s += time.perf_counter() - begun
 
     def refinement_progress(self) -> float:
         """Progress of the fit during refinement; 1 ends it."""
         if self.stopped:
             return 1.0
         by_steps = 0.0
-        if self._stage_steps is not None:
-            taken = self.iteration - self._stage_first
-            by_steps = taken / self._stage_steps if self._stage_steps else 1.0
-        by_time = 0.0
-        if self.deadline is not None:
-            now = time.perf_counter()
-            left = self.deadline - self._stage_begun
-            by_time = (now - self._stage_begun) / left if left > 0 else 1.0
-        self.out_of_time = by_time > by_steps
+        if self._steps is not None:
+            by_steps = (self.iteration - self._first_step) / self._steps if self._steps else 1.0
+        by_time = self._share_of_time(self._since_s)
         if not self._reduced:
+            self.out_of_time = by_time > by_steps
             return self._from + (1 - self._from) * min(max(by_steps, by_time), 1.0)
         # Steps on reduced pictures are many, and take little of the time.
         until = schedule.FULL_FROM
@@ -125,22 +108,10 @@ class Clock:
         self.out_of_time = seconds > steps
         return min(max(steps, seconds), 1.0)
 
-    def _time_share(self) -> float:
-        if self.deadline is None:
+    def _share_of_time(self, since_s: float) -> float:
+        """Share of the time between so many elapsed seconds and the deadline that is over."""
+        deadline = self._deadline()
+        if deadline is None:
             return 0.0
-        whole = self.deadline - self._begun
-        return self.elapsed_s / whole if whole > 0 else 1.0
-
-
-class Stopwatch:
-    """Wall-clock and CPU seconds, of all threads, that its with statements have taken."""
-
-    def __init__(self) -> None:
-        self.wall_s = self.cpu_s = 0.0
-
-    def __enter__(self) -> None:
-        self._begun = time.perf_counter(), time.process_time()
-
-    def __exit__(self, *_: object) -> None:
-        self.wall_s += time.perf_counter() - self._begun[0]
-        self.cpu_s += time.process_time() - self._begun[1]
+        whole = deadline - self._begun - since_s
+        return (self.elapsed_s - since_s) / whole if whole > 0 else 1.0

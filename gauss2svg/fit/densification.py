@@ -53,14 +53,15 @@ STEEPEST = 8.0  # largest plausible slope, dB for each doubling
 class Snapshot:
     """A fit as its policy sees it: number of Gaussians and progress in 0..1.
 
-    measure() gives the PSNR, scene() the Gaussians on the working canvas. Snapshots are equal if
-    both numbers are.
+    measure() gives the PSNR, scene() the Gaussians on the working canvas, late says whether growth
+    has used its share of the time. Snapshots are equal if both numbers are.
     """
 
     count: int
     done: float
     measure: Callable[[], float] = dataclasses.field(compare=False)
     scene: Callable[[], Scene] = dataclasses.field(compare=False)
+    late: bool = dataclasses.field(default=False, compare=False)
 
     @cached_property
     def psnr(self) -> float:

@@ -8,16 +8,15 @@ ink would lower the error, and change to the ink of least error again and again
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.shared import exchange
 from gauss2svg.fit.state import COLOR, State
 from gauss2svg.fit.target import Target
-from gauss2svg.render.cpu import Splats
 from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.nearest import nearest_entry
 from gauss2svg.svg.plain_ellipse import LEAST_PLAIN_BETA
@@ -119,25 +118,20 @@ class Inks:
         length = np.sqrt(np.square(toward).sum(axis=0))
         return toward * (np.sqrt(np.maximum(left, 0)) / np.maximum(length, 1e-6))
 
-    def exchange(
-        self,
-        state: State,
-        splats: Callable[[], Splats],
-        target: Target,
-        rng: np.random.Generator,
-    ) -> None:
-        """Give every shape the ink of least error, as gauss2svg.fit.shared.exchange does.
+    def kept(self, state: State) -> NDArray[Any]:
+        """(n, 3) the ink of each shape of the state."""
+        return state.color
 
-        With all others fixed half the squared error changes by g d + mass d^2 / 2 for a change d
-        of a colour, as in gauss2svg.fit.shared.
-        """
-        kept = state.color
+    def wanted(
+        self, state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
+    ) -> NDArray[Any]:
+        """(n, 3) the ink that would give each shape the least error, as in gauss2svg.fit.shared."""
+        best = state.color - gradient[:, COLOR] / np.maximum(mass, _LEAST_MASS)[:, None]
+        return np.where(mass[:, None] > _LEAST_MASS, self.nearest(best), state.color)
 
-        def wanted(moments: NDArray[np.float64], mass: NDArray[np.float64]) -> NDArray[np.float64]:
-            best = kept - moments[:, COLOR] / np.maximum(mass, _LEAST_MASS)[:, None]
-            return np.where(mass[:, None] > _LEAST_MASS, self.nearest(best), kept)
-
-        exchange(kept, wanted, lambda color: setattr(state, "color", color), splats, target, rng)
+    def assign(self, state: State, entry: NDArray[Any]) -> None:
+        """Give every shape of the state its ink (n, 3)."""
+        state.color = entry
 
 
 def _bands(height: int, width: int) -> Iterator[slice]:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.adam import Blending
 from gauss2svg.fit.options import PERCEPTUAL, FitOptions
 from gauss2svg.fit.target import Target
 from gauss2svg.kernel_cache import cached
@@ -22,6 +22,7 @@ _PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
 
 
 # Start of new Gaussians (docs/decisions/placement.md).
+INITIAL_SIGMA = 0.3  # sigma of a Gaussian placed by error, as a share of the mean spacing
 FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian; it hardly matters
 LEAST_SIGMA = 0.8  # least sigma of a new Gaussian in px
 LEAST_MINOR = 0.6  # least minor axis of a new Gaussian in px
@@ -36,8 +37,7 @@ TOO_COVERED = 0.03
 COVERED_WEIGHT = 0.3  # weight of the residual of such a pixel
 
 
-@dataclass(frozen=True)
-class NewGaussians:
+class NewGaussians(NamedTuple):
     """n Gaussians to add: mean (n, 2), Cholesky factor (n, 3), color (n, 3); float64.
 
     color is the target's at the mean, or with additive blending the residual's.
@@ -52,11 +52,7 @@ class NewGaussians:
         if len(self.mean) == count:
             return self
         more = others(count - len(self.mean))
-        return NewGaussians(
-            np.concatenate([self.mean, more.mean]),
-            np.concatenate([self.factor, more.factor]),
-            np.concatenate([self.color, more.color]),
-        )
+        return NewGaussians(*map(np.concatenate, zip(self, more, strict=True)))
 
 
 def first_raw_betas(count: int, options: FitOptions) -> NDArray[np.float64]:
@@ -71,14 +67,16 @@ def place(
     count: int,
     total: int,
     rng: np.random.Generator,
-    blending: Blending,
+    additive: bool = False,
 ) -> NewGaussians:
     """Place `count` new Gaussians for a scene that then has `total`.
 
-    placement is one of DensifyOptions.init, rendered the scene so far, like target.planar. No
-    Gaussian is placed on invisible pixels of a target with alpha.
+    placement  one of DensifyOptions.init
+    rendered   the scene so far, like target.planar
+    additive   whether new Gaussians have the residual's colours, not the target's
+    No Gaussian is placed on invisible pixels of a target with alpha.
     """
-    placer = _Placer(target, rendered, target.spacing(total), rng, blending)
+    placer = _Placer(target, rendered, target.spacing(total), rng, additive)
     if placement == "error":
         return placer.by_error(count)
     if placement == "selective":
@@ -100,7 +98,7 @@ class _Placer:
         rendered: NDArray[np.floating],
         spacing: float,
         rng: np.random.Generator,
-        blending: Blending,
+        additive: bool,
     ) -> None:
         self._target = target
         self._residual = target.planar - rendered
@@ -110,12 +108,11 @@ class _Placer:
             surplus = (over_white - over_black).mean(axis=0)  # of alpha, over the target's
             too_covered = surplus > TOO_COVERED
             self._residual *= np.where(too_covered, COVERED_WEIGHT, 1.0)
-        self._color = self._residual if blending.additive else target.source_color
+        self._color = self._residual if additive else target.source_color
         if target.tune == PERCEPTUAL:
             self._residual = self._residual * np.sqrt(target.weight)
         self._spacing = spacing
         self._rng = rng
-        self._initial_sigma = blending.initial_sigma
 
     def by_error(self, count: int) -> NewGaussians:
         """New Gaussians by stratified sampling, in proportion to the weighted squared residual."""
@@ -129,7 +126,7 @@ class _Placer:
         if not total[-1] > 0:  # already exact everywhere
             pixel = self._rng.integers(total.size, size=count)
         y, x = np.divmod(pixel, self._target.width)
-        sigma = max(self._spacing * self._initial_sigma, LEAST_SIGMA)
+        sigma = max(self._spacing * INITIAL_SIGMA, LEAST_SIGMA)
         along, coherence = self._target.edges
         stretch = np.exp(ELONGATION * coherence[y, x])
         factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])

@@ -9,35 +9,48 @@ direction (docs/decisions/fit.md has what that gains).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.adam import OPAQUE_LOGIT, blending, in_inks
+from gauss2svg.fit import adam
+from gauss2svg.fit.adam import OPAQUE_LOGIT, blending_of
 from gauss2svg.fit.inks import Inks, crisp
+from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import FitConfig, FitOptions
 from gauss2svg.fit.placement import NewGaussians, first_raw_betas, place
 from gauss2svg.fit.schedule import enlarged_reduction, reduction, refinement_reduction, totals
+from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import LossAndGradient, Target, TargetPyramid
 from gauss2svg.photo.alpha import has_alpha
 from gauss2svg.render.cpu import Splats
-from gauss2svg.scene import ADD, OVER, PLAIN, Scene
+from gauss2svg.scene import ADD, PLAIN, SOFT, Scene
 from gauss2svg.scene.inks import ink_colors, inks_of
+from gauss2svg.scene.parameters import LEAST_RAW_BETA
 
 # Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
-
-
 RELOCATED = 0.08  # share of the Gaussians that is relocated at a time (docs/decisions/fit.md)
+# Share of a Gaussian's part of the loss by which a unit of ln beta must lower it, so that shapes
+# which gain nothing stay Gaussians (docs/decisions/fit.md).
+BETA_PRICE = 0.06
+# Opacity from which a shape becomes opaque, which saves bytes (docs/decisions/fit.md).
+OPAQUE_FROM = 0.953
+
+AsWritten = Callable[[Scene, float], Scene]
+Kept = tuple[State, SharedColors | None]
 
 
 class Population:
-    """The Gaussians of a fit, in px of the current target, and how their number changes.
+    """The Gaussians of a fit, in px of the current target, and how they change.
 
     pixels   (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
     targets  the pixels as targets, where there are some already
+    shared   the colours that shapes share in the last steps, else None
     """
 
     def __init__(
@@ -47,27 +60,24 @@ class Population:
         targets: TargetPyramid | None = None,
     ) -> None:
         self.config = config
-        self.blending = blending(config.fit.blend, config.opaque, config.fit.learned_falloff)
+        self.blending = blending_of(config.fit, config.opaque)
         self.state = State.empty()
+        self.shared: SharedColors | None = None
         self.round_index = 0
-        # Rounded to 8 bits as in the file, so that the fit makes up for it.
-        self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
-        if has_alpha(pixels):
-            self.background = np.ones(3)  # not written
         self.rng = np.random.default_rng(config.fit.seed)
+        self._photo = self._pyramid = targets or TargetPyramid(pixels, config.fit.tuned)
         self.inks: Inks | None = None
         if config.fit.inks is not None:
             inks: Any = config.fit.inks  # as it is checked
             self.inks = Inks(ink_colors(inks_of(pixels, inks)))
-            self.blending = in_inks(self.blending)
-        photo = targets or TargetPyramid(pixels, config.fit.tuned)
-        self._photo = self._pyramid = photo
-        if self.inks is not None:
-            aimed_at = self.inks.drawn
-            self._pyramid = TargetPyramid(pixels, config.fit.tuned, aimed_at=aimed_at)
+            self._pyramid = TargetPyramid(pixels, config.fit.tuned, aimed_at=self.inks.drawn)
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
-        if self.inks is not None and not has_alpha(pixels):
+        # Rounded to 8 bits as in the file, so that the fit makes up for it.
+        self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
+        if has_alpha(pixels):
+            self.background = np.ones(3)  # not written
+        elif self.inks is not None:
             self.background = self.inks.background(self.target)
 
     def __len__(self) -> int:
@@ -80,7 +90,6 @@ class Population:
 
     def splats(self) -> Splats:
         """The Gaussians as the kernels read them."""
-        self._keep_crisp()
         return self.state.splats(self.background, self.config.fit.blend)
 
     def rendered(self) -> NDArray[np.floating]:
@@ -89,7 +98,6 @@ class Population:
 
     def scene(self) -> Scene:
         """The Gaussians on the working canvas."""
-        self._keep_crisp()
         size = self.target.width, self.target.height
         scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
@@ -101,13 +109,12 @@ class Population:
             return scene
         return scene.scaled(width / size[0], height / size[1])
 
-    def error(self) -> float:
-        """Mean squared error against the photo at full size, also while the target is reduced."""
-        factor = self.reduction
-        self.reduce_to(1)
-        error = self._photo.reduced(1).error(self.splats())
-        self.reduce_to(factor)
-        return error
+    def psnr(self) -> float:
+        """PSNR in dB against the photo at full size, also while the target is reduced."""
+        photo = self._photo.reduced(1)
+        factors = photo.width / self.target.width, photo.height / self.target.height
+        state = self._crisp(self.state.scaled(*factors))
+        return psnr_of(photo.error(state.splats(self.background, self.config.fit.blend)))
 
     def error_of(self, evaluated: LossAndGradient) -> float:
         """Mean squared error of a step; in inks against the photo, not against the target."""
@@ -122,6 +129,26 @@ class Population:
         target = self._pyramid.reduced(factor)
         return target.evaluate(splats, options.loss, options.ssim_weight)
 
+    def copied(self) -> Kept:
+        """Return a copy of the state and of the shared colours, for `restore`."""
+        return self.state.copy(), copy(self.shared)
+
+    def restore(self, kept: Kept) -> None:
+        """Return to a state that was copied."""
+        self.state, self.shared = kept[0].copy(), copy(kept[1])
+
+    def step(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> bool:
+        """Take one optimiser step, at this share of all learning rates; whether all is finite."""
+        share = evaluated.loss / max(len(self), 1)
+        gradient = adam.gradients(evaluated.moments, splats, BETA_PRICE * share)
+        most_sigma = float(max(self.target.width, self.target.height))
+        blending = self.blending if self.shared is None else self.blending.sharing
+        finite = adam.step(self.state, gradient, blending, most_sigma, rate)
+        if finite and self.shared is not None:
+            self.shared.step(self.state, gradient, rate)
+        self._crisp(self.state)
+        return finite
+
     def reduce_to(self, factor: int, scale_moments: bool = False) -> None:
         """Change to the target of 1 / factor the width and height.
 
@@ -133,10 +160,9 @@ class Population:
         area = (self.reduction / factor) ** 2 if scale_moments else 1.0
         before, self.target = self.target, self._pyramid.reduced(factor)
         self.reduction = factor
-        self.state = self.state.scaled(
-            self.target.width / before.width, self.target.height / before.height
-        )
-        self.state.first, self.state.second = self.state.first * area, self.state.second * area**2
+        factors = self.target.width / before.width, self.target.height / before.height
+        self.state = state = self._crisp(self.state.scaled(*factors))
+        state.first, state.second = state.first * area, state.second * area**2
 
     def reduction_of_round(self, total: int) -> int:
         """The factor by which a round that ends with `total` Gaussians reduces the target."""
@@ -181,7 +207,7 @@ class Population:
             return False
         kept = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
         self.state = self.state.select(kept)
-        if self.blending.additive:  # together they may cost more than their costs add up to
+        if self.config.fit.blend == ADD:  # together they may cost more than their costs add up to
             rendered = self.rendered()
         self._add(rendered, count, total)
         return True
@@ -208,24 +234,56 @@ class Population:
             kept &= cost[:, 0] > 0
         self.state = self.state.select(kept)
 
-    def exchange_inks(self) -> None:
-        """Give every shape the ink of least error."""
-        if self.inks is not None and len(self):
-            self.inks.exchange(self.state, self.splats, self.target, self.rng)
+    def quantize(self, as_written: AsWritten, psnr: float) -> None:
+        """Take the exponents and colours of the file; colours are shared from here on."""
+        least = math.log(OPAQUE_FROM / (1 - OPAQUE_FROM))
+        self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT
+        self.state = self._crisp(self.state.quantized(as_written(self.scene(), psnr)))
+        if self.inks is None:
+            self.shared = SharedColors.of(self.state, self.blending)
 
-    def _keep_crisp(self) -> None:
+    def soften(self) -> None:
+        """Let exponents be learned again, which those of a file are not."""
+        if self.config.fit.learned_falloff:
+            self.state.raw_beta = np.maximum(self.state.raw_beta, LEAST_RAW_BETA)
+            self.state.drawn[:] = SOFT
+
+    def exchange(self, choices: SharedColors | Inks | None) -> None:
+        """Let shapes change to the shared colour, or the ink, that suits them, if that pays.
+
+        Overlapping shapes that change together may overshoot: then only half of them change, or
+        none.
+        """
+        if choices is None or not len(self):
+            return
+        kept = choices.kept(self.state)
+        before, moments = self.target.squares(self.splats())
+        mass = self.target.removal_cost(self.splats())[1][:, 1]
+        every = choices.wanted(self.state, moments, mass)
+        chosen = self.rng.random(len(kept)) < 0.5
+        half = np.where(chosen if kept.ndim == 1 else chosen[:, None], every, kept)
+        for entry in (every, half):
+            choices.assign(self.state, entry)
+            if self.target.squares(self.splats())[0] < before:
+                return
+        choices.assign(self.state, kept)
+
+    def _crisp(self, state: State) -> State:
+        """Return a state whose geometry has changed, in inks with exponents of crisp rims."""
         if self.inks is not None:
-            self.state.raw_beta = crisp(self.state.factor)
+            state.raw_beta = crisp(state.factor)
+        return state
 
     def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
         if self.inks is not None:
             rendered = self.inks.reducible(self.target, rendered)
+        additive = self.config.fit.blend == ADD
         new = place(
-            self.config.densify.init, self.target, rendered, count, total, self.rng, self.blending
+            self.config.densify.init, self.target, rendered, count, total, self.rng, additive
         )
         opacity = self.target.opacity_logits(new.mean, self.blending.initial_opacity_logit)
         color = new.color
-        if self.blending.additive:
+        if additive:
             color = color / self._overlap(new)[:, None]
         if self.inks is not None:
             color, opacity = self.inks.nearest(color), np.full(len(color), OPAQUE_LOGIT)
@@ -235,7 +293,7 @@ class Population:
         )  # fmt: skip
         if self.inks is not None:
             added.drawn[:] = PLAIN
-        self.state = self.state.append(added)
+        self.state = self._crisp(self.state.append(added))
 
     def _overlap(self, new: NewGaussians) -> NDArray[np.float64]:
         """(n,) sum of all new falloffs at each new mean, at least 1.
@@ -269,7 +327,7 @@ def composited(scene: Scene, target: Target, options: FitOptions) -> State:
         mean,
         np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1),
         0,
-        raw_opacity=target.opacity_logits(mean, blending(OVER).initial_opacity_logit),
+        raw_opacity=target.opacity_logits(mean, adam.INITIAL_OPACITY_LOGIT),
         color=target.source_color[:, y, x].T.astype(np.float64),
         raw_beta=first_raw_betas(count, options),
     )

@@ -6,8 +6,6 @@ win back part of what a palette costs: docs/decisions/adam.md.
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,8 +15,6 @@ from numpy.typing import NDArray
 from gauss2svg.fit import adam
 from gauss2svg.fit.adam import Blending
 from gauss2svg.fit.state import COLOR, State
-from gauss2svg.fit.target import Target
-from gauss2svg.render.cpu import Splats
 from gauss2svg.scene.nearest import nearest_entry
 from gauss2svg.scene.parameters import STEPPED
 
@@ -65,52 +61,36 @@ class SharedColors:
             entry.reshape(-1), 0, blending.least_color, blending.most_color,
         )  # fmt: skip
 
-    def copy(self) -> SharedColors:
-        """A copy that shares no array with this one."""
-        return copy.deepcopy(self)
-
     def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:
         """One Adam step by the gradient (n, STEPS), summed over each entry's shapes.
 
-        rate is a factor of the learning rate; the new values are written to the state.
+        rate is a factor of the learning rate; the new values are written to the state. No array is
+        changed in place, so that a shallow copy keeps the colours of before.
         """
         columns, count = gradient[:, COLOR].T, len(self.color)
         summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)
         first_decay, second_decay = adam.FIRST_DECAY, adam.SECOND_DECAY
         self.age += 1
-        self.first += (1 - first_decay) * (summed - self.first)
-        self.second += (1 - second_decay) * (summed * summed - self.second)
+        self.first = self.first + (1 - first_decay) * (summed - self.first)
+        self.second = self.second + (1 - second_decay) * (summed**2 - self.second)
         first = self.first / (1 - first_decay**self.age)
         second = self.second / (1 - second_decay**self.age)
         step = COLOR_RATE * rate * first / (np.sqrt(second) + 1e-12)
         self.color = np.clip(self.color - step, self.least_color, self.most_color)
         self.assign(state, self.entry)
 
-    def assign(self, state: State, entry: NDArray[np.intp]) -> None:
+    def assign(self, state: State, entry: NDArray[Any]) -> None:
         """Give every shape of the state the colour of its entry (n,)."""
         self.entry = entry
         state.color = self.color[entry]
 
-    def exchange(
-        self,
-        state: State,
-        splats: Callable[[], Splats],
-        target: Target,
-        rng: np.random.Generator,
-    ) -> None:
-        """Reassign shapes to the shared colour that suits them best, as `exchange` does."""
-        exchange(
-            self.entry,
-            lambda moments, mass: self.wanted(state, moments, mass),
-            lambda entry: self.assign(state, entry),
-            splats,
-            target,
-            rng,
-        )
+    def kept(self, state: State) -> NDArray[Any]:
+        """(n,) the entry of each shape of the state."""
+        return self.entry
 
     def wanted(
         self, state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
-    ) -> NDArray[np.intp]:
+    ) -> NDArray[Any]:
         """(n,) the entry of the same exponent that would give each shape the least error.
 
         With all others fixed, half the squared error of the picture changes by g d + mass d^2 / 2
@@ -123,31 +103,6 @@ class SharedColors:
         targets = np.hstack([state.color - best, _APART * _held(state)])
         distance, entry = nearest_entry(entries, targets)
         return np.where(distance < _APART * 0.1, entry, self.entry)
-
-
-def exchange(
-    kept: NDArray[Any],
-    wanted: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[Any]],
-    assign: Callable[[NDArray[Any]], None],
-    splats: Callable[[], Splats],
-    target: Target,
-    rng: np.random.Generator,
-) -> None:
-    """Assign what shapes want in place of what they have, kept (n, ..), if that lowers the error.
-
-    Overlapping shapes that change together may overshoot: then only half of them change, or none.
-    wanted  from the moments of the squared error's gradient and the mass (n,) of each shape
-    splats  returns those of the state as it is
-    """
-    before, moments = target.squares(splats())
-    every = wanted(moments, target.removal_cost(splats())[1][:, 1])
-    chosen = rng.random(len(kept)) < 0.5
-    half = np.where(chosen if kept.ndim == 1 else chosen[:, None], every, kept)
-    for choice in (every, half):
-        assign(choice)
-        if target.squares(splats())[0] < before:
-            return
-    assign(kept)
 
 
 def _held(state: State) -> NDArray[np.float64]:

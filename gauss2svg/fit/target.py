@@ -55,20 +55,9 @@ class LossAndGradient(NamedTuple):
     rendered: tuple[NDArray[np.floating], ...]
 
 
-class View(NamedTuple):
-    """The target over a backdrop: planar (3, h, w), and the backdrop's grey level in 0..1.
-
-    backdrop  None where the target is opaque: then the Gaussians have their own background
-    """
-
-    planar: NDArray[np.floating]
-    backdrop: float | None
-
-    def over_backdrop(self, splats: Splats) -> Splats:
-        """The Gaussians over this backdrop."""
-        if self.backdrop is None:
-            return splats
-        return splats._replace(background=np.full(3, self.backdrop))
+def _over(splats: Splats, backdrop: float | None) -> Splats:
+    """Return the Gaussians over a backdrop of this grey level, or None over their background."""
+    return splats if backdrop is None else splats._replace(background=np.full(3, backdrop))
 
 
 class Target:
@@ -96,17 +85,15 @@ class Target:
         self.visible: NDArray[np.bool_] | None = None
         if alpha is None:
             self.planar = self.source_color = color
-            self._views = (View(color, None),)
+            self._views: list[tuple[NDArray[np.floating], float | None]] = [(color, None)]
         else:
             self.visible = alpha >= 0.5 / 255
             self.source_color = _filled(color, self.visible)
             shown = [alpha * color + (1 - alpha) * color.dtype.type(b) for b in BACKDROPS]
             self.planar = np.concatenate(shown)
-            self._views = tuple(
-                View(self.planar[3 * k : 3 * k + 3], b) for k, b in enumerate(BACKDROPS)
-            )
+            self._views = [(self.planar[3 * k : 3 * k + 3], b) for k, b in enumerate(BACKDROPS)]
         self.tune = tune
-        self.weight = pixel_weight([view.planar for view in self._views], tune)
+        self.weight = pixel_weight([planar for planar, _ in self._views], tune)
 
     @property
     def is_transparent(self) -> bool:
@@ -124,7 +111,7 @@ class Target:
 
         From the structure tensor, the smoothed products of the gradient.
         """
-        by_view = [slopes(view.planar.mean(axis=0)) for view in self._views]
+        by_view = [slopes(planar.mean(axis=0)) for planar, _ in self._views]
         products = [(gx * gx, gy * gy, gx * gy) for gx, gy in by_view]
         jxx, jyy, jxy = (smoothed(reduce(add, parts), 2.0) for parts in zip(*products, strict=True))
         along = 0.5 * np.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
@@ -152,13 +139,8 @@ class Target:
 
     def rendered(self, splats: Splats) -> NDArray[np.floating]:
         """Render the Gaussians on this canvas, like planar."""
-        real = self.planar.dtype.type
-        return _joined(
-            [
-                render_planar(view.over_backdrop(splats), self.height, self.width, real)
-                for view in self._views
-            ]
-        )
+        real, size = self.planar.dtype.type, (self.height, self.width)
+        return _joined([render_planar(_over(splats, b), *size, real) for _, b in self._views])
 
     def error(self, splats: Splats) -> float:
         """Mean squared error of the Gaussians against the target."""
@@ -167,7 +149,7 @@ class Target:
     def error_of(self, rendered: Sequence[NDArray[np.floating]]) -> float:
         """Mean squared error of renders over each of the target's backdrops, (3, h, w)."""
         pairs = zip(rendered, self._views, strict=True)
-        errors = [np.mean(np.square(own - view.planar), dtype=np.float64) for own, view in pairs]
+        errors = [np.mean(np.square(own - view[0]), dtype=np.float64) for own, view in pairs]
         return float(np.mean(errors))
 
     def loss(self, splats: Splats) -> float:
@@ -176,7 +158,7 @@ class Target:
 
     def evaluate(self, splats: Splats, loss: str, ssim_weight: float | None) -> LossAndGradient:
         """One of FitOptions.loss and its gradient."""
-        parts = [self._evaluate(view, splats, loss, ssim_weight) for view in self._views]
+        parts = [self._evaluate(*view, splats, loss, ssim_weight) for view in self._views]
         losses, errors, moments, pairs, rendered = zip(*parts, strict=True)
         return LossAndGradient(
             sum(losses),
@@ -187,24 +169,26 @@ class Target:
         )
 
     def _evaluate(
-        self, view: View, splats: Splats, loss: str, ssim_weight: float | None
+        self,
+        planar: NDArray[np.floating],
+        backdrop: float | None,
+        splats: Splats,
+        loss: str,
+        ssim_weight: float | None,
     ) -> LossAndGradient:
-        splats = view.over_backdrop(splats)
-        image, squares, moments, rows = squared_error(splats, view.planar, self.weight)
+        splats = _over(splats, backdrop)
+        image, squares, moments, rows = squared_error(splats, planar, self.weight)
         value = 0.5 * squares
         if loss != DEFAULT_LOSS:
-            mean, gradient = image_gradient(loss, image, view.planar, ssim_weight)
-            value = mean * view.planar.size
+            mean, gradient = image_gradient(loss, image, planar, ssim_weight)
+            value = mean * planar.size
             moments = moments_of_gradient(splats, gradient)
         # Kernels count pairs in rows of a tile, of 16 px each.
-        return LossAndGradient(value, squares / view.planar.size, moments, rows * 16, (image,))
+        return LossAndGradient(value, squares / planar.size, moments, rows * 16, (image,))
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
         """Weighted sum of squared differences, and the moments of the gradient of half of it."""
-        parts = [
-            squared_error(view.over_backdrop(splats), view.planar, self.weight)
-            for view in self._views
-        ]
+        parts = [squared_error(_over(splats, b), planar, self.weight) for planar, b in self._views]
         rendered = _joined([part[0] for part in parts])
         return self.weighted_squares(rendered), reduce(add, (part[2] for part in parts))
 
@@ -215,10 +199,7 @@ class Target:
 
     def removal_cost(self, splats: Splats) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
         """The render, like planar, and what removing each costs; see gauss2svg.render.cpu."""
-        parts = [
-            removal_cost(view.over_backdrop(splats), view.planar, self.weight)
-            for view in self._views
-        ]
+        parts = [removal_cost(_over(splats, b), planar, self.weight) for planar, b in self._views]
         return _joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 

@@ -86,8 +86,9 @@ class TimeBudget:
         self._steps = steps or STEPS
         self._predicted = self._taken = 0.0
         self._last: float | None = None  # end of the last step, None if something else came after
-        self._estimated = deadline is None
         self._renderer = renderer
+        self._estimated = deadline is None
+        self._fit_ends: float | None = None
 
     def stepped(self, pixels: int, count: int, growing: bool) -> None:
         """Note that a step with so many Gaussians on a target of so many pixels is over."""
@@ -126,23 +127,24 @@ class TimeBudget:
         """Whether what is left is needed to write and measure a small file."""
         return self.deadline is not None and self._left_s() < self._export_s(FEWEST)
 
-    def fit_deadline(self, count: int, share: float = 1.0) -> float | None:
-        """End of a fit of so many Gaussians, or of this share of it; None without a limit."""
-        if self.deadline is None:
-            return None
-        left = self._left_s()
-        reserved = min(self._export_s(count), MOST_RESERVED * left)
-        return time.perf_counter() + max(share * (left - reserved), LEAST_FIT_S)
+    def begin_fit(self, count: int, share: float = 1.0) -> None:
+        """Let a fit of so many Gaussians begin, or one that has this share of the time."""
+        if self.deadline is not None:
+            left = self._left_s()
+            reserved = min(self._export_s(count), MOST_RESERVED * left)
+            self._fit_ends = time.perf_counter() + max(share * (left - reserved), LEAST_FIT_S)
 
-    def reserve(
-        self, done: float, count: int, estimate_s: Callable[[], float]
-    ) -> tuple[float, int | None] | None:
-        """Once in a fit, its new deadline, and the largest count to export in time or None.
+    def fit_ends(self) -> float | None:
+        """Return the end of the fit by time.perf_counter(), None without a limit."""
+        return self._fit_ends
+
+    def reserve(self, done: float, count: int, estimate_s: Callable[[], float]) -> int | None:
+        """Reserve the time of the export, once in a fit; the largest count for it, None for any.
 
         done        share of the fit that is over
         count       of Gaussians
-        estimate_s  measures on a sample how long writing, rasterising and measuring will take, by a
-                    renderer that the rule is not for
+        estimate_s  measures how long writing, rasterising and measuring will take, by a renderer
+                    that the rule is not for
         """
         if self.deadline is None or self._estimated or done <= ESTIMATE_AT:
             return None
@@ -152,8 +154,8 @@ class TimeBudget:
             reserve = estimate_s()
             self._last = None  # the sample was no step
         share = min(MOST_RESERVED * max(self._left_s(), LEAST_FIT_S) / reserve, 1.0)
-        most = min(count, max(FEWEST, int(count * share))) if share < 1 else None
-        return self.deadline - share * reserve, most
+        self._fit_ends = self.deadline - share * reserve
+        return min(count, max(FEWEST, int(count * share))) if share < 1 else None
 
     @property
     def _slowness(self) -> float:

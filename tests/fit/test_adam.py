@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from gauss2svg.fit import adam
-from gauss2svg.fit.adam import EPSILON, RATES, Limits
+from gauss2svg.fit.adam import EPSILON, LEAST_SIGMA, blending_of
+from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.state import GEOMETRY, STEPS, State
 from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA, STEPPED
 
-LIMITS = Limits(0.35, 40.0)
+OVER = blending_of(FitOptions())
+MOST_SIGMA = 40.0
 NAMES = ("mean", "factor", "raw_opacity", "color", "raw_beta", "first", "second", "age")
 
 
@@ -32,10 +34,10 @@ def random_state(count: int, seed: int) -> State:
     )  # fmt: skip
 
 
-def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
+def step_one_by_one(state, gradient, blending, most_sigma, rate) -> bool:
     """The slow twin of adam.step: one Gaussian after the other, by linear algebra."""
-    sizes = [rates[name] for name in GEOMETRY]
-    sizes += [rates[p.name] for p, _ in STEPPED for _ in range(p.width)]
+    sizes = [blending.rates[name] for name in GEOMETRY]
+    sizes += [blending.rates[p.name] for p, _ in STEPPED for _ in range(p.width)]
     finite = True
     for i in range(len(state)):
         if not np.isfinite(gradient[i]).all():
@@ -59,15 +61,15 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
         a = np.array([[d[2], d[3]], [d[3], d[4]]])
         stretched = lower @ (np.eye(2) + a + a @ a / 2)
         u, axes, _ = np.linalg.svd(stretched)
-        minor = np.clip(axes[1], limits.least_sigma, limits.most_sigma)
-        major = np.clip(axes[0], limits.least_sigma, limits.most_sigma)
+        minor = np.clip(axes[1], LEAST_SIGMA, most_sigma)
+        major = np.clip(axes[0], LEAST_SIGMA, most_sigma)
         major = min(major, adam.MOST_ASPECT * minor)
         shape = np.linalg.cholesky(u @ np.diag([major**2, minor**2]) @ u.T)
         state.factor[i] = shape[0, 0], shape[1, 0], shape[1, 1]
         state.raw_opacity[i] = np.clip(state.raw_opacity[i] + d[5], -8, 12)
         color = state.color[i] + d[6:9]
-        state.color[i] = np.clip(color, limits.least_color, limits.most_color)
-        if rates["beta"]:
+        state.color[i] = np.clip(color, blending.least_color, blending.most_color)
+        if blending.rates["beta"]:
             sharpest = math.log(max(RIM_WIDTH / adam.LEAST_RIM * minor, 1e-300))
             sharpest = min(max(sharpest, LEAST_RAW_BETA), MOST_RAW_BETA)
             moved = max(state.raw_beta[i] + d[9], LEAST_RAW_BETA)
@@ -82,8 +84,8 @@ def test_all_at_once_step_as_one_after_the_other(seed, rate):
     slow = fast.copy()
     for _ in range(4):
         gradient = rng.normal(size=(90, STEPS)) * 10.0 ** rng.integers(-6, 6, (90, 1))
-        assert adam.step(fast, gradient, RATES, LIMITS, rate)
-        assert step_one_by_one(slow, gradient, RATES, LIMITS, rate)
+        assert adam.step(fast, gradient, OVER, MOST_SIGMA, rate)
+        assert step_one_by_one(slow, gradient, OVER, MOST_SIGMA, rate)
         for name in NAMES:
             np.testing.assert_allclose(
                 getattr(fast, name), getattr(slow, name), rtol=1e-7, atol=1e-7, err_msg=name
@@ -94,13 +96,13 @@ def test_all_at_once_step_as_one_after_the_other(seed, rate):
 def test_only_gaussians_whose_step_is_not_finite_stay_and_forget(bad):
     state = random_state(20, 1)
     gradient = np.random.default_rng(2).normal(size=(20, STEPS))
-    adam.step(state, gradient, RATES, LIMITS, 0.1)
+    adam.step(state, gradient, OVER, MOST_SIGMA, 0.1)
     before, good = state.copy(), state.copy()
-    adam.step(good, gradient, RATES, LIMITS, 0.1)
+    adam.step(good, gradient, OVER, MOST_SIGMA, 0.1)
     for k in range(STEPS):
         spoilt, moved = gradient.copy(), before.copy()
         spoilt[7, k] = bad
-        assert not adam.step(moved, spoilt, RATES, LIMITS, 0.1)
+        assert not adam.step(moved, spoilt, OVER, MOST_SIGMA, 0.1)
         for name in NAMES:
             array, kept = getattr(moved, name), getattr(before, name)
             np.testing.assert_array_equal(
@@ -113,15 +115,15 @@ def test_only_gaussians_whose_step_is_not_finite_stay_and_forget(bad):
 def test_blocks_change_no_bit(monkeypatch):
     whole, gradient = random_state(50, 3), np.random.default_rng(4).normal(size=(50, STEPS))
     parts = whole.copy()
-    adam.step(whole, gradient, RATES, LIMITS, 0.5)
+    adam.step(whole, gradient, OVER, MOST_SIGMA, 0.5)
     monkeypatch.setattr(adam, "_BLOCK", 7)
-    adam.step(parts, gradient, RATES, LIMITS, 0.5)
+    adam.step(parts, gradient, OVER, MOST_SIGMA, 0.5)
     for name in NAMES:
         assert getattr(whole, name).tobytes() == getattr(parts, name).tobytes()
 
 
 def test_no_gaussians_take_a_step():
-    assert adam.step(State.empty(), np.zeros((0, STEPS)), RATES, LIMITS, 1.0)
+    assert adam.step(State.empty(), np.zeros((0, STEPS)), OVER, MOST_SIGMA, 1.0)
 
 
 @pytest.mark.parametrize("name", ["opacity", "color", "beta"])
@@ -129,7 +131,7 @@ def test_parameter_without_a_rate_stays_as_it_is(name):
     state, before = random_state(40, 5), random_state(40, 5)
     gradient = np.random.default_rng(6).normal(size=(40, STEPS))
     for _ in range(3):
-        adam.step(state, gradient, {**RATES, name: 0.0}, LIMITS, 1.0)
+        adam.step(state, gradient, OVER.without(name), MOST_SIGMA, 1.0)
     for parameter, raw in STEPPED:
         stays = getattr(state, raw.name) == getattr(before, raw.name)
         assert stays.all() == (parameter.name == name)

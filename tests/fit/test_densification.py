@@ -200,7 +200,8 @@ def test_resized_fit_has_the_count_and_stays_a_good_fit(photo):
 
 
 def test_clock_goes_by_whichever_is_further():
-    clock = Clock(100, 5, deadline=None)
+    ends = None
+    clock = Clock(100, 5, lambda: ends)
     assert not clock.round_is_over(0)
     clock.iteration = 6
     assert clock.round_is_over(0)
@@ -211,14 +212,14 @@ def test_clock_goes_by_whichever_is_further():
     clock.iteration = 65
     assert clock.refinement_progress() == pytest.approx(0.65)
     assert not clock.out_of_time
-    clock.deadline = time.perf_counter() - 1
+    ends = time.perf_counter() - 1
     assert clock.refinement_progress() == 1
     assert clock.out_of_time
 
 
 def test_fit_without_time_ends_at_once(photo):
-    policy = AdaptiveCount(GrowthLimits(0.0, 0.12, 60.0, 400))
-    session = FitSession(photo, fit_config(0, None), policy, deadline=time.perf_counter() - 1)
+    policy, ends = AdaptiveCount(GrowthLimits(0.0, 0.12, 60.0, 400)), time.perf_counter() - 1
+    session = FitSession(photo, fit_config(0, None), policy, deadline=lambda: ends)
     session.fit()
     assert session.result().stop_reason == "time_limit"
     assert session.result().iterations == 0
@@ -231,7 +232,7 @@ def test_fit_takes_the_time_until_its_deadline_and_no_more(photo, monkeypatch):
 
     def steps(limit: int) -> int:
         begun = next(ticks)
-        session = FitSession(photo, fit_config(60, None), deadline=float(begun + limit))
+        session = FitSession(photo, fit_config(60, None), deadline=lambda: float(begun + limit))
         session.fit()
         assert session.result().stop_reason == "time_limit"
         assert len(session.state) == 60

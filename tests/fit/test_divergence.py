@@ -5,12 +5,17 @@ import pytest
 from flat import fit_config, vectorize
 
 from gauss2svg.fit import adam
+from gauss2svg.fit.adam import LEAST_SIGMA, blending_of
+from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.fit import fit
-from gauss2svg.fit.session import LEAST_SIGMA, DivergenceGuard, FitSession
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import STEPS, State
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.scene import BLENDS
+
+OVER = blending_of(FitOptions())
 
 
 def one_shape(factor=(3.0, 0.0, 3.0), color=0.5, raw_opacity=0.0, raw_beta=0.1, count=1) -> State:
@@ -58,7 +63,7 @@ def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(p
     assert report["rollbacks"] > 0
     assert any("diverged" in note and "best state" in note for note in report["notes"])
     # Whether a usual rate diverges depends on the CPU: here every loss that rises has diverged.
-    monkeypatch.setattr("gauss2svg.fit.session.DIVERGED", 1.0)
+    monkeypatch.setattr("gauss2svg.fit.divergence.DIVERGED", 1.0)
     usual = vectorize(photo, gaussians=30, iterations=30).report
     assert usual["rollbacks"] > 0
     assert not any("diverged" in note for note in usual["notes"])
@@ -81,36 +86,36 @@ def test_what_is_exact_already_is_left_as_it_is(level):
 
 def test_guard_rolls_back_to_the_best_state():
     guard, good, bad = DivergenceGuard(), one_shape(color=0.2), one_shape(color=0.9)
-    assert guard.accepts(1.0, 0.1, good, None)
+    assert guard.accepts(1.0, 0.1, good.copy)
     good.color[:] = 0.4  # steps are taken in place
-    assert guard.accepts(1.5, 0.15, bad, None)
-    assert not guard.accepts(2.1, 0.21, bad, None)
-    best = guard.roll_back()
-    assert best is not None
-    assert (best[0].color == 0.2).all()
+    assert guard.accepts(1.5, 0.15, bad.copy)
+    assert not guard.accepts(2.1, 0.21, bad.copy)
+    guard.roll_back()
+    assert guard.best is not None
+    assert (guard.best.color == 0.2).all()
     assert guard.rate < 1
     assert guard.rollbacks == 1
 
 
 @pytest.mark.parametrize("loss", [np.nan, np.inf])
 def test_guard_never_accepts_a_loss_that_is_not_finite(loss):
-    assert not DivergenceGuard().accepts(loss, loss, one_shape(), None)
+    assert not DivergenceGuard().accepts(loss, loss, one_shape)
 
 
 def test_guard_allows_a_larger_loss_after_relocation_and_where_it_is_invisible():
     guard = DivergenceGuard()
-    assert guard.accepts(1.0, 0.1, one_shape(), None)
+    assert guard.accepts(1.0, 0.1, one_shape)
     guard.relocated()
-    assert guard.accepts(5.0, 0.5, one_shape(), None)
+    assert guard.accepts(5.0, 0.5, one_shape)
     invisible = DivergenceGuard()
-    assert invisible.accepts(1e-9, 1e-10, one_shape(), None)
-    assert invisible.accepts(1e-6, 1e-7, one_shape(), None)
+    assert invisible.accepts(1e-9, 1e-10, one_shape)
+    assert invisible.accepts(1e-6, 1e-7, one_shape)
 
 
 def test_guard_rejects_a_loss_that_stalls():
     guard, steps = DivergenceGuard(), 0
-    assert guard.accepts(1.0, 0.1, one_shape(), None)
-    while guard.accepts(1.6, 0.16, one_shape(), None):
+    assert guard.accepts(1.0, 0.1, one_shape)
+    while guard.accepts(1.6, 0.16, one_shape):
         steps += 1
         assert steps < 100
     assert steps > 5
@@ -121,7 +126,7 @@ def test_gradient_that_is_not_finite_leaves_its_gaussian_unchanged(bad):
     state, before = one_shape(count=3), one_shape(count=3)
     gradient = np.full((3, STEPS), 0.1)
     gradient[1, 3] = bad
-    good = adam.step(state, gradient, adam.RATES, adam.Limits(LEAST_SIGMA, 40.0), 1.0)
+    good = adam.step(state, gradient, OVER, 40.0, 1.0)
     assert not good
     for name, array in vars(state).items():
         assert np.isfinite(array).all(), name
@@ -149,12 +154,11 @@ AT_BOUNDS = {
 def test_every_bound_is_kept_and_left_at_once(name, monkeypatch):
     monkeypatch.setattr(adam, "LEAST_RIM", 0.01)
     start, column, sign, value = AT_BOUNDS[name]
-    limits = adam.Limits(LEAST_SIGMA, 40.0)
     outward, inward = start.copy(), start.copy()
     gradient = np.zeros((1, STEPS))
     gradient[0, column] = -sign
     for _ in range(20):  # so that Adam's moments point outward as well
-        adam.step(outward, gradient, adam.RATES, limits, 1.0)
+        adam.step(outward, gradient, OVER, 40.0, 1.0)
     assert value(outward) == pytest.approx(value(start), abs=1e-9)
-    adam.step(inward, -gradient, adam.RATES, limits, 1.0)
+    adam.step(inward, -gradient, OVER, 40.0, 1.0)
     assert value(inward) > value(start) + 0.01 * abs(value(start) or 1)

@@ -6,9 +6,10 @@ import torch
 from conftest import random_scene
 from flat import fit_config, vectorize
 
-from gauss2svg.fit import adam, session
-from gauss2svg.fit.adam import RATES, Limits
+from gauss2svg.fit import adam, population
+from gauss2svg.fit.adam import blending_of
 from gauss2svg.fit.fit import fit
+from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import STEPS, State
 from gauss2svg.measure import metrics
@@ -95,7 +96,7 @@ def test_smooth_scene_keeps_its_gaussians():
 def test_price_of_an_exponent_keeps_shapes_gaussian(photo, monkeypatch):
     shares = []
     for price in (0.0, 0.06, 1.0):
-        monkeypatch.setattr(session, "BETA_PRICE", price)
+        monkeypatch.setattr(population, "BETA_PRICE", price)
         betas = vectorize(photo, gaussians=150, **QUICK).scene.beta
         shares.append((betas == 1).mean())
     assert shares[0] < shares[1] < shares[2]
@@ -108,7 +109,7 @@ def test_rims_stay_as_wide_as_they_must_be_and_exponents_in_their_range():
     state = State.of(scene.mean, factor, 0, color=scene.color.copy(), raw_beta=raw_beta)
     gradient = np.random.default_rng(0).choice([-1.0, 1.0], (300, STEPS))
     for _ in range(60):
-        adam.step(state, gradient, RATES, Limits(0.35, 50.0), 1.0)
+        adam.step(state, gradient, blending_of(FitOptions()), 50.0, 1.0)
     free = state.raw_beta
     minor = state.scene(np.ones(3), 80, 60).ellipse_axes[0][:, 1]
     assert (free >= LEAST_RAW_BETA).all()

@@ -49,7 +49,7 @@ def test_refinement_is_reduced_only_while_gaussians_keep_their_pixels():
 
 def is_refining(session) -> bool:
     """Whether growth has ended, which no public attribute says."""
-    return session.clock._stage_steps is not None
+    return session.clock._steps is not None
 
 
 def test_moments_follow_the_size_of_the_picture_in_refinement_alone(monkeypatch):

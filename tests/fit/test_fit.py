@@ -14,12 +14,13 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit import session as session_module
-from gauss2svg.fit.adam import RATES, Limits, blending, gradients
+from gauss2svg.fit.adam import LEAST_SIGMA, RATES, blending_of, gradients
 from gauss2svg.fit.fit import fit
+from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import LEAST_OPACITY
 from gauss2svg.fit.schedule import rate, reduction, totals
-from gauss2svg.fit.session import LEAST_SIGMA, FitSession
+from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import STEPS, State
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
@@ -31,7 +32,7 @@ from gauss2svg.scene.parameters import STEPPED
 
 DTYPES = (np.float32, np.float64)
 LOSSES, PLACEMENTS, SCHEDULES = choices("loss"), choices("init"), choices("schedule")
-OVER = blending("over")
+OVER = blending_of(FitOptions())
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +211,7 @@ def test_new_gaussians_lie_along_the_edge():
     target = Target(planar, "psnr")
     blank = np.full_like(planar, 0.5)
     blank[:, :, 28:32] = 0.0
-    new = place("error", target, blank, 20, 20, np.random.default_rng(0), OVER)
+    new = place("error", target, blank, 20, 20, np.random.default_rng(0))
     near = np.abs(new.mean[:, 0] - 30) < 3
     assert near.any()
     assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
@@ -308,7 +309,7 @@ def test_first_adam_step_moves_by_the_rates_against_the_gradient():
     scene = random_scene(5, seed=3, sigma=(2.0, 3.0))
     state = state_of(scene)
     gradient = np.random.default_rng(0).choice([-1.0, 1.0], (5, STEPS))
-    adam.step(state, gradient, RATES, Limits(0.1, 100.0), 0.1)
+    adam.step(state, gradient, OVER, 100.0, 0.1)
     shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.beta[:, None] ** adam.STEP_BY_BETA
     expected = scene.mean + np.einsum("nij,nj->ni", scene.factor, shift)
     np.testing.assert_allclose(state.mean, expected, atol=1e-6)
@@ -321,7 +322,7 @@ def test_step_keeps_every_shape_within_its_limits(size):
     state = state_of(random_scene(200, seed=4, sigma=(size, 2 * size)))
     gradient = np.random.default_rng(1).normal(size=(200, STEPS)) * 1e6
     for _ in range(20):
-        adam.step(state, gradient, RATES, Limits(0.35, 50.0), 5.0)
+        adam.step(state, gradient, OVER, 50.0, 5.0)
     axes = state.scene(np.ones(3), 40, 30).ellipse_axes[0]
     assert (axes[:, 1] >= 0.35 * (1 - 1e-6)).all()
     assert (axes[:, 0] <= 50 * (1 + 1e-6)).all()
@@ -332,7 +333,7 @@ def test_step_keeps_every_shape_within_its_limits(size):
 def test_new_gaussians_lie_on_the_canvas_with_valid_shapes(photo, placement):
     target = Target(np.ascontiguousarray(np.moveaxis(photo, -1, 0)), "psnr")
     blank = np.zeros_like(target.planar)
-    new = place(placement, target, blank, 77, 100, np.random.default_rng(0), OVER)
+    new = place(placement, target, blank, 77, 100, np.random.default_rng(0))
     assert new.mean.shape == (77, 2)
     assert ((new.mean >= 0) & (new.mean <= [target.width, target.height])).all()
     assert (new.factor[:, [0, 2]] > 0).all()
@@ -344,7 +345,7 @@ def test_new_gaussians_go_where_the_error_is(placement):
     planar = np.zeros((3, 40, 60), np.float32)
     planar[:, 10:20, 30:45] = 1
     target = Target(planar, "psnr")
-    new = place(placement, target, np.zeros_like(planar), 1, 1, np.random.default_rng(0), OVER)
+    new = place(placement, target, np.zeros_like(planar), 1, 1, np.random.default_rng(0))
     x, y = new.mean[0]
     assert 26 < x < 49
     assert 6 < y < 24
@@ -354,7 +355,7 @@ def test_selective_finds_the_centre_the_area_and_the_colour():
     planar = np.zeros((3, 40, 60), np.float32)
     planar[1, 10:20, 30:45] = 0.75
     blank = np.zeros_like(planar)
-    new = place("selective", Target(planar, "psnr"), blank, 1, 1, np.random.default_rng(0), OVER)
+    new = place("selective", Target(planar, "psnr"), blank, 1, 1, np.random.default_rng(0))
     np.testing.assert_allclose(new.mean[0], [37.5, 15])
     # 15 x 10 px: area and aspect of the rectangle, lying along x
     sigma = 0.5 * np.sqrt(150 / np.pi) * np.sqrt([1.5, 1 / 1.5])

@@ -9,6 +9,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from gauss2svg.errors import InputError
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.inks import Inks
+from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import target_of
@@ -154,20 +155,16 @@ def test_reducible_error_is_what_another_ink_would_save(picture):
 
 
 def test_exchange_lowers_the_error_and_keeps_to_the_inks(picture):
-    target = target_of(picture, np.float32, "psnr")
-    inks = Inks(ink_colors(INKS))
+    population = Population(picture, fit_config(inks=INKS))
+    inks, target = population.inks, population.target
+    assert inks is not None
     scene = random_scene(50, 80, 64, 5, (1, 8), (1, 8)).replace(opacity=np.ones(50))
-    state = State.of(scene.mean, np.zeros((50, 3)), 0, raw_opacity=np.full(50, 12.0)).quantized(
-        scene
-    )
+    state = State.of(scene.mean, np.zeros((50, 3)), 0, raw_opacity=np.full(50, 12.0))
+    population.state = state = state.quantized(scene)
     state.color = inks.color[np.arange(50) % 3]
-
-    def splats():
-        return state.splats(inks.color[0])
-
-    before = target.squares(splats())[0]
-    inks.exchange(state, splats, target, np.random.default_rng(0))
-    assert target.squares(splats())[0] < before
+    before = target.squares(population.splats())[0]
+    population.exchange(inks)
+    assert target.squares(population.splats())[0] < before
     assert (state.color[:, None] == inks.color).all(axis=2).any(axis=1).all()
 
 

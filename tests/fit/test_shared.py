@@ -5,7 +5,8 @@ import pytest
 from conftest import random_scene
 from flat import fit_config
 
-from gauss2svg.fit.adam import blending, gradients
+from gauss2svg.fit.adam import blending_of, gradients
+from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import COLOR, STEPS, State
@@ -34,7 +35,7 @@ def target():
 
 def test_step_keeps_shared_colours_shared_and_goes_down(shared_state, target):
     state, background = shared_state, np.full(3, 0.5)
-    shared = SharedColors.of(state, blending("over"))
+    shared = SharedColors.of(state, blending_of(FitOptions()))
     before = state.color.copy()
     error = squared_error(state.splats(background), target)[1]
     for _ in range(10):
@@ -50,7 +51,7 @@ def test_step_keeps_shared_colours_shared_and_goes_down(shared_state, target):
 
 def test_wanted_colour_leaves_the_least_error_if_the_others_stay(shared_state, target):
     state, background = shared_state, np.full(3, 0.5)
-    shared = SharedColors.of(state, blending("over"))
+    shared = SharedColors.of(state, blending_of(FitOptions()))
     splats = state.splats(background)
     moments = squared_error(splats, target)[2]
     mass = removal_cost(splats, target)[1][:, 1]
@@ -79,11 +80,10 @@ def test_exchange_never_makes_the_picture_worse_and_helps_this_one(shared_state,
     config = fit_config(COUNT, 10)
     session = FitSession(pixels, config)
     session.population.state = shared_state
-    shared = SharedColors.of(session.state, blending("over"))
+    shared = SharedColors.of(session.state, blending_of(FitOptions()))
     errors = [squared_error(session.state.splats(session.population.background), target)[1]]
-    rng = np.random.default_rng(0)
     for _ in range(4):
-        shared.exchange(session.state, session.population.splats, session.population.target, rng)
+        session.population.exchange(shared)
         errors.append(squared_error(session.state.splats(session.population.background), target)[1])
     assert (np.diff(errors) <= 1e-6).all()
     assert errors[-1] < errors[0]
@@ -105,7 +105,7 @@ def test_nearly_opaque_shapes_become_opaque_at_quantization(photo):
 
 def test_weights_of_a_colour_sum_over_its_shapes(shared_state):
     state = shared_state
-    shared = SharedColors.of(state, blending("over"))
+    shared = SharedColors.of(state, blending_of(FitOptions()))
     gradient = np.zeros((COUNT, STEPS))
     chosen = int(np.bincount(shared.entry).argmax())
     members = np.flatnonzero(shared.entry == chosen)

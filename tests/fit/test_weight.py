@@ -6,7 +6,7 @@ from conftest import random_scene
 from flat import fit_config
 
 from gauss2svg.fit import target as target_module
-from gauss2svg.fit.adam import blending, gradients
+from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import Population
@@ -106,10 +106,7 @@ def test_texture_masks_up_to_a_hundred_times_the_median_variance_within_bounds(m
 @pytest.mark.parametrize("tune", ["perceptual", "psnr"])
 def test_new_gaussians_go_where_an_error_shows(tune):
     target = target_of(half_flat(), np.float32, tune)
-    new = place(
-        "error", target, target.planar + 0.1, 1000, 1000, np.random.default_rng(0),
-        blending("over"),
-    )  # fmt: skip
+    new = place("error", target, target.planar + 0.1, 1000, 1000, np.random.default_rng(0))
     weight = target.weight if tune == "perceptual" else np.ones((64, 64))
     on_flat = (new.mean[:, 0] < 32).mean()
     assert on_flat == pytest.approx(weight[:, :32].sum() / weight.sum(), abs=0.02)

@@ -194,11 +194,14 @@ def test_memory_of_a_budget_is_that_of_as_many_shapes_as_the_fit_can_have():
 def test_a_pause_takes_no_share_of_the_fit(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    clock = Clock(None, 1, 10.0)
+    clock = Clock(None, 1, lambda: 10.0)
     clock.begin_refinement(None, 0.3)
     now[0] = 4.0
     before = clock.refinement_progress()
     with clock.paused():
         now[0] = 7.0
     assert clock.refinement_progress() == pytest.approx(before)
-    assert clock.deadline == 13.0
+    now[0] = 12.9
+    assert clock.refinement_progress() < 1
+    now[0] = 13.0
+    assert clock.refinement_progress() == 1

@@ -7,7 +7,9 @@ import pytest
 from flat import fit_config, vectorize
 
 from gauss2svg.fit import adam, session
+from gauss2svg.fit.adam import blending_of
 from gauss2svg.fit.fit import fit
+from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import DivergenceGuard
 from gauss2svg.fit.state import STEPS, State
@@ -54,7 +56,7 @@ def test_crisp_shapes_move_less_because_their_rims_are_narrower():
         state = State.of(
             np.full((1, 2), 20.0), np.array([[5.0, 0.0, 5.0]]), 0, raw_beta=np.log([beta])
         )
-        adam.step(state, np.ones((1, STEPS)), adam.RATES, adam.Limits(0.35, 40.0), 0.01)
+        adam.step(state, np.ones((1, STEPS)), blending_of(FitOptions()), 40.0, 0.01)
         moved.append(20.0 - state.mean[0, 0])
     assert moved[0] > 1.3 * moved[1] > 1.3**3 * moved[2] > 0
 

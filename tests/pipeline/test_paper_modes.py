@@ -8,8 +8,9 @@ from conftest import random_sum
 from flat import choices, fit_config
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.adam import blending
+from gauss2svg.fit.adam import blending_of
 from gauss2svg.fit.fit import convert_additive, fit
+from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.schedule import totals
 from gauss2svg.fit.session import FitSession
@@ -40,7 +41,7 @@ def test_a_fitted_additive_gaussian_has_eight_parameters(photo):
     assert (scene.opacity == 1).all()
     assert (scene.beta == 1).all()
     assert scene.color.min() < 0 < scene.color.max()
-    assert np.abs(scene.color).max() <= blending("add").most_color
+    assert np.abs(scene.color).max() <= blending_of(FitOptions(blend="add")).most_color
 
 
 def test_more_additive_gaussians_raise_psnr(photo):
@@ -91,7 +92,7 @@ def test_new_additive_gaussians_have_the_residuals_colour_and_others_the_targets
     target = Target(planar, "psnr")
     for blend, expected in (("over", [1.0, 0.5, 0.0]), ("add", [0.75, 0.25, -0.25])):
         rng = np.random.default_rng(0)
-        new = place(placement, target, blank(target), 9, 9, rng, blending(blend))
+        new = place(placement, target, blank(target), 9, 9, rng, blend == "add")
         np.testing.assert_allclose(new.color, np.tile(expected, (9, 1)), atol=1e-6)
 
 
@@ -102,7 +103,15 @@ def test_live_begins_on_the_largest_components_as_the_paper_says(blend):
     planar[:, 40:50, 50:60] = 1.0  # 100 px around (55, 45)
     planar[:, 5, 70] = 0.3  # under the threshold
     target = Target(planar, "psnr")
-    new = place("live", target, blank(target), 6, 6, np.random.default_rng(0), blending(blend))
+    new = place(
+        "live",
+        target,
+        blank(target),
+        6,
+        6,
+        np.random.default_rng(0),
+        blend == "add",
+    )
     np.testing.assert_allclose(new.mean[:2], [[18, 20], [55, 45]])
     # sigma = sqrt(A / (r s^2)) units of s / 10 px, r = 0.07, whatever the kernel size s
     for k, area in enumerate((400, 100)):
@@ -119,7 +128,7 @@ def test_live_separates_bins_of_the_residual():
     planar[:, 15:25, 15:25] = 1.0
     target = Target(planar, "psnr")
     rng = np.random.default_rng(0)
-    new = place("live", target, blank(target), 2, 2, rng, blending("add"))
+    new = place("live", target, blank(target), 2, 2, rng, additive=True)
     areas = [900 - 100, 100]
     np.testing.assert_allclose(new.factor[:, 0] ** 2 * 7, areas)
 
@@ -127,7 +136,7 @@ def test_live_separates_bins_of_the_residual():
 def test_random_begins_anywhere_with_every_shape():
     target = Target(np.random.default_rng(1).random((3, 50, 90)).astype(np.float32), "psnr")
     rng = np.random.default_rng(0)
-    new = place("random", target, blank(target), 2000, 2000, rng, blending("add"))
+    new = place("random", target, blank(target), 2000, 2000, rng, additive=True)
     assert (new.mean.min(axis=0) < [2, 2]).all()
     assert (new.mean.max(axis=0) > [88, 48]).all()
     sigma_y = np.hypot(new.factor[:, 1], new.factor[:, 2])
@@ -138,7 +147,7 @@ def test_random_begins_anywhere_with_every_shape():
     sigma = np.stack([new.factor[:, 0], sigma_y], axis=1)
     unit = target.spacing(2000)
     assert sigma.max() <= max(unit, 0.8)
-    few = place("random", target, blank(target), 40, 40, rng, blending("add"))
+    few = place("random", target, blank(target), 40, 40, rng, additive=True)
     sigma = np.stack([few.factor[:, 0], np.hypot(few.factor[:, 1], few.factor[:, 2])], axis=1)
     unit = target.spacing(40)
     assert 0.8 * unit < sigma.max() <= unit

@@ -15,7 +15,7 @@ from gauss2svg.fit.fit import fit
         ("fit.placement.LEAST_SIGMA", 3.0),
         ("fit.population.RELOCATED", 0.3),
         ("fit.schedule.GROWTH_SHARE", 0.6),
-        ("fit.session.BETA_PRICE", 0.5),
+        ("fit.population.BETA_PRICE", 0.5),
         ("fit.target.EXPONENT", 0.1),
     ],
 )

@@ -8,7 +8,7 @@ from conftest import random_scene
 from flat import choices, fit_config
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.adam import blending, gradients
+from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.target import target_of
@@ -138,7 +138,7 @@ def test_new_gaussians_are_placed_on_visible_pixels_in_visible_colours(photo, pl
     far = Scene(60, 40, mean=[[52, 34]], sigma=[[3, 3]], rho=[0], transparent=True, **spot)
     rendered = target.rendered(splats_of(far))
     rng = np.random.default_rng(0)
-    new = place(placement, target, rendered, 30, 30, rng, blending("over"))
+    new = place(placement, target, rendered, 30, 30, rng)
     x, y = new.mean.T
     assert ((x >= 19) & (x <= 41) & (y >= 9) & (y <= 31)).all()
     np.testing.assert_allclose(new.color, np.tile([0.0, 0.5, 0.25], (30, 1)), atol=1e-6)
@@ -150,7 +150,7 @@ def test_gaussian_in_the_hole_of_a_ring_begins_in_the_colour_of_the_ring():
     rgba = np.where(ring[:, :, None], [0.0, 0.5, 0.25, 1.0], [1.0, 0.0, 1.0, 0.0])
     target = target_of(rgba, np.float32, "psnr")
     blank = target.rendered(splats_of(Scene(31, 31)))
-    new = place("live", target, blank, 1, 1, np.random.default_rng(0), blending("over"))
+    new = place("live", target, blank, 1, 1, np.random.default_rng(0))
     np.testing.assert_allclose(new.mean, [[15.5, 15.5]], atol=0.1)
     np.testing.assert_allclose(new.color, [[0.0, 0.5, 0.25]], atol=1e-6)
 
@@ -232,5 +232,5 @@ def test_new_gaussians_go_where_alpha_is_too_low_and_not_where_it_is_too_high():
     errors = np.square(target.planar - rendered).sum(axis=0)
     assert errors[:, :32].sum() == pytest.approx(errors[:, 32:].sum(), rel=1e-4)
     rng = np.random.default_rng(0)
-    new = place("error", target, rendered.astype(np.float32), 100, 100, rng, blending("over"))
+    new = place("error", target, rendered.astype(np.float32), 100, 100, rng)
     assert (new.mean[:, 0] > 32).mean() > 0.85

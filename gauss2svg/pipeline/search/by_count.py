@@ -19,11 +19,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable
-from functools import partial
-
-import numpy as np
-from numpy.typing import NDArray
 
 from gauss2svg.fit import schedule
 from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits, Snapshot, as_given
@@ -38,8 +33,6 @@ from gauss2svg.pipeline.search.export import Export, Exporter
 from gauss2svg.pipeline.search.outcome import Outcome, Subject, Watch
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import kernel_lock
-from gauss2svg.scene import Scene
-from gauss2svg.svg.write import write_svg
 
 # Number and length of corrections (docs/decisions/monotone.md).
 CORRECTIONS = 5  # most corrections of a count
@@ -110,8 +103,9 @@ class ByCount:
         subject, config = self._subject, self._plan.fit_config
         if self._growth.expected is not None:  # few are fitted on reduced pictures first
             config = dataclasses.replace(config, gaussians=self._growth.expected)
+        self._budget.begin_fit(self._growth.count)
         self._session = FitSession(
-            subject.working, config, self._policy, self._budget.fit_deadline(self._growth.count),
+            subject.working, config, self._policy, self._budget.fit_ends,
             self._on_step, self._exporter.as_written,
             stop=self._is_ended, targets=subject.targets(self._plan.tune),
         )  # fmt: skip
@@ -120,9 +114,9 @@ class ByCount:
         """Fit additively, and continue with the same Gaussians alpha-composited."""
         subject = self._subject
         white = over(subject.working)
+        self._budget.begin_fit(self._growth.count, ADDITIVE_SHARE)
         session = FitSession(
-            white, self._plan.additive_config, self._policy,
-            self._budget.fit_deadline(self._growth.count, ADDITIVE_SHARE),
+            white, self._plan.additive_config, self._policy, self._budget.fit_ends,
             lambda progress: self._after_step("additive", progress),
             stop=self._is_ended,
             targets=subject.targets(self._plan.tune) if white is subject.working else None,
@@ -135,20 +129,18 @@ class ByCount:
         self._session.adopt(self._additive.scene, self._plan.fit_config.gaussians)
 
     def _revise(self, limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
-        return self._growth.revised(limits, now, self._session)
+        return self._growth.revised(limits, now)
 
     def _on_step(self, progress: FitProgress) -> None:
         target = self._session.population.target
         growing = progress.done <= schedule.GROWTH_SHARE
         self._budget.stepped(target.width * target.height, progress.gaussians, growing)
         self._after_step(self._phase, progress)
-        reserved = self._budget.reserve(
+        most = self._budget.reserve(
             progress.done, progress.gaussians, lambda: self._export_seconds(progress.psnr)
         )
-        if reserved is not None:
-            self._session.clock.deadline, most = reserved
-            if most is not None:
-                self._growth.cap = fewest(self._growth.cap, Cap(most, "time_limit"))
+        if most is not None:
+            self._growth.cap = fewest(self._growth.cap, Cap(most, "time_limit"))
 
     def _after_step(self, phase: str, progress: FitProgress) -> None:
         self._report(phase, progress)
@@ -161,10 +153,12 @@ class ByCount:
         return self._ended
 
     def _export_seconds(self, psnr: float) -> float:
-        return estimate_export_seconds(
-            self._session.scene(), partial(self._exporter.write, psnr=psnr),
-            self._subject.working, self._plan.options.run.renderer,
-        )  # fmt: skip
+        """Seconds of writing, rasterising and measuring the scene as it is."""
+        begun = time.perf_counter()
+        svg = self._exporter.write(self._session.scene(), psnr)
+        image = self._subject.working
+        measure_pixels(rasterize_like(svg, image, self._plan.options.run.renderer), image)
+        return time.perf_counter() - begun
 
     def _export(self) -> None:
         """Write the scene of the fit, and rasterise it if there is an aim."""
@@ -208,7 +202,7 @@ class ByCount:
         """The largest count, also by the bytes of the last export."""
         session, last = self._session, self._corrections.made[-1]
         now = Snapshot(len(session.state), 1.0, lambda: last.model, session.scene)
-        return self._growth.by_bytes(now, session, last.size)
+        return self._growth.by_bytes(now, last.size)
 
     def _calibrate(self, best: Export, measured: RoundTrip, reached: float | None) -> bool:
         """Correct the scores by that against the reference; False if there is no need."""
@@ -249,32 +243,3 @@ class ByCount:
         # Whatever ended the growth, corrections did not reach the target.
         cap = self._growth.cap
         return cap.name if len(best.scene) > AT_THE_CAP * cap.gaussians else "iterations"
-
-
-_SAMPLE = 8  # one of so many Gaussians is written and rasterised
-_STRIPS = 4  # one of so many strips of the image is measured
-
-
-def estimate_export_seconds(
-    scene: Scene, write: Callable[[Scene], str], image: NDArray[np.float32], renderer: str
-) -> float:
-    """Seconds that writing, rasterising and measuring a scene will take."""
-    height = image.shape[0]
-    part = scene.select(np.arange(0, len(scene), _SAMPLE))
-    write(part)  # stops are computed once, for all
-    begun = time.perf_counter()
-    svg = write(part)
-    written = time.perf_counter()
-    rasterize_like(svg, image, renderer)
-    rasterized = time.perf_counter()
-    rasterize_like(write_svg(scene.select(np.arange(0))), image, renderer)
-    blank = time.perf_counter()
-    strip = image[: max(height // _STRIPS, 1)]
-    measure_pixels(strip, strip)
-    measured = time.perf_counter()
-    rasterize_all = (blank - rasterized) + _SAMPLE * max(
-        (rasterized - written) - (blank - rasterized), 0.0
-    )
-    write_all = _SAMPLE * (written - begun)
-    slack = 0.1  # for the report, saving, and the end of the process
-    return write_all + rasterize_all + _STRIPS * (measured - blank) + slack

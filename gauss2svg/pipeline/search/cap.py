@@ -15,8 +15,6 @@ from gauss2svg.fit.densification import (
     Revise,
     Snapshot,
 )
-from gauss2svg.fit.losses import psnr_of
-from gauss2svg.fit.session import FitSession
 from gauss2svg.pipeline import presets
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import CAP_FOR_TARGET
@@ -109,15 +107,15 @@ class Growth:
         # Else growth ends at what the preset calls enough, and corrections find the score.
         return limits
 
-    def revised(self, limits: GrowthLimits, now: Snapshot, session: FitSession) -> GrowthLimits:
-        """The limits of a session, capped by the bytes and the time."""
-        cap = self.by_bytes(now, session)
+    def revised(self, limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
+        """The limits of a fit, capped by the bytes and the time."""
+        cap = self.by_bytes(now)
         if self._budget.deadline is not None:
-            most = self._by_time(now, cap.gaussians, session)
+            most = self._by_time(now, cap.gaussians)
             cap = fewest(cap, Cap(most, "time_limit"))
         return dataclasses.replace(limits, cap=cap.gaussians, cap_named=cap.name)
 
-    def by_bytes(self, now: Snapshot, session: FitSession, size: int | None = None) -> Cap:
+    def by_bytes(self, now: Snapshot, size: int | None = None) -> Cap:
         """Return the largest count so far, or the one that fills the limit of bytes.
 
         Before the last steps it is a little more than that, because some shapes go.
@@ -137,14 +135,11 @@ class Growth:
         if now.count >= (1 if refining else LEAST_MEASURED) and not known:
             self._bytes_known = True
             saved = BYTES_SAVED * (1 - now.done) if refining else 0.0
-            psnr = now.psnr
-            if session.population.reduction > 1:
-                psnr = psnr_of(session.population.error())
-            self._bytes_each = (1 - saved) * exporter.bytes_each(now.scene(), psnr, room, size)
+            each = exporter.bytes_each(now.scene(), now.psnr, room, size)
+            self._bytes_each = (1 - saved) * each
         return fewest(self.cap, Cap(int(room / self._bytes_each), "max_bytes"))
 
-    def _by_time(self, now: Snapshot, most: int, session: FitSession) -> int:
+    def _by_time(self, now: Snapshot, most: int) -> int:
         if self._plan.only_time_limits:
             return self._budget.most_gaussians(now.count, now.done)
-        late = session.clock.growth_is_late and now.done <= schedule.GROWTH_SHARE
-        return max(now.count, 1) if late else most
+        return max(now.count, 1) if now.late else most
