@@ -31,8 +31,8 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.pipeline.search import correction
-from gauss2svg.pipeline.search.cap import Cap
 from gauss2svg.pipeline.search.correction import Corrections
+from gauss2svg.pipeline.search.limits import Cap
 from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS
 
 points = st.lists(
@@ -93,11 +93,12 @@ def test_a_constant_of_the_code_is_an_axis_and_is_replaced_where_it_is_read(monk
     (settings,) = settings_of({FULL: [0.5], "gaussians": [7]})
     assert options_in(dict(settings)) == {"gaussians": 7}
     monkeypatch.setattr(correction, "FULL", correction.FULL)
-    corrections = Corrections(Plan(Options.from_flat({"max_bytes": 1000})))
+    limits = SimpleNamespace(stop_reason="max_bytes", slope=3.0)
+    corrections = Corrections(Plan(Options.from_flat({"max_bytes": 1000})), limits)  # pyright: ignore[reportArgumentType]
     corrections.made = [SimpleNamespace(size=900, model=30.0)]  # pyright: ignore[reportAttributeAccessIssue]
 
     def next_count():
-        return corrections.next(10, Cap(100, "cap"), "max_bytes", 3.0).gaussians
+        return corrections.next(10, Cap(100, "cap"))
 
     assert next_count() == 40
     apply_constants(dict(settings))

@@ -1,5 +1,6 @@
 """Laws of the densification policies, which decide how many Gaussians a fit has."""
 
+import dataclasses
 import itertools
 import math
 import time
@@ -9,29 +10,40 @@ import pytest
 from flat import fit_config
 
 from gauss2svg.fit.clock import Clock
-from gauss2svg.fit.densification import (
-    _CONVERGES_AFTER,
-    CONVERGES_ABOVE,
-    GAIN_OF_A_ROUND,
-    MOST_CHANGE,
-    STOP_REASONS,
-    AdaptiveCount,
-    FixedCount,
-    GrowthLimits,
-    Snapshot,
-)
+from gauss2svg.fit.densification import STOP_REASONS, FixedCount, Snapshot
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure import metrics
-from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.presets import PRESETS, USUAL_BYTES
+from gauss2svg.pipeline.search.export import Exporter
+from gauss2svg.pipeline.search.limits import (
+    CONVERGES_ABOVE,
+    CONVERGES_AFTER,
+    GAIN_OF_A_ROUND,
+    MOST_CHANGE,
+    OVERFILL_GROWING,
+    Limits,
+)
+from gauss2svg.pipeline.search.outcome import Subject
+from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost
 
-KILOBYTES = 0.1
+KILOBYTES = USUAL_BYTES / 1000
 
 
-def grown(psnr_at, limits, revise=None):
+def limits_of(gain=0.0, enough=math.inf, cap=10**6, **options) -> Limits:
+    """The limits of a preset of these numbers, on a picture that is large enough for any count."""
+    plan = Plan(Options.from_flat(options))
+    preset = dataclasses.replace(PRESETS["balanced"], gain=gain, enough=enough, cap=cap)
+    vars(plan)["preset"] = preset  # where a cached property keeps it
+    exporter = Exporter(plan, Subject.of(np.zeros((1, 1, 3), np.float32)))
+    return Limits(plan, exporter, TimeBudget(), 10**9)
+
+
+def grown(psnr_at, policy):
     """Counts and stop reason of a growth whose PSNR is a function of the count."""
-    policy = AdaptiveCount(limits, revise) if revise else AdaptiveCount(limits)
     counts = [0]
     while True:
         count = counts[-1]
@@ -48,7 +60,7 @@ def power_law(slope, start=10.0):
 
 def test_growth_stops_where_a_kilobyte_gains_no_more_than_the_limit():
     for gain in (0.2, 0.05, 0.0125):
-        counts, reason = grown(power_law(0.5), GrowthLimits(gain, KILOBYTES, math.inf, 10**6))
+        counts, reason = grown(power_law(0.5), limits_of(gain))
         # s / (n ln 2 kilobytes) = gain, with the s that the policy extrapolates
         worth = 0.5 / GAIN_OF_A_ROUND / (math.log(2) * KILOBYTES * gain)
         assert reason == "gain"
@@ -56,38 +68,35 @@ def test_growth_stops_where_a_kilobyte_gains_no_more_than_the_limit():
 
 
 def test_half_the_gain_allows_twice_the_gaussians():
-    ends = [
-        grown(power_law(1.0), GrowthLimits(g, KILOBYTES, math.inf, 10**6))[0][-1]
-        for g in (0.02, 0.01)
-    ]
+    ends = [grown(power_law(1.0), limits_of(g))[0][-1] for g in (0.02, 0.01)]
     assert 1.8 < ends[1] / ends[0] < 2.2
 
 
 def test_growth_stops_where_enough_is_reached():
-    counts, reason = grown(power_law(3.0, 0.0), GrowthLimits(0.0, KILOBYTES, 15.0, 10**6))
+    counts, reason = grown(power_law(3.0, 0.0), limits_of(enough=15.0))
     assert reason == "enough"
     assert counts[-1] == pytest.approx(2 ** (15 / 3), rel=0.15)
 
 
 def test_growth_stops_at_the_cap_and_names_it():
-    counts, reason = grown(
-        power_law(3.0), GrowthLimits(0.0, KILOBYTES, math.inf, 100, cap_named="max_bytes")
-    )
-    assert (counts[-1], reason) == (100, "max_bytes")
+    for options, expected in (({}, (1000, "cap")), ({"gaussians": 100}, (100, "gaussians"))):
+        policy = limits_of(cap=1000, **options)
+        counts, reason = grown(power_law(3.0), policy)
+        assert (counts[-1], reason) == expected
 
 
 def test_rounds_never_more_than_double():
-    counts, _ = grown(power_law(3.0), GrowthLimits(0.0, KILOBYTES, math.inf, 5000))
+    counts, _ = grown(power_law(3.0), limits_of(cap=5000))
     assert counts[0] == 8
     assert all(a < b <= 2 * a for a, b in itertools.pairwise(counts))
 
 
 def test_scene_that_is_exact_gets_none():
-    assert grown(lambda _: math.inf, GrowthLimits(0.0, KILOBYTES, 40.0, 100)) == ([], "enough")
+    assert grown(lambda _: math.inf, limits_of(enough=40.0, cap=100)) == ([], "enough")
 
 
 def test_rounds_that_gain_nothing_lead_to_a_leap_that_is_rolled_back():
-    counts, reason = grown(lambda _: 12.0, GrowthLimits(0.01, KILOBYTES, 40.0, 8000))
+    counts, reason = grown(lambda _: 12.0, limits_of(0.01, 40.0, 8000))
     assert counts == [8, 2000, 8]
     assert reason == "gain"
 
@@ -100,30 +109,23 @@ def test_growth_continues_where_the_error_would_vanish_before_the_cap():
     def hopeless(count):
         return 6 - 10 * math.log10(1 - count / 200_000)
 
-    limits = GrowthLimits(0.05, KILOBYTES, 40.0, 8000)
-    assert 1800 < grown(squares, limits)[0][-1] < 3000
-    assert grown(hopeless, limits)[0][-1] == 8
+    assert 1800 < grown(squares, limits_of(0.05, 40.0, 8000))[0][-1] < 3000
+    assert grown(hopeless, limits_of(0.05, 40.0, 8000))[0][-1] == 8
     # and from a pace that is under the gain, without a leap
-    policy = AdaptiveCount(GrowthLimits(0.2, KILOBYTES, 60.0, 4000))
+    policy = limits_of(0.2, 60.0, 4000)
     for count, psnr in ((0, 6.0), (8, 7.0), (256, 7.2), (512, 8.5)):
         total = policy.grow(Snapshot(count, 0.1, lambda p=psnr: p, lambda: None))
     assert total > 512
 
 
-def test_limits_are_revised_at_every_decision():
-    seen = []
-
-    def tighter(limits, now):
-        seen.append(now.count)
-        return GrowthLimits(limits.gain, limits.kilobytes, limits.psnr, 50, cap_named="max_bytes")
-
-    counts, reason = grown(power_law(3.0), GrowthLimits(0.0, KILOBYTES, math.inf, 10**6), tighter)
-    assert seen == [0, *counts]
-    assert (counts[-1], reason) == (50, "max_bytes")
+def test_growth_stops_where_a_limit_of_bytes_is_full():
+    counts, reason = grown(power_law(3.0), limits_of(max_bytes=10_000))
+    assert reason == "max_bytes"
+    assert 0.9 < counts[-1] * USUAL_BYTES / (OVERFILL_GROWING * 10_000) <= 1
 
 
 def test_refinement_corrects_the_count_by_the_slope():
-    policy = AdaptiveCount(GrowthLimits(0.0, KILOBYTES, 30.0, 10**6))
+    policy = limits_of(enough=30.0)
     policy.slope = 3.0
 
     def adjusted(psnr):
@@ -132,7 +134,7 @@ def test_refinement_corrects_the_count_by_the_slope():
     assert adjusted(20.0) == math.ceil((1 + MOST_CHANGE) * 1000)
     assert adjusted(40.0) == math.ceil((1 - MOST_CHANGE) * 1000)
     assert 1000 < adjusted(29.4) < 1300
-    rate = _CONVERGES_AFTER[0.55]
+    rate = CONVERGES_AFTER[0.55]
     steady = 30.0 - rate * (30.0 - CONVERGES_ABOVE) / (1 + rate)
     assert adjusted(steady) == 1000
 
@@ -147,7 +149,7 @@ def test_fixed_count_follows_its_schedule_and_keeps_all():
 
 
 def fitted(pixels, limits, iterations=60) -> FitSession:
-    session = FitSession(pixels, fit_config(0, iterations), AdaptiveCount(limits))
+    session = FitSession(pixels, fit_config(0, iterations), limits)
     session.fit()
     assert session.result().stop_reason in STOP_REASONS
     return session
@@ -161,34 +163,34 @@ def ramp() -> np.ndarray:
 
 def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
     preset = PRESETS["balanced"]
-    balanced = GrowthLimits(preset.gain, KILOBYTES, preset.enough, preset.cap)
     flat = np.full((64, 96, 3), 0.4, np.float32)
     noise = np.random.default_rng(0).random((64, 96, 3)).astype(np.float32)
-    counts = [len(fitted(p, balanced).state) for p in (flat, ramp(), photo)]
+    numbers = preset.gain, preset.enough, preset.cap
+    counts = [len(fitted(p, limits_of(*numbers)).state) for p in (flat, ramp(), photo)]
     assert counts[0] == 0
     assert 1 <= counts[1] <= 30
     assert counts[2] > 300
-    assert len(fitted(noise, GrowthLimits(0.5, 0.12, 36.0, 2000)).state) < 10
+    assert len(fitted(noise, limits_of(0.5, 36.0, 2000)).state) < 10
 
 
 def test_enough_is_about_what_the_fit_ends_at(photo):
-    session = fitted(photo, GrowthLimits(0.0, 0.12, 28.0, 5000), 150)
+    session = fitted(photo, limits_of(enough=28.0, cap=5000), 150)
     assert metrics.psnr(render(session.scene()), photo) == pytest.approx(28.0, abs=1.3)
 
 
 def test_gaussians_that_gain_too_little_are_pruned_before_the_last_steps(photo):
-    dear, cheap = (GrowthLimits(g, 0.12, 60.0, 600) for g in (0.5, 0.0))
+    dear, cheap = (limits_of(g, 60.0, 600) for g in (0.5, 0.0))
     kept = fitted(photo, dear)
     target = np.ascontiguousarray(np.moveaxis(photo, -1, 0))
     image, cost = removal_cost(kept.state.splats(kept.population.background), target)
     error = np.sum((image - target) ** 2, dtype=np.float64)
     worth = 10 * np.log10(1 + np.maximum(cost[:, 0], 0) / error)
-    assert np.median(worth) > dear.gain * dear.kilobytes
+    assert np.median(worth) > dear.least_gain()
     assert len(kept.state) < len(fitted(photo, cheap).state)
 
 
 def test_resized_fit_has_the_count_and_stays_a_good_fit(photo):
-    session = fitted(photo, GrowthLimits(0.0, 0.12, 60.0, 400), 100)
+    session = fitted(photo, limits_of(enough=60.0, cap=400), 100)
     before = metrics.psnr(render(session.scene()), photo)
     session.resize(200, 40)
     fewer = metrics.psnr(render(session.scene()), photo)
@@ -218,7 +220,7 @@ def test_clock_goes_by_whichever_is_further():
 
 
 def test_fit_without_time_ends_at_once(photo):
-    policy, ends = AdaptiveCount(GrowthLimits(0.0, 0.12, 60.0, 400)), time.perf_counter() - 1
+    policy, ends = limits_of(enough=60.0, cap=400), time.perf_counter() - 1
     session = FitSession(photo, fit_config(0, None), policy, deadline=lambda: ends)
     session.fit()
     assert session.result().stop_reason == "time_limit"

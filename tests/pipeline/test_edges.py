@@ -15,9 +15,9 @@ from gauss2svg.pipeline import plan as plans
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.palette import with_plain_edges
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.cap import Cap
 from gauss2svg.pipeline.search.correction import Corrections
 from gauss2svg.pipeline.search.export import Exporter
+from gauss2svg.pipeline.search.limits import Cap
 from gauss2svg.pipeline.search.outcome import Subject
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, SOFT, Scene
@@ -141,9 +141,11 @@ def test_count_grows_little_after_the_first_fit_and_says_that_it_would_gain_too_
     found = SimpleNamespace(scene=range(100), size=1000, model=plan.enough - 6)
     wanted = {}
     for is_covering in (True, False):
-        corrections = Corrections(dataclasses.replace(plan, covering=is_covering))
+        limits = SimpleNamespace(stop_reason="enough", slope=6.0)
+        corrections = Corrections(dataclasses.replace(plan, covering=is_covering), limits)  # pyright: ignore[reportArgumentType]
         corrections.made = [found]  # pyright: ignore[reportAttributeAccessIssue]
-        wanted[is_covering] = corrections.next(100, Cap(5000, "cap"), "enough", 6.0)
+        count = corrections.next(100, Cap(5000, "cap"))
+        wanted[is_covering] = count, limits.stop_reason
     assert wanted == {True: (140, "gain"), False: (200, "enough")}
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from flat import fit_config, vectorize
 
-from gauss2svg.fit import adam, session
+from gauss2svg.fit import adam, divergence
 from gauss2svg.fit.adam import blending_of
+from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.population import Population
-from gauss2svg.fit.session import DivergenceGuard
 from gauss2svg.fit.state import STEPS, State
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
@@ -96,7 +96,7 @@ def test_small_picture_gets_no_fewer_steps_than_by_a_cheaper_preset():
     ],
 )
 def test_best_export_is_the_smallest_near_the_goal(found, best):
-    corrections = Corrections(Plan(Options.from_flat({"quality": "draft"})))
+    corrections = Corrections(Plan(Options.from_flat({"quality": "draft"})), None)  # pyright: ignore[reportArgumentType]
     corrections.made = [SimpleNamespace(size=size, model=model) for size, model in found]  # pyright: ignore[reportAttributeAccessIssue]
     assert corrections.best().size == best
 
@@ -106,9 +106,9 @@ def test_finished_fit_continues_in_small_steps_that_grow():
     guard.begin_gently()
     rates = [guard.rate]
     while guard.rate < 1 and len(rates) < 50:
-        assert guard.accepts(1.0, 1.0, State.empty(), None)
+        assert guard.accepts(1.0, 1.0, State.empty)
         rates.append(guard.rate)
-    assert rates[0] == session.GENTLE
+    assert rates[0] == divergence.GENTLE
     assert rates == sorted(rates)
     assert 10 < len(rates) < 20
 

@@ -21,15 +21,15 @@ import math
 import time
 
 from gauss2svg.fit import schedule
-from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits, Snapshot, as_given
+from gauss2svg.fit.densification import FixedCount, Snapshot
 from gauss2svg.fit.options import FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import RoundTrip, measure_pixels
 from gauss2svg.photo.alpha import over
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.cap import Cap, Growth, fewest
 from gauss2svg.pipeline.search.correction import Corrections
 from gauss2svg.pipeline.search.export import Export, Exporter
+from gauss2svg.pipeline.search.limits import Cap, Limits, fewest
 from gauss2svg.pipeline.search.outcome import Outcome, Subject, Watch
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import kernel_lock
@@ -49,30 +49,33 @@ class ByCount:
 
     def __init__(self, plan: Plan, subject: Subject, watch: Watch) -> None:
         self._plan, self._subject, self._watch = plan, subject, watch
-        self._budget, self._report = watch.budget, watch.report
         self._ended = False
-        self._phase = "fit"
         self._exporter = Exporter(plan, subject)
-        self._corrections = Corrections(plan)
+        self._limits = Limits(plan, self._exporter, watch.budget, math.prod(subject.size))
+        self._policy = self._limits if plan.count_adapts else FixedCount(plan.fit_config)
+        self._corrections = Corrections(plan, self._limits)
         self._additive: FitResult | None = None
-        self._portable = plan.options.svg.portable
-        pixels = math.prod(subject.size)
-        self._growth = Growth(plan, self._exporter, watch.budget, pixels)
-        self._policy = self._growth.policy(as_given if self._portable else self._revise)
-        if not self._portable:
-            self._begin()
 
     def run(self) -> Outcome:
-        """Fit, then correct until the targets are met or unreachable."""
+        """Fit, write and measure; correct the count until the targets are met or unreachable."""
+        iterations = self._plan.fit_config.iterations or self._plan.iterations
+        steps = max(LEAST_STEPS, round(CORRECTION_SHARE * iterations))
         with kernel_lock:
-            self._fit()
+            session = self._session = self._fitted()
             self._export()
-            best, found, reached = self._corrected()
-            for _ in range(CALIBRATIONS):
-                if self._ended or not self._calibrate(best, found, reached):
+            for _ in range(1 + CALIBRATIONS):
+                for _ in range(CORRECTIONS):
+                    count = self._next_count()
+                    if count == len(session.state):
+                        break
+                    session.resize(count, steps)
+                    self._export()
+                best = self._best()
+                self._watch.report("measure", None)
+                measured = self._exporter.measured(best, self._watch.budget.measures_small)
+                reached = self._reached(best, measured)
+                if not self._calibrate(best, measured, reached):
                     break
-                best, found, reached = self._corrected()
-        reason = self._stop_reason(best, reached)
         return Outcome(
             plan=self._plan,
             working=self._subject.working,
@@ -80,76 +83,57 @@ class ByCount:
             svg=best.svg,
             format=best.format,
             reached=reached,
-            fitted=self._session.result().after(self._additive, reason),
-            measured=found,
+            fitted=session.result().after(self._additive, self._stop_reason(best, reached)),
+            measured=measured,
             corrections=len(self._corrections.made) - 1,
         )
 
-    def _fit(self) -> None:
-        """The fit of the first export; of a portable file both fits."""
-        self._look_for_stop()
-        if self._portable:
-            self._begin_with_additive()
-        self._session.fit()
-        cap = self._growth.cap
-        if cap.name == "time_limit":  # found after growth ended
-            self._session.prune_to(cap.gaussians)
-        # A preset's cap is of what is worth its bytes; a target may need more.
-        if cap.name == "cap" and self._plan.aim is not None:
-            self._growth.cap = Cap(self._growth.for_target, "cap")
-
-    def _begin(self) -> None:
-        """Create the session of the fit that is written, in the time that is left."""
-        subject, config = self._subject, self._plan.fit_config
-        if self._growth.expected is not None:  # few are fitted on reduced pictures first
-            config = dataclasses.replace(config, gaussians=self._growth.expected)
-        self._budget.begin_fit(self._growth.count)
-        self._session = FitSession(
-            subject.working, config, self._policy, self._budget.fit_ends,
-            self._on_step, self._exporter.as_written,
-            stop=self._is_ended, targets=subject.targets(self._plan.tune),
+    def _fitted(self) -> FitSession:
+        """Return the fit of the first export, after an additive one for a portable file."""
+        plan, subject, limits = self._plan, self._subject, self._limits
+        config = plan.fit_config
+        if plan.options.svg.portable:
+            white = over(subject.working)
+            targets = subject.targets(plan.tune) if white is subject.working else None
+            self._watch.budget.begin_fit(self._expected, ADDITIVE_SHARE)
+            first = FitSession(
+                white, plan.additive_config, self._policy, self._watch.budget.fit_ends,
+                lambda now: self._watch.report("additive", now), stop=self._stop, targets=targets,
+            )  # fmt: skip
+            first.fit()
+            self._additive = first.result()
+            limits.is_additive = False
+        if limits.expected is not None:  # few are fitted on reduced pictures first
+            config = dataclasses.replace(config, gaussians=limits.expected)
+        self._watch.budget.begin_fit(self._expected)
+        self._session = session = FitSession(
+            subject.working, config, self._policy, self._watch.budget.fit_ends, self._on_step,
+            self._exporter.as_written, self._stop, subject.targets(plan.tune),
         )  # fmt: skip
-
-    def _begin_with_additive(self) -> None:
-        """Fit additively, and continue with the same Gaussians alpha-composited."""
-        subject = self._subject
-        white = over(subject.working)
-        self._budget.begin_fit(self._growth.count, ADDITIVE_SHARE)
-        session = FitSession(
-            white, self._plan.additive_config, self._policy, self._budget.fit_ends,
-            lambda progress: self._after_step("additive", progress),
-            stop=self._is_ended,
-            targets=subject.targets(self._plan.tune) if white is subject.working else None,
-        )  # fmt: skip
+        if self._additive is not None:
+            session.adopt(self._additive.scene, plan.fit_config.gaussians)
         session.fit()
-        self._additive = session.result()
-        if isinstance(self._policy, AdaptiveCount):  # it keeps the gains of the additive rounds
-            self._policy.revise = self._revise
-        self._begin()
-        self._session.adopt(self._additive.scene, self._plan.fit_config.gaussians)
+        if limits.cap.name == "time_limit":  # found after growth ended
+            session.prune_to(limits.cap.gaussians)
+        limits.allow_for_target()
+        return session
 
-    def _revise(self, limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
-        return self._growth.revised(limits, now)
+    @property
+    def _expected(self) -> int:
+        """About the count that the fit ends with, at most."""
+        return self._limits.expected or self._limits.cap.gaussians
 
-    def _on_step(self, progress: FitProgress) -> None:
-        target = self._session.population.target
-        growing = progress.done <= schedule.GROWTH_SHARE
-        self._budget.stepped(target.width * target.height, progress.gaussians, growing)
-        self._after_step(self._phase, progress)
-        most = self._budget.reserve(
-            progress.done, progress.gaussians, lambda: self._export_seconds(progress.psnr)
-        )
+    def _on_step(self, now: FitProgress) -> None:
+        target, budget = self._session.population.target, self._watch.budget
+        growing = now.done <= schedule.GROWTH_SHARE
+        budget.stepped(target.width * target.height, now.gaussians, growing)
+        self._watch.report("correct" if self._corrections.made else "fit", now)
+        most = budget.reserve(now.done, now.gaussians, lambda: self._export_seconds(now.psnr))
         if most is not None:
-            self._growth.cap = fewest(self._growth.cap, Cap(most, "time_limit"))
+            self._limits.cap = fewest(self._limits.cap, Cap(most, "time_limit"))
 
-    def _after_step(self, phase: str, progress: FitProgress) -> None:
-        self._report(phase, progress)
-        self._look_for_stop()
-
-    def _look_for_stop(self) -> None:
+    def _stop(self) -> bool:
         self._ended = self._ended or self._watch.stop()
-
-    def _is_ended(self) -> bool:
         return self._ended
 
     def _export_seconds(self, psnr: float) -> float:
@@ -162,62 +146,41 @@ class ByCount:
 
     def _export(self) -> None:
         """Write the scene of the fit, and rasterise it if there is an aim."""
-        self._report("write", None)
+        self._watch.report("write", None)
         if self._plan.aim is not None:
-            self._report("measure", None)
+            self._watch.report("measure", None)
         self._corrections.made.append(self._exporter.export(self._session.scene()))
 
-    def _corrected(self) -> tuple[Export, RoundTrip, float | None]:
-        """The best export after corrections of the count, its measurement, and its score."""
-        self._correct()
-        best, limit = self._corrections.best(), self._plan.byte_limit
-        if limit is not None:
-            target = self._subject.target(self._plan.tune)
-            best = best.pruned_to(limit, self._exporter.empty_bytes, target)
-        self._report("measure", None)
-        found = self._exporter.measured(best, self._budget.measures_small)
-        return best, found, self._reached(best, found)
-
-    def _correct(self) -> None:
-        """Change the count and refine until the last export needs no correction."""
-        policy = self._policy
-        if not isinstance(policy, AdaptiveCount):
-            return
-        iterations = self._plan.fit_config.iterations or self._plan.iterations
-        steps = max(LEAST_STEPS, round(CORRECTION_SHARE * iterations))
-        for _ in range(CORRECTIONS):
-            if self._ended or self._session.clock.out_of_time:
-                break
-            count, cap = len(self._session.state), self._cap_now()
-            wanted, policy.stop_reason = self._corrections.next(
-                count, cap, policy.stop_reason, policy.slope
-            )
-            if wanted == count:
-                break
-            self._phase = "correct"
-            self._session.resize(wanted, steps)
-            self._export()
-
-    def _cap_now(self) -> Cap:
-        """The largest count, also by the bytes of the last export."""
+    def _next_count(self) -> int:
+        """Return the count of the next export, the present one if no correction is needed."""
         session, last = self._session, self._corrections.made[-1]
-        now = Snapshot(len(session.state), 1.0, lambda: last.model, session.scene)
-        return self._growth.by_bytes(now, last.size)
+        count = len(session.state)
+        if self._policy is not self._limits or self._ended or session.clock.out_of_time:
+            return count
+        now = Snapshot(count, 1.0, lambda: last.model, session.scene)
+        return self._corrections.next(count, self._limits.within_bytes(now, last.size))
+
+    def _best(self) -> Export:
+        """Return the best export, within the limit of bytes."""
+        best, limit = self._corrections.best(), self._plan.byte_limit
+        if limit is None:
+            return best
+        target = self._subject.target(self._plan.tune)
+        return best.pruned_to(limit, self._exporter.empty_bytes, target)
 
     def _calibrate(self, best: Export, measured: RoundTrip, reached: float | None) -> bool:
         """Correct the scores by that against the reference; False if there is no need."""
-        aim, photo = self._plan.aim, self._subject.photo
+        aim, photo, corrections = self._plan.aim, self._subject.photo, self._corrections
         smaller = photo.shape != self._subject.working.shape
         # Without time the file is measured at the size of the fit, which tells nothing new.
         if aim is None or reached is None or not smaller or measured.raster.shape != photo.shape:
             return False
-        if math.isnan(best.score):  # it was pruned to its bytes
+        if self._ended or math.isnan(best.score):  # it was pruned to its bytes
             return False
         if aim.reached(reached) and reached <= aim.value + aim.too_good:
             return False
-        before = self._corrections.detail
-        self._corrections.detail = aim.detail(reached, best.score)
-        return self._corrections.detail != before
+        before, corrections.detail = corrections.detail, aim.detail(reached, best.score)
+        return corrections.detail != before
 
     def _reached(self, best: Export, measured: RoundTrip) -> float | None:
         """The score of a measured file by the aim, if there is one."""
@@ -241,5 +204,5 @@ class ByCount:
         if aim is None or not len(best.scene):
             return self._policy.stop_reason
         # Whatever ended the growth, corrections did not reach the target.
-        cap = self._growth.cap
+        cap = self._limits.cap
         return cap.name if len(best.scene) > AT_THE_CAP * cap.gaussians else "iterations"

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
-from gauss2svg.fit import densification
-from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.cap import Cap, fewest
+from gauss2svg.pipeline.plan import Aim, Plan
 from gauss2svg.pipeline.search.export import Export
+from gauss2svg.pipeline.search.limits import FIRST_ROUND, Cap, Limits, fewest
 
 # Corrections of a count (docs/decisions/monotone.md and numbers.md).
 FULL = 0.985  # share of the allowed bytes from which a file is full
@@ -38,13 +36,6 @@ FLATTEST = 1.5  # least slope in dB for each doubling
 STEEPEST = 12.0  # largest slope in dB for each doubling
 
 
-class Correction(NamedTuple):
-    """The count of the next export, and the stop reason once it is reached."""
-
-    gaussians: int
-    stop_reason: str
-
-
 class Corrections:
     """The exports of a search for what a plan asks for, and how to correct their count.
 
@@ -52,10 +43,11 @@ class Corrections:
     detail  what measuring against the reference adds to the score at the fit's, see Aim
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, limits: Limits) -> None:
         self.made: list[Export] = []
         self.detail = 0.0
-        self._plan, self._aim, self._limit = plan, plan.aim, plan.byte_limit
+        self._plan, self._limits = plan, limits
+        self._aim, self._limit = plan.aim, plan.byte_limit
 
     def score(self, export: Export) -> float:
         """Score of an export's rasterised SVG against the photo; -inf if it was not rasterised."""
@@ -63,45 +55,67 @@ class Corrections:
             return -math.inf
         return self._aim.with_detail(export.score, self.detail)
 
-    def next(self, count: int, cap: Cap, stop_reason: str, usual_slope: float) -> Correction:
-        """The next export, of the same count where no correction is needed.
+    def next(self, count: int, cap: Cap) -> int:
+        """Return the count of the next export, the present one if no correction is needed.
 
-        count        the present count
-        cap          the largest count, by the bytes of the last export too
-        stop_reason  of the growth
-        usual_slope  dB gained per doubling during growth
+        cap  the largest count, by the bytes of the last export too
+
+        Set the stop reason of the limits to the one that decides.
         """
-        last, aim = self.made[-1], self._aim
+        last, aim, limits = self.made[-1], self._aim, self._limits
         if not count:
             lacking = aim is not None and not aim.reached(self.score(last))
             room = last.size < (self._limit or math.inf)
-            few = min(densification.FIRST_ROUND, cap.gaussians)
-            return Correction(few if lacking and room else 0, stop_reason)
+            return min(FIRST_ROUND, cap.gaussians) if lacking and room else 0
         if self._limit is not None:
             if last.size > TOO_LARGE * self._limit:
-                return Correction(min(self._filling(cap), count - 1), "max_bytes")
+                limits.stop_reason = "max_bytes"
+                return min(self._filling(cap), count - 1)
             if last.size > self._limit and aim is None:  # a few are pruned
-                return Correction(count, "max_bytes")
-        wanted, slope = count, self._slope(usual_slope)
+                limits.stop_reason = "max_bytes"
+                return count
         if aim is not None:
-            score = self.score(last)
-            if not aim.value - aim.too_little <= score <= aim.value + aim.too_good:
-                missing = (aim.value + aim.over - score) / slope
-                wanted = min(round(count * 2 ** max(min(missing, 2.0), -2.0)), cap.gaussians)
+            wanted = self._aimed(aim, count, cap)
         elif self._limit is not None:
-            wanted, stop_reason = self._filled(count, cap, stop_reason, self._limit)
+            wanted = self._filled(count, cap, self._limit)
         else:
-            wanted, stop_reason = self._enough(count, cap, stop_reason, slope)
-        same = abs(wanted - count) <= SAME * count
-        return Correction(count if same else wanted, stop_reason)
+            wanted = self._enough(count, cap)
+        return count if abs(wanted - count) <= SAME * count else wanted
 
-    def _filled(self, count: int, cap: Cap, stop_reason: str, limit: int) -> Correction:
-        """Count for a limit of bytes: as many as it allows, until no more show."""
+    def _aimed(self, aim: Aim, count: int, cap: Cap) -> int:
+        """Return the count for a target."""
+        score = self.score(self.made[-1])
+        if aim.value - aim.too_little <= score <= aim.value + aim.too_good:
+            return count
+        missing = (aim.value + aim.over - score) / self._slope()
+        return min(round(count * 2 ** max(min(missing, 2.0), -2.0)), cap.gaussians)
+
+    def _filled(self, count: int, cap: Cap, limit: int) -> int:
+        """Return the count for a limit of bytes: as many as it allows, until no more show."""
         last = self.made[-1]
         share = FULL if len(self.made) < 2 else NEARLY_FULL
-        full = last.size > share * limit or last.model >= self._plan.enough
-        wanted = count if full else min(4 * count, self._filling(cap))
-        return Correction(wanted, cap.name if wanted > count else stop_reason)
+        if last.size > share * limit or last.model >= self._plan.enough:
+            return count
+        wanted = min(4 * count, self._filling(cap))
+        if wanted > count:
+            self._limits.stop_reason = cap.name
+        return wanted
+
+    def _enough(self, count: int, cap: Cap) -> int:
+        """Return the count for the preset's PSNR."""
+        missing = self._plan.enough - self.made[-1].model
+        given = self._plan.is_budget or self._plan.count is not None
+        too_few = missing > 0 and self._limits.stop_reason != "enough"
+        if given or too_few or -FAR_MORE <= missing <= LESS_THAN_ENOUGH:
+            return count
+        needed = count * 2 ** max(min(missing / self._slope(), 2.0), MOST_REDUCED)
+        if self._plan.covering:  # what a fit loses where soft shapes become edges, few regain
+            most = math.ceil(FOR_EDGES * len(self.made[0].scene))
+            cap = fewest(cap, Cap(most, "gain"))
+        if missing < 0:
+            needed = max(needed, min(count, FEW))
+        self._limits.stop_reason = "enough" if needed < cap.gaussians else cap.name
+        return min(math.ceil(needed), cap.gaussians)
 
     def _filling(self, cap: Cap) -> int:
         """Return the count that fills the limit of bytes, between files on both sides of it."""
@@ -113,29 +127,12 @@ class Corrections:
         share = (self._limit - below.size) / (above.size - below.size)
         return int(len(below.scene) + share * (len(above.scene) - len(below.scene)))
 
-    def _enough(self, count: int, cap: Cap, stop_reason: str, slope: float) -> Correction:
-        """Count for the preset's PSNR."""
-        missing = self._plan.enough - self.made[-1].model
-        given = self._plan.is_budget or self._plan.count is not None
-        if given or -FAR_MORE <= missing <= LESS_THAN_ENOUGH:
-            return Correction(count, stop_reason)
-        if missing > 0 and stop_reason != "enough":
-            return Correction(count, stop_reason)
-        needed = count * 2 ** max(min(missing / slope, 2.0), MOST_REDUCED)
-        if self._plan.covering:  # what a fit loses where soft shapes become edges, few regain
-            most = math.ceil(FOR_EDGES * len(self.made[0].scene))
-            cap = fewest(cap, Cap(most, "gain"))
-        if missing < 0:
-            needed = max(needed, min(count, FEW))
-        stop_reason = "enough" if needed < cap.gaussians else cap.name
-        return Correction(min(math.ceil(needed), cap.gaussians), stop_reason)
-
-    def _slope(self, usual: float) -> float:
+    def _slope(self) -> float:
         """Score gained per doubling, by the last two exports or by the growth.
 
-        Without an aim, and in `usual`, the score is PSNR in dB.
+        Without an aim the score is PSNR in dB.
         """
-        aim = self._aim
+        aim, usual = self._aim, self._limits.slope
         if aim is not None and aim.slope is not None:
             usual = aim.slope
         slope = usual
