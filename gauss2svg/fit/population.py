@@ -122,12 +122,20 @@ class Population:
             return evaluated.error
         return self._photo.reduced(self.reduction).error_of(evaluated.rendered)
 
-    def evaluated_at(self, factor: int) -> LossAndGradient:
-        """Return the loss and its gradient on the target at 1 / factor the width and height."""
-        options = self.config.fit
-        splats = self.state.scaled(1 / factor, 1 / factor).splats(self.background, options.blend)
-        target = self._pyramid.reduced(factor)
-        return target.evaluate(splats, options.loss, options.ssim_weight)
+    def evaluate(self, splats: Splats, at_both_sizes: bool = False) -> LossAndGradient:
+        """Return the loss and its gradient, also at the own size of an enlarged picture."""
+        options, times = self.config.fit, self.config.enlarged
+        found = self.target.evaluate(splats, options.loss, options.ssim_weight)
+        if not at_both_sizes or times == 1:
+            return found
+        splats = self.state.scaled(1 / times, 1 / times).splats(self.background, options.blend)
+        own = self._pyramid.reduced(times).evaluate(splats, options.loss, options.ssim_weight)
+        # Gradients are in each shape's own frame, so that they add up over sizes.
+        return found._replace(
+            loss=(found.loss + times**2 * own.loss) / 2,
+            moments=(found.moments + times**2 * own.moments) / 2,
+            pairs=found.pairs + own.pairs,
+        )
 
     def copied(self) -> Kept:
         """Return a copy of the state and of the shared colours, for `restore`."""

@@ -32,8 +32,7 @@ from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import DEFAULT_LOSS, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.population import AsWritten, Kept, Population
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import LossAndGradient, TargetPyramid
-from gauss2svg.render.cpu import Splats
+from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.scene import Scene
 
 # Mean squared error that no step can improve: 120 dB, at which no pixel of a million is off by half
@@ -94,7 +93,7 @@ class FitSession:
         self.wall_s = self.cpu_s = 0.0
         self._progress, self._as_written = progress or (lambda _: None), as_written
         self._errors: deque[float] = deque(maxlen=STEPS_AVERAGED)
-        self._at_both_sizes = False  # whether the loss is that of an enlarged picture and its own
+        self._quantized = False  # whether exponents are those of the file
 
     @property
     def state(self) -> State:
@@ -198,7 +197,7 @@ class FitSession:
         self.guard.reset()
         if gently:
             self.guard.begin_gently()
-        population.shared, self._at_both_sizes = None, False
+        population.shared, self._quantized = None, False
         sizes = (0.0, schedule.HALF_FROM, schedule.FULL_FROM, schedule.QUANTIZED_FROM)
         left = [Event(at, self._change_size, needed=True) for at in sizes]
         left += [*events, Event(schedule.QUANTIZED_FROM, self._quantize, needed=True)]
@@ -255,7 +254,7 @@ class FitSession:
             if self._as_written is not None and len(self.state):
                 with self.clock.paused():
                     self.population.quantize(self._as_written, self.psnr)
-            self._at_both_sizes = self.config.enlarged > 1
+            self._quantized = True
 
     def _exchange(self) -> None:
         """Let shapes change to another shared colour."""
@@ -276,23 +275,9 @@ class FitSession:
         if self.config.fit.loss == DEFAULT_LOSS and self.config.enlarged == 1:
             loss = population.target.loss(population.splats())
         else:
-            loss = self._evaluate(population.splats()).loss
+            loss = population.evaluate(population.splats(), self._quantized).loss
         if self.guard.ends_worse(loss, tolerant):
             population.restore(best)
-
-    def _evaluate(self, splats: Splats) -> LossAndGradient:
-        """Return the loss and its gradient, in the last steps also of the picture's own size."""
-        options, times = self.config.fit, self.config.enlarged
-        found = self.population.target.evaluate(splats, options.loss, options.ssim_weight)
-        if not self._at_both_sizes:
-            return found
-        # Gradients are in each shape's own frame, so that they add up over sizes.
-        own = self.population.evaluated_at(times)
-        return found._replace(
-            loss=(found.loss + times**2 * own.loss) / 2,
-            moments=(found.moments + times**2 * own.moments) / 2,
-            pairs=found.pairs + own.pairs,
-        )
 
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one optimiser step, or a rollback."""
@@ -304,7 +289,7 @@ class FitSession:
         if self.clock.iteration % EXCHANGED_EVERY == 0:
             population.exchange(population.inks)
         splats = population.splats()
-        evaluated = self._evaluate(splats)
+        evaluated = population.evaluate(splats, self._quantized)
         sound = guard.accepts(evaluated.loss, evaluated.error, population.copied)
         if sound:
             self._errors.append(population.error_of(evaluated))

@@ -158,33 +158,18 @@ class Target:
 
     def evaluate(self, splats: Splats, loss: str, ssim_weight: float | None) -> LossAndGradient:
         """One of FitOptions.loss and its gradient."""
-        parts = [self._evaluate(*view, splats, loss, ssim_weight) for view in self._views]
-        losses, errors, moments, pairs, rendered = zip(*parts, strict=True)
-        return LossAndGradient(
-            sum(losses),
-            sum(errors) / len(errors),
-            reduce(add, moments),
-            sum(pairs),
-            reduce(add, rendered),
-        )
-
-    def _evaluate(
-        self,
-        planar: NDArray[np.floating],
-        backdrop: float | None,
-        splats: Splats,
-        loss: str,
-        ssim_weight: float | None,
-    ) -> LossAndGradient:
-        splats = _over(splats, backdrop)
-        image, squares, moments, rows = squared_error(splats, planar, self.weight)
-        value = 0.5 * squares
-        if loss != DEFAULT_LOSS:
-            mean, gradient = image_gradient(loss, image, planar, ssim_weight)
-            value = mean * planar.size
-            moments = moments_of_gradient(splats, gradient)
-        # Kernels count pairs in rows of a tile, of 16 px each.
-        return LossAndGradient(value, squares / planar.size, moments, rows * 16, (image,))
+        parts: list[LossAndGradient] = []
+        for planar, backdrop in self._views:
+            over = _over(splats, backdrop)
+            image, squares, moments, rows = squared_error(over, planar, self.weight)
+            value = 0.5 * squares
+            if loss != DEFAULT_LOSS:
+                mean, gradient = image_gradient(loss, image, planar, ssim_weight)
+                value, moments = mean * planar.size, moments_of_gradient(over, gradient)
+            # Kernels count pairs in rows of a tile, of 16 px each.
+            error = squares / planar.size / len(self._views)
+            parts.append(LossAndGradient(value, error, moments, rows * 16, (image,)))
+        return LossAndGradient(*(reduce(add, values) for values in zip(*parts, strict=True)))
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
         """Weighted sum of squared differences, and the moments of the gradient of half of it."""

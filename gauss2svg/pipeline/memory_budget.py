@@ -94,11 +94,15 @@ class Load:
     may_enlarge: bool = False
 
     @property
+    def fit(self) -> Size:
+        """Width and height in px of the image that the fit runs on."""
+        return self.fit_width, self.fit_height
+
+    @property
     def measured(self) -> Size:
         """Width and height in px at which the file is measured."""
         least = math.inf if self.least_measured is None else self.least_measured
-        fit = self.fit_width, self.fit_height
-        return measured_size((self.width, self.height), fit, least)
+        return measured_size((self.width, self.height), self.fit, least)
 
     @property
     def decoded(self) -> Size:
@@ -151,15 +155,20 @@ def check_decoding(header: Header, limit: int, reduced: bool = False) -> None:
         raise _too_little(needed, limit, photo, "a smaller photo")
 
 
-def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[int, int, str | None]:
-    """Width and height in px of the fit under a limit of bytes, and a note if it is reduced.
+def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[Load, str | None]:
+    """Return the load of the largest fit under a limit of bytes, and a note if it is reduced.
 
     asked  whether the size was given by the user and may not be reduced
-    Raises InputError if a given size does not fit, and if none does.
+    Raise InputError if a given size does not fit, and if none does.
     """
     if load.bytes <= limit:
-        return load.fit_width, load.fit_height, None
-    least = _scaled(load, 0.0)
+        return load, None
+
+    def scaled(share: float) -> Load:
+        width, height = (max(1, int(share * side)) for side in load.fit)
+        return replace(load, fit_width=width, fit_height=height)
+
+    least = scaled(0.0)
     if least.bytes > limit:
         work = f"a photo of {load.width}x{load.height} px and up to {load.gaussians} Gaussians"
         raise _too_little(least.bytes, limit, work, "a smaller photo")
@@ -167,18 +176,12 @@ def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[int, int, str |
         work = f"a fit on {load.fit_width}x{load.fit_height} px"
         raise _too_little(load.bytes, limit, work, "a smaller --max-size")
     low, high = 0.0, 1.0
-    while high - low > 1 / max(load.fit_width, load.fit_height):
+    while high - low > 1 / max(load.fit):
         middle = (low + high) / 2
-        low, high = (middle, high) if _scaled(load, middle).bytes <= limit else (low, middle)
-    found = _scaled(load, low)
+        low, high = (middle, high) if scaled(middle).bytes <= limit else (low, middle)
+    found = scaled(low)
     size = f"{found.fit_width}x{found.fit_height} px"
-    note = f"fitted at {size} to stay under {_megabytes(limit)} of memory"
-    return found.fit_width, found.fit_height, note
-
-
-def _scaled(load: Load, share: float) -> Load:
-    width, height = (max(1, int(share * side)) for side in (load.fit_width, load.fit_height))
-    return replace(load, fit_width=width, fit_height=height)
+    return found, f"fitted at {size} to stay under {_megabytes(limit)} of memory"
 
 
 def _too_little(needed: float, limit: int, work: str, advice: str) -> InputError:
@@ -198,36 +201,8 @@ START_S = 0.5  # seconds of the limit that the start takes
 LEAST_S = 0.25  # fewest seconds of the limit that are left
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """Width and height of the fit, of what is measured and of what is decoded.
-
-    measured  that of the fit or of MEASURED_PIXELS, whichever is larger, or the photo's
-    decoded   that measured, or the photo's where it is to be reduced by Lanczos' filter
-    note      where memory is the reason for that of the fit
-    """
-
-    fit: Size
-    measured: Size
-    decoded: Size
-    note: str | None = None
-
-
-def sizes_of(plan: Plan, photo: Header, most_bytes: int, may_reduce: bool = True) -> Sizes:
-    """The sizes for a photo: the preset's, smaller for lack of time or of memory.
-
-    may_reduce  whether lack of memory may reduce the fit
-    Raises InputError for too little memory.
-    """
-    load = load_of(plan, photo)
-    asked = plan.options.run.max_size is not None or not may_reduce
-    width, height, note = size_that_fits(load, most_bytes, asked=asked)
-    load = replace(load, fit_width=width, fit_height=height)
-    return Sizes((width, height), load.measured, load.decoded, note)
-
-
 def load_of(plan: Plan, photo: Header) -> Load:
-    """What determines the memory of a run on a photo."""
+    """What determines the memory of a run on a photo, with the sizes that the preset asks for."""
     goal, run = plan.options.goal, plan.options.run
     width, height = photo.width, photo.height
     scale = min(1.0, plan.side / max(width, height))

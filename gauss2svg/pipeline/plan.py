@@ -73,14 +73,6 @@ PRECISION_OF_INKS = 0.1  # px: edges of opaque ellipses at a tenth of one (docs/
 
 
 @dataclass(frozen=True)
-class Quantization:
-    """How colours are quantised: two arguments of gauss2svg.pipeline.palette.quantize."""
-
-    palette: int
-    color_error: float
-
-
-@dataclass(frozen=True)
 class Plan:
     """What the options of a run, or of one of its searches, come to.
 
@@ -349,8 +341,11 @@ class Plan:
             opacity_decimals=preset.opacity_decimals,
         )
 
-    def quantization(self, gaussians: int, error: float | None = None) -> Quantization:
-        """Quantisation of so many Gaussians with, where it is known, this mean squared error."""
+    def quantization(self, gaussians: int, error: float | None = None) -> tuple[int, float]:
+        """Return palette and color_error, as `quantize` has them, for so many Gaussians.
+
+        error  their mean squared error, where it is known
+        """
         preset = self.preset
         palette, loss = self.options.svg.palette, 0.0
         if palette is None:
@@ -360,7 +355,7 @@ class Plan:
         color_error = 0.0
         if error is not None and self.options.svg.palette is None:
             color_error = min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
-        return Quantization(palette, color_error)
+        return palette, color_error
 
     def _written_like(self, psnr: float | None) -> Preset:
         """The preset whose numbers the file has; within a budget those that its PSNR is worth."""

@@ -31,14 +31,13 @@ from gauss2svg.version import __version__
 
 def run_report(
     plan: Plan,
-    document: Document,
     photo: Photo,
     outcome: Outcome,
     scores: Scores,
     run: Run,
 ) -> dict[str, Any]:
     """All options and results of a run; the keys are in docs/reference/report.md."""
-    chosen, (fit_height, fit_width) = outcome.plan, outcome.working.shape[:2]
+    chosen, subject, document = outcome.plan, outcome.subject, outcome.subject.document
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
     total_s = run.total_s
     size_reached = measured.svgz_bytes if plan.counts_gzipped else measured.svg_bytes
@@ -47,14 +46,15 @@ def run_report(
         len(outcome.scene),
     )  # fmt: skip
     shown = shown_width(document, outcome.scene)
+    palette, _ = chosen.quantization(len(outcome.scene))
     return {
         **options.flat(),
         "quality": chosen.quality,
         # Values of options that were left open.
         "width": photo.full[0],
         "height": photo.full[1],
-        "fit_width": fit_width,
-        "fit_height": fit_height,
+        "fit_width": subject.size[0],
+        "fit_height": subject.size[1],
         "measured_width": measured.raster.shape[1],
         "measured_height": measured.raster.shape[0],
         "gaussians": len(outcome.scene),
@@ -64,7 +64,7 @@ def run_report(
         "stops": outcome.format.stops,
         "precision": None if chosen.by_bytes else outcome.format.precision,
         "tune": chosen.tune,
-        "palette": _palette(outcome) if plan.palette_is_counted else None,
+        "palette": palette if plan.palette_is_counted else None,
         "size": document.size,
         "threads": run.threads,
         # Results.
@@ -96,10 +96,6 @@ def run_report(
         "versions": dict(_versions()),
         "total_s": total_s,
     }
-
-
-def _palette(outcome: Outcome) -> int:
-    return outcome.plan.quantization(len(outcome.scene)).palette
 
 
 def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:

@@ -6,7 +6,7 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Never
+from typing import Any, Never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from gauss2svg.options import Flag, file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.photo import Header, Photo
-from gauss2svg.pipeline.memory_budget import Sizes, sizes_of
+from gauss2svg.pipeline.memory_budget import Load, load_of, size_that_fits
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions, unknown_option
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import watched
@@ -193,96 +193,89 @@ def vectorize_by(
     plan.check_renderer()
     run = Run(options.run, progress, stop, started)
     image, header = run.opened(image)
-    drawn = _drawn(plan, run, image, header, may_reduce)
-    within = drawn.plan.without_target()
-    if within is not None and _may_be_closer(drawn):
-        drawn = _closer(drawn, _drawn(within, run, image, header, may_reduce))
-    return _result(run, drawn)
-
-
-class _Drawn(NamedTuple):
-    """A photo as it is measured, what is drawn of it, and the outcome of a plan for it."""
-
-    plan: Plan
-    photo: Photo
-    subject: Subject
-    outcome: Outcome
+    plan, photo, outcome = _drawn(plan, run, image, header, may_reduce)
+    within = plan.without_target()
+    if within is not None and _may_be_closer(plan, outcome):
+        _, other, closest = _drawn(within, run, image, header, may_reduce)
+        outcome, is_closer = _closer(plan, outcome, closest)
+        photo = other if is_closer else photo
+    return _result(plan, run, photo, outcome)
 
 
 def _drawn(
     plan: Plan, run: Run, image: ImageSource, header: Header | None, may_reduce: bool
-) -> _Drawn:
-    """Read the photo, and run the searches of a plan."""
-    photo, sizes = _read(plan, run, image, header, may_reduce)
-    plan = dataclasses.replace(plan, fit_side=max(sizes.fit))
-    photo, subject = _subject(photo, sizes, plan.options.document)
-    plan = plan.for_picture(subject.photo)
+) -> tuple[Plan, Photo, Outcome]:
+    """Read the photo and run the searches of a plan.
+
+    Return the plan of the picture, the photo at the size at which it is measured, and the outcome.
+    """
+    photo, load = _read(plan, run, image, header, may_reduce)
+    _check_precision(max(photo.full), plan)
+    _check_side(min(load.fit), plan.options.goal.target)
+    measured = reduced(photo, load.measured, sharp=True)
+    pixels = working = pixels_of(measured)
+    if load.fit != load.measured:
+        working = shrunk(pixels_of(photo), *load.fit[::-1], sharp=True)
+    subject = Subject(pixels, working, photo.full, document_for(photo, plan.options.document))
+    del photo  # its own pixels may be many
+    plan = dataclasses.replace(plan, fit_side=max(load.fit)).for_picture(pixels)
     with run.compiled(plan.options.fit.blend):
         outcome = best_of(_searches(plan, run, subject))
     subject.release()
-    return _Drawn(plan, photo, subject, outcome)
+    return plan, measured, outcome
 
 
-def _may_be_closer(drawn: _Drawn) -> bool:
+def _may_be_closer(plan: Plan, outcome: Outcome) -> bool:
     """Return whether a search without the target may come closer to it."""
-    aim, outcome, reached = drawn.plan.aim, drawn.outcome, drawn.outcome.reached
+    aim, reached = plan.aim, outcome.reached
     missed = aim is not None and reached is not None and not aim.reached(reached)
     return missed and outcome.fitted.stop_reason != "interrupted"
 
 
-def _closer(first: _Drawn, second: _Drawn) -> _Drawn:
-    """Return the one whose score is better by the first plan's aim, with the costs of both."""
-    aim, outcome = first.plan.aim, second.outcome
+def _closer(plan: Plan, first: Outcome, second: Outcome) -> tuple[Outcome, bool]:
+    """Return the outcome of the better score by the plan's aim, and whether it is the second.
+
+    It has the costs of both.
+    """
+    aim, subject = plan.aim, second.subject
     assert aim is not None
-    score = aim.of_file(outcome.measured, second.subject.photo, outcome.working)
-    second = second._replace(plan=first.plan, outcome=dataclasses.replace(outcome, reached=score))
-    is_closer = first.outcome.reached is None or score > first.outcome.reached
+    score = aim.of_file(second.measured, subject.photo, subject.working)
+    is_closer = first.reached is None or score > first.reached
     best, other = (second, first) if is_closer else (first, second)
-    reason = best.outcome.fitted.stop_reason
-    if outcome.fitted.stop_reason == "interrupted":
+    reason = best.fitted.stop_reason
+    if second.fitted.stop_reason == "interrupted":
         reason = "interrupted"
     elif is_closer and aim.reached(score):
         reason = aim.name
-    fitted = best.outcome.fitted.after(other.outcome.fitted, reason)
-    return best._replace(outcome=dataclasses.replace(best.outcome, fitted=fitted))
+    reached = score if is_closer else first.reached
+    fitted = best.fitted.after(other.fitted, reason)
+    return dataclasses.replace(best, fitted=fitted, reached=reached), is_closer
 
 
 def _read(
     plan: Plan, run: Run, image: ImageSource, header: Header | None, may_reduce: bool
-) -> tuple[Photo, Sizes]:
+) -> tuple[Photo, Load]:
     """The photo, at its own size or that at which it is measured, and the sizes of the run."""
+    asked = plan.options.run.max_size is not None or not may_reduce
 
-    def sizes(width: int, height: int, has_alpha: bool = False) -> Sizes:
+    def sizes(width: int, height: int, has_alpha: bool = False) -> tuple[Load, str | None]:
         known = header or Header(width, height, has_alpha)
         # Before it is decoded an opaque one: only its pixels say whether it has alpha.
         known = dataclasses.replace(known, width=width, height=height, has_alpha=has_alpha)
-        return sizes_of(plan, known, run.most_bytes, may_reduce)
+        return size_that_fits(load_of(plan, known), run.most_bytes, asked)
 
     matte = plan.options.svg.matte
     photo = run.read(
         image,
         header,
-        needed=lambda width, height: sizes(width, height).decoded,
+        needed=lambda width, height: sizes(width, height)[0].decoded,
         matte=None if matte is None else matte_color(matte),
     )
     plan.check_alpha(photo)
-    _check_precision(max(photo.full), plan)
-    found = sizes(*photo.full, has_alpha=photo.alpha is not None)
-    if found.note is not None:
-        photo = dataclasses.replace(photo, notes=(*photo.notes, found.note))
-    _check_side(min(found.fit), plan.options.goal.target)
-    return photo, found
-
-
-def _subject(photo: Photo, sizes: Sizes, document: Document) -> tuple[Photo, Subject]:
-    """The photo at the size at which it is measured, and what is drawn: it, it as it is fitted."""
-    measured = reduced(photo, sizes.measured, sharp=True)
-    pixels = working = pixels_of(measured)
-    if sizes.fit != sizes.measured:
-        width, height = sizes.fit
-        working = shrunk(pixels_of(photo), height, width, sharp=True)
-    subject = Subject(pixels, working, photo.full, document_for(photo, document))
-    return measured, subject
+    load, note = sizes(*photo.full, has_alpha=photo.alpha is not None)
+    if note is not None:
+        photo = dataclasses.replace(photo, notes=(*photo.notes, note))
+    return photo, load
 
 
 def _searches(plan: Plan, run: Run, subject: Subject) -> Iterator[Search]:
@@ -305,16 +298,15 @@ def _searches(plan: Plan, run: Run, subject: Subject) -> Iterator[Search]:
             yield ByCount(one, subject, watch)
 
 
-def _result(run: Run, drawn: _Drawn) -> Result:
+def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
     """The file of an outcome, with the report on it."""
-    plan, photo, subject, outcome = drawn
-    aim, raster = plan.aim, outcome.measured.raster
-    reference = subject.photo if raster.shape == subject.photo.shape else outcome.working
+    aim, raster, subject = plan.aim, outcome.measured.raster, outcome.subject
+    reference = subject.photo if raster.shape == subject.photo.shape else subject.working
     scores = Scores()
     if plan.options.run.scores or (aim is not None and not aim.of.always):
         known = None if aim is None else aim.reported(outcome.reached)
         scores = perceptual_scores(raster, reference, run.most_bytes - held_bytes(), known)
-    report = run_report(plan, subject.document, photo, outcome, scores, run)
+    report = run_report(plan, photo, outcome, scores, run)
     return Result(outcome.svg, outcome.scene, report, raster, reference, subject.document)
 
 

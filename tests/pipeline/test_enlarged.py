@@ -251,6 +251,6 @@ def test_the_file_of_an_enlarged_drawing_is_measured_against_the_drawing():
     picture = small_sign()
     outcome = search(picture, 2500, iterations=20).run()
     assert outcome.enlarged is not None
-    assert outcome.working.shape == outcome.measured.raster.shape == picture.shape
+    assert outcome.subject.working.shape == outcome.measured.raster.shape == picture.shape
     shown = rasterize(outcome.svg, 64, 64)
     assert outcome.measured.psnr_lowest == pytest.approx(psnr(shown, picture), abs=0.01)

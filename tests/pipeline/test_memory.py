@@ -46,23 +46,21 @@ def test_more_of_anything_takes_no_less(load):
 @given(LOADS, st.integers(10**8, 10**11))
 def test_size_is_the_largest_that_fits(load, limit):
     try:
-        width, height, note = size_that_fits(load, limit, asked=False)
+        found, note = size_that_fits(load, limit, asked=False)
     except InputError:
         assert replace(load, fit_width=1, fit_height=1).bytes > limit
         return
-    assert replace(load, fit_width=width, fit_height=height).bytes <= limit
-    assert (note is None) == (load.bytes <= limit) == ((width, height) == load_size(load))
+    width, height = found.fit
+    assert found == replace(load, fit_width=width, fit_height=height)
+    assert found.bytes <= limit
+    assert (note is None) == (load.bytes <= limit) == (found == load)
     if note is not None:
         assert f"{width}x{height} px to stay under {limit / 1e6:.0f} MB" in note
         share = max((width + 2) / load.fit_width, (height + 2) / load.fit_height)
-        larger = [min(int(share * side) + 2, side) for side in load_size(load)]
+        larger = [min(int(share * side) + 2, side) for side in load.fit]
         assert replace(load, fit_width=larger[0], fit_height=larger[1]).bytes > limit
         with pytest.raises(InputError, match="Try a smaller --max-size, or a larger --max-memory"):
             size_that_fits(load, limit, asked=True)
-
-
-def load_size(load):
-    return load.fit_width, load.fit_height
 
 
 def measured(width, height, folder, gaussians, inks=None):

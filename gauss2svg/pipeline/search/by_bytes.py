@@ -120,10 +120,11 @@ class ByBytes:
         plan, subject = self._plan, self.subject
         best = self.file()
         self._watch.report("measure", None)
+        subject.release()
         image = subject.working if self._watch.budget.measures_small else subject.photo
         return Outcome(
             plan=plan,
-            working=subject.working,
+            subject=subject,
             scene=best.scene,
             svg=best.svg,
             format=plan.svg_format,

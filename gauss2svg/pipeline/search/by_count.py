@@ -78,7 +78,7 @@ class ByCount:
                     break
         return Outcome(
             plan=self._plan,
-            working=self._subject.working,
+            subject=self._subject,
             scene=best.scene,
             svg=best.svg,
             format=best.format,

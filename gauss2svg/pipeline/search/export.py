@@ -102,12 +102,10 @@ class Exporter:
         if psnr is not None and self._plan.covering:
             scene = with_plain_edges(scene)
         error = None if psnr is None else 10 ** (-psnr / 10)
-        quantization = self._plan.quantization(len(scene), error)
         return quantize(
             self._on_canvas(scene),
             self._plan.svg_format.form,
-            quantization.palette,
-            quantization.color_error,
+            *self._plan.quantization(len(scene), error),
             self._weight,
         )
 

@@ -102,7 +102,7 @@ class Outcome:
     """A fitted, written and measured scene on the photo's canvas.
 
     plan         of its search
-    working      the image that the fit ran on
+    subject      of its search
     format       of its file
     reached      its score, by the plan's aim; None without one
     corrections  how often the count was changed after the fit
@@ -110,7 +110,7 @@ class Outcome:
     """
 
     plan: Plan
-    working: NDArray[np.float32]
+    subject: Subject
     scene: Scene
     svg: str
     format: SvgFormat
@@ -129,14 +129,6 @@ class Search(Protocol):
         ...
 
 
-def _silent(phase: str, fitting: FitProgress | None) -> None:
-    """Report to nobody."""
-
-
-def _never() -> bool:
-    return False
-
-
 @dataclass(frozen=True, eq=False)
 class Watch:
     """What watches a search: the clock, who sees its progress, and who may stop it.
@@ -147,8 +139,8 @@ class Watch:
     """
 
     budget: TimeBudget = field(default_factory=TimeBudget)
-    report: Callable[[str, FitProgress | None], None] = _silent
-    stop: Callable[[], bool] = _never
+    report: Callable[[str, FitProgress | None], None] = lambda phase, fitting: None
+    stop: Callable[[], bool] = lambda: False
 
 
 def best_of(searches: Iterable[Search]) -> Outcome:
