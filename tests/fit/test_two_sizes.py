@@ -29,9 +29,8 @@ def test_the_gradient_at_two_sizes_is_that_of_finite_differences(photo, times):
         return (large + times**2 * small) / 4
 
     # Only the optimiser sees the gradient, and steps by it at once.
-    analytic = adam.gradients(
-        population.evaluate(population.splats(), True).moments, population.splats()
-    )
+    splats = population.splats()
+    analytic = adam.gradients(population.evaluate(splats, True).moments, splats)
     numeric = np.zeros((len(state), 2))
     for i, factor in enumerate(state.factor):
         mean = state.mean[i].copy()

@@ -25,7 +25,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +36,7 @@ from gauss2svg.photo.alpha import has_alpha, shrunk
 from gauss2svg.pipeline.plan import WHOLE_SIDE, Plan
 from gauss2svg.pipeline.presets import MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES
 from gauss2svg.pipeline.search.outcome import Outcome, Subject, Watch
-from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, SmallFiles, Writing, closeness
+from gauss2svg.pipeline.search.small_file import EXACT, Recipe, SmallFile, SmallFiles, closeness
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
@@ -63,21 +62,6 @@ EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
     (2200, (1.0, 3.0)),
     (0, (3.0,)),
 )
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """A fit: how it begins, what shapes it has, and how its file is written.
-
-    init, rate  placement and learning rate
-    exponents   of soft shapes; others are plain ellipses
-    """
-
-    init: str
-    rate: float
-    iterations: int
-    exponents: tuple[float, ...]
-    writing: Writing
 
 
 class ByBytes:
@@ -151,7 +135,7 @@ class ByBytes:
                 if count < 1 or self._stop():
                     continue
                 fitted = self._fit(count, recipe, start, len(recipes))
-                file, sizes[recipe.exponents] = self._files.of(fitted, recipe.writing, self._stop)
+                file, sizes[recipe.exponents] = self._files.of(fitted, recipe, self._stop)
                 if file is not None:
                     best = max(best, self._files.drawn(file), key=closeness)
         return best
@@ -206,14 +190,13 @@ class ByBytes:
         for k, (init, rate) in enumerate(_BEGINNINGS if few else _BEGINNINGS[:2]):
             is_plain = k % 2 == 0 and learned and self._limit < PLAIN_UNDER
             classes, each = ((), plain) if is_plain else (exponents, soft)
-            writing = Writing(each, grids)
-            recipes.append(Recipe(init, rate, ITERATIONS, classes, writing))
+            recipes.append(Recipe(init, rate, ITERATIONS, classes, each, grids))
         return recipes
 
     def _count(self, recipe: Recipe, earlier: tuple[int, int] | None) -> int:
         """Gaussians that the bytes allow; earlier is (count, bytes) of a file of its exponents."""
         count, size = earlier or (0, 0)
-        expected = recipe.writing.each
+        expected = recipe.each
         each = (size - self.flat.size) / max(count, 1)
         if each >= expected / SHORTER:
             by_bytes = count + (self._limit - size) / min(each, expected)

@@ -29,9 +29,9 @@ from gauss2svg.pipeline.drawings import (
     may_enlarge,
 )
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.by_bytes import ByBytes, Recipe, nearest_exponents, reduced_to
+from gauss2svg.pipeline.search.by_bytes import ByBytes, nearest_exponents, reduced_to
 from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Subject, Watch
-from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, Writing, closeness
+from gauss2svg.pipeline.search.small_file import EXACT, Recipe, SmallFile, closeness
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
@@ -121,8 +121,8 @@ class DrawingByBytes(ByBytes):
         digits = HEX_DIGITS if limit < COARSE_UNDER else HEX_DIGITS[-1:]
         shades = limit >= SHADED_FROM and is_shaded(self.subject.working)
         steps = STEPS_OF_THIN if self._is_thin else STEPS
-        writing = Writing(self._each[2], grids, digits, SHARED)
-        return Recipe(init, 1.0, steps, self._exponents if shades else (), writing)
+        exponents = self._exponents if shades else ()
+        return Recipe(init, 1.0, steps, exponents, self._each[2], grids, digits, SHARED)
 
     def _at_its_size(self, best: SmallFile) -> SmallFile:
         """Return the best of a file and of those of two fits at the drawing's own size."""
@@ -136,15 +136,15 @@ class DrawingByBytes(ByBytes):
         self, best: SmallFile, count: int, recipe: Recipe, large: Subject | None = None
     ) -> tuple[SmallFile, SmallFile | None]:
         """Return the better of a file and of that of so many shapes, and the latter."""
-        return self._better(best, self._ellipses(count, recipe, large), recipe.writing)
+        return self._better(best, self._ellipses(count, recipe, large), recipe)
 
     def _better(
-        self, best: SmallFile, scene: Scene, writing: Writing
+        self, best: SmallFile, scene: Scene, recipe: Recipe
     ) -> tuple[SmallFile, SmallFile | None]:
         """Return the better of a file and of that of a fitted scene, and the latter."""
-        file, (_, size) = self._files.of(scene, writing, self._stop)
+        file, (_, size) = self._files.of(scene, recipe, self._stop)
         each = (size - self.flat.size) / max(len(scene), 1)
-        if each >= writing.each / LEAST_SHARE:  # else most were written as nothing
+        if each >= recipe.each / LEAST_SHARE:  # else most were written as nothing
             self._each_shape = each
         if file is None:
             return best, None
@@ -182,7 +182,7 @@ class DrawingByBytes(ByBytes):
                 recipe = self._recipe(init, GRIDS)
                 scene = self._ellipses(count, recipe)
                 if not len(best.scene):  # of a search that is stopped here
-                    best, _ = self._better(best, scene, recipe.writing)
+                    best, _ = self._better(best, scene, recipe)
                 renders.append(draw(scene, 4 * width, 4 * height, covering=True))
         picture = agreed(own.working, renders, times)
         return best, dataclasses.replace(own, working=picture)

@@ -83,15 +83,21 @@ def closeness(file: SmallFile) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True)
-class Writing:
-    """How a fitted scene becomes a small file.
+class Recipe:
+    """A fit: how it begins, what shapes it has, and how its file is written.
 
-    each    bytes of a shape, until they are measured
-    grids   units to try, times UNITS_PER_ROOT
-    digits  of hex colours, 3 or 6, to try
-    shared  share of the squared error for which shapes get colours in common
+    init, rate  placement and learning rate
+    exponents   of soft shapes; others are plain ellipses
+    each        bytes of a shape, until they are measured
+    grids       units to try, times UNITS_PER_ROOT
+    digits      of hex colours, 3 or 6, to try
+    shared      share of the squared error for which shapes get colours in common
     """
 
+    init: str
+    rate: float
+    iterations: int
+    exponents: tuple[float, ...]
     each: int
     grids: tuple[float, ...]
     digits: tuple[int, ...] = HEX_DIGITS
@@ -161,7 +167,7 @@ class SmallFiles:
         self._planned = dataclasses.replace(self.subject, working=picture)
 
     def of(
-        self, fitted: Scene, writing: Writing, stop: Callable[[], bool]
+        self, fitted: Scene, recipe: Recipe, stop: Callable[[], bool]
     ) -> tuple[SmallFile | None, tuple[int, int]]:
         """The best file of a fitted scene by the model, and (count, bytes) before any was left out.
 
@@ -174,30 +180,30 @@ class SmallFiles:
         cost = planned.target(self._plan.tune).removal_cost(splats)[1][:, 0]
         order = np.argsort(-cost, kind="stable")
         best, whole = None, (len(fitted), self.flat.size)
-        for grid in writing.grids:
+        for grid in recipe.grids:
             if best is not None and stop():
                 break
             units = math.ceil(grid * UNITS_PER_ROOT * math.sqrt(max(len(fitted), 1)))
             unit = self._unit(units)
-            for digits in writing.digits:
-                file, size = self._pruned(fitted, order, unit, digits, writing)
+            for digits in recipe.digits:
+                file, size = self._pruned(fitted, order, unit, digits, recipe)
                 if best is None or (file is not None and file.error < best.error):
                     best, whole = file, (len(fitted), size)
         return best, whole
 
     def _pruned(
-        self, fitted: Scene, order: NDArray[np.intp], unit: float, digits: int, writing: Writing
+        self, fitted: Scene, order: NDArray[np.intp], unit: float, digits: int, recipe: Recipe
     ) -> tuple[SmallFile | None, int]:
         """The file of the first Gaussians of an order that fit, and the bytes of all of them."""
         kept, whole, picture = len(fitted), 0, (self._planned or self.subject).working
         while kept > 0:
             scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
-            exact, error = recolored(scene, picture, digits, writing.shared, self._covering)
+            exact, error = recolored(scene, picture, digits, recipe.shared, self._covering)
             file = self._file(exact, unit, digits, error)
             whole = whole or file.size
             if file.size <= self._limit:
                 return file, whole
-            each = max(writing.each, (file.size - self.flat.size) / kept)
+            each = max(recipe.each, (file.size - self.flat.size) / kept)
             kept -= math.ceil((file.size - self._limit) / each)
         return None, whole
 
