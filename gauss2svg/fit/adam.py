@@ -164,8 +164,8 @@ def _step_block(
     blending: Blending,
     most_sigma: float,
 ) -> bool:
-    first, second, age = state.first[block], state.second[block], state.age[block]
-    d = _directions(first, second, age, gradient, sizes)
+    adam_m, adam_v, age = state.adam_m[block], state.adam_v[block], state.age[block]
+    d = _directions(adam_m, adam_v, age, gradient, sizes)
     mean = state.mean[block]
     blunted = np.exp(STEP_BY_BETA * state.raw_beta[block])
     d[:5] = [direction * blunted for direction in d[:5]]
@@ -176,16 +176,11 @@ def _step_block(
     reach = np.abs(x) + np.abs(y) + l11 + np.abs(l21) + l22
     # A sum is finite only if all of its terms are.
     finite = (reach < FARTHEST) & (l22 > 0) & np.isfinite(sum(d[6:], d[5]))
-    if not np.isfinite(second.sum()):
-        finite &= np.isfinite(second).all(axis=1)
+    if not np.isfinite(adam_v.sum()):
+        finite &= np.isfinite(adam_v).all(axis=1)
 
-    moved = [
-        (mean[:, 0], x),
-        (mean[:, 1], y),
-        (state.factor[block, 0], l11),
-        (state.factor[block, 1], l21),
-        (state.factor[block, 2], l22),
-    ]
+    factor = zip(state.factor[block].T, (l11, l21, l22), strict=True)
+    moved = [(mean[:, 0], x), (mean[:, 1], y), *factor]
     for parameter, raw in STEPPED:
         steps = range(*COLUMNS[parameter.name].indices(STEPS))
         if not sizes[steps[0]]:
@@ -204,13 +199,13 @@ def _step_block(
         return True
     for values, value in moved:
         np.copyto(values, value, where=finite)
-    first[~finite], second[~finite], age[~finite] = 0, 0, 0
+    adam_m[~finite], adam_v[~finite], age[~finite] = 0, 0, 0
     return False
 
 
 def _directions(
-    first: NDArray[np.float64],
-    second: NDArray[np.float64],
+    adam_m: NDArray[np.float64],
+    adam_v: NDArray[np.float64],
     age: _Column,
     gradient: NDArray[np.float64],
     sizes: NDArray[np.float64],
@@ -223,15 +218,15 @@ def _directions(
     first_decay, second_decay = FIRST_DECAY, SECOND_DECAY
     age += 1
     scratch = (1 - first_decay) * gradient
-    first *= first_decay
-    first += scratch
+    adam_m *= first_decay
+    adam_m += scratch
     np.multiply(gradient, gradient, out=scratch)
     scratch *= 1 - second_decay
-    second *= second_decay
-    second += scratch
-    np.sqrt(second, out=scratch)
+    adam_v *= second_decay
+    adam_v += scratch
+    np.sqrt(adam_v, out=scratch)
     scratch += EPSILON
-    np.divide(first, scratch, out=scratch)
+    np.divide(adam_m, scratch, out=scratch)
     unbiased = -np.sqrt(1 - second_decay**age) / (1 - first_decay**age)
     return [size * unbiased * column for size, column in zip(sizes, scratch.T, strict=True)]
 

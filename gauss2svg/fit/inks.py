@@ -25,7 +25,6 @@ from gauss2svg.svg.plain_ellipse import LEAST_PLAIN_BETA
 # pixels: it sets the exponent, and by it how far a step goes.
 _RIM = 0.7
 _MOST_BETA = 128.0
-EXCHANGED_EVERY = 20  # steps; 10 end no closer (docs/decisions/inks.md)
 _AROUND = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]
 _LEAST_MASS = 1e-3  # px; shapes that contribute less keep their ink
 _BAND = 32_768  # pixels at a time, which take some 300 bytes each (docs/decisions/memory.md)
@@ -133,17 +132,17 @@ class Inks:
         """Give every shape of the state its ink (n, 3)."""
         state.color = entry
 
+    @staticmethod
+    def crisp(factor: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) ln of the exponents of crisp rims, for shapes of Cholesky factors (n, 3) px."""
+        l11, l21, l22 = factor.T
+        far, near = np.hypot(l11 + l22, l21), np.hypot(l11 - l22, l21)
+        minor = np.maximum(0.5 * (far - near), 1e-9)
+        return np.log(np.clip(RIM_WIDTH / _RIM * minor, LEAST_PLAIN_BETA, _MOST_BETA))
+
 
 def _bands(height: int, width: int) -> Iterator[slice]:
     """Rows of a picture, about _BAND of its pixels at a time."""
     step = max(1, _BAND // width)
     for first in range(0, height, step):
         yield slice(first, min(first + step, height))
-
-
-def crisp(factor: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) ln of the exponents at which shapes of Cholesky factors (n, 3) px have crisp rims."""
-    l11, l21, l22 = factor.T
-    far, near = np.hypot(l11 + l22, l21), np.hypot(l11 - l22, l21)
-    minor = np.maximum(0.5 * (far - near), 1e-9)
-    return np.log(np.clip(RIM_WIDTH / _RIM * minor, LEAST_PLAIN_BETA, _MOST_BETA))

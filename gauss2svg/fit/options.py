@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, quoted, whole_number
 from gauss2svg.fit import schedule
-from gauss2svg.fit.schedule import steps_of, totals
+from gauss2svg.fit.schedule import refinement_reduction, totals
 from gauss2svg.options import Number, OptionGroup, Whole
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import Inks, check_inks
@@ -165,9 +165,11 @@ class FitConfig:
 
     def steps(self, width: int, height: int) -> int | None:
         """Optimiser steps of a fit to a picture of this size; None: until the deadline."""
-        if self.iterations is None or not (self.extend and self.reduce):
+        if self.iterations is None or not (self.extend and self.reduce and self.gaussians):
             return self.iterations
-        return steps_of(self.iterations, self.gaussians, width, height)
+        start = schedule.GROWTH_SHARE
+        is_reduced = refinement_reduction(start, self.gaussians, width, height) > 1
+        return self.iterations * (schedule.EXTENDED if is_reduced else 1)
 
     def _check_rounds(self) -> None:
         each, per_round = self.densify.round_iterations, self.densify.per_round
@@ -207,7 +209,7 @@ class FitResult:
 
     cpu_s        CPU seconds of all threads
     pixel_pairs  pixel-Gaussian pairs of all optimiser steps, forward and backward counted once
-    stop_reason  one of gauss2svg.fit.densification.STOP_REASONS
+    stop_reason  one of gauss2svg.fit.session.STOP_REASONS
     rollbacks    how often the fit diverged and was rolled back to its best state
     rate         final learning-rate multiplier
     """

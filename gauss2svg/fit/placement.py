@@ -76,14 +76,14 @@ def place(
     additive   whether new Gaussians have the residual's colours, not the target's
     No Gaussian is placed on invisible pixels of a target with alpha.
     """
-    placer = _Placer(target, rendered, target.spacing(total), rng, additive)
-    if placement == "error":
-        return placer.by_error(count)
+    # px, the radius of a disc with each Gaussian's share of the area
+    spacing = float(np.sqrt(target.width * target.height / (max(total, 1) * np.pi)))
+    placer = _Placer(target, rendered, spacing, rng, additive)
     if placement == "selective":
         return placer.by_component(count)
     if placement == "live":
         return placer.as_in_live(count)
-    return placer.at_random(count)
+    return placer.by_error(count) if placement == "error" else placer.at_random(count)
 
 
 class _Placer:

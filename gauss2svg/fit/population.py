@@ -11,14 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from copy import copy
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit import adam
 from gauss2svg.fit.adam import OPAQUE_LOGIT, blending_of
-from gauss2svg.fit.inks import Inks, crisp
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import FitConfig, FitOptions
 from gauss2svg.fit.placement import NewGaussians, first_raw_betas, place
@@ -31,6 +30,9 @@ from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, PLAIN, SOFT, Scene
 from gauss2svg.scene.inks import ink_colors, inks_of
 from gauss2svg.scene.parameters import LEAST_RAW_BETA
+
+if TYPE_CHECKING:
+    from gauss2svg.fit.inks import Inks
 
 # Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
@@ -61,13 +63,15 @@ class Population:
     ) -> None:
         self.config = config
         self.blending = blending_of(config.fit, config.opaque)
-        self.state = State.empty()
+        self.state = State.of(np.zeros((0, 2)), np.zeros((0, 3)), 0)
         self.shared: SharedColors | None = None
         self.round_index = 0
         self.rng = np.random.default_rng(config.fit.seed)
         self._photo = self._pyramid = targets or TargetPyramid(pixels, config.fit.tuned)
         self.inks: Inks | None = None
         if config.fit.inks is not None:
+            from gauss2svg.fit.inks import Inks  # few fits are in inks
+
             inks: Any = config.fit.inks  # as it is checked
             self.inks = Inks(ink_colors(inks_of(pixels, inks)))
             self._pyramid = TargetPyramid(pixels, config.fit.tuned, aimed_at=self.inks.drawn)
@@ -82,11 +86,6 @@ class Population:
 
     def __len__(self) -> int:
         return len(self.state)
-
-    @property
-    def rounds(self) -> int:
-        """Number of rounds that added Gaussians."""
-        return self.round_index + 1 if len(self) else 0
 
     def splats(self) -> Splats:
         """The Gaussians as the kernels read them."""
@@ -170,7 +169,7 @@ class Population:
         self.reduction = factor
         factors = self.target.width / before.width, self.target.height / before.height
         self.state = state = self._crisp(self.state.scaled(*factors))
-        state.first, state.second = state.first * area, state.second * area**2
+        state.adam_m, state.adam_v = state.adam_m * area, state.adam_v * area**2
 
     def reduction_of_round(self, total: int) -> int:
         """The factor by which a round that ends with `total` Gaussians reduces the target."""
@@ -279,7 +278,7 @@ class Population:
     def _crisp(self, state: State) -> State:
         """Return a state whose geometry has changed, in inks with exponents of crisp rims."""
         if self.inks is not None:
-            state.raw_beta = crisp(state.factor)
+            state.raw_beta = self.inks.crisp(state.factor)
         return state
 
     def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:

@@ -14,23 +14,23 @@ Each event changes the problem or the state, so that losses before and after it 
 from __future__ import annotations
 
 import itertools
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit import schedule
-from gauss2svg.fit.clock import Clock
-from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, FixedCount, Snapshot
 from gauss2svg.fit.divergence import NEGLIGIBLE, DivergenceGuard
-from gauss2svg.fit.inks import EXCHANGED_EVERY
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import DEFAULT_LOSS, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.population import AsWritten, Kept, Population
+from gauss2svg.fit.schedule import Clock
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.scene import Scene
@@ -40,12 +40,72 @@ from gauss2svg.scene import Scene
 EXACT = 1e-12
 # Progress at which shapes may exchange their colours; later they hardly do.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
+INKS_EXCHANGED_EVERY = 20  # steps; 10 end no closer (docs/decisions/inks.md)
 # Progress at which a fit resumes after its count has changed: some relocation, then decay
 # (docs/decisions/fit.md).
 RESUME_AT = 0.6
 # Steps in the PSNR that a policy sees during refinement. One alone scatters
 # (docs/decisions/fit.md).
 STEPS_AVERAGED = 5
+
+
+# Why a fit ended. iterations: all steps are done; gaussians: the count is 0; gain: another round
+# would gain less than the preset asks for; enough: the preset's PSNR is reached; cap: the maximum
+# number of Gaussians is reached; interrupted: the caller stopped it; the others: the limits of
+# that name. The targets of scores join them.
+STOP_REASONS = (
+    "iterations", "gaussians", "gain", "enough", "cap", "max_bytes", "time_limit", "interrupted",
+)  # fmt: skip
+ADJUST_AT = (0.45, 0.55, 0.65)  # progress of refinement at which a count may change
+
+
+@dataclass
+class Snapshot:
+    """A fit as its policy sees it: number of Gaussians and progress in 0..1.
+
+    measure() gives the PSNR, scene() the Gaussians on the working canvas, late says whether growth
+    has used its share of the time. Snapshots are equal if both numbers are.
+    """
+
+    count: int
+    done: float
+    measure: Callable[[], float] = field(compare=False)
+    scene: Callable[[], Scene] = field(compare=False)
+    late: bool = field(default=False, compare=False)
+
+    @cached_property
+    def psnr(self) -> float:
+        """PSNR in dB of the model on the working image, measured on first use."""
+        return self.measure()
+
+
+class DensificationPolicy:
+    """Decides how many Gaussians a fit has: here the number of its config, by its schedule.
+
+    rounds       about how many rounds of growth there are
+    stop_reason  why growth ended, once it has; one of STOP_REASONS
+    """
+
+    def __init__(self, config: FitConfig) -> None:
+        self._totals = config.totals
+        self.rounds = len(self._totals)
+        self.stop_reason = "iterations" if config.gaussians else "gaussians"
+
+    def grow(self, now: Snapshot) -> int:
+        """Number of Gaussians after the next round; the present count ends the growth."""
+        return next((total for total in self._totals if total > now.count), now.count)
+
+    def adjust(self, now: Snapshot) -> int:
+        """Number of Gaussians from now on, asked during refinement at each of ADJUST_AT."""
+        return now.count
+
+    def most(self, now: Snapshot) -> int:
+        """Largest number of Gaussians to write, asked before the last steps."""
+        return now.count
+
+    def least_gain(self) -> float:
+        """Gain in dB under which a Gaussian is pruned before the last steps."""
+        return -math.inf
 
 
 @dataclass(frozen=True)
@@ -82,7 +142,7 @@ class FitSession:
         targets: TargetPyramid | None = None,
     ) -> None:
         self.config = config
-        self.policy = policy or FixedCount(config)
+        self.policy = policy or DensificationPolicy(config)
         steps = config.steps(pixels.shape[1], pixels.shape[0])
         self.clock = Clock(
             steps, self.policy.rounds, deadline, config.densify.round_iterations, stop
@@ -150,7 +210,7 @@ class FitSession:
         return FitResult(
             scene=self.scene(),
             iterations=self.clock.iteration,
-            rounds=self.population.rounds,
+            rounds=self.population.round_index + 1 if len(self.state) else 0,
             wall_s=self.wall_s,
             cpu_s=self.cpu_s,
             pixel_pairs=self.pixel_pairs,
@@ -286,7 +346,7 @@ class FitSession:
         due = due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
         if due and self.config.densify.relocate and population.relocate():
             guard.relocated()
-        if self.clock.iteration % EXCHANGED_EVERY == 0:
+        if self.clock.iteration % INKS_EXCHANGED_EVERY == 0:
             population.exchange(population.inks)
         splats = population.splats()
         evaluated = population.evaluate(splats, self._quantized)

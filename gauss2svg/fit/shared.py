@@ -34,21 +34,20 @@ class SharedColors:
 
     More exactly the distinct values of all that shapes share by a gradient (Parameter.shared).
 
-    color  (k, 3) and Adam's moments of it, first and second (k, 3)
+    color  (k, 3) and Adam's moments of it, adam_m and adam_v (k, 3)
     held   (k, m) raw values of the other shared parameters, which never change
     entry  (n,) index of each shape's
     age    steps taken
-    least_color, most_color  of each channel
+    bounds  least and largest value of each channel
     """
 
     color: NDArray[np.float64]
     held: NDArray[np.float64]
-    first: NDArray[np.float64]
-    second: NDArray[np.float64]
+    adam_m: NDArray[np.float64]
+    adam_v: NDArray[np.float64]
     entry: NDArray[np.intp]
     age: int
-    least_color: float
-    most_color: float
+    bounds: tuple[float, float]
 
     @classmethod
     def of(cls, state: State, blending: Blending) -> SharedColors:
@@ -58,7 +57,7 @@ class SharedColors:
         moments = np.zeros((len(shared), 3))
         return cls(
             shared[:, :3].copy(), shared[:, 3:].copy(), moments, moments.copy(),
-            entry.reshape(-1), 0, blending.least_color, blending.most_color,
+            entry.reshape(-1), 0, (blending.least_color, blending.most_color),
         )  # fmt: skip
 
     def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:
@@ -71,12 +70,12 @@ class SharedColors:
         summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)
         first_decay, second_decay = adam.FIRST_DECAY, adam.SECOND_DECAY
         self.age += 1
-        self.first = self.first + (1 - first_decay) * (summed - self.first)
-        self.second = self.second + (1 - second_decay) * (summed**2 - self.second)
-        first = self.first / (1 - first_decay**self.age)
-        second = self.second / (1 - second_decay**self.age)
+        self.adam_m = self.adam_m + (1 - first_decay) * (summed - self.adam_m)
+        self.adam_v = self.adam_v + (1 - second_decay) * (summed**2 - self.adam_v)
+        first = self.adam_m / (1 - first_decay**self.age)
+        second = self.adam_v / (1 - second_decay**self.age)
         step = COLOR_RATE * rate * first / (np.sqrt(second) + 1e-12)
-        self.color = np.clip(self.color - step, self.least_color, self.most_color)
+        self.color = np.clip(self.color - step, *self.bounds)
         self.assign(state, self.entry)
 
     def assign(self, state: State, entry: NDArray[Any]) -> None:

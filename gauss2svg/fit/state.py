@@ -36,7 +36,7 @@ class State:
     raw_beta     (n,) ln of the falloff's exponent
     round_index  (n,) int32
     drawn        (n,) int8, how the file draws each, once exponents are those of the file
-    first, second (n, STEPS) Adam's moments; age (n,) steps taken
+    adam_m, adam_v (n, STEPS) Adam's moments; age (n,) steps taken
     """
 
     mean: NDArray[np.float64]
@@ -46,14 +46,9 @@ class State:
     raw_beta: NDArray[np.float64]
     round_index: NDArray[np.int32]
     drawn: NDArray[np.int8]
-    first: NDArray[np.float64]
-    second: NDArray[np.float64]
+    adam_m: NDArray[np.float64]
+    adam_v: NDArray[np.float64]
     age: NDArray[np.float64]
-
-    @classmethod
-    def empty(cls) -> State:
-        """A state without Gaussians."""
-        return cls.of(np.zeros((0, 2)), np.zeros((0, 3)), 0)
 
     @classmethod
     def of(
@@ -78,8 +73,8 @@ class State:
             **raw,
             round_index=np.full(count, round_index, np.int32),
             drawn=np.full(count, SOFT, np.int8),
-            first=wide,
-            second=wide.copy(),
+            adam_m=wide,
+            adam_v=wide.copy(),
             age=np.zeros(count),
         )
 
@@ -102,18 +97,18 @@ class State:
     def quantized(self, scene: Scene) -> State:
         """Return the state with a scene's shapes and what files share; resets these moments."""
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
-        first, second = self.first.copy(), self.second.copy()
+        adam_m, adam_v = self.adam_m.copy(), self.adam_v.copy()
         shared = {}
         for parameter, raw in STEPPED:
             if parameter.shared:
-                first[:, COLUMNS[parameter.name]] = second[:, COLUMNS[parameter.name]] = 0.0
+                adam_m[:, COLUMNS[parameter.name]] = adam_v[:, COLUMNS[parameter.name]] = 0.0
                 shared[raw.name] = raw.inverse(getattr(scene, parameter.name).copy())
         return dataclasses.replace(
             self,
             factor=np.stack([l11, l21, l22], axis=1),
             drawn=scene.drawn.copy(),
-            first=first,
-            second=second,
+            adam_m=adam_m,
+            adam_v=adam_v,
             **shared,
         )
 

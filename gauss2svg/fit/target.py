@@ -11,7 +11,6 @@ gains.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import cached_property, reduce
 from operator import add
@@ -117,10 +116,6 @@ class Target:
         along = 0.5 * np.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
         coherence = np.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
         return along.astype(np.float32), coherence.astype(np.float32)
-
-    def spacing(self, count: int) -> float:
-        """Radius in px of a disc with each Gaussian's share of the area."""
-        return math.sqrt(self.width * self.height / (max(count, 1) * math.pi))
 
     def opacity_logits(self, mean: NDArray[np.float64], usual: float) -> NDArray[np.float64]:
         """(n,) logits of the initial opacities of Gaussians of mean (n, 2).

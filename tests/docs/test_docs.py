@@ -20,7 +20,7 @@ from PIL import Image
 
 import gauss2svg
 from gauss2svg.cli.main import build_app, main
-from gauss2svg.fit.densification import STOP_REASONS
+from gauss2svg.fit.session import STOP_REASONS
 from gauss2svg.measure.scores import TARGETS
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA, STEPPED
 
 OVER = blending_of(FitOptions())
 MOST_SIGMA = 40.0
-NAMES = ("mean", "factor", "raw_opacity", "color", "raw_beta", "first", "second", "age")
+NAMES = ("mean", "factor", "raw_opacity", "color", "raw_beta", "adam_m", "adam_v", "age")
 
 
 @pytest.fixture(autouse=True)
@@ -41,17 +41,17 @@ def step_one_by_one(state, gradient, blending, most_sigma, rate) -> bool:
     finite = True
     for i in range(len(state)):
         if not np.isfinite(gradient[i]).all():
-            state.first[i], state.second[i], state.age[i] = 0, 0, 0
+            state.adam_m[i], state.adam_v[i], state.age[i] = 0, 0, 0
             finite = False
             continue
         state.age[i] += 1
         d = []
         for k in range(STEPS):
             g = gradient[i, k]
-            state.first[i, k] += (1 - adam.FIRST_DECAY) * (g - state.first[i, k])
-            state.second[i, k] += (1 - adam.SECOND_DECAY) * (g * g - state.second[i, k])
-            first = state.first[i, k] / (1 - adam.FIRST_DECAY ** state.age[i])
-            root = math.sqrt(state.second[i, k]) + EPSILON
+            state.adam_m[i, k] += (1 - adam.FIRST_DECAY) * (g - state.adam_m[i, k])
+            state.adam_v[i, k] += (1 - adam.SECOND_DECAY) * (g * g - state.adam_v[i, k])
+            first = state.adam_m[i, k] / (1 - adam.FIRST_DECAY ** state.age[i])
+            root = math.sqrt(state.adam_v[i, k]) + EPSILON
             unbiased = root / math.sqrt(1 - adam.SECOND_DECAY ** state.age[i])
             d.append(-rate * sizes[k] * first / unbiased)
         d[:5] = [x * math.exp(state.raw_beta[i]) ** adam.STEP_BY_BETA for x in d[:5]]
@@ -106,7 +106,7 @@ def test_only_gaussians_whose_step_is_not_finite_stay_and_forget(bad):
         for name in NAMES:
             array, kept = getattr(moved, name), getattr(before, name)
             np.testing.assert_array_equal(
-                array[7], 0 if name in ("first", "second", "age") else kept[7]
+                array[7], 0 if name in ("adam_m", "adam_v", "age") else kept[7]
             )
             others = np.arange(20) != 7
             np.testing.assert_array_equal(array[others], getattr(good, name)[others])
@@ -123,7 +123,7 @@ def test_blocks_change_no_bit(monkeypatch):
 
 
 def test_no_gaussians_take_a_step():
-    assert adam.step(State.empty(), np.zeros((0, STEPS)), OVER, MOST_SIGMA, 1.0)
+    assert adam.step(random_state(0, 7), np.zeros((0, STEPS)), OVER, MOST_SIGMA, 1.0)
 
 
 @pytest.mark.parametrize("name", ["opacity", "color", "beta"])

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from flat import fit_config
 
-from gauss2svg.fit.clock import Clock
-from gauss2svg.fit.densification import STOP_REASONS, FixedCount, Snapshot
-from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.schedule import Clock
+from gauss2svg.fit.session import STOP_REASONS, DensificationPolicy, FitSession, Snapshot
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
@@ -140,7 +139,7 @@ def test_refinement_corrects_the_count_by_the_slope():
 
 
 def test_fixed_count_follows_its_schedule_and_keeps_all():
-    policy = FixedCount(fit_config(60, 300, schedule="linear"))
+    policy = DensificationPolicy(fit_config(60, 300, schedule="linear"))
     counts = [0]
     while (total := policy.grow(Snapshot(counts[-1], 0.1, lambda: 0.0, lambda: None))) > counts[-1]:
         counts.append(total)

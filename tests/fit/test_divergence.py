@@ -133,7 +133,7 @@ def test_gradient_that_is_not_finite_leaves_its_gaussian_unchanged(bad):
     assert (state.mean[0] != before.mean[0]).all()
     assert (state.mean[1] == before.mean[1]).all()
     assert (state.factor[1] == before.factor[1]).all()
-    assert not state.second[1].any()
+    assert not state.adam_v[1].any()
 
 
 # Each bound, a state that lies on it, the gradient's column, and what to look at.

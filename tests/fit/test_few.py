@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from flat import fit_config
 
-from gauss2svg.fit.densification import FixedCount
-from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, refinement_reduction, steps_of
-from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, refinement_reduction
+from gauss2svg.fit.session import DensificationPolicy, FitSession
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 
@@ -16,7 +15,7 @@ def large(count, iterations=60, config=None, **given):
     y, x = np.mgrid[:256, :320] / 256
     stripes = 0.5 + 0.3 * np.sin(17 * x * (1 + y)) * np.cos(9 * y)
     pixels = np.stack([stripes, x / 1.25, 1 - y], axis=-1).astype(np.float32)
-    policy = FixedCount(fit_config(count, iterations))
+    policy = DensificationPolicy(fit_config(count, iterations))
     config = config or fit_config(count, iterations, **given)
     sizes: list[tuple[float, int]] = []
     session = FitSession(
@@ -44,7 +43,8 @@ def test_refinement_is_reduced_only_while_gaussians_keep_their_pixels():
     assert factors == [4, 4, 2, 2, 1, 1]
     assert [refinement_reduction(d, 256, 768, 512) for d in (0.3, 0.5, 0.55, 1)] == [4, 2, 1, 1]
     assert refinement_reduction(0.3, 1, 255, 512) == 1
-    assert [steps_of(200, n, 768, 512) for n in (0, 256, 2731)] == [200, 400, 200]
+    configs = [fit_config(n, 200, extend=True) for n in (0, 256, 2731)]
+    assert [config.steps(768, 512) for config in configs] == [200, 400, 200]
 
 
 def is_refining(session) -> bool:
@@ -57,11 +57,11 @@ def test_moments_follow_the_size_of_the_picture_in_refinement_alone(monkeypatch)
     population, real, grown = session.population, session.population.reduce_to, []
 
     def spy(factor, **given):
-        before, size = population.state.first, population.reduction
+        before, size = population.state.adam_m, population.reduction
         real(factor, **given)
         if len(before):
             change = (size / factor) ** 2 if is_refining(session) else 1.0
-            np.testing.assert_allclose(population.state.first, before * change)
+            np.testing.assert_allclose(population.state.adam_m, before * change)
             grown.append(change)
 
     monkeypatch.setattr(population, "reduce_to", spy)

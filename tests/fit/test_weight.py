@@ -173,15 +173,15 @@ def test_moments_of_a_reduced_refinement_are_those_of_its_own_gradients(factor):
         return gradients(moments, splats)
 
     full = gradient()
-    fitted.state.first, fitted.state.second = full, np.square(full)
+    fitted.state.adam_m, fitted.state.adam_v = full, np.square(full)
     fitted.reduce_to(factor, scale_moments=True)
     reduced = gradient()
     scale = np.abs(reduced).max()
-    np.testing.assert_allclose(fitted.state.first, reduced, atol=0.05 * scale)
-    np.testing.assert_allclose(fitted.state.second, reduced**2, atol=0.05 * scale**2)
+    np.testing.assert_allclose(fitted.state.adam_m, reduced, atol=0.05 * scale)
+    np.testing.assert_allclose(fitted.state.adam_v, reduced**2, atol=0.05 * scale**2)
     fitted.reduce_to(1, scale_moments=True)
-    np.testing.assert_allclose(fitted.state.first, full)
-    np.testing.assert_allclose(fitted.state.second, full**2)
+    np.testing.assert_allclose(fitted.state.adam_m, full)
+    np.testing.assert_allclose(fitted.state.adam_v, full**2)
 
 
 def test_file_of_limited_size_keeps_the_gaussians_that_its_tune_favours():

@@ -9,7 +9,7 @@ import pytest
 from flat import vectorize
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.clock import Clock
+from gauss2svg.fit.schedule import Clock
 from gauss2svg.fit.session import FitSession
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.plan import BY_BYTES_UP_TO, MINIMAL_FROM, Plan

@@ -145,11 +145,11 @@ def test_random_begins_anywhere_with_every_shape():
     assert rho.max() > 0.9
     assert np.abs(rho).max() < 1
     sigma = np.stack([new.factor[:, 0], sigma_y], axis=1)
-    unit = target.spacing(2000)
+    unit = np.sqrt(50 * 90 / (2000 * np.pi))  # of a disc with each one's share of the area
     assert sigma.max() <= max(unit, 0.8)
     few = place("random", target, blank(target), 40, 40, rng, additive=True)
     sigma = np.stack([few.factor[:, 0], np.hypot(few.factor[:, 1], few.factor[:, 2])], axis=1)
-    unit = target.spacing(40)
+    unit = np.sqrt(50 * 90 / (40 * np.pi))
     assert 0.8 * unit < sigma.max() <= unit
     assert sigma.min() < 0.25 * unit
 

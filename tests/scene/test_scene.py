@@ -163,7 +163,7 @@ def test_every_parameter_is_a_field_of_scenes_and_every_stepped_one_of_fits():
     others = {"width", "height", "background", "blend", "transparent"}
     assert set(FIELDS) - others == {parameter.name for parameter in PARAMETERS}
     state = {field.name for field in dataclasses.fields(State)}
-    of_fits = {"mean", "factor", "round_index", "drawn", "first", "second", "age"}
+    of_fits = {"mean", "factor", "round_index", "drawn", "adam_m", "adam_v", "age"}
     assert state - of_fits == {raw.name for _, raw in STEPPED}
     ends = [columns.stop for columns in COLUMNS.values()]
     assert [len(GEOMETRY), *ends[:-1]] == [columns.start for columns in COLUMNS.values()]

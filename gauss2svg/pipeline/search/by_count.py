@@ -21,9 +21,8 @@ import math
 import time
 
 from gauss2svg.fit import schedule
-from gauss2svg.fit.densification import FixedCount, Snapshot
 from gauss2svg.fit.options import FitProgress, FitResult
-from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.session import DensificationPolicy, FitSession, Snapshot
 from gauss2svg.measure.roundtrip import RoundTrip, measure_pixels
 from gauss2svg.photo.alpha import over
 from gauss2svg.pipeline.plan import Plan
@@ -52,7 +51,8 @@ class ByCount:
         self._ended = False
         self._exporter = Exporter(plan, subject)
         self._limits = Limits(plan, self._exporter, watch.budget, math.prod(subject.size))
-        self._policy = self._limits if plan.count_adapts else FixedCount(plan.fit_config)
+        given = DensificationPolicy(plan.fit_config)
+        self._policy = self._limits if plan.count_adapts else given
         self._corrections = Corrections(plan, self._limits)
         self._additive: FitResult | None = None
 

@@ -16,7 +16,7 @@ import math
 from typing import NamedTuple
 
 from gauss2svg.fit import schedule
-from gauss2svg.fit.densification import ADJUST_AT, Snapshot
+from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.pipeline import presets
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.export import Exporter
@@ -68,8 +68,8 @@ def fewest(first: Cap, *others: Cap) -> Cap:
     return min((first, *others), key=lambda cap: cap.gaussians)
 
 
-class Limits:
-    """A densification policy that doubles the count in each round, until a limit is met.
+class Limits(DensificationPolicy):
+    """A policy that doubles the count in each round, until a limit is met.
 
     If a doubling gains s dB, a kilobyte gains s / (n ln 2 kilobytes) dB at n Gaussians: growth
     aims at the n where that falls to the preset's gain. It continues beyond while the gains of
