@@ -17,8 +17,7 @@ from gauss2svg.measure.perceptual import measured
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.measure.scores import PSNR as PSNR_SCORE
 from gauss2svg.measure.scores import Score, Search
-from gauss2svg.photo.photo import Photo
-from gauss2svg.pipeline.checks import check_alpha, check_together, needs_editable
+from gauss2svg.pipeline.checks import check_together, needs_editable
 from gauss2svg.pipeline.drawings import has_edges
 from gauss2svg.pipeline.options import AUTO, Goal, Options
 from gauss2svg.pipeline.presets import (
@@ -97,6 +96,11 @@ class Plan:
         _ = self.fit_config
 
     @property
+    def goal(self) -> Goal:
+        """The targets and limits of the options."""
+        return self.options.goal
+
+    @property
     def in_inks(self) -> bool:
         """Whether shapes are opaque ellipses of a few inks."""
         return self.options.fit.inks is not None
@@ -109,7 +113,7 @@ class Plan:
             return dataclasses.replace(self, options=options)
         # A given number, a target and a limit alone are of the picture at its size: there soft rims
         # are as close, and sometimes closer. So they are where no edge is antialiased.
-        goal, usual = self.options.goal, self.options.svg.form == GRADIENT
+        goal, usual = self.goal, self.options.svg.form == GRADIENT
         by_preset = goal.count is None and self.aim is None and not goal.is_budget
         usual &= self.options.fit.learned_falloff and not self.options.svg.portable
         edges = usual and has_edges(pixels)
@@ -121,14 +125,10 @@ class Plan:
         """Raise RendererError if the measuring renderer is not installed."""
         renderer_version(self.options.run.renderer)
 
-    def check_alpha(self, photo: Photo) -> None:
-        """Raise InputError for additive blending of a transparent photo."""
-        check_alpha(self.options, photo)
-
     @cached_property
     def preset(self) -> Preset:
         """The preset, or the numbers of a budget of bytes or seconds."""
-        goal = self.options.goal
+        goal = self.goal
         if self.is_budget:
             return budget_preset(self.plain_limit, goal.time_limit, self.in_inks)
         return PRESETS[goal.quality or DEFAULT_PRESET]
@@ -139,22 +139,17 @@ class Plan:
 
         Not of a portable file, whose additive fit decides the count before.
         """
-        return self.options.goal.is_budget and not self.options.svg.portable
+        return self.goal.is_budget and not self.options.svg.portable
 
     @property
     def quality(self) -> str | None:
         """The name of the preset, None of a budget."""
-        return None if self.is_budget else self.options.goal.quality or DEFAULT_PRESET
-
-    @property
-    def byte_limit(self) -> int | None:
-        """Largest number of bytes, gzipped ones if these are counted; None without a limit."""
-        return self.options.goal.byte_limit
+        return None if self.is_budget else self.goal.quality or DEFAULT_PRESET
 
     @property
     def plain_limit(self) -> int | None:
         """About the bytes of the file before gzip that a limit stands for."""
-        limit = self.byte_limit
+        limit = self.goal.byte_limit
         return limit if limit is None or not self.counts_gzipped else GZIP * limit
 
     @property
@@ -183,7 +178,7 @@ class Plan:
     @cached_property
     def aim(self) -> Aim | None:
         """The target of the rasterised SVG."""
-        return aim_of(self.options.goal)
+        return aim_of(self.goal)
 
     @property
     def enough(self) -> float:
@@ -191,23 +186,13 @@ class Plan:
 
         The preset's; with a limit of bytes, in which the best is wanted, one at which none show.
         """
-        limited = self.byte_limit is not None
+        limited = self.goal.byte_limit is not None
         return max(self.preset.enough, INDISTINGUISHABLE) if limited else self.preset.enough
-
-    @property
-    def count(self) -> int | None:
-        """The given number of Gaussians, None if it adapts to the image."""
-        return self.options.goal.count
-
-    @property
-    def count_adapts(self) -> bool:
-        """Whether the count depends on the image or on a target."""
-        return self.options.goal.count_adapts
 
     @property
     def palette_is_counted(self) -> bool:
         """Whether the palette has a given size, and not one that depends on its loss."""
-        return self.options.svg.palette is not None or not self.count_adapts
+        return self.options.svg.palette is not None or not self.goal.count_adapts
 
     @property
     def side(self) -> int:
@@ -227,7 +212,7 @@ class Plan:
     @property
     def only_time_limits(self) -> bool:
         """Whether the steps of the fit follow from the seconds that are left."""
-        goal = self.options.goal
+        goal = self.goal
         return goal.time_limit is not None and goal.quality is None and self.aim is None
 
     def _config(self, blend: str) -> FitConfig:
@@ -241,18 +226,18 @@ class Plan:
         falloff = options.fit.falloff if blend == options.written_blend else None
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(
-            gaussians=0 if self.count_adapts else self.count or 0,
+            gaussians=0 if self.goal.count_adapts else self.goal.count or 0,
             iterations=iterations,
             fit=fit,
             densify=densify,
-            extend=options.fit.iterations is None and not self.count_adapts,
+            extend=options.fit.iterations is None and not self.goal.count_adapts,
             sparse=self.is_budget or self.only_time_limits,
         )
 
     @cached_property
     def markup(self) -> Markup:
         """Markup of the file: with auto minimal for small ones; `searches` tries more than one."""
-        asked, limit = self.options.svg.markup, self.byte_limit
+        asked, limit = self.options.svg.markup, self.goal.byte_limit
         if asked != AUTO:
             return asked
         small = limit is not None and limit <= MINIMAL_UP_TO
@@ -299,7 +284,7 @@ class Plan:
             found.append(self._search(MINIMAL))
         if asked == EDITABLE or (asked == AUTO and (limit >= EDITABLE_FROM or not found)):
             found.append(self._search(EDITABLE))
-        if self.options.goal.time_limit is None:
+        if self.goal.time_limit is None:
             return found
         # The one that is the closest most often.
         return found[-1:] if limit > UNASKED_UP_TO else found[-2:-1] or found
@@ -309,14 +294,14 @@ class Plan:
 
         None without a target or a limit of bytes, and where a limit of seconds leaves no time.
         """
-        goal = self.options.goal
+        goal = self.goal
         if self.aim is None or goal.max_bytes is None or goal.time_limit is not None:
             return None
         return Plan(self.options.changed(**{self.aim.name: None}))
 
     def _search(self, markup: Markup, by_bytes: bool = False) -> Plan:
         svg = dataclasses.replace(self.options.svg, markup=markup)
-        goal, limit = self.options.goal, self.byte_limit
+        goal, limit = self.goal, self.goal.byte_limit
         if markup == MINIMAL and self.options.svg.markup == AUTO and limit is not None:
             most = UNASKED_UP_TO // (GZIP if self.counts_gzipped else 1)
             goal = dataclasses.replace(goal, max_bytes=min(limit, most))
@@ -349,9 +334,9 @@ class Plan:
         preset = self.preset
         palette, loss = self.options.svg.palette, 0.0
         if palette is None:
-            palette = 0 if self.count_adapts else preset.palette_for(gaussians)
+            palette = 0 if self.goal.count_adapts else preset.palette_for(gaussians)
             palette = MOST_COLORS if self.is_budget else palette
-            loss = preset.color_loss if self.count_adapts else UNSEEN_COLOR_LOSS
+            loss = preset.color_loss if self.goal.count_adapts else UNSEEN_COLOR_LOSS
         color_error = 0.0
         if error is not None and self.options.svg.palette is None:
             color_error = min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
@@ -361,7 +346,7 @@ class Plan:
         """The preset whose numbers the file has; within a budget those that its PSNR is worth."""
         if not self.is_budget or psnr is None:
             return self.preset
-        of_bytes = FINE_BYTES_FROM if self.byte_limit is not None else FINE_FROM
+        of_bytes = FINE_BYTES_FROM if self.goal.byte_limit is not None else FINE_FROM
         return next((PRESETS[name] for name, least in of_bytes if psnr >= least), self.preset)
 
 

@@ -21,6 +21,7 @@ from gauss2svg.options import Flag, file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.photo import Header, Photo
+from gauss2svg.pipeline.checks import check_alpha
 from gauss2svg.pipeline.memory_budget import Load, load_of, size_that_fits
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions, unknown_option
 from gauss2svg.pipeline.plan import Plan
@@ -271,7 +272,7 @@ def _read(
         needed=lambda width, height: sizes(width, height)[0].decoded,
         matte=None if matte is None else matte_color(matte),
     )
-    plan.check_alpha(photo)
+    check_alpha(plan.options, photo)
     load, note = sizes(*photo.full, has_alpha=photo.alpha is not None)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))

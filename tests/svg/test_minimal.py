@@ -335,7 +335,7 @@ def test_auto_tries_each_markup_that_may_be_the_closest_in_its_bytes():
 def test_a_limit_beyond_that_of_minimal_files_is_not_worse_than_theirs():
     most = UNASKED_UP_TO
     plan = Plan(Options.from_flat({"max_bytes": most + 1}))
-    assert [search.byte_limit for search in plan.searches()] == [most, most + 1]
+    assert [search.goal.byte_limit for search in plan.searches()] == [most, most + 1]
 
 
 def test_the_switch_writes_minimal_files_and_the_summary_says_why():

@@ -81,10 +81,10 @@ class ByBytes:
         watch: Watch,
         count: Callable[[str], int] | None = None,
     ) -> None:
-        assert plan.byte_limit is not None
-        self._plan, self._watch, self._limit = plan, watch, plan.byte_limit
+        assert plan.goal.byte_limit is not None
+        self._plan, self._watch, self._limit = plan, watch, plan.goal.byte_limit
         self._options = plan.options.fit
-        caps = [plan.count] if plan.count is not None else []
+        caps = [plan.goal.count] if plan.goal.count is not None else []
         caps += [plan.preset.cap] if plan.options.goal.quality is not None else []
         self._most = min(caps, default=math.inf)
         self._each = MINIMAL_GZIPPED_BYTES if plan.counts_gzipped else MINIMAL_BYTES
@@ -158,7 +158,7 @@ class ByBytes:
             reason = "enough"
         elif not self._ended and self._gained_little(best):
             reason = "gain"
-        elif not self._ended and len(best.scene) == self._plan.count:
+        elif not self._ended and len(best.scene) == self._plan.goal.count:
             reason = "gaussians"
         elif not self._ended and self._all_pixels:
             reason = "cap"

@@ -52,7 +52,7 @@ class ByCount:
         self._exporter = Exporter(plan, subject)
         self._limits = Limits(plan, self._exporter, watch.budget, math.prod(subject.size))
         given = DensificationPolicy(plan.fit_config)
-        self._policy = self._limits if plan.count_adapts else given
+        self._policy = self._limits if plan.goal.count_adapts else given
         self._corrections = Corrections(plan, self._limits)
         self._additive: FitResult | None = None
 
@@ -162,7 +162,7 @@ class ByCount:
 
     def _best(self) -> Export:
         """Return the best export, within the limit of bytes."""
-        best, limit = self._corrections.best(), self._plan.byte_limit
+        best, limit = self._corrections.best(), self._plan.goal.byte_limit
         if limit is None:
             return best
         target = self._subject.target(self._plan.tune)
@@ -193,7 +193,7 @@ class ByCount:
         return aim.of_file(measured, photo, working)
 
     def _stop_reason(self, best: Export, reached: float | None) -> str:
-        aim, limit = self._plan.aim, self._plan.byte_limit or math.inf
+        aim, limit = self._plan.aim, self._plan.goal.byte_limit or math.inf
         if aim is not None and reached is not None and aim.reached(reached):
             return aim.name
         if self._ended or self._session.clock.out_of_time:

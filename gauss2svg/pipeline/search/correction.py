@@ -47,7 +47,7 @@ class Corrections:
         self.made: list[Export] = []
         self.detail = 0.0
         self._plan, self._limits = plan, limits
-        self._aim, self._limit = plan.aim, plan.byte_limit
+        self._aim, self._limit = plan.aim, plan.goal.byte_limit
 
     def score(self, export: Export) -> float:
         """Score of an export's rasterised SVG against the photo; -inf if it was not rasterised."""
@@ -104,7 +104,7 @@ class Corrections:
     def _enough(self, count: int, cap: Cap) -> int:
         """Return the count for the preset's PSNR."""
         missing = self._plan.enough - self.made[-1].model
-        given = self._plan.is_budget or self._plan.count is not None
+        given = self._plan.is_budget or self._plan.goal.count is not None
         too_few = missing > 0 and self._limits.stop_reason != "enough"
         if given or too_few or -FAR_MORE <= missing <= LESS_THAN_ENOUGH:
             return count
@@ -171,7 +171,7 @@ class Corrections:
             return min(self.made, key=lambda e: e.size)
         if aim is not None:
             return _nearest(small, lambda e: self.score(e) - aim.value, aim.tolerance, aim.too_good)
-        if self._plan.count is not None or limit < math.inf or self._plan.is_budget:
+        if self._plan.goal.count is not None or limit < math.inf or self._plan.is_budget:
             return max(small, key=lambda e: e.model - self._pruning(e))
         enough = self._plan.enough
         return _nearest(small, lambda e: e.model - enough, LESS_THAN_ENOUGH, FAR_MORE)

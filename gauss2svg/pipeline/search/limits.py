@@ -91,15 +91,17 @@ class Limits(DensificationPolicy):
         self._bytes_each = usual * (presets.GZIPPED_SHARE if plan.counts_gzipped else 1.0)
         self._bytes_known = False
         gain, self._psnr, self._psnr_named = plan.preset.gain, plan.enough, "enough"
-        if plan.count is None:
+        if plan.goal.count is None:
             each = PIXELS_EACH_OF_BUDGET if plan.is_budget else PIXELS_EACH
             self.cap = Cap(min(plan.preset.cap, max(1, pixels // each)), "cap")
             most = max(self.cap.gaussians, min(presets.CAP_FOR_TARGET, pixels))
         else:
             gain, self._psnr = 0.0, math.inf
-            self.cap, most = Cap(plan.count, "gaussians"), plan.count
+            self.cap, most = Cap(plan.goal.count, "gaussians"), plan.goal.count
         self._cap_for_target = Cap(most, self.cap.name)
-        if plan.byte_limit is not None or aim is not None:  # the best, not what is worth its bytes
+        if (
+            plan.goal.byte_limit is not None or aim is not None
+        ):  # the best, not what is worth its bytes
             gain = 0.0
         if aim is not None and aim.slope is None:  # that of the growth, which can aim at it
             self._psnr = aim.value + aim.over + 10 * math.log10(1 + WRITING_LOSS)
@@ -173,7 +175,7 @@ class Limits(DensificationPolicy):
         Before the last steps it is a little more than that, because some shapes go.
         size  bytes of the scene's file, once it has been written
         """
-        limit, exporter = self._plan.byte_limit, self._exporter
+        limit, exporter = self._plan.goal.byte_limit, self._exporter
         if limit is None:
             return self.cap
         refining = now.done > schedule.GROWTH_SHARE

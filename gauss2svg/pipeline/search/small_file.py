@@ -122,12 +122,12 @@ class SmallFiles:
         count: Callable[[str], int] | None = None,
         covering: bool = False,
     ) -> None:
-        assert plan.byte_limit is not None
+        assert plan.goal.byte_limit is not None
         self._bytes = count or (lambda svg: len(file_bytes(svg, plan.counts_gzipped)))
         self._covering = covering
         self.large: NDArray[np.float32] | None = None
         self._planned: Subject | None = None  # by which colours are solved, if not by the subject
-        self._plan, self.subject, self._limit = plan, subject, plan.byte_limit
+        self._plan, self.subject, self._limit = plan, subject, plan.goal.byte_limit
         self._flat = [self._flat_file(digits) for digits in HEX_DIGITS]
         self.flat = min(self._flat, key=lambda file: file.size)
         if self.flat.size > self._limit:
