@@ -88,7 +88,7 @@ class Population:
         return len(self.state)
 
     def splats(self) -> Splats:
-        """The Gaussians as the kernels read them."""
+        """Return the Gaussians as the kernels read them."""
         return self.state.splats(self.background, self.config.fit.blend)
 
     def rendered(self) -> NDArray[np.floating]:
@@ -96,7 +96,7 @@ class Population:
         return self.target.rendered(self.splats())
 
     def scene(self) -> Scene:
-        """The Gaussians on the working canvas."""
+        """Return the Gaussians on the working canvas."""
         size = self.target.width, self.target.height
         scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
@@ -109,14 +109,14 @@ class Population:
         return scene.scaled(width / size[0], height / size[1])
 
     def psnr(self) -> float:
-        """PSNR in dB against the photo at full size, also while the target is reduced."""
+        """Return the PSNR in dB against the photo at full size, also if the target is reduced."""
         photo = self._photo.reduced(1)
         factors = photo.width / self.target.width, photo.height / self.target.height
         state = self._crisp(self.state.scaled(*factors))
         return psnr_of(photo.error(state.splats(self.background, self.config.fit.blend)))
 
     def error_of(self, evaluated: LossAndGradient) -> float:
-        """Mean squared error of a step; in inks against the photo, not against the target."""
+        """Return the mean squared error of a step; in inks that against the photo."""
         if self.inks is None:
             return evaluated.error
         return self._photo.reduced(self.reduction).error_of(evaluated.rendered)
@@ -145,7 +145,7 @@ class Population:
         self.state, self.shared = kept[0].copy(), copy(kept[1])
 
     def step(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> bool:
-        """Take one optimiser step, at this share of all learning rates; whether all is finite."""
+        """Take one optimiser step at this share of all rates; return whether all is finite."""
         share = evaluated.loss / max(len(self), 1)
         gradient = adam.gradients(evaluated.moments, splats, BETA_PRICE * share)
         most_sigma = float(max(self.target.width, self.target.height))
@@ -172,14 +172,14 @@ class Population:
         state.adam_m, state.adam_v = state.adam_m * area, state.adam_v * area**2
 
     def reduction_of_round(self, total: int) -> int:
-        """The factor by which a round that ends with `total` Gaussians reduces the target."""
+        """Return the factor by which a round up to `total` Gaussians reduces the target."""
         height, width = self._pyramid.pixels.shape[:2]
         if self.config.enlarged > 1:
             return enlarged_reduction(0.0, width, height)
         return reduction(total, width, height) if self.config.reduce else 1
 
     def reduction_at(self, done: float) -> int:
-        """The factor by which refinement reduces the target at progress `done`.
+        """Return the factor by which refinement reduces the target at progress `done`.
 
         1 where the count adapts, for then it is decided by errors at full size.
         """
@@ -206,7 +206,7 @@ class Population:
             self._add(self.rendered(), -surplus, count)
 
     def relocate(self) -> bool:
-        """Move the least useful Gaussians to where the error is; whether any moved."""
+        """Move the least useful Gaussians to where the error is; return whether any moved."""
         rendered, cost = self.target.removal_cost(self.splats())
         total = len(self)
         count = int(RELOCATED * total)

@@ -92,19 +92,19 @@ class DensificationPolicy:
         self.stop_reason = "iterations" if config.gaussians else "gaussians"
 
     def grow(self, now: Snapshot) -> int:
-        """Number of Gaussians after the next round; the present count ends the growth."""
+        """Return the number of Gaussians after the next round; the present one ends growth."""
         return next((total for total in self._totals if total > now.count), now.count)
 
     def adjust(self, now: Snapshot) -> int:
-        """Number of Gaussians from now on, asked during refinement at each of ADJUST_AT."""
+        """Return the number of Gaussians from now on; asked in refinement, at ADJUST_AT."""
         return now.count
 
     def most(self, now: Snapshot) -> int:
-        """Largest number of Gaussians to write, asked before the last steps."""
+        """Return the largest number of Gaussians to write; asked before the last steps."""
         return now.count
 
     def least_gain(self) -> float:
-        """Gain in dB under which a Gaussian is pruned before the last steps."""
+        """Return the gain in dB under which a Gaussian is pruned before the last steps."""
         return -math.inf
 
 
@@ -201,11 +201,11 @@ class FitSession:
         self.population.densify_or_prune(min(count, len(self.state)))
 
     def scene(self) -> Scene:
-        """The Gaussians on the working canvas."""
+        """Return the Gaussians on the working canvas."""
         return self.population.scene()
 
     def result(self) -> FitResult:
-        """The scene and the costs so far."""
+        """Return the scene and the costs so far."""
         reason = "time_limit" if self.clock.out_of_time else self.policy.stop_reason
         return FitResult(
             scene=self.scene(),

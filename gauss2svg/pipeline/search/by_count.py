@@ -63,7 +63,8 @@ class ByCount:
         with kernel_lock:
             session = self._session = self._fitted()
             self._export()
-            for _ in range(1 + CALIBRATIONS):
+            calibrations = 0
+            while True:
                 for _ in range(CORRECTIONS):
                     count = self._next_count()
                     if count == len(session.state):
@@ -74,8 +75,9 @@ class ByCount:
                 self._watch.report("measure", None)
                 measured = self._exporter.measured(best, self._watch.budget.measures_small)
                 reached = self._reached(best, measured)
-                if not self._calibrate(best, measured, reached):
+                if calibrations == CALIBRATIONS or not self._calibrate(best, measured, reached):
                     break
+                calibrations += 1
         return Outcome(
             plan=self._plan,
             subject=self._subject,
@@ -120,7 +122,7 @@ class ByCount:
 
     @property
     def _expected(self) -> int:
-        """About the count that the fit ends with, at most."""
+        """Largest count that the fit may end with, as far as it is known before."""
         return self._limits.expected or self._limits.cap.gaussians
 
     def _on_step(self, now: FitProgress) -> None:
@@ -137,7 +139,7 @@ class ByCount:
         return self._ended
 
     def _export_seconds(self, psnr: float) -> float:
-        """Seconds of writing, rasterising and measuring the scene as it is."""
+        """Return the seconds that writing, rasterising and measuring the scene takes."""
         begun = time.perf_counter()
         svg = self._exporter.write(self._session.scene(), psnr)
         image = self._subject.working
@@ -169,7 +171,7 @@ class ByCount:
         return best.pruned_to(limit, self._exporter.empty_bytes, target)
 
     def _calibrate(self, best: Export, measured: RoundTrip, reached: float | None) -> bool:
-        """Correct the scores by that against the reference; False if there is no need."""
+        """Correct the scores by that against the reference; return whether they have changed."""
         aim, photo, corrections = self._plan.aim, self._subject.photo, self._corrections
         smaller = photo.shape != self._subject.working.shape
         # Without time the file is measured at the size of the fit, which tells nothing new.
@@ -183,7 +185,7 @@ class ByCount:
         return corrections.detail != before
 
     def _reached(self, best: Export, measured: RoundTrip) -> float | None:
-        """The score of a measured file by the aim, if there is one."""
+        """Return the score of a measured file by the aim, None without one."""
         aim, photo, working = self._plan.aim, self._subject.photo, self._subject.working
         if aim is None:
             return None

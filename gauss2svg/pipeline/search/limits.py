@@ -64,7 +64,7 @@ class Cap(NamedTuple):
 
 
 def fewest(first: Cap, *others: Cap) -> Cap:
-    """The smallest of these caps, the first of equal ones."""
+    """Return the smallest of these caps, the first of equal ones."""
     return min((first, *others), key=lambda cap: cap.gaussians)
 
 
@@ -125,7 +125,7 @@ class Limits(DensificationPolicy):
         self._paying = self._rise = math.inf
 
     def grow(self, now: Snapshot) -> int:
-        """Twice the count, or less where a limit asks for less."""
+        """Return twice the count, or less if a limit allows less."""
         self._revise(now)
         last, self._last = self._last, now
         converged = now.psnr
@@ -146,7 +146,7 @@ class Limits(DensificationPolicy):
         return min(math.ceil(wanted), max(2 * now.count, self._first))
 
     def adjust(self, now: Snapshot) -> int:
-        """More or fewer where the extrapolated PSNR or file size is off the limits."""
+        """Return more or fewer if the extrapolated PSNR or file size is off the limits."""
         self._revise(now)
         rate = min(CONVERGES_AFTER.items(), key=lambda item: abs(item[0] - now.done))[1]
         wanted = self._wanted(now.count, now.psnr + rate * _converging(now))
@@ -156,12 +156,12 @@ class Limits(DensificationPolicy):
         return min(math.ceil(min(max(wanted, bounds[0]), bounds[1])), self._allowed.gaussians)
 
     def most(self, now: Snapshot) -> int:
-        """The largest number that the limits allow."""
+        """Return the largest number that the limits allow."""
         self._revise(now)
         return self._allowed.gaussians
 
     def least_gain(self) -> float:
-        """The gain in dB that the bytes of a Gaussian must bring."""
+        """Return the gain in dB that the bytes of a Gaussian must bring."""
         return self._price
 
     def allow_for_target(self) -> None:
@@ -194,7 +194,7 @@ class Limits(DensificationPolicy):
         return fewest(self.cap, Cap(int(room / self._bytes_each), "max_bytes"))
 
     def _revise(self, now: Snapshot) -> None:
-        """Find the largest count by the bytes and the time."""
+        """Set the largest count by the bytes and the time."""
         if self.is_additive:
             return
         self._allowed = cap = self.within_bytes(now)
