@@ -91,6 +91,7 @@ class ByBytes:
         self._files = SmallFiles(plan, subject, count, covering=self.is_drawing)
         self.subject = self._files.subject = self._reduced(subject)
         self.fits: list[FitResult] = []
+        self._starts = 1  # number of fits, for the progress
         self._ended = ""  # why no further step is made
         self._all_pixels = False  # whether a fit has as many shapes as its picture has pixels
 
@@ -130,11 +131,12 @@ class ByBytes:
         sizes: dict[tuple[float, ...], tuple[int, int]] = {}
         with kernel_lock:
             recipes = self._recipes()
-            for start, recipe in enumerate(recipes):
+            self._starts = len(recipes)
+            for recipe in recipes:
                 count = self._count(recipe, sizes.get(recipe.exponents))
                 if count < 1 or self._stop():
                     continue
-                fitted = self._fit(count, recipe, start, len(recipes))
+                fitted = self._fit(count, recipe)
                 file, sizes[recipe.exponents] = self._files.of(fitted, recipe, self._stop)
                 if file is not None:
                     best = max(best, self._files.drawn(file), key=closeness)
@@ -213,13 +215,13 @@ class ByBytes:
         # Whether one fits is seen when it is written.
         return int(min(max(by_bytes, 1), self._most, pixels))
 
-    def _fit(self, count: int, recipe: Recipe, start: int, starts: int) -> Scene:
+    def _fit(self, count: int, recipe: Recipe) -> Scene:
         """Fit so many shapes, on the photo's canvas; plain ellipses have MOST_BETA too."""
 
         def as_written(scene: Scene, _: float) -> Scene:
             return _with_few_exponents(scene, recipe.exponents)
 
-        scene = self._fitted(count, recipe, as_written, start, starts)
+        scene = self._fitted(count, recipe, as_written)
         plain = np.ones(len(scene), bool)  # exponents are stepped as logarithms
         for beta in recipe.exponents:
             plain &= ~np.isclose(scene.beta, beta)
@@ -231,16 +233,13 @@ class ByBytes:
         count: int,
         recipe: Recipe,
         as_written: AsWritten,
-        start: int,
-        starts: int,
         subject: Subject | None = None,
         enlarged: int = 1,
     ) -> Scene:
         """Return the scene of a fit to the working picture of a subject, on the photo's canvas.
 
-        start, starts  number of this fit, and of all fits, for the progress
-        subject        None: that of the search
-        enlarged       see FitConfig
+        subject   None: that of the search
+        enlarged  see FitConfig
         """
         options, subject = self._options, subject or self.subject
         config = FitConfig(
@@ -258,8 +257,9 @@ class ByBytes:
         )
 
         def progress(now: FitProgress) -> None:
-            rest = now.remaining_s + (starts - 1 - start) * (now.elapsed_s + now.remaining_s)
-            done = (start + now.done) / starts
+            start = min(len(self.fits), self._starts - 1)
+            later = (self._starts - 1 - start) * (now.elapsed_s + now.remaining_s)
+            rest, done = now.remaining_s + later, (start + now.done) / self._starts
             self._watch.report("fit", dataclasses.replace(now, done=done, remaining_s=rest))
 
         session = FitSession(

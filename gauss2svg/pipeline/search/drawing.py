@@ -230,8 +230,7 @@ class DrawingByBytes(ByBytes):
         def as_written(scene: Scene, _: float) -> Scene:
             return _crisp(scene, recipe.exponents, SOFT_FROM * scale)
 
-        start = min(len(self.fits), self._starts - 1)
-        scene = self._fitted(count, recipe, as_written, start, self._starts, large, enlarged)
+        scene = self._fitted(count, recipe, as_written, large, enlarged)
         # A plain ellipse of the area that was fitted, not of the contour of half height.
         plain = scene.drawn == PLAIN
         wider = covered_radius(scene.beta) / covered_radius(np.full(len(scene), MOST_BETA))
