@@ -94,13 +94,15 @@ class ByCount:
         """Return the fit of the first export, after an additive one for a portable file."""
         plan, subject, limits = self._plan, self._subject, self._limits
         config = plan.fit_config
+        self._look_for_stop()
         if plan.options.svg.portable:
             white = over(subject.working)
             targets = subject.targets(plan.tune) if white is subject.working else None
             self._watch.budget.begin_fit(self._expected, ADDITIVE_SHARE)
             first = FitSession(
                 white, plan.additive_config, self._policy, self._watch.budget.fit_ends,
-                lambda now: self._watch.report("additive", now), stop=self._stop, targets=targets,
+                lambda now: self._after_step("additive", now), stop=self._is_ended,
+                targets=targets,
             )  # fmt: skip
             first.fit()
             self._additive = first.result()
@@ -110,7 +112,7 @@ class ByCount:
         self._watch.budget.begin_fit(self._expected)
         self._session = session = FitSession(
             subject.working, config, self._policy, self._watch.budget.fit_ends, self._on_step,
-            self._exporter.as_written, self._stop, subject.targets(plan.tune),
+            self._exporter.as_written, self._is_ended, subject.targets(plan.tune),
         )  # fmt: skip
         if self._additive is not None:
             session.adopt(self._additive.scene, plan.fit_config.gaussians)
@@ -129,13 +131,19 @@ class ByCount:
         target, budget = self._session.population.target, self._watch.budget
         growing = now.done <= schedule.GROWTH_SHARE
         budget.stepped(target.width * target.height, now.gaussians, growing)
-        self._watch.report("correct" if self._corrections.made else "fit", now)
+        self._after_step("correct" if self._corrections.made else "fit", now)
         most = budget.reserve(now.done, now.gaussians, lambda: self._export_seconds(now.psnr))
         if most is not None:
             self._limits.cap = fewest(self._limits.cap, Cap(most, "time_limit"))
 
-    def _stop(self) -> bool:
+    def _after_step(self, phase: str, now: FitProgress) -> None:
+        self._watch.report(phase, now)
+        self._look_for_stop()
+
+    def _look_for_stop(self) -> None:
         self._ended = self._ended or self._watch.stop()
+
+    def _is_ended(self) -> bool:
         return self._ended
 
     def _export_seconds(self, psnr: float) -> float:
