@@ -39,7 +39,7 @@ class Goal(OptionGroup):
     """
 
     quality: Literal["draft", "fast", "balanced", "high", "max"] | None = None
-    """Preset (balanced). With a limit, an upper bound on quality."""
+    """Preset (balanced). With a limit, the maximum."""
 
     gaussians: Annotated[int | Literal["auto"] | None, Whole(0, MOST_GAUSSIANS)] = None
     """Number of shapes. auto adapts it (default). With a target, the maximum."""
