@@ -72,7 +72,7 @@ class OutputFiles:
     """Save the fitted Gaussians as a NumPy file (.npz)."""
 
     overwrite: bool = False
-    """Replace photo.svg even if another program wrote it. A file named by -o is always replaced."""
+    """Replace photo.svg even if another program wrote it."""
 
     quiet: bool = False
     """Show neither progress nor summary."""
