@@ -5,28 +5,20 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import signal
 import sys
+import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, NamedTuple, TypedDict
-
-if TYPE_CHECKING:
-    import subprocess
+from typing import NamedTuple, TypedDict
 
 _LEAST_EXCEPTION = 0xC0000000  # first exit status of Windows that is an exception (ntstatus.h)
-_EXCEPTIONS = {
-    0xC0000005: "access violation",
-    0xC0000017: "out of memory",
-    0xC000001D: "illegal instruction",
-    0xC00000FD: "stack overflow",
-    0xC000013A: "Ctrl-C",
-    0xC0000374: "heap corruption",
-    0xC0000409: "abort",
-}
-_PLAIN = re.compile(r"[\w@+=:,./\\-]+", re.ASCII)
 
+_LOOK_S = 0.2  # between two looks whether the parent is alive
+_PLAIN = re.compile(r"[\w@+=:,./\\-]+", re.ASCII)
 
 # A Ctrl-C is lost where what it raises is in a callback of Python's garbage collector or of C code:
 # the handler of a command leaves it here as well.
@@ -66,78 +58,46 @@ def run(
     timeout_s: float | None = None,
     folder: Path | None = None,
     environment: Mapping[str, str] | None = None,
-    apart: bool = True,
-    tied: bool = False,
-    ending_s: float = 0.0,
 ) -> Ended:
-    """Run a command to its end; the group that it leads ends with an exception here.
+    """Run a command to its end; an exception here, or a time limit, ends it and its children.
 
-    data         standard input; None: the null device
-    timeout_s    after which the group is killed; None: no limit
+    data         standard input; None: none
     environment  variables besides those of this process
-    apart        whether it leads a group of its own; without one it ends with the group of this
-                 process, and is for a process that is itself killed after a time limit
-    tied         whether its standard input is open as long as this process lives, and has nothing
-    ending_s     seconds in which a process may end its own children when it is asked to end, by
-                 SIGTERM; on Windows, where nobody can be asked, they are found by their parent
 
     Raises TimeoutError, and another OSError where the command cannot be started.
     """
     import subprocess
     import tempfile
 
-    source = subprocess.DEVNULL if data is None and not tied else subprocess.PIPE
     with (
         # No pipes, which have no end while anything that the process has left behind is alive.
         tempfile.TemporaryFile() as stdout,
         tempfile.TemporaryFile() as stderr,
         subprocess.Popen(
             command,
-            stdin=source,
+            stdin=subprocess.PIPE,
             stdout=stdout,
             stderr=stderr,
             cwd=folder,
             env={**os.environ, **(environment or {})},
-            **(own_group() if apart else _Group()),
+            **own_group(),
         ) as process,
     ):
-        tie = process.stdin if tied else None
-        if tie is not None:
-            process.stdin = None  # `communicate` would close it
         try:
             process.communicate(data, timeout_s)
         except BaseException as error:  # an interrupt too, which another group does not receive
-            _end(process, apart, ending_s)
+            end_tree(process.pid)
             if isinstance(error, subprocess.TimeoutExpired):
                 raise TimeoutError(f"not done in {timeout_s:g} s") from error
             raise
-        finally:
-            if tie is not None:
-                tie.close()
         stdout.seek(0)
-        return Ended(process.returncode, stdout.read(), _last_line(stderr))
+        stderr.seek(0)
+        return Ended(process.returncode, stdout.read(), last_line(stderr.read()))
 
 
-def _end(process: subprocess.Popen[bytes], apart: bool, ending_s: float) -> None:
-    import subprocess
-
-    if ending_s and sys.platform != "win32":
-        process.terminate()
-        with suppress(subprocess.TimeoutExpired):  # it is inside a library
-            process.wait(ending_s)
-    if not apart:
-        process.kill()
-    # A group outlives its leader; on Windows the number of a dead one may be another's.
-    elif sys.platform != "win32" or process.poll() is None:
-        end_tree(process.pid)
-
-
-def _last_line(stream: IO[bytes]) -> str:
-    stream.seek(0, os.SEEK_END)
-    # The last line is looked for in so many bytes.
-    stream.seek(max(0, stream.tell() - 4000))
-    lines = stream.read().decode(errors="replace").strip().splitlines()
-    return lines[-1].strip() if lines else ""
+def last_line(errors: bytes) -> str:
+    """Return the last line of a standard error, which mostly says why a program failed."""
+    return errors.decode(errors="replace").strip().rpartition("\n")[2].strip()
 
 
 def module_command(name: str, *words: str) -> list[str]:
@@ -155,10 +115,9 @@ def module_path() -> dict[str, str]:
 
 
 def _is_current(folder: str) -> bool:
-    try:
+    with suppress(OSError):  # one of them is gone
         return os.path.samefile(folder, os.curdir)
-    except OSError:  # one of them is gone
-        return False
+    return False
 
 
 def own_group() -> _Group:
@@ -172,38 +131,33 @@ def own_group() -> _Group:
 
 def end_tree(process_id: int) -> None:
     """Kill a process that was started with `own_group`, and what it has started."""
-    if sys.platform == "win32":
-        end_family(process_id)
-    else:
+    import psutil
+
+    with suppress(psutil.NoSuchProcess):
+        root = psutil.Process(process_id)
+        # What it has started may lead a group of its own.
+        for process in (*root.children(recursive=True), *([root] if os.name == "nt" else [])):
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
+    if sys.platform != "win32":
         # It may be gone; macOS refuses where only its exit status is left.
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(process_id, signal.SIGKILL)
 
 
-def end_family(process_id: int) -> None:
-    """Kill any process and what it has started, which are found by their parents."""
+def end_with_parent(parent: int, scratch: Path | None = None) -> None:
+    """Let this process end, with what it has started, once its parent has; remove a folder then."""
     import psutil
 
-    with suppress(psutil.NoSuchProcess):
-        root = psutil.Process(process_id)
-        for process in (root, *root.children(recursive=True)):
-            with suppress(psutil.NoSuchProcess):
-                process.kill()
+    def wait() -> None:
+        own = psutil.Process()
+        while (now := own.parent()) is not None and now.pid == parent:
+            time.sleep(_LOOK_S)
+        while scratch is not None and scratch.exists():  # this process may still write there
+            shutil.rmtree(scratch, ignore_errors=True)
+        end_tree(os.getpid())
 
-
-def crash_of(status: int) -> str | None:
-    """Return what killed a process with this exit status; None for one that ended by itself."""
-    if sys.platform == "win32":
-        status &= 0xFFFFFFFF
-        if status < _LEAST_EXCEPTION:
-            return None
-        return f"{_EXCEPTIONS.get(status, 'exception')}, 0x{status:X}"
-    if status >= 0:
-        return None
-    try:
-        return signal.Signals(-status).name
-    except ValueError:  # those for programs' own use have no name
-        return f"signal {-status}"
+    threading.Thread(target=wait).start()
 
 
 def end_of(status: int) -> str:
@@ -214,15 +168,26 @@ def end_of(status: int) -> str:
     return f"killed by {crash}; was there enough memory?"
 
 
+def crash_of(status: int) -> str | None:
+    """Return what killed a process with this exit status; None for one that ended by itself."""
+    if sys.platform == "win32":
+        status &= 0xFFFFFFFF
+        return f"exception 0x{status:X}" if status >= _LEAST_EXCEPTION else None
+    if status >= 0:
+        return None
+    with suppress(ValueError):  # those for programs' own use have no name
+        return signal.Signals(-status).name
+    return f"signal {-status}"
+
+
 def command_line(words: Sequence[str]) -> str:
     """Return a command as it is typed in a POSIX shell, or on Windows in cmd and PowerShell."""
-    if sys.platform == "win32":
-        return " ".join(word if _PLAIN.fullmatch(word) else _in_quotes(word) for word in words)
-    return shlex.join(words)
-
-
-def _in_quotes(word: str) -> str:
+    if sys.platform != "win32":
+        return shlex.join(words)
     import subprocess
 
-    quoted = subprocess.list2cmdline([word])
-    return quoted if quoted.startswith('"') else f'"{quoted}"'
+    quoted = ((word, subprocess.list2cmdline([word])) for word in words)
+    return " ".join(
+        text if _PLAIN.fullmatch(word) or text.startswith('"') else f'"{text}"'
+        for word, text in quoted
+    )

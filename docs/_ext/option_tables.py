@@ -1,6 +1,6 @@
 """Directives that list what the code has.
 
-`{options}` of a command, `{statuses}` of the studio, `{formats}` of photos, `{features}` that
+`{options}` of a command, `{formats}` of photos, `{features}` that
 renderers draw wrongly, `{forms}` that they draw, `{scores}`, `{record}` of a photo of a
 batch. cyclopts' own directive has neither ranges nor a page for a group alone, and nothing
 that a link to an option could lead to.
@@ -30,7 +30,6 @@ from gauss2svg.raster import (
     renderer_named,
 )
 from gauss2svg.raster.features import Feature
-from gauss2svg.studio.routes import ERRORS
 
 _OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z0-9-]*|-)(?![\w-])")
 _SPECIAL = re.compile(r"([\\`*_<>#|\[\]{}])")
@@ -131,15 +130,6 @@ def _names(argument: Any) -> list[str]:
     return [name for name in names if name not in opposites]
 
 
-class Statuses(SphinxDirective):
-    """The statuses with which the studio refuses a request."""
-
-    def run(self) -> list[nodes.Node]:
-        """The nodes."""
-        rows = [f"| {status} | {said['description']} |" for status, said in ERRORS.items()]
-        return self.parse_text_to_nodes("\n".join(["| status | meaning |", "|---|---|", *rows]))
-
-
 def _table(head: str, rows: Iterable[str]) -> str:
     return "\n".join([head, "|---" * (head.count("|") - 1) + "|", *rows])
 
@@ -213,7 +203,6 @@ def _directive(table: Callable[[], str]) -> type[SphinxDirective]:
 def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
     app.add_directive("options", Options)
-    app.add_directive("statuses", Statuses)
     tables = (formats_table, features_table, forms_table, scores_table, record_table)
     for table in tables:
         app.add_directive(table.__name__.removesuffix("_table"), _directive(table))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -13,15 +14,11 @@ from typing import Any
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
 from gauss2svg.pipeline.listing import ListedPhoto
+from gauss2svg.pool import WorkerDiedError, completed
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
 Record = dict[str, Any]
 Place = tuple[ListedPhoto, Variant | None]
-# Takes requests and a function that it calls with an index as that request begins; yields (index,
-# answer) as they are done. An answer has "error", one line, where the request failed.
-Runner = Callable[
-    [Sequence[Mapping[str, Any]], Callable[[int], None]], Iterator[tuple[int, Record]]
-]
 
 
 @cache
@@ -39,7 +36,7 @@ class Task:
     """One piece of work.
 
     variant  None prepares the photo itself
-    request  what a worker gets, as JSON, with the key
+    request  what a process gets, with the key
     others   what the result depends on beside photo, variant, code and renderer
     """
 
@@ -80,8 +77,9 @@ class Progress:
 class Grid:
     """The records of a grid in progress, which its user adds.
 
-    records  by their places; kept: number of files that were made before
-    dropped  number of steps that will have no record
+    finished  gives the record of a finished task, and None for any other
+    records   by their places; kept: number of files that were made before
+    dropped   number of steps that will have no record
     """
 
     def __init__(
@@ -90,40 +88,53 @@ class Grid:
         steps: int,
         progress: Callable[[Progress], None] | None,
     ) -> None:
-        """The first argument gives the record of a finished task, and None for any other."""
         self._finished, self._steps, self._progress = finished, steps, progress
         self.records: dict[Place, Record] = {}
         self.kept = self.dropped = 0
         self._now: list[str] = []
 
     def missing(self, tasks: Iterable[Task]) -> list[Task]:
-        """The tasks that are not finished; the records of the others are kept."""
+        """Return the tasks that are not finished; keep the records of the others."""
         missing = []
         for task in tasks:
-            if task.place in self.records:
-                continue
-            record = self._finished(task)
-            if record is None:
-                missing.append(task)
-            else:
-                self.records[task.place] = record
-                self.kept += task.variant is not None
+            if task.place not in self.records:
+                if (record := self._finished(task)) is None:
+                    missing.append(task)
+                else:
+                    self.records[task.place] = record
+                    self.kept += task.variant is not None
         return missing
 
-    def answers(self, runner: Runner, tasks: Sequence[Task]) -> Iterator[tuple[Task, Record]]:
-        """Yields (task, answer) as tasks are done; raises OutputError where no other can be."""
+    def answers(
+        self, tasks: Iterable[Task], submit: Callable[[Record], Future[Record]], width: int
+    ) -> Iterator[tuple[Task, Record]]:
+        """Yield (task, answer) as tasks are done, of which `width` are submitted at once.
 
-        def begun(index: int) -> None:
-            self._now.append(tasks[index].label)
+        An answer has "error", one line, if the task failed. Raise OutputError if no other can be
+        done.
+        """
+        waiting = iter(tasks)
+
+        def begun() -> tuple[Task] | None:
+            if (task := next(waiting, None)) is None:
+                return None
+            self._now.append(task.label)
             self._report()
+            return (task,)
+
+        def submitted(task: Task) -> Future[Record]:
+            return submit({**task.request, "key": task.key})
 
         self._report()
-        requests = [{**task.request, "key": task.key} for task in tasks]
-        for index, answer in runner(requests, begun):
-            self._now.remove(tasks[index].label)
+        for (task,), job in completed(submitted, begun, lambda: width):
+            try:
+                answer = job.result()
+            except WorkerDiedError as error:
+                answer = {"error": f"its worker died: {error}"}
+            self._now.remove(task.label)
             if "fatal" in answer:
                 raise OutputError(answer["error"])
-            yield tasks[index], answer
+            yield task, answer
             self._report()
 
     def _report(self) -> None:

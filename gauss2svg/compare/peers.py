@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from gauss2svg.compare.machine import Stopwatch, peak_bytes
+from gauss2svg.compare.records import answered
 from gauss2svg.errors import InputError, PeerError, quoted
-from gauss2svg.processes import end_of, run
+from gauss2svg.processes import end_of, end_with_parent, run
 
 Conversion = Callable[[], object]
 
@@ -100,7 +103,7 @@ def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
     command += ["-s", str(side)]
 
     def convert() -> None:
-        ended = run(command, apart=False)  # what runs the peer is killed after a time limit
+        ended = run(command)
         if ended.status:
             raise PeerError(f"primitive {end_of(ended.status)}: {ended.complaint or 'no message'}")
 
@@ -151,3 +154,22 @@ def check_peers(names: Iterable[str]) -> tuple[list[str], list[str]]:
             raise InputError(f"peer must be one of {', '.join(PEERS)}; got {quoted(name)}")
     absent = [name for name in wanted if PEERS[name].version() is None]
     return [name for name in wanted if name not in absent], absent
+
+
+def converted(tool: str, settings: dict[str, Any], png: Path, output: Path) -> dict[str, Any]:
+    """Write the file of a tool and return what it took, or {"error": line}.
+
+    It is called in a process of its own, which ends with the one that has started it.
+    """
+    end_with_parent(os.getppid())
+    null = os.open(os.devnull, os.O_RDWR)
+    for stream in (1, 2):  # of the tool, which may print
+        os.dup2(null, stream)
+    return answered(_converted, {"tool": tool, "paths": (png, output), "settings": settings})
+
+
+def _converted(request: Mapping[str, Any]) -> dict[str, Any]:
+    convert = PEERS[request["tool"]].prepare(*request["paths"], **request["settings"])
+    watch = Stopwatch()
+    convert()
+    return watch.read() | {"peak_bytes": peak_bytes()}

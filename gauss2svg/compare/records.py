@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.batch.table import as_cell
 from gauss2svg.errors import Gauss2SvgError, OutputError, error_line
 
 Row = dict[str, Any]
@@ -86,6 +85,8 @@ def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
     """CSV with a column for every name in any row; null is an empty cell."""
+    from gauss2svg.batch.table import as_cell  # what it loads would count as a peer's memory
+
     flattened = [flat(row) for row in rows]
     columns = list(dict.fromkeys(name for row in flattened for name in row))
     stream = io.StringIO()

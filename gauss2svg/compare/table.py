@@ -13,7 +13,8 @@ import operator
 import os
 import platform
 import statistics
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,10 @@ from gauss2svg.compare import chart
 from gauss2svg.compare.chart import Point, scatter, template_environment
 from gauss2svg.compare.grid import Grid, Progress, Task
 from gauss2svg.compare.machine import machine
-from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.peers import PEERS, check_peers
-from gauss2svg.compare.records import TOOL, Row, add_row, answered, csv_text, finite, rows_in
+from gauss2svg.compare.records import TOOL, Row, add_row, csv_text, finite, rows_in
+from gauss2svg.compare.run import measured_alone
 from gauss2svg.compare.variants import Variant, of_peer, settings_of
-from gauss2svg.compare.worker import in_own_process
 from gauss2svg.errors import InputError, number_within, whole_number
 from gauss2svg.files import as_json, check_writable, make_folder, write_all_atomically
 from gauss2svg.measure.scores import SCORES, Score
@@ -35,7 +35,6 @@ from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.pipeline.run import thread_count
-from gauss2svg.processes import raise_pending
 from gauss2svg.version import __version__
 
 TOLERANCE = 0.1  # dB below a Pareto front that still count as on it
@@ -317,7 +316,7 @@ def run_bench(
     number_within("reference_scale", reference_scale, 1e-3, 1000.0)
     photos = _photos(images)
     sources = {} if references is None else _sources(photos, references)
-    given = {"seed": seed, "threads": threads, "peer_timeout": peer_timeout}
+    given = {"options": {"seed": seed, "threads": threads}, "peer_timeout": peer_timeout}
     given |= {"reference_scale": reference_scale}
     plan = [
         _task(photo, variant, {**given, "reference": sources.get(photo)})
@@ -346,10 +345,15 @@ def run_bench(
             (folder / name).unlink(missing_ok=True)
         return rows
 
-    for task, answer in grid.answers(_one_by_one, grid.missing(plan)):
-        row = grid.records[task.place] = _row(task, seed) | answer
+    def alone(request: Row) -> Future[Row]:
+        job = Future[Row]()
+        job.set_result(measured_alone(request))
+        return job
+
+    for task, answer in grid.answers(grid.missing(plan), alone, 1):
+        grid.records[task.place] = _row(task, seed) | answer
         # Appended, so that a second benchmark into the folder and later versions keep theirs.
-        add_row(folder / _ROWS, row)
+        add_row(folder / _ROWS, grid.records[task.place])
         write()
     return write()
 
@@ -386,27 +390,17 @@ def _sources(
 
 def _task(photo: ListedPhoto, variant: Variant, given: Mapping[str, Any]) -> Task:
     request = {
-        "image": photo.path,
+        "source": photo.path,
         "tool": variant.tool,
         "settings": dict(variant.settings),
         **given,
     }
     # Other tools are given neither.
-    others: tuple[Any, ...] = (given["seed"], given["threads"]) if variant.is_own else ()
+    others: tuple[Any, ...] = tuple(given["options"].values()) if variant.is_own else ()
     if given["reference"] is not None:
         digest = hashlib.sha256(Path(given["reference"]).read_bytes()).hexdigest()
         others += digest, given["reference_scale"]
     return Task(photo, variant, request, others)
-
-
-def _one_by_one(
-    requests: Sequence[Mapping[str, Any]], begun: Callable[[int], None]
-) -> Iterator[tuple[int, Row]]:
-    for index, request in enumerate(requests):
-        raise_pending()
-        begun(index)
-        is_peer = request["tool"] in PEERS
-        yield index, answered(peer_record, request) if is_peer else in_own_process(request, None)
 
 
 def _tables(rows: Sequence[Row], names: Sequence[str], absent: Sequence[str]) -> dict[str, bytes]:

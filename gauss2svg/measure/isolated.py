@@ -7,7 +7,6 @@ busy for years. In a process of its own both become ordinary errors.
 from __future__ import annotations
 
 import os
-import signal
 import sys
 
 import numpy as np
@@ -19,8 +18,6 @@ from gauss2svg.processes import crash_of, module_command, module_path, run
 from gauss2svg.raster import rasterize_sized
 
 _REFUSED = 2
-# For a process that is asked to end to end its programs, which lead groups of their own.
-_ENDING_S = 5.0
 
 
 def draw(
@@ -37,7 +34,6 @@ def draw(
             svg.encode(),
             timeout_s=timeout_s,
             environment=module_path(),
-            ending_s=_ENDING_S,
         )
     except TimeoutError as error:
         raise RendererError(
@@ -56,7 +52,6 @@ def draw(
 
 def main() -> int:
     """Read the SVG from standard input, write its pixels to standard output as float32."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_REFUSED))
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries may print; standard output is for the pixels only

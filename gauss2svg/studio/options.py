@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import PurePath
-from typing import Any, Literal
+from typing import Any
 
 from docstring_parser import parse_from_object
 
@@ -30,12 +30,8 @@ _OF_A_SCORE = (
 _UNIT = re.compile(r"\((dB|s|px)\)")
 
 
-def options_of(given: Any) -> Options:
-    """Options of flat names and values of a request; raises InputError."""
-    if not isinstance(given, dict):
-        raise InputError(
-            f"options must be an object of names and values; got {type(given).__name__}"
-        )
+def options_of(given: dict[str, Any]) -> Options:
+    """Return options of flat names and values of a request; raise InputError."""
     for name in _NOT_OFFERED:
         if name in given:
             raise InputError(f"{name} must not be given; it is the server's. Try without it")
@@ -80,39 +76,26 @@ def flag_of(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def _label(name: str) -> str:
-    """The name of an option as words."""
-    words = " ".join(_NAMES.get(word, word) for word in name.split("_"))
-    return words[0].upper() + words[1:]
+_KINDS = {Flag: "boolean", OneOf: "choice", Whole: "integer", Number: "number"}
 
 
 def _described(field: Field, text: str | None) -> dict[str, Any]:
     words = " ".join((text or "").split())
-    domain = next((c for c in field.checks if isinstance(c, (Whole, Number, Flag, OneOf))), None)
-    kind: Literal["integer", "number", "boolean", "choice", "size", "text"] = "text"
-    least = most = None
-    if isinstance(domain, Flag):
-        kind = "boolean"
-    elif isinstance(domain, OneOf):
-        kind = "choice"
-    elif isinstance(domain, (Whole, Number)):
-        kind = "integer" if isinstance(domain, Whole) else "number"
-        least, most = domain.least, domain.most
-    elif byte_size in field.checks:
-        kind = "size"
+    domain = next((check for check in field.checks if type(check) in _KINDS), None)
+    kind = _KINDS.get(type(domain), "size" if byte_size in field.checks else "text")
     unit = _UNIT.search(words)
-    default = field.group.__dataclass_fields__[field.name].default  # pyright: ignore[reportAttributeAccessIssue]
+    label = " ".join(_NAMES.get(word, word) for word in field.name.split("_"))
     return {
         "name": field.name,
-        "label": _label(field.name),
+        "label": label[0].upper() + label[1:],
         "flag": flag_of(field.name),
         "type": kind,
         "choices": list(field.choices) if kind == "choice" else None,
         "words": list(field.words),
-        "min": least,
-        "above": bool(getattr(domain, "above", False)),
-        "max": most,
-        "default": default,
+        "min": getattr(domain, "least", None),
+        "above": getattr(domain, "above", False),
+        "max": getattr(domain, "most", None),
+        "default": getattr(field.group, field.name),
         "optional": field.may_be_none,
         "help": words,
         "unit": unit[1] if unit else "B" if kind == "size" else None,
@@ -120,40 +103,30 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
 
 
 def lines_of(name: str, options: Options) -> dict[str, str]:
-    """{"command": .., "python": ..} of a photo of that name, with what differs from defaults."""
-    changed = _changed(options)
-    stem = PurePath(name).stem
-    output = f"{stem}.{'svgz' if options.svg.gzip else 'svg'}"
+    """Return {"command": .., "python": ..} of a photo of that name, with what is no default."""
+    defaults = Options().flat()
+    changed = {name: value for name, value in options.flat().items() if value != defaults[name]}
+    output = f"{PurePath(name).stem}.{'svgz' if options.svg.gzip else 'svg'}"
     words = ["gauss2svg", _not_an_option(name), "-o", _not_an_option(output)]
-    for given in changed.values():
+    arguments, names = [repr(name)], ["vectorize"]
+    for key, group in GROUPS.items():
+        given = {f.name: changed[f.name] for f in fields_of(group) if f.name in changed}
         for option, value in given.items():
             if isinstance(value, bool):
                 words.append(flag_of(option if value else f"no_{option}"))
             elif str(value).startswith("-"):
                 words.append(f"{flag_of(option)}={value}")
             else:
-                words.extend([flag_of(option), str(value)])
-    arguments, names = [repr(name)], ["vectorize"]
-    for key, given in changed.items():
+                words += [flag_of(option), str(value)]
         values = [f"{option}={value!r}" for option, value in given.items()]
         if key == "goal":
             arguments += values
         elif values:
-            names.append(GROUPS[key].__name__)
-            arguments.append(f"{key}={names[-1]}({', '.join(values)})")
+            names.append(group.__name__)
+            arguments.append(f"{key}={group.__name__}({', '.join(values)})")
     imports, call = ", ".join(sorted(names)), ", ".join(arguments)
     python = f"from gauss2svg import {imports}\n\nvectorize({call}).save({output!r})"
     return {"command": command_line(words), "python": python}
-
-
-def _changed(options: Options) -> dict[str, dict[str, Any]]:
-    """Values that are not defaults, by group and name."""
-    defaults = Options().flat()
-    changed = {name: value for name, value in options.flat().items() if value != defaults[name]}
-    return {
-        key: {f.name: changed[f.name] for f in fields_of(group) if f.name in changed}
-        for key, group in GROUPS.items()
-    }
 
 
 def _not_an_option(name: str) -> str:

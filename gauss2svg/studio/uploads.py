@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
-import os
 import re
 import unicodedata
 from collections.abc import Sequence
 from pathlib import Path, PurePath
-from typing import Any
 from urllib.parse import quote
 
-from pydantic import BaseModel, Field, computed_field
+from pydantic import BaseModel, Field
 
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.errors import InputError, brief
@@ -35,12 +32,8 @@ class Sample(BaseModel):
     path: Path = Field(exclude=True)
     width: int
     height: int
-
-    @computed_field
-    @property
-    def url(self) -> str:
-        """Address of its file, relative to the page."""
-        return f"api/samples/{quote(self.name, safe='')}"
+    url: str
+    """Address of its file, relative to the page."""
 
 
 def display_name(given: str | None) -> str:
@@ -87,7 +80,8 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
             continue
         # For a page: bytes that are no UTF-8 are escaped as in an address.
         name = _SURROGATE.sub(lambda found: f"%{ord(found[0]) & 0xFF:02X}", path.name)
-        found.append(Sample(name=name, path=path, width=width, height=height))
+        url = f"api/samples/{quote(name, safe='')}"
+        found.append(Sample(name=name, path=path, width=width, height=height, url=url))
     if folder is not None and not found:
         raise _no_folder(folder, "no photo is in it")
     return found
@@ -98,19 +92,3 @@ def _no_folder(folder: Path, why: str) -> InputError:
         f"FOLDER must be a folder with photos; got {folder} ({brief(why)}). Try another folder, "
         "or none for pictures of scikit-image"
     )
-
-
-async def save(upload: Any, path: Path) -> None:
-    """Write an upload to a file."""
-    with path.open("wb") as file:
-        while chunk := await upload.read(1 << 20):
-            await asyncio.to_thread(file.write, chunk)
-
-
-def link(source: Path, path: Path) -> None:
-    """Give a file another name as well, or a copy where it may not be linked."""
-    source = source.resolve()  # not a symbolic link, which may lead nowhere from there
-    try:
-        os.link(source, path)
-    except OSError:
-        path.write_bytes(source.read_bytes())

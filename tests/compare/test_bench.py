@@ -13,11 +13,10 @@ from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import table
-from gauss2svg.compare.peer_run import peer_record
-from gauss2svg.compare.peers import check_peers
-from gauss2svg.compare.records import answered, finite
+from gauss2svg.compare.peers import check_peers, converted
+from gauss2svg.compare.records import finite
+from gauss2svg.compare.run import in_own_process, measured_alone
 from gauss2svg.compare.table import NAMES, plots_of, run_bench, summarise
-from gauss2svg.compare.worker import in_own_process
 from gauss2svg.errors import InputError
 from gauss2svg.measure.scores import SCORES
 
@@ -43,7 +42,7 @@ def requests(monkeypatch):
     """The requests of a benchmark, answered without a process."""
     found = []
 
-    def answer(request, timeout):
+    def answer(request):
         found.append(request)
         count = request["settings"].get("gaussians", 100)
         if count == 13:
@@ -55,9 +54,14 @@ def requests(monkeypatch):
             "svg_bytes": 200 * count, "svgz_bytes": 20 * count, "gaussians": count,
         }  # fmt: skip
 
-    monkeypatch.setattr(table, "in_own_process", answer)
-    monkeypatch.setattr(table, "peer_record", lambda request: answer(request, None))
+    monkeypatch.setattr(table, "measured_alone", answer)
     return found
+
+
+def request_of(tool, picture, **settings):
+    """A request for a run of a tool."""
+    request = {"tool": tool, "settings": settings, "source": str(picture), "peer_timeout": 60}
+    return request | {"options": {"seed": 0, "threads": 1}}
 
 
 def counts(rows):
@@ -115,9 +119,7 @@ def test_avif_is_written_read_back_and_scored(picture, tmp_path):
 
 def test_memory_of_a_run_is_its_own(picture, tmp_path):
     ours = np.ones(40_000_000)  # 320 MB, which the child must not be charged with
-    request = {"tool": "jpeg", "settings": {"quality": 30}}
-    request |= {"png": str(picture), "output": str(tmp_path / "output.jpg")}
-    row = in_own_process(request, 60)
+    row = in_own_process(converted, "jpeg", {"quality": 30}, picture, tmp_path / "output.jpg")
     assert ours.nbytes / 2 > row["peak_bytes"] > 5e6
 
 
@@ -141,17 +143,17 @@ def test_resuming_runs_only_what_is_missing(picture, tmp_path, requests, capsys)
 
 
 def test_interrupted_benchmark_keeps_what_is_finished(picture, tmp_path, requests, monkeypatch):
-    answer = table.in_own_process
+    answer = table.measured_alone
 
-    def interrupt(request, timeout):
+    def interrupt(request):
         if request["settings"]["gaussians"] == 7:
             raise KeyboardInterrupt
-        return answer(request, timeout)
+        return answer(request)
 
-    monkeypatch.setattr(table, "in_own_process", interrupt)
+    monkeypatch.setattr(table, "measured_alone", interrupt)
     assert main(["bench", str(picture), "-o", str(tmp_path), "--axis", "gaussians=5,7,9"]) == 130
     assert counts(json.loads((tmp_path / "bench.json").read_text())["rows"]) == [5]
-    monkeypatch.setattr(table, "in_own_process", answer)
+    monkeypatch.setattr(table, "measured_alone", answer)
     requests.clear()
     run_bench([picture], tmp_path, axes={"gaussians": [5, 7, 9]})
     assert len(requests) == 2
@@ -182,8 +184,9 @@ def test_peer_writes_an_svg_that_is_scored_or_fails_or_times_out(picture, tmp_pa
     monkeypatch.setenv("PATH", str(tmp_path), os.pathsep)
 
     def record(seconds=60):
-        given = {"tool": "primitive", "settings": {"shapes": 3}, "image": str(picture)}
-        return answered(peer_record, given | {"peer_timeout": seconds})
+        return measured_alone(
+            request_of("primitive", picture, shapes=3) | {"peer_timeout": seconds}
+        )
 
     program(tmp_path / "primitive", f"echo '{BLANK}' > \"$4\"")
     row = record()
@@ -207,8 +210,7 @@ def test_peer_writes_an_svg_that_is_scored_or_fails_or_times_out(picture, tmp_pa
 
 def test_image_of_a_peer_that_is_exact_has_no_finite_psnr(tmp_path):
     picture = save(np.full((16, 16, 3), 128 / 255), tmp_path / "gray.png")
-    request = {"tool": "jpeg", "settings": {"quality": 90}, "image": str(picture)}
-    row = peer_record(request | {"peer_timeout": 60})
+    row = measured_alone(request_of("jpeg", picture, quality=90))
     assert (row["psnr_svg"], row["ssim_svg"]) == (None, 1.0)
     assert json.loads(json.dumps(row, allow_nan=False)) == row
 
@@ -221,8 +223,9 @@ def test_output_of_a_peer_is_not_part_of_its_row(picture, tmp_path, monkeypatch)
     )
     (tmp_path / "vtracer.py").write_text(module)
     monkeypatch.syspath_prepend(tmp_path)
-    request = {"tool": "vtracer", "settings": {"style": "default"}, "image": str(picture)}
-    assert peer_record(request | {"peer_timeout": 60})["svg_bytes"] == len(BLANK)
+    assert measured_alone(request_of("vtracer", picture, style="default"))["svg_bytes"] == len(
+        BLANK
+    )
 
 
 def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_path, requests):
@@ -321,8 +324,7 @@ def test_sources_of_the_photos_are_compared_with_enlarged(picture, tmp_path, req
 def test_score_of_an_enlargement_is_a_column_where_it_was_measured(photo, picture, tmp_path):
     source = tmp_path / "source.svg"
     source.write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"/>')
-    request = {"image": str(picture), "tool": "gauss2svg", "seed": 0, "threads": 1}
-    request |= {"settings": {"gaussians": 2, "iterations": 1}}
-    row = in_own_process(request | {"reference": str(source), "reference_scale": 2.0}, None)
+    request = request_of("gauss2svg", picture, gaussians=2, iterations=1)
+    row = measured_alone(request | {"reference": str(source), "reference_scale": 2.0})
     assert row["psnr_svg_enlarged"] > 0
-    assert in_own_process(request, None)["psnr_svg_enlarged"] is None
+    assert measured_alone(request)["psnr_svg_enlarged"] is None

@@ -178,7 +178,7 @@ def test_key_knows_all_that_changes_a_record_and_no_path():
 def test_other_tools_are_kept_whatever_the_seed_and_the_threads():
     def key(variant, seed, threads):
         photo = ListedPhoto("a.png", "a.png", "a.png", "a", "d")
-        given = {"seed": seed, "threads": threads, "peer_timeout": 1, "reference": None}
+        given = {"options": {"seed": seed, "threads": threads}, "reference": None}
         return table._task(photo, variant, given).key
 
     peer, own = Variant((("quality", 30),), tool="jpeg"), Variant((("gaussians", 5),))

@@ -88,7 +88,7 @@ def test_scores_that_were_missing_are_added_without_another_fit(
     answered = artifacts.make_variant(
         {
             "folder": str(folder), "key": record["key"], "tool": "gauss2svg", "photo_size": 2048,
-            "path": str(two[0]), "max_pixels": 10**6,
+            "path": str(two[0]), "options": {"max_pixels": 10**6},
         }
     )  # fmt: skip
     report = json.loads((folder / REPORT).read_text())
@@ -253,11 +253,11 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(phot
     assert row in json.loads((out / "gallery.json").read_text())["rows"]
 
 
-def test_full_disk_ends_all_at_once(two, tmp_path, monkeypatch, refusal):
-    def fill(pool, requests, begun):
-        begun(0)
-        yield 0, {"error": "cannot write x: No space left on device", "fatal": True}
-        pytest.fail("continued")
+def test_full_disk_ends_all_at_once(two, tmp_path, asked, monkeypatch, refusal):
+    def fill(request):
+        asked.append(request["kind"])
+        return {"error": "cannot write x: No space left on device", "fatal": True}
 
-    monkeypatch.setattr("gauss2svg.compare.pages.build.answers", fill)
+    monkeypatch.setattr("gauss2svg.compare.pages.build.answer_to", fill)
     assert "No space left" in refusal("gallery", *two, "-o", tmp_path / "out", "--counts", "5")
+    assert asked == ["photo"]

@@ -111,11 +111,12 @@ def canned(request):
     count = request["settings"].get("gaussians", 100)
     if count == 13:
         return {"error": "un\nlucky \udcff"}
+    seed = request["options"]["seed"]
     report = {
         "gaussians": count, "svg_bytes": 100 * count, "svgz_bytes": 10 * count, "fit_s": 0.1,
-        "total_s": 0.1 * count, "psnr_svg": None if count == 7 else 20.0 + request["seed"],
+        "total_s": 0.1 * count, "psnr_svg": None if count == 7 else 20.0 + seed,
         "ssim_svg": 0.5, "ssimulacra2_svg": -20.0, "flip_svg": 0.25,
-        "renderer": "resvg 1", "seed": request["seed"], "notes": [],
+        "renderer": "resvg 1", "seed": seed, "notes": [],
     }  # fmt: skip
     files = dict.fromkeys((PICTURE, SCENE, OUTLINES, THUMBNAIL, ERRORS), b"<svg/>")
     extra = {"worst": CROP, "typical": CROP, "rounds": [[1, count]], "cpu_s": 0.1, "origin": ORIGIN}

@@ -85,7 +85,7 @@ class Server:
         return [
             child
             for child in psutil.Process(self.process.pid).children()
-            if "gauss2svg.studio.worker_process" in child.cmdline()
+            if "gauss2svg.pool" in child.cmdline()
         ]
 
 

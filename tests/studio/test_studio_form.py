@@ -232,20 +232,6 @@ def test_the_page_says_where_photos_go(is_local):
     assert {".png", ".tif", ".heic"} <= set(re.search('accept="([^"]+)"', text)[1].split(","))
 
 
-def test_a_full_queue_refuses_before_a_photo_is_read():
-    studio = create_app()
-    studio.jobs.most_waiting = 0
-
-    async def photo():
-        pytest.fail("the photo was read")
-        yield b""
-
-    form = {"Content-Type": "multipart/form-data; boundary=b"}
-    answer = answer_of(studio, "POST", "/api/jobs", content=photo(), headers=form)
-    assert answer.status_code == 429
-    assert "Retry-After" in answer.headers
-
-
 @pytest.mark.parametrize("package", ["fastapi", "uvicorn", "python_multipart"])
 def test_without_its_packages_the_command_says_how_to_get_them(package, monkeypatch, refusal):
     monkeypatch.setitem(sys.modules, package, None)

@@ -223,7 +223,7 @@ def test_a_reader_that_never_reads_stops_no_fit_and_is_told_its_end_at_last(serv
         reader.settimeout(20)
         told = b"".join(iter(lambda: reader.recv(4096), b""))
     assert told.startswith(b"HTTP/1.1 200")
-    assert b'"state": "done"' in told.split(b"event: state")[-1]
+    assert b'"state":"done"' in told.split(b"event: state")[-1]
 
 
 def test_a_photo_that_breaks_while_it_is_decoded_fails_in_a_line_with_its_name(server, png):

@@ -140,12 +140,12 @@ def test_signal_that_a_callback_loses_ends_a_benchmark_before_its_next_run(
 ):
     asked = []
 
-    def answer(request, _):
+    def answer(request):
         asked.append(request["settings"])
         lose(number)
         return {"error": "unlucky"}
 
-    monkeypatch.setattr("gauss2svg.compare.table.in_own_process", answer)
+    monkeypatch.setattr("gauss2svg.compare.table.measured_alone", answer)
     axes = ["--axis", "gaussians=5,6", "--quiet"]
     assert main(["bench", command[0], "-o", str(tmp_path / "out"), *axes]) == STATUS[number]
     assert asked == [{"gaussians": 5}]

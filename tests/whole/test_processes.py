@@ -10,10 +10,8 @@ from pathlib import Path
 import psutil
 import pytest
 from conftest import has_ended
-from galleries import program
 
 from gauss2svg import processes
-from gauss2svg.compare.worker import in_own_process
 from gauss2svg.processes import Ended, run
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="a shell stands in for a program")
@@ -64,15 +62,11 @@ def test_a_process_runs_where_and_with_what_it_is_given(tmp_path):
         run([str(tmp_path / "none")])
 
 
-def test_without_data_input_is_empty_and_of_a_tied_process_open_until_it_ends():
+def test_without_data_input_is_empty():
     assert shell("cat").output == b""
-    tied = "read line < /dev/stdin && echo read || echo ended"
-    with pytest.raises(TimeoutError):
-        shell(tied, tied=True, timeout_s=0.3)
-    assert shell("echo said", tied=True).output == b"said\n"
 
 
-@pytest.mark.parametrize("options", [{}, {"tied": True}, {"ending_s": 0.2}, {"data": b"x"}])
+@pytest.mark.parametrize("options", [{}, {"data": b"x"}])
 def test_after_its_time_a_process_and_its_children_end(options, tmp_path):
     pids = tmp_path / "pids"
     script = f"trap '' TERM; sleep 600 & echo $$ $! > {pids}; wait; wait"
@@ -80,21 +74,38 @@ def test_after_its_time_a_process_and_its_children_end(options, tmp_path):
     assert all(map(has_ended, found))
 
 
-def test_a_process_that_is_asked_to_end_may_end_what_leads_another_group(tmp_path):
+def test_a_child_that_leads_another_group_ends_with_it(tmp_path):
     child = tmp_path / "child"
     script = (
-        "import signal, subprocess, sys, time; signal.signal(15, lambda *_: sys.exit(2)); "
+        "import subprocess; "
         "child = subprocess.Popen(['sleep', '600'], start_new_session=True)\n"
         f"open({str(child)!r}, 'w').write(str(child.pid))\n"
-        "try: time.sleep(600)\n"
-        "finally: child.kill()\n"
+        "child.wait()\n"
     )
-    call = partial(run, [sys.executable, "-c", script], ending_s=30)
+    call = partial(run, [sys.executable, "-c", script])
     assert all(map(has_ended, noted_in_time(child, (2, 8, 32), call)))
 
 
-@pytest.mark.parametrize("apart", [True, False])
-def test_an_interrupt_ends_the_process_and_is_raised(apart, monkeypatch):
+def test_a_process_ends_with_its_parent_and_removes_its_folder(tmp_path):
+    script = (
+        "import os, pathlib, sys, time; from gauss2svg.processes import end_with_parent; "
+        "os.setsid(); end_with_parent(int(sys.argv[1]), pathlib.Path(sys.argv[2])); "
+        "print(os.getpid(), flush=True); time.sleep(600)"
+    )
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    command = f'"$0" -c "$1" $$ {scratch}; true'
+    words = ["sh", "-c", command, sys.executable, script]
+    with subprocess.Popen(words, stdout=subprocess.PIPE) as parent:
+        child = int(parent.stdout.readline())
+        time.sleep(0.5)
+        assert psutil.pid_exists(child)
+        parent.kill()
+        assert has_ended(child)
+    assert not scratch.exists()
+
+
+def test_an_interrupt_ends_the_process_and_is_raised(monkeypatch):
     begun = []
 
     class Interrupted(subprocess.Popen):
@@ -107,14 +118,8 @@ def test_an_interrupt_ends_the_process_and_is_raised(apart, monkeypatch):
 
     monkeypatch.setattr(subprocess, "Popen", Interrupted)
     with pytest.raises(KeyboardInterrupt):
-        shell("exec sleep 600", apart=apart)
+        shell("exec sleep 600")
     assert has_ended(begun[0])
-
-
-def test_a_process_leads_a_group_unless_it_is_to_end_with_this_one():
-    script = "import os; print(os.getpgrp())"
-    found = [run([sys.executable, "-c", script], apart=apart).output for apart in (True, False)]
-    assert int(found[0]) != os.getpgrp() == int(found[1])
 
 
 @pytest.mark.parametrize("opened", ["> /dev/null", "2> /dev/null", ""])
@@ -126,8 +131,7 @@ def test_what_a_process_leaves_behind_with_its_pipes_open_is_not_waited_for(open
     psutil.Process(pid).kill()
 
 
-@pytest.mark.parametrize("ending_s", [0.0, 5.0])
-def test_an_exception_ends_the_group_of_a_process_that_has_ended(ending_s, tmp_path, monkeypatch):
+def test_an_exception_ends_the_group_of_a_process_that_has_ended(tmp_path, monkeypatch):
     class Interrupted(subprocess.Popen):
         def communicate(self, *_):
             self.wait()
@@ -135,21 +139,8 @@ def test_an_exception_ends_the_group_of_a_process_that_has_ended(ending_s, tmp_p
 
     monkeypatch.setattr(subprocess, "Popen", Interrupted)
     with pytest.raises(KeyboardInterrupt):
-        shell(f"sleep 60 & echo $! > {tmp_path}/pid", ending_s=ending_s)
+        shell(f"sleep 60 & echo $! > {tmp_path}/pid")
     assert has_ended(int((tmp_path / "pid").read_text()))
-
-
-def test_what_a_process_that_ends_when_it_is_asked_leaves_in_its_group_ends(tmp_path):
-    pids = tmp_path / "pid"
-    script = f"trap 'exit 2' TERM; (trap '' TERM; exec sleep 60) & echo $! > {pids}; wait"
-    found = noted_in_time(pids, (0.5, 4, 32), partial(shell, script, ending_s=30))
-    assert all(map(has_ended, found))
-
-
-def test_a_worker_that_is_dead_before_it_reads_is_told_by_its_status(tmp_path, monkeypatch):
-    worker = program(tmp_path / "worker", "echo no memory >&2\nexit 3")
-    monkeypatch.setattr(sys, "executable", str(worker))
-    assert in_own_process({}, 60) == {"error": "ended with status 3: no memory"}
 
 
 def test_a_module_is_imported_as_here_and_not_from_the_current_folder(tmp_path, monkeypatch):

@@ -1,7 +1,6 @@
 """What differs between systems, as the system that runs the tests has it."""
 
 import errno
-import json
 import os
 import signal
 import subprocess
@@ -79,42 +78,33 @@ def test_a_process_ends_with_what_it_has_started():
     end_tree(process.pid)  # which is gone: nothing happens
 
 
-# Starts a worker of the benchmark as its parent, and waits.
-STARTS_WORKER = """
-import subprocess, sys
-worker = subprocess.Popen(
-    [sys.executable, "-P", "-m", "gauss2svg.compare.worker", sys.argv[1]], stdin=subprocess.PIPE,
-    start_new_session=True,
-)
-print(worker.pid, flush=True)
-worker.wait()
+# Runs a peer in a process of its own, as the benchmark does.
+RUNS_PEER = """
+import sys
+from gauss2svg.compare.run import measured
+measured({"tool": "primitive", "settings": {"shapes": 3}, "source": sys.argv[1], "options": {},
+          "peer_timeout": 600})
 """
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
 @pytest.mark.process
 def test_a_run_of_the_benchmark_ends_with_its_parent(tmp_path):
-    said = f"read line < /dev/stdin\necho $$ > {tmp_path}/pid\nsleep 600"
-    galleries.program(tmp_path / "primitive", said)
+    galleries.program(tmp_path / "primitive", f"echo $$ > {tmp_path}/pid\nsleep 600")
     Image.new("RGB", (4, 4)).save(tmp_path / "a.png")
-    request = {"tool": "primitive", "settings": {"shapes": 3}}
-    request |= {"png": str(tmp_path / "a.png"), "output": str(tmp_path / "a.svg")}
     path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
     with subprocess.Popen(
-        [sys.executable, "-c", STARTS_WORKER, json.dumps(request)],
-        stdout=subprocess.PIPE,
+        [sys.executable, "-c", RUNS_PEER, str(tmp_path / "a.png")],
         env={**os.environ, "PATH": path, **module_path()},
     ) as parent:
-        worker = int(parent.stdout.readline())
         until = time.monotonic() + 60
         while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text().strip():
             assert time.monotonic() < until
             time.sleep(0.05)
-        peer = int((tmp_path / "pid").read_text())
-        assert psutil.pid_exists(worker)
+        (worker,) = psutil.Process(parent.pid).children()
         parent.kill()
-    assert has_ended(worker)
-    assert has_ended(peer)
+    assert has_ended(worker.pid)
+    assert has_ended(int((tmp_path / "pid").read_text()))
 
 
 @pytest.mark.parametrize(

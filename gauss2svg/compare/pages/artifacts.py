@@ -13,7 +13,6 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,21 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.compare.machine import Stopwatch, machine
-from gauss2svg.compare.peer_run import peer_file
+from gauss2svg.compare.machine import machine
 from gauss2svg.compare.records import TOOL, answered, finite
+from gauss2svg.compare.run import run
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
 from gauss2svg.files import as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import error_map
-from gauss2svg.measure.memory import held_bytes
-from gauss2svg.measure.perceptual import packages, packages_missing, perceptual_scores
+from gauss2svg.measure.perceptual import packages, packages_missing
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
-from gauss2svg.photo.load import WHITE, header_of, load_image, load_reduced
+from gauss2svg.photo.load import header_of, load_image, load_reduced
 from gauss2svg.pipeline.listing import ListedPhoto, slug_of
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.vectorize import vectorize_by, warm_up
 from gauss2svg.svg.syntax.source import parse_document
 
 PHOTOS = "photos"  # the folder of the photos' folders
@@ -110,67 +106,43 @@ def make_photo(request: Request) -> dict[str, Any]:
 def make_variant(request: Request) -> dict[str, Any]:
     """Write an SVG of the photo, its report, thumbnail and error map; returns the record.
 
-    request  path, key, folder, photo_size, max_pixels, tool, settings, seed, jobs, threads,
-             max_memory, peer_timeout, and shown, the path of the photo that the pages show
+    request  path, key, folder, photo_size, jobs, what `run` takes, and shown, the path of the photo
+             that the pages show
     Where it is there already and only scores are missing, whose packages have been installed
     since, nothing is fitted anew. Raises Gauss2SvgError where it cannot be made.
     """
     # A reduced photo is the 8-bit one of the page; others are read as by the command line.
-    header = header_of(request["path"], max_pixels=request["max_pixels"])
+    most = request["options"]["max_pixels"]
+    header = header_of(request["path"], max_pixels=most)
     assert header is not None  # it is a file
     is_reduced = max(header.width, header.height) > request["photo_size"]
     source = request["shown"] if is_reduced else request["path"]
     kept = finished(Path(request["folder"]), request["key"])
     if kept is not None:
         return _scored(source, request, kept)
-    make = _own if request["tool"] == TOOL else _peer
-    files, report, raster, extra = make(source, request)
-    target = pixels_of(load_image(source, max_pixels=request["max_pixels"]))
-    rendered, photo = over(raster), over(target)
+    made = run({**request, "source": source})
+    rendered = over(made.raster)
+    photo = over(pixels_of(load_image(source, max_pixels=most)))
     worst, typical = worst_and_typical(rendered, photo)
-    files |= {
-        REPORT: as_json(report),
-        THUMBNAIL: _thumbnail(raster),
+    files = {
+        PICTURE: made.data,
+        REPORT: as_json(made.report),
+        THUMBNAIL: _thumbnail(made.raster),
         ERRORS: _encoded(error_map(rendered, photo), "PNG", optimize=True),
     }
-    extra |= {"worst": worst._asdict(), "typical": typical._asdict()}
-    extra["scored_by"] = packages()
+    extra = {name: made.cost[name] for name in ("total_s", "cpu_s", "other_cpu_s")}
+    if made.result is not None:
+        files[SCENE] = saved(made.result.scene.save)
+        files[OUTLINES] = made.result.outline().encode()
+        extra["rounds"] = rounds_of(made.result.svg)
+    extra |= {"worst": worst._asdict(), "typical": typical._asdict(), "scored_by": packages()}
     extra["origin"] = {
         "date": datetime.now(UTC).date().isoformat(),
         "machine": machine(),
         "jobs": request["jobs"],
-        "threads": request["threads"],
+        "threads": request["options"]["threads"],
     }
     return _finish(request, files, extra)
-
-
-# Files, the report, the rasterised SVG, and more entries of the record.
-_Made = tuple[dict[str, bytes], dict[str, Any], NDArray[np.float32], dict[str, Any]]
-
-
-def _own(source: str, request: Request) -> _Made:
-    given = {name: request[name] for name in ("seed", "threads", "max_memory", "max_pixels")}
-    # As for other tools, all numbers are of the size that is shown.
-    given |= {"fragments": True, "full_size": True}
-    options = Options.from_flat({**request["settings"], **given})
-    _warm_up_once(request["threads"])
-    watch = Stopwatch()
-    result = vectorize_by(options, source)
-    clocks = watch.read()
-    files = {
-        PICTURE: result.svg.encode(),
-        SCENE: saved(result.scene.save),
-        OUTLINES: result.outline().encode(),
-    }
-    scores = perceptual_scores(result.raster, result.photo, request["max_memory"] - held_bytes())
-    report = result.report | {"scores": not packages_missing()} | scores.report
-    return files, report, result.raster, clocks | {"rounds": rounds_of(result.svg)}
-
-
-@cache
-def _warm_up_once(threads: int) -> None:
-    """Imports and compilation are not part of the time."""
-    warm_up({"quality": "draft", "threads": threads})
 
 
 def rounds_of(svg: str) -> list[list[int]]:
@@ -184,24 +156,13 @@ def rounds_of(svg: str) -> list[list[int]]:
     return found
 
 
-def _peer(source: str, request: Request) -> _Made:
-    """The SVG of another tool for the photo over white, measured by `check`."""
-    photo = load_image(source, matte=WHITE, max_pixels=request["max_pixels"]).pixels
-    tool, settings = request["tool"], request["settings"]
-    svg, run = peer_file(tool, settings, photo, request["peer_timeout"])
-    result = check(photo, svg)
-    clocks = {name: run[name] for name in ("total_s", "cpu_s", "other_cpu_s")}
-    own = {"tool": tool, "settings": settings, "total_s": run["total_s"]}
-    return {PICTURE: svg}, own | result.report, result.raster, clocks
-
-
 def _scored(source: str, request: Request, record: dict[str, Any]) -> dict[str, Any]:
     """Add the scores to the report of a finished SVG; returns the record."""
     folder, own = Path(request["folder"]), request["tool"] == TOOL
     checked = check(
         source,
         folder / PICTURE,
-        max_pixels=request["max_pixels"],
+        max_pixels=request["options"]["max_pixels"],
         matte=None if own else "white",
     )
     asked = {"scores": not packages_missing()} if own else {}

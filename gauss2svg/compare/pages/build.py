@@ -6,11 +6,10 @@ A worker that dies fails its own request only, and is replaced.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +44,7 @@ from gauss2svg.options import file_name
 from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.run import compile_kernels, thread_count
-from gauss2svg.pool import Pool, WorkerDiedError, completed
+from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
 
@@ -234,10 +233,14 @@ class _Build:
             "shown": str(self._root / folder_of(photo) / prepared["photo"]),
             "tool": variant.tool,
             "settings": dict(variant.settings),
-            "seed": options.seed,
+            "options": {
+                "seed": options.seed,
+                "threads": self._threads,
+                "max_memory": self._max_memory,
+                "max_pixels": options.max_pixels,
+                "fragments": True,
+            },
             "jobs": options.jobs,
-            "threads": self._threads,
-            "max_memory": self._max_memory,
             "peer_timeout": options.peer_timeout,
         }
         # Processes, threads, memory and time limits change no image.
@@ -257,7 +260,10 @@ class _Build:
         return record if record is not None and is_scored(record) else None
 
     def _make(self, pool: Pool, tasks: list[Task]) -> None:
-        for task, answer in self._grid.answers(partial(answers, pool), tasks):
+        def submit(request: Record) -> Future[Record]:
+            return pool.submit(answer_to, request)
+
+        for task, answer in self._grid.answers(tasks, submit, pool.workers):
             if "error" in answer:
                 self._fail(task.photo, task.variant, on_one_line(answer["error"]))
             else:
@@ -305,24 +311,3 @@ def _is_foreign(folder: Path) -> bool:
         )
     except OSError:
         return True
-
-
-def answers(
-    pool: Pool, requests: Sequence[Mapping[str, Any]], begun: Callable[[int], None]
-) -> Iterator[tuple[int, Record]]:
-    """Yield (index, answer) as requests are done; begun(index) is called as they begin."""
-
-    def each() -> Iterator[tuple[int, Mapping[str, Any]]]:
-        for index, request in enumerate(requests):
-            begun(index)
-            yield index, request
-
-    def submit(request: tuple[int, Mapping[str, Any]]) -> Future[Record]:
-        return pool.submit(answer_to, request[1])
-
-    for (index, _), job in completed(submit, each(), lambda: pool.workers):
-        try:
-            yield index, job.result()
-        except WorkerDiedError:
-            error = "its worker died; was there enough memory? Try fewer --jobs"
-            yield index, {"error": error}

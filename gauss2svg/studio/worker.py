@@ -1,0 +1,127 @@
+"""What runs in the processes of the pool: one fit, which leaves what becomes of it in its folder.
+
+    progress.json, frame.jpg     while it runs
+    picture.svg, report.json     once it is done
+    photo.png, errors.png, ..    what is looked at afterwards
+
+Files named stop and cancel ask it to end, with the best picture so far or without one.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from gauss2svg.compare.records import answered, finite
+from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.files import as_json, as_png, saved, write_whole
+from gauss2svg.measure.heatmap import error_map
+from gauss2svg.photo.alpha import over
+from gauss2svg.pipeline import presets
+from gauss2svg.pipeline.memory_budget import allowed
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.run import Progress
+from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
+from gauss2svg.processes import end_with_parent
+from gauss2svg.render.frame import FrameMaker, as_jpeg
+from gauss2svg.svg.document import EDITABLE, MINIMAL
+from gauss2svg.svg.write import write_svg
+
+_LEAST_BETWEEN_S = 0.05  # between two files of progress without a frame
+_OF_A_FIT = ("round", "iteration", "done", "gaussians", "psnr", "elapsed_s", "remaining_s")
+_end_with_server = cache(end_with_parent)
+
+
+class _CanceledError(Exception):
+    """The fit is not wanted any more."""
+
+
+def warm(server: int, scratch: Path) -> None:
+    """Load the kernels and fit once; end with the server and remove its folder if it is killed."""
+    _end_with_server(server, scratch)
+    as_jpeg(warm_up({"quality": "draft"}).scene)
+
+
+def fit(request: Mapping[str, Any]) -> dict[str, str]:
+    """Write the files of a fit, and return {}, or {"error": line} without private paths.
+
+    request  photo, name, folder, options, workers, threads, server (id), scratch
+    """
+    _end_with_server(request["server"], request["scratch"])
+    answer = answered(_fit, request)
+    if "error" in answer:
+        line = answer["error"].replace(str(request["photo"]), request["name"])
+        answer["error"] = line.replace(f"{request['folder']}{os.sep}", "")
+    return answer
+
+
+def _fit(request: Mapping[str, Any]) -> dict[str, str]:
+    folder: Path = request["folder"]
+    options = Options.from_flat(request["options"])
+    with suppress(_CanceledError):
+        result = _result(request, options)
+        for name, data in _files(result, options):
+            _end_if_canceled(folder)
+            _write(folder / name, data)
+    return {}
+
+
+def _write(path: Path, data: bytes) -> None:
+    write_whole(path, data, path.with_name("part"), sync=False)
+
+
+def _end_if_canceled(folder: Path) -> None:
+    if (folder / "cancel").exists():
+        raise _CanceledError
+
+
+def _result(request: Mapping[str, Any], options: Options) -> Result:
+    folder: Path = request["folder"]
+    maker, frames, last_s = FrameMaker(), 0, 0.0
+
+    def progress(now: Progress) -> None:
+        nonlocal frames, last_s
+        _end_if_canceled(folder)
+        figures: dict[str, Any] = {"phase": now.phase}
+        if now.fit is not None:
+            frame = maker.frame(now.fit.scene)
+            if not frame and time.perf_counter() - last_s < _LEAST_BETWEEN_S:
+                return
+            last_s = time.perf_counter()
+            if frame:
+                frames += 1
+                _write(folder / "frame.jpg", frame)
+            figures |= {name: getattr(now.fit, name) for name in _OF_A_FIT}
+            figures["bytes_estimate"] = presets.USUAL_BYTES * now.fit.gaussians
+        _write(folder / "progress.json", as_json(finite({**figures, "frame": frames})))
+
+    share = allowed(None) // request["workers"]
+    return vectorize_by(
+        options.changed(max_memory=share, threads=request["threads"]),
+        request["photo"],
+        progress=progress,
+        # Before its first step a fit has nothing to keep.
+        stop=lambda: frames > 0 and (folder / "stop").exists(),
+    )
+
+
+def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
+    """Yield names and bytes: the SVG, the report that says that it is done, then the rest."""
+    yield "picture.svg", result.svg.encode()
+    yield "report.json", as_json(result.report)
+    yield "photo.png", as_png(result.photo)
+    errors = error_map(over(result.raster), over(result.photo))
+    yield "errors.png", saved(lambda stream: errors.save(stream, "PNG"))
+    with suppress(Gauss2SvgError):  # an additive picture has none
+        yield "outlines.svg", result.outline().encode()
+    other = MINIMAL if result.report["markup"] == EDITABLE else EDITABLE
+    with suppress(Gauss2SvgError):  # options that only one of them has
+        form = Plan(options.changed(markup=other)).svg_format
+        yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
+    yield "scene.npz", saved(result.scene.save)
