@@ -113,20 +113,14 @@ class Grid:
         An answer has "error", one line, if the task failed. Raise OutputError if no other can be
         done.
         """
-        waiting = iter(tasks)
-
-        def begun() -> tuple[Task] | None:
-            if (task := next(waiting, None)) is None:
-                return None
-            self._now.append(task.label)
-            self._report()
-            return (task,)
 
         def submitted(task: Task) -> Future[Record]:
+            self._now.append(task.label)
+            self._report()
             return submit({**task.request, "key": task.key})
 
         self._report()
-        for (task,), job in completed(submitted, begun, lambda: width):
+        for task, job in completed(submitted, iter(tasks), lambda: width):
             try:
                 answer = job.result()
             except WorkerDiedError as error:

@@ -9,6 +9,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 
 class Stopwatch:
     """Seconds of a machine since the watch was created."""
@@ -16,20 +18,17 @@ class Stopwatch:
     def __init__(self) -> None:
         self._wall, self._own, self._all = time.perf_counter(), _cpu_seconds(), _busy_seconds()
 
-    def read(self) -> dict[str, float | None]:
+    def read(self) -> dict[str, float]:
         """Seconds since the start: wall clock, and CPU time of this process and its children.
 
-        other_cpu_s is the CPU time of everything else on the machine, None if unknown: threads
-        that wait for each other take much longer where other programs occupy their cores.
+        other_cpu_s is the CPU time of everything else on the machine: threads that wait for each
+        other take much longer where other programs occupy their cores.
         """
-        cpu_s, busy_s = _cpu_seconds() - self._own, _busy_seconds()
-        others = None
-        if self._all is not None and busy_s is not None:
-            others = max(0.0, busy_s - self._all - cpu_s)
+        cpu_s = _cpu_seconds() - self._own
         return {
             "total_s": time.perf_counter() - self._wall,
             "cpu_s": cpu_s,
-            "other_cpu_s": others,
+            "other_cpu_s": max(0.0, _busy_seconds() - self._all - cpu_s),
         }
 
 
@@ -38,13 +37,10 @@ def _cpu_seconds() -> float:
     return time.process_time() + times.children_user + times.children_system
 
 
-def _busy_seconds() -> float | None:
-    try:
-        fields = Path("/proc/stat").read_text(encoding="utf-8").split(maxsplit=9)
-        user, nice, system, _, _, irq, softirq, steal = map(int, fields[1:9])
-    except (OSError, ValueError):  # not Linux
-        return None
-    return (user + nice + system + irq + softirq + steal) / os.sysconf("SC_CLK_TCK")
+def _busy_seconds() -> float:
+    times = psutil.cpu_times()
+    kinds = ("user", "nice", "system", "irq", "softirq", "steal")
+    return sum(getattr(times, kind, 0.0) for kind in kinds)
 
 
 def peak_bytes() -> int | None:

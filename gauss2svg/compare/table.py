@@ -13,7 +13,7 @@ import operator
 import os
 import platform
 import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from datetime import UTC, datetime
 from pathlib import Path
@@ -110,56 +110,37 @@ _COLUMNS: dict[str, tuple[str, str, float]] = {
 
 
 def markdown(summary: Sequence[Row], rows: Sequence[Row], images: Sequence[str]) -> str:
-    """The summary as a Markdown table, with the photos, the machines and the failed runs."""
+    """Return the summary as Markdown, with the photos, the machines and the failed runs."""
     columns = dict(_COLUMNS)
     if all(row.get("psnr_svg_enlarged") is None for row in summary):  # no source was given
         del columns[_ENLARGED]
-    lines = [
-        "# Benchmark",
-        "",
-        f"Means over {_count(len(images), 'photo')}: {', '.join(images)}. Measured on",
-        "; ".join(dict.fromkeys(_machine(row["machine"]) for row in rows)) + ".",
-        "",
-        "| settings | " + " | ".join(columns) + " |",
-        "|---" * (len(columns) + 1) + "|",
-    ]
-    for row in summary:
-        label = row["label"]
-        on_front = row["below_both_dB"] is not None and row["below_both_dB"] <= TOLERANCE
-        cells = [f"**{label}**" if on_front else label]
-        cells += [_cell(row[name], form, scale) for name, form, scale in columns.values()]
-        lines.append(f"| {' | '.join(cells)} |")
-    lines += [
-        "",
-        f"Rows in bold are within {TOLERANCE} dB of the Pareto front: no other setting of",
-        "gauss2svg takes as few CPU seconds and gzipped bytes and has a PSNR higher by more.",
-    ]
-    disturbed = sum(_disturbed(row) for row in rows)
-    if disturbed:
-        lines += [
-            "",
-            f"During {disturbed} of {_count(len(rows), 'run')} other programs used over "
-            f"{_DISTURBED:.0%} of the CPU (other_cpu_s in bench.csv),",
-            "so their times are too long. Delete their lines from rows.jsonl and run again to "
-            "repeat them.",
-        ]
-    failed = [row for row in rows if "error" in row]
-    if failed:
-        lines += ["", "Failed:", ""]
-        lines += [f"- {row['label']} on {row['image']}: {row['error']}" for row in failed]
-    return "\n".join(lines) + "\n"
+
+    def cells(row: Row) -> Iterator[str]:
+        below = row["below_both_dB"]
+        yield f"**{row['label']}**" if below is not None and below <= TOLERANCE else row["label"]
+        for name, form, scale in columns.values():
+            yield "" if row[name] is None else format(row[name] * scale, form)
+
+    template = template_environment().overlay(autoescape=False).get_template("summary.md.jinja")
+    return template.render(
+        photos=_count(len(images), "photo"),
+        images=images,
+        machines=dict.fromkeys(_machine(row["machine"]) for row in rows),
+        columns=list(columns),
+        table=[list(cells(row)) for row in summary],
+        tolerance=TOLERANCE,
+        disturbed=sum(_disturbed(row) for row in rows),
+        runs=_count(len(rows), "run"),
+        share=f"{_DISTURBED:.0%}",
+        failed=[row for row in rows if "error" in row],
+    )
 
 
 def _disturbed(row: Row) -> bool:
-    others = row.get("other_cpu_s")
+    others = row.get("other_cpu_s") or 0.0
     # Counted in hundredths of a second: too coarse for very short runs.
-    if others is None or others < _LEAST_DISTURBANCE_S:
-        return False
-    return others > _DISTURBED * row["total_s"] * row["machine"]["cores"]
-
-
-def _cell(value: float | None, form: str, scale: float) -> str:
-    return "" if value is None else format(value * scale, form)
+    least = _DISTURBED * row.get("total_s", 0.0) * row["machine"]["cores"]
+    return others >= _LEAST_DISTURBANCE_S and others > least
 
 
 def _count(number: int, thing: str) -> str:

@@ -47,10 +47,7 @@ from gauss2svg.pipeline.run import compile_kernels, thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
-
-@dataclass(frozen=True)
-class GalleryProgress(Progress):
-    """Progress of a gallery: finished and total steps, SVGs that were kept, the current steps."""
+GalleryProgress = Progress
 
 
 @dataclass(frozen=True)
@@ -151,12 +148,7 @@ class _Build:
         # The processes share the free memory: each would take most of it otherwise.
         self._max_memory = allowed(None) // options.jobs
         self._failures: dict[Place, str] = {}
-
-        def report(at: Progress) -> None:
-            if progress is not None:
-                progress(GalleryProgress(**vars(at)))
-
-        self._grid = Grid(self._finished, len(photos) * (1 + len(variants)), report)
+        self._grid = Grid(self._finished, len(photos) * (1 + len(variants)), progress)
 
     def run(self) -> None:
         """Prepare the photos, so that bad ones are known early; then make the SVGs."""
