@@ -22,7 +22,7 @@ from gauss2svg.errors import quoted
 
 MOST_UPLOADED = 256 * 10**6  # bytes of a form
 _MOST_JSON = 4_000_000  # bytes of any other body
-_PAUSE_S: float | None = 20.0  # in which more of a body must come
+PAUSE_S: float | None = 20.0  # in which more of a body must come
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
@@ -58,7 +58,7 @@ class Bounded:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        headers, read, pause_s = Headers(scope=scope), 0, _PAUSE_S
+        headers, read, pause_s = Headers(scope=scope), 0, PAUSE_S
         is_form = headers.get("content-type", "").startswith("multipart/form-data")
         most = MOST_UPLOADED if is_form else _MOST_JSON
         too_large = f"a body must be at most {most / 1e6:g} MB; got more. Try a smaller file"

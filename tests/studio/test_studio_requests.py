@@ -229,7 +229,7 @@ def test_an_upload_whose_length_is_not_said_ends_at_the_bound(monkeypatch):
 
 
 def test_a_body_that_stops_coming_is_given_up(monkeypatch):
-    monkeypatch.setattr(guard, "_PAUSE_S", 0.05)
+    monkeypatch.setattr(guard, "PAUSE_S", 0.05)
 
     async def stuck():
         yield b"--x\r\n"
