@@ -12,7 +12,6 @@ import os
 import secrets
 import shutil
 import tempfile
-import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager, suppress
@@ -138,12 +137,14 @@ class Jobs:
     def _pool(self) -> Pool:
         _ = self.folder  # which is removed after the pool has ended
         # Where the studio is mounted nobody calls `close`, and Python waits for the pool's threads.
-        threading.Thread(target=self._close_with_program, daemon=True).start()
+        self._task = asyncio.get_running_loop().create_task(self._close_with_loop())
         return self._ending.enter_context(Pool(self.workers))
 
-    def _close_with_program(self) -> None:
-        threading.main_thread().join()
-        self.close()
+    async def _close_with_loop(self) -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            self.close()
 
     def start(self) -> None:
         """Start the workers, which get warm."""
@@ -153,6 +154,9 @@ class Jobs:
     def close(self) -> None:
         """Cancel all jobs, end the workers, remove the folder."""
         self._ending.close()
+        self.known.clear()
+        for name in ("folder", "_pool"):  # another loop may begin anew
+            vars(self).pop(name, None)
 
     def check_room(self) -> None:
         """Forget the oldest finished jobs; raise QueueFullError where no job can be taken."""

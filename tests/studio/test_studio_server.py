@@ -250,12 +250,17 @@ async def main():
         form = {"options": '{"quality": "draft"}'}
         files = {"photo": open("p.png", "rb")}
         print((await client.post("/studio/api/vectorize", data=form, files=files)).text)
+        # A fit that would take minutes ends with the program.
+        form = {"options": '{"gaussians": 3000, "iterations": 100000}', "keep": "1"}
+        files = {"photo": open("p.png", "rb")}
+        job = (await client.post("/studio/api/jobs", data=form, files=files)).json()["id"]
+        await client.get(f"/studio/api/jobs/{job}/frame")
 
 asyncio.run(main())
 """
     done = subprocess.run(
         [sys.executable, "-P", "-c", script], capture_output=True, text=True, check=True,
-        cwd=tmp_path, env={**os.environ, "TMPDIR": str(tmp_path / "scratch")},
+        timeout=200, cwd=tmp_path, env={**os.environ, "TMPDIR": str(tmp_path / "scratch")},
     )  # fmt: skip
     assert done.stdout.strip() == vectorize(tmp_path / "p.png", quality="draft").svg.strip()
     assert not done.stderr
