@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict
 
 _LEAST_EXCEPTION = 0xC0000000  # first exit status of Windows that is an exception (ntstatus.h)
 
@@ -29,6 +29,13 @@ def raise_pending() -> None:
     """Raise again what a signal has raised; called between tasks and at the end of a command."""
     if pending is not None:
         pending()
+
+
+class _Group(TypedDict, total=False):
+    """Keywords of Popen."""
+
+    start_new_session: bool
+    creationflags: int
 
 
 class Ended(NamedTuple):
@@ -113,7 +120,7 @@ def _is_current(folder: str) -> bool:
     return False
 
 
-def own_group() -> Any:
+def own_group() -> _Group:
     """Return keywords of Popen for a process that `end_tree` ends and no Ctrl-C here reaches."""
     if sys.platform == "win32":
         import subprocess
