@@ -77,7 +77,9 @@ def test_a_schedule_needs_a_number_of_gaussians_without_a_target(schedule):
 
     assert plan(gaussians=30).fit_config.totals[-1] == 30
     for goal in ({}, {"gaussians": "auto"}, {"gaussians": 30, "target_psnr": 30}):
-        with pytest.raises(InputError, match="schedule must be given with a number of Gaussians, and without"):
+        with pytest.raises(
+            InputError, match="schedule must be given with a number of Gaussians, and without"
+        ):
             plan(**goal)
 
 
