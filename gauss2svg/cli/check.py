@@ -16,7 +16,6 @@ from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.measure import CheckOptions
 from gauss2svg.options import Number, OptionGroup
 
-STATUS_UNDER = 1
 _Name = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 
@@ -101,5 +100,5 @@ def check_command(
     lowest = result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)
     if output.min_psnr is not None and lowest < output.min_psnr:
         say(f"PSNR is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}")
-        return STATUS_UNDER
+        return 1
     return 0

@@ -8,6 +8,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Sequence
+from typing import get_args
 
 import cyclopts
 from cyclopts import App, CycloptsError, Group, Parameter
@@ -16,8 +17,8 @@ from gauss2svg.cli.parameters import read_options_file, refuse_options
 from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
-from gauss2svg.errors import Gauss2SvgError, InputError
-from gauss2svg.pipeline.options import field_named, option_names
+from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.pipeline.options import option_names
 from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
@@ -113,31 +114,20 @@ def run() -> None:
 def _in_our_words(error: CycloptsError) -> str:
     """Return the line of an error of the parser of the command line."""
     command = " ".join(("gauss2svg", *(error.command_chain or ())))
+    advice = f"Try {command} {'--help' if error.command_chain else _HELP_ALL}"
     if isinstance(error, cyclopts.MissingArgumentError) and error.argument is not None:
-        if error.keyword is not None:
-            advice = f"{command} {'--help' if error.command_chain else _HELP_ALL}"
-            return f"{error.keyword} must be given with a value; got none. Try {advice}"
-        name = error.argument.name
-        if error.argument.field_info.is_positional:
-            name = name.lstrip("-").upper()
-        return f"{command} must be given {name}; got none. Try {command} --help"
-    if isinstance(error, cyclopts.RepeatArgumentError):
-        return f"{error.token.keyword} must be given once; got it more often. Try one of them"
-    token = error.token if isinstance(error, cyclopts.CoercionError) else None
-    if token is not None and token.keyword:
-        found = field_named(token.keyword.lstrip("-").replace("-", "_"))
-        try:
-            if found is not None:
-                found[1].parsed(token.value)
-        except InputError as refusal:
-            return _as_typed(str(refusal), [token.keyword])
-        if error.argument is not None and (words := error.argument.get_choices(force=True)):
-            return f"{token.keyword} must be one of {', '.join(words)}; got {token.value!r}"
-        if isinstance(error, cyclopts.CoercionError) and error.target_type in (int, float):
-            number = "a whole number" if error.target_type is int else "a number"
-            return f"{token.keyword} must be {number}; got {token.value!r}. Try {command} --help"
+        name = error.keyword or error.argument.name
+        name = name.lstrip("-").upper() if error.argument.field_info.is_positional else name
+        return f"{name} must be given{' with a value' * bool(error.keyword)}; got none. {advice}"
+    if isinstance(error, cyclopts.CoercionError) and error.token and error.argument:
+        choices = error.argument.get_choices(force=True) or ()
+        kinds = {int: "a whole number", float: "a number"}
+        numbers = [kinds[one] for one in get_args(error.argument.hint) if one in kinds]
+        several = [f"one of {', '.join(choices)}"] if len(choices) > 1 else choices
+        needed = " or ".join([*numbers, *several]) or kinds.get(error.target_type, "valid")
+        return f"{error.token.keyword} must be {needed}; got {error.token.value!r}. {advice}"
     line = " ".join(str(error).split()).rstrip(".").removeprefix("Parameter ")
-    return f"{line}. Try gauss2svg --help-all, or --help after the name of a command"
+    return f"{line}. {advice}"
 
 
 def _as_typed(line: str, given: Sequence[str]) -> str:

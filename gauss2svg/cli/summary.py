@@ -33,7 +33,7 @@ _NOTHING_TO_GAIN = {
     "cap": "as many as the picture has room for",
 }
 _SCALE = " (30 is soft, 35 good, 40 hard to tell apart)"
-_SCALE_OF_INKS = " (few colours are never close in dB: judge by eye)"
+_SCALE_OF_INKS = " (few inks are far in dB: judge by eye)"
 _FEW = 60  # shapes, of which each is a large part of a file
 _MOST_TAGS = 6  # of a checked SVG, the most frequent
 

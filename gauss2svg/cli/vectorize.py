@@ -22,7 +22,7 @@ from gauss2svg.options import OptionGroup, Whole
 from gauss2svg.photo.formats import TITLES
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 from gauss2svg.scene import ADD
-from gauss2svg.scene.inks import MOST_INKS, PALETTE_SUFFIX
+from gauss2svg.scene.inks import MOST_INKS
 
 if TYPE_CHECKING:
     from gauss2svg.pipeline.vectorize import Result
@@ -152,15 +152,14 @@ def _run(photo: str, output: str | None, options: Options, further: Files) -> in
             from gauss2svg.cli.summary import print_summary
 
             print_summary(result.report, where)
-        ended_by = interruption.signal
-        if ended_by is not None:
+        if interruption.signal is not None:
             steps = result.report["iterations"]
             lines.append(
                 f"interrupted after {steps} optimiser steps. The best picture so far is in {where}"
             )
         for line in lines:
             say(line)
-    return 0 if ended_by is None else status_of(ended_by)
+    return 0 if interruption.signal is None else status_of(interruption.signal)
 
 
 def _default_output(photo: str, overwrite: bool) -> str:
@@ -201,8 +200,6 @@ def _checked(photo: str, output: str, options: Options, further: Files) -> Optio
     check_svg_name("--output", output)
     for option, path in named.items():
         name = f"--{option.replace('_', '-')}"
-        if path.suffix.lower() == PALETTE_SUFFIX:  # the inks may be read from it
-            raise refusal(name, "no palette file", brief(path), "another name")
         if _SUFFIXES[option] == ".svg":
             check_svg_name(name, path)
         else:
@@ -285,6 +282,3 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
     yield from (
         f"{path} is not written, because {unseen[path]} is visible nowhere" for path in unseen
     )
-    for path in further.plates(MOST_INKS):
-        if path not in written and path.exists():
-            yield f"{path} comes from an earlier run and is not a plate of this picture"
