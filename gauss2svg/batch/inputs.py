@@ -51,7 +51,7 @@ def expanded(names: Iterable[str]) -> list[str]:
 
 
 def local_photos(sources: Iterable[str]) -> list[str]:
-    """Return the paths of `photos_of` for commands that read files alone, those of a source sorted.
+    """Return the paths of `photos_of` for commands that read files alone, in their order.
 
     What reading reports stays: URLs, names of no file, and patterns that match nothing.
     """
@@ -59,8 +59,7 @@ def local_photos(sources: Iterable[str]) -> list[str]:
     for source in sources:
         is_list = source == STANDARD_STREAM or source.lower().endswith(MANIFESTS)
         if is_list or os.path.isdir(source):
-            paths = [path for path, _ in photos_of([source])]
-            found += paths if is_list else sorted(paths)
+            found += [path for path, _ in photos_of([source])]
         else:
             found += expanded([source])
     return found

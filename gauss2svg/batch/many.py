@@ -13,7 +13,7 @@ from concurrent.futures import Future
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from gauss2svg.batch import BatchOptions
 from gauss2svg.batch.inputs import photos_of
@@ -24,7 +24,6 @@ from gauss2svg.batch.worker import (
     Photo,
     PhotoRecord,
     kept,
-    record_of,
     versions,
     work,
 )
@@ -50,10 +49,9 @@ from gauss2svg.version import __version__
 if TYPE_CHECKING:
     from distributed import Client
 
-_USUAL = Header(4000, 3000, has_alpha=False)  # a photo of a camera, for which memory is shared out
+_CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
 _SINGLE = 50_000  # photos up to which each is a job of its own
 _JOBS = 5000  # of more photos
-_CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
 _DIED = "its workers died; was there enough memory? Try --max-size, or fewer --workers"
 
 
@@ -86,21 +84,10 @@ def vectorize_many(
     return records()
 
 
-class _Engine(NamedTuple):
-    """Those who do jobs.
-
-    submit   of an executor of concurrent.futures
-    width    returns how many jobs are worth submitting at once
-    died     what a job raises whose worker died
-    threads  of a job
-    memory   bytes that a job may take, None: what is free
-    """
-
-    submit: Callable[..., Future[Any]]
-    width: Callable[[], int]
-    died: type[Exception]
-    threads: int
-    memory: int | None
+# Those who do jobs: `submit` of an executor of concurrent.futures, a function that returns how many
+# jobs are worth submitting at once, what a job raises whose worker died, the threads of a job, and
+# the bytes that it may take, None for what is free.
+_Engine = tuple[Callable[..., Future[Any]], Callable[[], int], type[Exception], int, int | None]
 
 
 class Batch:
@@ -122,9 +109,8 @@ class Batch:
         Plan(self.options).check_renderer()
         if isinstance(sources, (str, bytes, os.PathLike)):
             raise refusal("sources", "a sequence", quoted(sources), f"[{sources!r}]")
-        named = [file_name("sources", name).removeprefix("file://") for name in sources]
+        named = [file_name("sources", name) for name in sources]
         root = file_name("output", output, "the name or the URL of a folder")
-        root = root.removeprefix("file://")
         if root == STANDARD_STREAM:
             raise refusal("output", "a folder", quoted(root), "-o out/")
         self.root = root.rstrip("/") if is_url(root) else os.path.abspath(root)
@@ -159,8 +145,10 @@ class Batch:
                 photo = path if is_url(path) else os.path.abspath(path), output
                 yield os.fsencode(key_of(output)), pickle.dumps(photo)
 
-        self._db.execute("CREATE TABLE records (record BLOB)")
-        self._db.execute("CREATE TABLE photos (key BLOB PRIMARY KEY, photo BLOB, other BLOB)")
+        self._db.executescript(
+            "CREATE TABLE records (record BLOB);"
+            "CREATE TABLE photos (key BLOB PRIMARY KEY, photo BLOB, other BLOB)"
+        )
         self._db.executemany(
             "INSERT INTO photos VALUES (?, ?, NULL) ON CONFLICT DO UPDATE"
             " SET other = excluded.photo WHERE excluded.photo != photo",
@@ -215,8 +203,12 @@ class Batch:
         jobs = iter(lambda: [pickle.loads(photo) for (photo,) in rows.fetchmany(size)], [])
         suspects: list[Photo] = []
         with engine as (submit, width, died, threads, memory):
-            options = self.options.changed(threads=self.options.run.threads or threads)
-            spec = replace(self._spec, options=options, memory=memory)
+            given = self.options.run
+            options = self.options.changed(
+                threads=given.threads or threads, max_memory=given.max_memory or memory
+            )
+            # Memory that happens to be free now must not change a file.
+            spec = replace(self._spec, options=options, may_reduce=given.max_memory is not None)
             for is_last, some in (False, jobs), (True, ([photo] for photo in suspects)):
                 for photos, job in completed(partial(submit, work, spec), some, width):
                     try:
@@ -225,7 +217,8 @@ class Batch:
                         if not is_last:
                             suspects += photos
                             continue
-                        records = [record_of(spec, photos[0], error=_DIED, error_code="WorkerDied")]
+                        failure = {"error": _DIED, "error_code": "WorkerDied"}
+                        records = [PhotoRecord(*photos[0], spec.identity, **failure)]
                     yield from map(self._record, records)
 
 
@@ -240,14 +233,15 @@ def _on_this_machine(options: Options, workers: int | None, most: int) -> Iterat
     from gauss2svg.pipeline.run import compile_kernels, thread_count
 
     compile_kernels(options.fit.blend)
-    cores, needed = thread_count(None), load_of(Plan(options), _USUAL).bytes
+    usual = Header(4000, 3000, has_alpha=False)  # a photo of a camera
+    cores, needed = thread_count(None), load_of(Plan(options), usual).bytes
     fitting = min(cores // (options.run.threads or 1), allowed(None) // needed, most)
     workers = workers or max(1, fitting)
     memory, threads = free_bytes() // workers, max(1, cores // workers)
     with Pool(workers, memory) as pool:
         # A job for each process, and one that waits.
         width, share = lambda: 2 * workers, int(SHARE * memory)
-        yield _Engine(pool.submit, width, WorkerDiedError, threads, share)
+        yield pool.submit, width, WorkerDiedError, threads, share
 
 
 @contextmanager
@@ -271,7 +265,7 @@ def _on_cluster(client: Client | None, scheduler: str | None) -> Iterator[_Engin
                 return max(1, len(threads))
 
             submit = used.get_executor(pure=False).submit
-            yield _Engine(submit, width, KilledWorker, 1, None)
+            yield submit, width, KilledWorker, 1, None
     except Gauss2SvgError:
         raise
     except Exception as error:  # of addresses, sockets, handshakes; or a worker lacks gauss2svg

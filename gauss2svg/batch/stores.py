@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import re
 import secrets
@@ -19,9 +18,8 @@ from gauss2svg.files import check_writable, make_folder, replace, write_whole
 STATE = "gauss2svg-batch"  # the folder, beside the outputs, of the table and of unfinished files
 PARTS = f"{STATE}/parts"
 PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
-_STALE_S = 60.0  # by then a live worker has written its part, which takes moments
 # Stores on which a put is whole or not there.
-_WHOLE_PUT = {"s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "oss", "oci", "memory"}
+_WHOLE_PUT = "s3, s3a, gs, gcs, az, abfs, abfss, oss, oci, memory"
 
 
 class _Here:
@@ -29,13 +27,10 @@ class _Here:
 
     open = staticmethod(open)
     put_file = staticmethod(replace)
+    size = staticmethod(os.path.getsize)
 
     def cat_file(self, path: str) -> bytes:
-        with open(path, "rb") as file:
-            return file.read()
-
-    def size(self, path: str) -> int:
-        return os.stat(path).st_size
+        return Path(path).read_bytes()
 
     def ukey(self, path: str) -> str:
         """Return size and date, which change with a file."""
@@ -92,14 +87,8 @@ def write(root: str, name: str, data: bytes, sync: bool = True) -> None:
         with reached(where, "write", OutputError) as (fs, path):
             fs.pipe_file(path, data)
         return
-    part = Path(root, PARTS, secrets.token_hex(8))
-    try:
-        write_whole(Path(where), data, part, sync)
-    except OutputError as error:
-        if getattr(error.__cause__, "errno", None) != errno.ENOENT:
-            raise
-        make_folder(Path(where).parent)
-        write_whole(Path(where), data, part, sync)
+    make_folder(Path(where).parent)
+    write_whole(Path(where), data, Path(root, PARTS, secrets.token_hex(8)), sync)
 
 
 def prepare(root: str) -> None:
@@ -108,9 +97,8 @@ def prepare(root: str) -> None:
     Raise InputError for a store on which a file would be seen half written.
     """
     if is_url(root):
-        if root.partition("://")[0] not in _WHOLE_PUT:
-            stores = ", ".join(sorted(_WHOLE_PUT))
-            raise refusal("output", f"a folder, or on one of {stores}", root, "a folder")
+        if root.partition("://")[0] not in _WHOLE_PUT.split(", "):
+            raise refusal("output", f"a folder, or on one of {_WHOLE_PUT}", root, "a folder")
         write(root, f"{PARTS}/writable", b"")
         return
     parts = Path(root, PARTS)
@@ -118,5 +106,6 @@ def prepare(root: str) -> None:
     check_writable(parts / "writable")
     for part in parts.iterdir():
         with suppress(FileNotFoundError):  # another run removes them too
-            if part.stat().st_mtime < time.time() - _STALE_S:
+            # After a minute a live worker has written its part, which takes moments.
+            if part.stat().st_mtime < time.time() - 60:
                 shutil.rmtree(part) if part.is_dir() else part.unlink()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 import tempfile
 import time
@@ -18,37 +17,28 @@ from gauss2svg.errors import OutputError
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # by OWASP's page on CSV injection
-_NAMED = 5  # failed photos, in the summary
 
 
 class Summary:
     """What became of the photos so far: how many are done, skipped and failed."""
 
     def __init__(self) -> None:
-        self.done = self.skipped = self.failed = 0
+        self.total = self.done = self.skipped = self.failed = 0
         self._failures: list[str] = []  # the first few
-        self._begun = self._first = (
-            time.monotonic()
-        )  # the second: when a photo began that is not skipped
+        self._begun = time.monotonic()
 
     def add(self, record: PhotoRecord) -> None:
         """Count a photo."""
+        self.total += 1
         self.done += not (record.error or record.skipped)
         self.skipped += record.skipped
         self.failed += record.error is not None
-        if not self.done + self.failed:
-            self._first = time.monotonic()
-        if record.error and len(self._failures) < _NAMED:
+        if record.error and len(self._failures) < 5:
             self._failures.append(f"failed: {record.input}: {record.error}")
-
-    @property
-    def total(self) -> int:
-        """Number of photos so far."""
-        return self.done + self.failed + self.skipped
 
     def state(self, count: int) -> str:
         """Return photos a second, failures and time left, of so many photos."""
-        rate = (self.done + self.failed) / max(time.monotonic() - self._first, 0.2)
+        rate = (self.done + self.failed) / max(time.monotonic() - self._begun, 0.2)
         left = timedelta(seconds=round((count - self.total) / rate)) if rate else "unknown time"
         return f"{rate:.3g} photos/s, {self.failed:,} failed, {left} left"
 
@@ -58,8 +48,6 @@ class Summary:
         counts = f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed"
         yield f"{counts} in {seconds:.1f} s: {self.done / seconds:.3g} photos a second"
         yield from self._failures
-        if others := self.failed - len(self._failures):
-            yield f"failed: {others:,} more"
 
 
 def as_cell(value: Any) -> Any:
@@ -82,8 +70,7 @@ def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
             writer = csv.writer(stream)
             writer.writerow(PhotoRecord._fields)
             for record in records:
-                texts = "; ".join(record.unreached), json.dumps(record.versions)
-                row = record._replace(unreached=texts[0], versions=texts[1])
+                row = record._replace(unreached="; ".join(record.unreached))
                 writer.writerow(map(as_cell, row))
         if find_spec("pyarrow") is not None:  # an extra
             _write_parquet(f"{folder}/table.csv", f"{folder}/table.parquet")

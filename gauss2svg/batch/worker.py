@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import errno
-import io
 import json
 import os
-import platform
 import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
 from gauss2svg.batch.stores import is_url, reached, write
 from gauss2svg.errors import ClusterError, Gauss2SvgError, OutputError, error_line, refusal
-from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
@@ -44,11 +40,9 @@ class PhotoRecord(NamedTuple):
     seconds, cpu_seconds  that the photo took, of the clock and of its worker's cores
     error                 why there is no SVG, one line; None where it is written
     unreached             targets that were missed
-    versions              of gauss2svg, numba, NumPy and Python
     ssim_svg              -1..1
     paint_ms              estimate of what a browser takes to paint it
     stop_reason           why the fit ended, as in the report
-    time                  at which it was done, ISO 8601 in UTC
     error_code            class of the error, such as InputError, or WorkerDied; None without
     skipped               True where an earlier run wrote it
     """
@@ -65,22 +59,15 @@ class PhotoRecord(NamedTuple):
     seconds: float | None = None
     error: str | None = None
     unreached: Sequence[str] = ()
-    versions: dict[str, str] = {}  # noqa: RUF012 (never changed)
     ssim_svg: float | None = None
     paint_ms: float | None = None
     stop_reason: str | None = None
-    time: str = ""
     cpu_seconds: float | None = None
     error_code: str | None = None
     skipped: bool = False
 
 
 Photo = tuple[str, str]  # its path or URL, and the name of its output
-
-
-def now() -> str:
-    """Return the time, as records have it."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 @cache
@@ -93,15 +80,15 @@ def versions() -> dict[str, str]:
 class BatchSpec:
     """What all photos share: options, the output folder, and versions that workers must have.
 
-    identity  hash of the version and of the options on which an SVG depends
-    memory    bytes that a run may take where the options do not say so; None: what is free
+    identity    hash of the version and of the options on which an SVG depends
+    may_reduce  whether a photo is fitted smaller where memory is short, else it fails
     """
 
     options: Options
     root: str
     versions: dict[str, str]
     identity: str
-    memory: int | None = None
+    may_reduce: bool = False
 
 
 def stamp_of(source: str) -> str:
@@ -119,12 +106,6 @@ def kept(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
         if record[:4] == as_now and record.bytes == fs.size(path):
             return record._replace(skipped=True)
     return None
-
-
-def record_of(spec: BatchSpec, photo: Photo, **given: Any) -> PhotoRecord:
-    """Return what became of a photo just now."""
-    of_worker = spec.versions | {"python": platform.python_version()}
-    return PhotoRecord(*photo, spec.identity, versions=of_worker, time=now(), **given)
 
 
 def work(spec: BatchSpec, photos: Sequence[Photo]) -> list[PhotoRecord]:
@@ -145,7 +126,7 @@ def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
         given = _written(spec, photo)
         given["seconds"] = round(time.perf_counter() - begun, 3)
         given["cpu_seconds"] = round(time.process_time() - cpu_begun, 3)
-        record = record_of(spec, photo, stamp=stamp, **given)
+        record = PhotoRecord(*photo, spec.identity, stamp, **given)
         write(spec.root, photo[1] + MARK, json.dumps(record._asdict()).encode(), sync=False)
         return record
     except Exception as error:  # a fault of ours or of a library costs no other photo
@@ -157,23 +138,19 @@ def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
             line = f"out of memory ({line}). Try --max-size, or workers with more memory"
         elif not isinstance(error, Gauss2SvgError):
             line = f"{code}: {line}"
-        return record_of(spec, photo, error=error_line(line), error_code=code)
+        return PhotoRecord(*photo, spec.identity, error=error_line(line), error_code=code)
 
 
 def _written(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
     """Write the SVG of a photo, and return entries of its record."""
     options, (source, output) = spec.options, photo
-    # Memory that happens to be free now must not change a file.
-    may_reduce = options.run.max_memory is not None
-    if not may_reduce and spec.memory is not None:
-        options = options.changed(max_memory=min(spec.memory, allowed(None)))
     if (target := f"{spec.root}/{output}") in (source, os.path.realpath(source)):
         raise refusal("output", "a file of its own", f"{target}, the photo", "another folder")
     image: Any = source
     if is_url(source):
         with reached(source) as (fs, path):
-            image = io.BytesIO(fs.cat_file(path))
-    result = vectorize_by(options, image, may_reduce=may_reduce)
+            image = fs.cat_file(path)
+    result = vectorize_by(options, image, may_reduce=spec.may_reduce)
     data = file_bytes(result.svg, options.svg.gzip)
     write(spec.root, output, data)
     of_report = {name: result.report[name] for name in _OF_REPORT}

@@ -257,12 +257,13 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
     svgs: dict[Path, str] = {}
     if further.outline is not None:
         svgs[further.outline] = result.outline(further.pens)
+    seen: dict[Path, str] = {}
     unseen: dict[Path, str] = {}
     if further.separations is not None:
         plates, inks = result.plates(), result.report["inks"].split(",")
-        of = dict(zip(further.plates(len(inks)), inks, strict=True))
-        svgs |= {path: plates[ink] for path, ink in of.items() if ink in plates}
-        unseen = {path: ink for path, ink in of.items() if ink not in plates}
+        for path, ink in zip(further.plates(len(inks)), inks, strict=True):
+            (seen if ink in plates else unseen)[path] = ink
+        svgs |= {path: plates[ink] for path, ink in seen.items()}
     written |= {path: file_bytes(text, is_svgz(path)) for path, text in svgs.items()}
     made = {
         further.preview: lambda: files.as_png(result.raster),
@@ -277,8 +278,7 @@ def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
             "ellipses"
         )
     if further.separations is not None and not further.quiet:
-        names = ", ".join(f"{path} ({ink})" for path, ink in of.items() if ink in plates)
-        yield f"plates: {names}"
+        yield f"plates: {', '.join(f'{path} ({ink})' for path, ink in seen.items())}"
     yield from (
         f"{path} is not written, because {unseen[path]} is visible nowhere" for path in unseen
     )
