@@ -217,8 +217,8 @@ class Batch:
                         if not is_last:
                             suspects += photos
                             continue
-                        failure = {"error": _DIED, "error_code": "WorkerDied"}
-                        records = [PhotoRecord(*photos[0], spec.identity, **failure)]
+                        of = *photos[0], spec.identity
+                        records = [PhotoRecord(*of, error=_DIED, error_code="WorkerDied")]
                     yield from map(self._record, records)
 
 
