@@ -217,7 +217,7 @@ class Batch:
                         if not is_last:
                             suspects += photos
                             continue
-                        of = *photos[0], spec.identity
+                        of: Any = (*photos[0], spec.identity)
                         records = [PhotoRecord(*of, error=_DIED, error_code="WorkerDied")]
                     yield from map(self._record, records)
 
