@@ -22,7 +22,7 @@ import psutil
 
 from gauss2svg import processes
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.processes import end_of, end_tree, raise_pending
+from gauss2svg.processes import end_of, end_tree
 
 _WATCH_S = 0.1  # between two looks at the time and the memory of jobs
 _IDLE_S = 1.0  # after which the width is asked for again
@@ -88,27 +88,35 @@ class Pool:
     def _work(self, job: _Job, request: bytes, timeout: float) -> None:
         """Have a process do a job; runs in a thread of its own."""
         if job.set_running_or_notify_cancel():
-            with job.lock:
-                process = self._idle.pop() if self._idle else _started()
-                if process.poll() is not None:
-                    process = _started()
-                job.process, job.ends_at = process, time.monotonic() + timeout
-            if self._is_closed.is_set():
-                job.cancel()
             try:
-                process.stdin.write(request)  # pyright: ignore[reportOptionalMemberAccess]
-                process.stdin.flush()  # pyright: ignore[reportOptionalMemberAccess]
-                answer = pickle.load(process.stdout)  # pyright: ignore[reportArgumentType]
-            except Exception:  # of a pipe that is closed, or of an answer that is cut
-                answer = (False, job.reason or WorkerDiedError(end_of(_end(process))))
-            with job.lock:
-                job.process = None
-                if job.reason is None and process.poll() is None:
-                    self._idle.append(process)
-                else:
-                    _end(process)
+                answer = self._answered(job, request, timeout)
+            except OSError as error:
+                answer = (False, WorkerDiedError(f"no process could be started: {error}"))
             (job.set_result if answer[0] else job.set_exception)(answer[1])
         self._jobs.discard(job)
+
+    def _answered(self, job: _Job, request: bytes, timeout: float) -> tuple[bool, Any]:
+        """Return (True, result) or (False, exception) of a job; raise OSError without a process."""
+        with job.lock:
+            process = self._idle.pop() if self._idle else _started()
+            if process.poll() is not None:
+                process = _started()
+            job.process, job.ends_at = process, time.monotonic() + timeout
+        if self._is_closed.is_set():
+            job.cancel()
+        try:
+            process.stdin.write(request)  # pyright: ignore[reportOptionalMemberAccess]
+            process.stdin.flush()  # pyright: ignore[reportOptionalMemberAccess]
+            answer = pickle.load(process.stdout)  # pyright: ignore[reportArgumentType]
+        except Exception:  # of a pipe that is closed, or of an answer that is cut
+            answer = (False, job.reason or WorkerDiedError(end_of(_end(process))))
+        with job.lock:
+            job.process = None
+            if job.reason is None and process.poll() is None:
+                self._idle.append(process)
+            else:
+                _end(process)
+        return answer
 
     def _watch(self) -> None:
         """End jobs that take more time than they may, or more memory than a process may."""
@@ -136,7 +144,7 @@ def completed(
     jobs: dict[Future[Any], Any] = {}
     try:
         while True:
-            raise_pending()
+            processes.pending()
             for request in islice(requests, max(0, width() - len(jobs))):
                 jobs[submit(request)] = request
             if not jobs:
@@ -150,8 +158,14 @@ def completed(
 
 def _started() -> subprocess.Popen[bytes]:
     command, pipe = processes.module_command("gauss2svg.pool"), subprocess.PIPE
-    environment, group = {**os.environ, **processes.module_path()}, processes.own_group()
-    return subprocess.Popen(command, stdin=pipe, stdout=pipe, env=environment, **group)
+    return subprocess.Popen(
+        command,
+        stdin=pipe,
+        stdout=pipe,
+        env={**os.environ, **processes.module_path()},
+        start_new_session=True,
+        creationflags=processes.NEW_GROUP,
+    )
 
 
 def _end(process: subprocess.Popen[bytes]) -> int:

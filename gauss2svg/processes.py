@@ -1,11 +1,10 @@
-"""Child processes: `run` waits for one, `own_group` and `end_tree` are for those that stay."""
+"""Child processes: `run` waits for one, `NEW_GROUP` and `end_tree` are for those that stay."""
 
 from __future__ import annotations
 
 import os
 import re
 import shlex
-import shutil
 import signal
 import sys
 import threading
@@ -13,29 +12,22 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple, TypedDict
+from typing import NamedTuple
 
-_LEAST_EXCEPTION = 0xC0000000  # first exit status of Windows that is an exception (ntstatus.h)
-
+# Popen's creationflags beside start_new_session: no Ctrl-C here reaches the process, and `end_tree`
+# ends it. Windows knows only the one, the other systems only the other.
+NEW_GROUP = 0x200 if sys.platform == "win32" else 0
 _LOOK_S = 0.2  # between two looks whether the parent is alive
-_PLAIN = re.compile(r"[\w@+=:,./\\-]+", re.ASCII)
-
-# A Ctrl-C is lost where what it raises is in a callback of Python's garbage collector or of C code:
-# the handler of a command leaves it here as well.
-pending: Callable[[], None] | None = None
 
 
-def raise_pending() -> None:
-    """Raise again what a signal has raised; called between tasks and at the end of a command."""
-    if pending is not None:
-        pending()
+def nothing() -> None:
+    """Raise nothing, for no signal has come."""
 
 
-class _Group(TypedDict, total=False):
-    """Keywords of Popen."""
-
-    start_new_session: bool
-    creationflags: int
+# Raises again what a signal has raised; called between tasks and at the end of a command. A Ctrl-C is
+# lost where what it raises is in a callback of Python's garbage collector or of C code: the handler
+# of a command leaves it here as well.
+pending: Callable[[], None] = nothing
 
 
 class Ended(NamedTuple):
@@ -59,7 +51,7 @@ def run(
     folder: Path | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Ended:
-    """Run a command to its end; an exception here, or a time limit, ends it and its children.
+    """Run a command to its end, which is that of its children too, or to an exception here.
 
     data         standard input; None: none
     environment  variables besides those of this process
@@ -80,24 +72,21 @@ def run(
             stderr=stderr,
             cwd=folder,
             env={**os.environ, **(environment or {})},
-            **own_group(),
+            start_new_session=True,
+            creationflags=NEW_GROUP,
         ) as process,
     ):
         try:
             process.communicate(data, timeout_s)
-        except BaseException as error:  # an interrupt too, which another group does not receive
+        except subprocess.TimeoutExpired as error:
+            raise TimeoutError(f"not done in {timeout_s:g} s") from error
+        finally:  # after an interrupt too, which another group does not receive
             end_tree(process.pid)
-            if isinstance(error, subprocess.TimeoutExpired):
-                raise TimeoutError(f"not done in {timeout_s:g} s") from error
-            raise
         stdout.seek(0)
         stderr.seek(0)
-        return Ended(process.returncode, stdout.read(), last_line(stderr.read()))
-
-
-def last_line(errors: bytes) -> str:
-    """Return the last line of a standard error, which mostly says why a program failed."""
-    return errors.decode(errors="replace").strip().rpartition("\n")[2].strip()
+        # The last line of a standard error mostly says why a program failed.
+        complaint = stderr.read().decode(errors="replace").strip().rpartition("\n")[2].strip()
+        return Ended(process.returncode, stdout.read(), complaint)
 
 
 def module_command(name: str, *words: str) -> list[str]:
@@ -106,37 +95,20 @@ def module_command(name: str, *words: str) -> list[str]:
 
 
 def module_path() -> dict[str, str]:
-    """The variable by which another Python imports as this one, but not from the current folder."""
-    # Python puts the current folder first, also by its full name.
-    first = int(not sys.flags.safe_path and _is_current(sys.path[0]))
-    entries = [os.path.abspath(entry) for entry in sys.path[first:] if entry]
-    # Last: the package itself may be imported from there.
+    """The variable by which another Python imports as this one; "" is the folder of this one."""
+    entries = [os.path.abspath(entry) for entry in sys.path if entry]
+    # Last: the package itself may be imported from the current folder, which is left out.
     return {"PYTHONPATH": os.pathsep.join([*entries, str(Path(__file__).parents[1])])}
 
 
-def _is_current(folder: str) -> bool:
-    with suppress(OSError):  # one of them is gone
-        return os.path.samefile(folder, os.curdir)
-    return False
-
-
-def own_group() -> _Group:
-    """Return keywords of Popen for a process that `end_tree` ends and no Ctrl-C here reaches."""
-    if sys.platform == "win32":
-        import subprocess
-
-        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
-    return {"start_new_session": True}
-
-
 def end_tree(process_id: int) -> None:
-    """Kill a process that was started with `own_group`, and what it has started."""
+    """Kill a process of a group of its own, and what it has started."""
     import psutil
 
     with suppress(psutil.NoSuchProcess):
         root = psutil.Process(process_id)
         # What it has started may lead a group of its own.
-        for process in (*root.children(recursive=True), *([root] if os.name == "nt" else [])):
+        for process in (*root.children(recursive=True), root):
             with suppress(psutil.NoSuchProcess):
                 process.kill()
     if sys.platform != "win32":
@@ -145,16 +117,13 @@ def end_tree(process_id: int) -> None:
             os.killpg(process_id, signal.SIGKILL)
 
 
-def end_with_parent(parent: int, scratch: Path | None = None) -> None:
-    """Let this process end, with what it has started, once its parent has; remove a folder then."""
+def end_with_parent(parent: int) -> None:
+    """Let this process end, with what it has started, once its parent has."""
     import psutil
 
     def wait() -> None:
-        own = psutil.Process()
-        while (now := own.parent()) is not None and now.pid == parent:
+        while (now := psutil.Process().parent()) is not None and now.pid == parent:
             time.sleep(_LOOK_S)
-        while scratch is not None and scratch.exists():  # this process may still write there
-            shutil.rmtree(scratch, ignore_errors=True)
         end_tree(os.getpid())
 
     threading.Thread(target=wait).start()
@@ -162,32 +131,17 @@ def end_with_parent(parent: int, scratch: Path | None = None) -> None:
 
 def end_of(status: int) -> str:
     """Return how a process with this exit status ended."""
-    crash = crash_of(status)
-    if crash is None:
+    if 0 <= status < 256:
         return f"ended with status {status}"
-    return f"killed by {crash}; was there enough memory?"
-
-
-def crash_of(status: int) -> str | None:
-    """Return what killed a process with this exit status; None for one that ended by itself."""
-    if sys.platform == "win32":
-        status &= 0xFFFFFFFF
-        return f"exception 0x{status:X}" if status >= _LEAST_EXCEPTION else None
-    if status >= 0:
-        return None
-    with suppress(ValueError):  # those for programs' own use have no name
-        return signal.Signals(-status).name
-    return f"signal {-status}"
+    killer = f"status {status:#x}"  # as exceptions of Windows are known
+    with suppress(ValueError):  # no signal, or one for programs' own use
+        killer = signal.Signals(-status).name
+    return f"killed by {killer}; was there enough memory?"
 
 
 def command_line(words: Sequence[str]) -> str:
     """Return a command as it is typed in a POSIX shell, or on Windows in cmd and PowerShell."""
     if sys.platform != "win32":
         return shlex.join(words)
-    import subprocess
-
-    quoted = ((word, subprocess.list2cmdline([word])) for word in words)
-    return " ".join(
-        text if _PLAIN.fullmatch(word) or text.startswith('"') else f'"{text}"'
-        for word, text in quoted
-    )
+    is_plain = re.compile(r"[\w@+=:,./\\-]+", re.ASCII).fullmatch
+    return " ".join(word if is_plain(word) else f'"{word}"' for word in words)

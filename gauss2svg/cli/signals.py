@@ -43,7 +43,7 @@ class Interruption:
     def asked(self) -> bool:
         """Return whether the fit is to end; the `stop` of `vectorize`, called after every step."""
         if not self._has_fitted:
-            processes.raise_pending()  # there is nothing to write
+            processes.pending()  # there is nothing to write
         self._has_fitted = True
         return self.signal is not None
 
@@ -102,12 +102,12 @@ def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> It
     is_main = threading.current_thread() is threading.main_thread()
     before = _set(dict.fromkeys(SIGNALS, handler)) if is_main else {}
     try:
-        processes.raise_pending()  # what came before
+        processes.pending()  # what came before
         yield
-        processes.raise_pending()
+        processes.pending()
     finally:
         _set(before)
-        processes.pending = None
+        processes.pending = processes.nothing
 
 
 def ignore() -> None:

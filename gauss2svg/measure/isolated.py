@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import Gauss2SvgError, RendererError
 from gauss2svg.photo.alpha import over
-from gauss2svg.processes import crash_of, module_command, module_path, run
+from gauss2svg.processes import end_of, module_command, module_path, run
 from gauss2svg.raster import rasterize_sized
 
 _REFUSED = 2
@@ -40,13 +40,13 @@ def draw(
             f"{renderer} has not drawn the SVG in {timeout_s:g} s. Try a longer "
             "--draw-timeout, or another --renderer"
         ) from error
-    if crash := crash_of(ended.status):
+    if ended.status == _REFUSED:
+        raise RendererError(ended.complaint)
+    if ended.status:
         raise RendererError(
-            f"{renderer} crashed on the SVG ({crash}). Try groups that are nested "
+            f"{renderer} crashed on the SVG ({end_of(ended.status)}). Try groups that are nested "
             "less deeply, or another --renderer"
         )
-    if ended.status:
-        raise RendererError(ended.complaint or f"{renderer} cannot draw the SVG")
     return np.frombuffer(ended.output, np.float32).reshape(height, width, channels)
 
 

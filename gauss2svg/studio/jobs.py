@@ -129,7 +129,7 @@ class Jobs:
 
     @cached_property
     def folder(self) -> Path:
-        """The private folder, which is removed by `close`, or by the workers of a killed server."""
+        """The private folder, which is removed by `close`."""
         made = tempfile.TemporaryDirectory(prefix="gauss2svg-studio-", ignore_cleanup_errors=True)
         return Path(self._ending.enter_context(made))
 
@@ -149,7 +149,7 @@ class Jobs:
     def start(self) -> None:
         """Start the workers, which get warm."""
         for _ in range(self.workers):
-            self._pool.submit(warm, os.getpid(), self.folder)
+            self._pool.submit(warm, os.getpid())
 
     def close(self) -> None:
         """Cancel all jobs, end the workers, remove the folder."""
@@ -182,8 +182,7 @@ class Jobs:
     def submit(self, job: Job) -> None:
         """Queue a job whose photo is in its folder."""
         request = {name: getattr(job, name) for name in ("photo", "name", "folder", "options")}
-        request |= {"workers": self.workers, "threads": self.threads}
-        request |= {"server": os.getpid(), "scratch": self.folder}
+        request |= {"workers": self.workers, "threads": self.threads, "server": os.getpid()}
         self.known[job.id] = job
         self._line.append(job)
         job.call = self._pool.submit(fit, request)

@@ -42,18 +42,18 @@ class _CanceledError(Exception):
     """The fit is not wanted any more."""
 
 
-def warm(server: int, scratch: Path) -> None:
-    """Load the kernels and fit once; end with the server and remove its folder if it is killed."""
-    _end_with_server(server, scratch)
+def warm(server: int) -> None:
+    """Load the kernels and fit once; from now on this process ends with the server."""
+    _end_with_server(server)
     as_jpeg(warm_up({"quality": "draft"}).scene)
 
 
 def fit(request: Mapping[str, Any]) -> dict[str, str]:
     """Write the files of a fit, and return {}, or {"error": line} without private paths.
 
-    request  photo, name, folder, options, workers, threads, server (id), scratch
+    request  photo, name, folder, options, workers, threads, server (id)
     """
-    _end_with_server(request["server"], request["scratch"])
+    _end_with_server(request["server"])
     answer = answered(_fit, request)
     if "error" in answer:
         line = answer["error"].replace(str(request["photo"]), request["name"])

@@ -378,7 +378,7 @@ def test_scale_of_the_coordinates_does_not_matter(side, halves, drawn_here):
 
 def test_crash_of_a_renderer_is_an_error(halves):
     deep = "<g>" * 20_000 + "</g>" * 20_000
-    with pytest.raises(RendererError, match=r"crashed on the SVG \(SIG"):
+    with pytest.raises(RendererError, match=r"crashed on the SVG \(killed by SIG"):
         gauss2svg.check(halves, f'<svg {XMLNS} viewBox="0 0 8 8">{deep}</svg>')
 
 
