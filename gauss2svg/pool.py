@@ -22,7 +22,7 @@ import psutil
 
 from gauss2svg import processes
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.processes import end_of, end_tree
+from gauss2svg.processes import end_of, end_tree, end_with_parent
 
 _WATCH_S = 0.1  # between two looks at the time and the memory of jobs
 _IDLE_S = 1.0  # after which the width is asked for again
@@ -177,6 +177,7 @@ def _end(process: subprocess.Popen[bytes]) -> int:
 
 def _serve() -> None:
     """Answer requests of standard input on standard output, until the pool closes them or ends."""
+    end_with_parent(os.getppid())
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a job prints is no answer
     with suppress(EOFError, BrokenPipeError):

@@ -24,9 +24,9 @@ def nothing() -> None:
     """Raise nothing, for no signal has come."""
 
 
-# Raises again what a signal has raised; called between tasks and at the end of a command. A Ctrl-C is
-# lost where what it raises is in a callback of Python's garbage collector or of C code: the handler
-# of a command leaves it here as well.
+# Raises again what a signal has raised; called between tasks and at the end of a command. A Ctrl-C
+# is lost where what it raises is in a callback of Python's garbage collector or of C code: the
+# handler of a command leaves it here as well.
 pending: Callable[[], None] = nothing
 
 

@@ -7,10 +7,8 @@ ASGI middleware. `Bounded` is around every application of the studio, also where
 from __future__ import annotations
 
 import asyncio
-import ipaddress
+import re
 import secrets
-from contextlib import suppress
-from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
@@ -36,7 +34,6 @@ _HEADERS = {
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
     "cross-origin-resource-policy": "same-origin",
-    "cross-origin-opener-policy": "same-origin",
     "cache-control": "no-store",
 }
 
@@ -88,29 +85,18 @@ class Bounded:
             await send(message)
 
         answer, length = self.app, headers.get("content-length", "")
-        if _is_of_another_site(scope["method"], headers):
+        origin = headers.get("origin")  # which pages send with all but plain GETs
+        if origin is not None and origin.rpartition("/")[2] != headers.get("host"):
             answer = _refused(403, "a page of another site may not use the studio")
         elif length.isdecimal() and int(length) > most:
             answer = _refused(413, too_large)
         await answer(scope, bounded, with_headers)
 
 
-def _is_of_another_site(method: str, headers: Headers) -> bool:
-    site, mode = headers.get("sec-fetch-site", ""), headers.get("sec-fetch-mode", "")
-    # A link to the studio is no use of it.
-    is_link = method == "GET" and mode in ("", "navigate")
-    if site in ("cross-site", "same-site") and not is_link:
-        return True
-    origin = headers.get("origin", "")
-    with suppress(ValueError):
-        return origin != "" and urlsplit(origin).netloc.lower() != headers.get("host", "").lower()
-    return True
-
-
 class Guard:
     """Lets in who has the token, by the names of the server itself.
 
-    names  hosts, as in addresses, without ports
+    names  hosts, as in addresses, in lower case and without ports
     local  whether it is served to this machine only; else addresses in digits are its names too
     """
 
@@ -118,12 +104,8 @@ class Guard:
         self._app, self._token, self._names, self._local = app, token, names, local
         # Cookies do not tell ports apart, and there may be two studios.
         self._cookie = f"gauss2svg-{port}"
-        self._ticket = ""
-
-    def ticket(self) -> str:
-        """Return a token that opens the page once: others may read a browser's command line."""
-        self._ticket = secrets.token_urlsafe(24)
-        return self._ticket
+        # Opens the page once, for others may read a browser's command line.
+        self.ticket = secrets.token_urlsafe(24)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request, or answer why not."""
@@ -136,13 +118,15 @@ class Guard:
     def _answer(self, asked: HTTPConnection) -> ASGIApp:
         """Return what answers a request: the studio, or a refusal."""
         host = asked.headers.get("host", "")
-        if not self._is_ours(host):
-            needed = "the one that the studio has printed"
-            return _refused(421, f"the address must be {needed}; got {quoted(host)}. Try that one")
+        name = re.sub(r":\d+$", "", host.lower())
+        # A name can be made to point here (DNS rebinding); digits cannot.
+        is_digits = re.fullmatch(r"[\d.]+|\[[\da-f:]+\]", name)
+        if name not in self._names and (self._local or not is_digits):
+            return _refused(421, f"the address must be the printed one; got {quoted(host)}")
         given = asked.query_params.get("token", "")
         if (asked.scope["method"], asked.scope["path"]) == ("GET", "/") and given:
-            tickets, self._ticket = [self._token, *filter(None, [self._ticket])], ""
-            if any(_equal(given, one) for one in tickets):
+            if _equal(given, self._token) or _equal(given, self.ticket):
+                self.ticket = secrets.token_urlsafe(24)
                 # So that the token does not stay in the address. Lax, for a link of another site
                 # may open the page; what such a site asks by itself has no cookie.
                 home = RedirectResponse("/", 303, {"Cache-Control": "no-store"})
@@ -151,24 +135,9 @@ class Guard:
         scheme, _, bearer = asked.headers.get("authorization", "").partition(" ")
         given = bearer if scheme.lower() == "bearer" else asked.cookies.get(self._cookie, "")
         if not _equal(given, self._token):
-            needed = "that of the address that the studio has printed"
-            return _refused(401, f"the token must be {needed}; got another. Try that address")
+            return _refused(401, "the token must be that of the printed address; got another")
         return self._app
-
-    def _is_ours(self, host: str) -> bool:
-        try:
-            name = (urlsplit(f"//{host}").hostname or "").lower()
-        except ValueError:
-            return False
-        # A name can be made to point here (DNS rebinding); digits cannot.
-        return name in self._names or (not self._local and _is_address(name))
 
 
 def _equal(given: str, secret: str) -> bool:
     return secrets.compare_digest(given.encode(), secret.encode())
-
-
-def _is_address(name: str) -> bool:
-    with suppress(ValueError):
-        return bool(ipaddress.ip_address(name))
-    return False

@@ -7,8 +7,8 @@ looks at them, so that no message is sent between processes. All of this runs in
 from __future__ import annotations
 
 import asyncio
+import atexit
 import json
-import os
 import secrets
 import shutil
 import tempfile
@@ -20,21 +20,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from starlette.exceptions import HTTPException
+
 from gauss2svg.pool import Pool
 from gauss2svg.studio.worker import fit, warm
 
 MOST_WAITING = 32
 MOST_KEPT = 1000  # finished jobs, of which the oldest are forgotten
 MOST_BYTES = 1 << 30  # of the files of all jobs
-UNWATCHED_S = 2.0  # after which a job whose last reader is gone is canceled
 LOOK_S = 0.05  # between two looks at a job that somebody waits for
+_RETRY = {"Retry-After": "5"}  # seconds after which a client may ask again whether there is room
 _CANCEL_S = 0.2  # in which a fit may end by itself, and its process stay warm
 QUEUED, RUNNING, DONE, STOPPED = "queued", "running", "done", "stopped"
 FAILED, CANCELED = "failed", "canceled"
-
-
-class QueueFullError(Exception):
-    """No more jobs are taken; the message says why."""
 
 
 @dataclass(eq=False)
@@ -42,7 +40,6 @@ class Job:
     """A photo to vectorise, and what has become of it.
 
     folder  with the photo, and later the files of its process
-    keep    whether it runs on without a reader
     call    of the pool; before it is submitted one that never runs
     """
 
@@ -52,17 +49,11 @@ class Job:
     width: int
     height: int
     lines: dict[str, str]
-    keep: bool = False
     id: str = field(default_factory=lambda: secrets.token_hex(8))
     readers: int = 0
     is_canceled: bool = False
     call: Future[dict[str, str]] = field(default_factory=Future)
     _report: dict[str, Any] | None = None
-
-    @property
-    def photo(self) -> Path:
-        """The file of the photo."""
-        return self.folder / "photo"
 
     @property
     def progress(self) -> dict[str, Any] | None:
@@ -83,7 +74,7 @@ class Job:
     @property
     def state(self) -> str:
         """One of the six states."""
-        is_ready = self.is_ready  # before the report is looked for, which is written before
+        is_ready = self.call.done()  # before the report is looked for, which is written before
         if self.report is not None:
             return STOPPED if self.report["stop_reason"] == "interrupted" else DONE
         if self.is_canceled:
@@ -98,12 +89,7 @@ class Job:
         return self.state not in (QUEUED, RUNNING)
 
     @property
-    def is_ready(self) -> bool:
-        """Whether all files are written, or no more will be."""
-        return self.call.done()
-
-    @property
-    def problem(self) -> str:
+    def error(self) -> str:
         """Why it failed, or of a fit that is done why it lacks files."""
         if self.is_canceled or not self.call.done():
             return ""
@@ -124,56 +110,47 @@ class Jobs:
     def __init__(self, workers: int, threads: int) -> None:
         self.workers, self.threads = workers, threads
         self.known: dict[str, Job] = {}
-        self._line: list[Job] = []
-        self._ending = ExitStack()
-
-    @cached_property
-    def folder(self) -> Path:
-        """The private folder, which is removed by `close`."""
-        made = tempfile.TemporaryDirectory(prefix="gauss2svg-studio-", ignore_cleanup_errors=True)
-        return Path(self._ending.enter_context(made))
+        self.folder = Path(tempfile.mkdtemp(prefix="gauss2svg-studio-"))  # which is private
+        atexit.register(shutil.rmtree, self.folder, ignore_errors=True)
 
     @cached_property
     def _pool(self) -> Pool:
-        _ = self.folder  # which is removed after the pool has ended
-        # Where the studio is mounted nobody calls `close`, and Python waits for the pool's threads.
-        self._task = asyncio.get_running_loop().create_task(self._close_with_loop())
-        return self._ending.enter_context(Pool(self.workers))
+        ending = ExitStack()
+        # A mounted studio is told by nobody that it ends; but a loop that ends cancels its tasks.
+        self._task = asyncio.get_running_loop().create_task(asyncio.Event().wait())
+        self._task.add_done_callback(lambda _: self._end(ending))
+        return ending.enter_context(Pool(self.workers))
 
-    async def _close_with_loop(self) -> None:
-        try:
-            await asyncio.Event().wait()
-        finally:
-            self.close()
+    def _end(self, ending: ExitStack) -> None:
+        """End all jobs and their processes; another loop may begin anew."""
+        ending.close()
+        del self._pool
+        for job in tuple(self.known.values()):
+            self.forget(job)
 
     def start(self) -> None:
         """Start the workers, which get warm."""
         for _ in range(self.workers):
-            self._pool.submit(warm, os.getpid())
-
-    def close(self) -> None:
-        """Cancel all jobs, end the workers, remove the folder."""
-        self._ending.close()
-        self.known.clear()
-        for name in ("folder", "_pool"):  # another loop may begin anew
-            vars(self).pop(name, None)
+            self._pool.submit(warm)
 
     def check_room(self) -> None:
-        """Forget the oldest finished jobs; raise QueueFullError where no job can be taken."""
+        """Forget the oldest finished jobs; raise HTTPException where none can be taken."""
         if len(self.line()) >= MOST_WAITING:
-            raise QueueFullError(f"{MOST_WAITING} photos are waiting already; try again later")
-        over = [job for job in self.known.values() if job.is_ready and not job.readers]
+            full = f"{MOST_WAITING} photos are waiting already; try again later"
+            raise HTTPException(429, full, _RETRY)
+        over = [job for job in self.known.values() if job.call.done() and not job.readers]
         sizes = {job.id: _bytes_in(job.folder) for job in self.known.values()}
         while over and (len(over) >= MOST_KEPT or sum(sizes.values()) >= MOST_BYTES):
             del sizes[over[0].id]
             self.forget(over.pop(0))
         if sum(sizes.values()) >= MOST_BYTES:
-            raise QueueFullError("the photos that wait take all the room; try again later")
+            full = "the photos that wait take all the room; try again later"
+            raise HTTPException(429, full, _RETRY)
 
     def line(self) -> list[Job]:
         """Return the jobs that wait, in their order."""
-        self._line = [job for job in self._line if job.state == QUEUED]
-        return self._line
+        jobs = self.known.values()
+        return [job for job in jobs if not job.call.done() and job.state == QUEUED]
 
     def new_folder(self) -> Path:
         """Make a folder for the files of a job; its name has nothing of the photo's."""
@@ -181,10 +158,9 @@ class Jobs:
 
     def submit(self, job: Job) -> None:
         """Queue a job whose photo is in its folder."""
-        request = {name: getattr(job, name) for name in ("photo", "name", "folder", "options")}
-        request |= {"workers": self.workers, "threads": self.threads, "server": os.getpid()}
+        request = {name: getattr(job, name) for name in ("name", "folder", "options")}
+        request |= {"workers": self.workers, "threads": self.threads}
         self.known[job.id] = job
-        self._line.append(job)
         job.call = self._pool.submit(fit, request)
 
     def stop(self, job: Job) -> None:
@@ -196,7 +172,7 @@ class Jobs:
 
     def cancel(self, job: Job) -> None:
         """End a job without a result, or without the rest of its files; its core is soon free."""
-        if job.is_ready:
+        if job.call.done():
             return
         job.is_canceled = True
         if job.call.running():
@@ -213,18 +189,14 @@ class Jobs:
 
     @contextmanager
     def reading(self, job: Job) -> Iterator[None]:
-        """Inside there is a reader; a moment after the last is gone the job is canceled."""
+        """Inside there is a reader; when the last is gone the job is canceled."""
         job.readers += 1
         try:
             yield
         finally:
             job.readers -= 1
-
-            def if_unwatched() -> None:
-                if not job.readers and not job.is_over and not job.keep:
-                    self.cancel(job)
-
-            asyncio.get_running_loop().call_later(UNWATCHED_S, if_unwatched)
+            if not job.readers and not job.is_over:
+                self.cancel(job)
 
 
 def _bytes_in(folder: Path) -> int:

@@ -9,24 +9,18 @@ from typing import Any
 from docstring_parser import parse_from_object
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.measure.perceptual import packages
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.processes import command_line
 from gauss2svg.scene.inks import PALETTE_SUFFIX
-from gauss2svg.studio.guard import MOST_UPLOADED
 
 MOST_DRAWN = 40_000_000  # px of a PNG: half a gigabyte while it is drawn
 # The server's own: what it shares out among fits.
 _NOT_OFFERED = ("threads", "max_memory", "max_pixels")
 _NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
-_OF_A_SCORE = (
-    "slug", "key", "name", "title", "unit", "digits", "least_step", "best", "falls", "always",
-)  # fmt: skip
+_OF_A_SCORE = ("key", "name", "title", "unit", "digits", "best")
 _UNIT = re.compile(r"\((dB|s|px)\)")
 
 
@@ -43,14 +37,12 @@ def options_of(given: dict[str, Any]) -> Options:
 
 
 def form() -> dict[str, Any]:
-    """Groups of options, presets, scores and limits."""
+    """Groups of options, scores, and the largest PNG."""
     return {
-        "limits": {"bytes": MOST_UPLOADED, "pixels": DEFAULT_MAX_PIXELS, "png_pixels": MOST_DRAWN},
+        "limits": {"png_pixels": MOST_DRAWN},
         "groups": [
             {
-                "name": key,
                 "title": GROUP_TITLES[key],
-                "main": key == "goal",
                 "options": [
                     _described(field, texts[field.name])
                     for field in fields_of(group)
@@ -60,14 +52,7 @@ def form() -> dict[str, Any]:
             for key, group in GROUPS.items()
             for texts in [{p.arg_name: p.description for p in parse_from_object(group).params}]
         ],
-        "presets": list(PRESETS),
-        "scores": [
-            {
-                **{name: getattr(score, name) for name in _OF_A_SCORE},
-                "installed": score.always or bool(packages()),
-            }
-            for score in SCORES
-        ],
+        "scores": [{name: getattr(score, name) for name in _OF_A_SCORE} for score in SCORES],
     }
 
 
@@ -91,12 +76,10 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
         "flag": flag_of(field.name),
         "type": kind,
         "choices": list(field.choices) if kind == "choice" else None,
-        "words": list(field.words),
         "min": getattr(domain, "least", None),
         "above": getattr(domain, "above", False),
         "max": getattr(domain, "most", None),
         "default": getattr(field.group, field.name),
-        "optional": field.may_be_none,
         "help": words,
         "unit": unit[1] if unit else "B" if kind == "size" else None,
     }

@@ -7,16 +7,17 @@ import base64
 import io
 import itertools
 import shutil
-import time
 import zipfile
 from collections.abc import AsyncIterator
+from mimetypes import guess_type
 from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, File, Form, Query, Request, UploadFile
-from fastapi.responses import FileResponse, HTMLResponse, Response, StreamingResponse
-from pydantic import BaseModel, ConfigDict, Field, Json
+from fastapi.responses import FileResponse, HTMLResponse, Response
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+from pydantic import BaseModel, Field, Json
 from starlette.datastructures import State
 from starlette.exceptions import HTTPException
 
@@ -28,7 +29,7 @@ from gauss2svg.measure.isolated import draw
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio import uploads
-from gauss2svg.studio.jobs import CANCELED, FAILED, LOOK_S, QUEUED, RUNNING, Job, until
+from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, until
 from gauss2svg.studio.options import MOST_DRAWN, form, lines_of, options_of
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
@@ -37,37 +38,25 @@ router = APIRouter()
 _TEMPLATES = template_environment("gauss2svg.compare.pages", "gauss2svg.studio")
 _AXES = {axis.key: axis for axis in SCORES}
 _COSTS = {key: (title, at_tick) for key, _, title, _, at_tick in COSTS}
-_ALIVE_S = 15.0  # after which an event tells again what has not changed, for proxies give up
 _FIGURES = ("gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s", "stop_reason")
-_FILES = {
-    "photo.png": "image/png",
-    "errors.png": "image/png",
-    "outlines.svg": "image/svg+xml",
-    "report.json": "application/json",
-    "scene.npz": "application/octet-stream",
-}
+_FILES = ("photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz")
 Markup = Literal["editable", "minimal"] | None
 
 
 class JobState(BaseModel):
     """A job; lines are the command and the Python that make the same file."""
 
-    model_config = ConfigDict(from_attributes=True)
-
     id: str
     state: str  # queued, running, done, stopped, failed or canceled
     place: int = 0
     progress: dict[str, Any] | None
     report: dict[str, Any] | None
-    error: str | None = None
+    error: str
     name: str
     width: int
     height: int
     options: dict[str, Any]
     lines: dict[str, str]
-
-
-_FIXED = {"name", "width", "height", "options", "lines"}  # told once of a job
 
 
 def _state(request: Request) -> State:
@@ -90,7 +79,7 @@ KnownJob = Annotated[Job, Depends(_job_named)]
 async def _finished(job: KnownJob) -> Job:
     await until(lambda: job.is_over)
     if job.report is None:
-        raise HTTPException(409, job.problem or f"the job was {job.state}; it has no SVG")
+        raise HTTPException(409, job.error or f"the job was {job.state}; it has no SVG")
     return job
 
 
@@ -119,7 +108,7 @@ async def page(studio: Studio) -> HTMLResponse:
 
 @router.get("/api/options")
 async def options() -> dict[str, Any]:
-    """Options by groups, with domains, defaults and help; presets; scores."""
+    """Options by groups, with domains, defaults and help; scores; the largest PNG."""
     return form()
 
 
@@ -172,7 +161,6 @@ async def _submitted(
     sample: Annotated[str, Form(description="or a name of /api/samples")] = "",
     of: Annotated[str, Form(description="or the id of a job, whose photo is taken again")] = "",
     options: Annotated[Json[dict[str, Any]] | None, Form(description="see /api/options")] = None,
-    keep: Annotated[bool, Form(description="run on when nobody reads its events")] = False,
 ) -> Job:
     """Return the job of a form, queued."""
     studio.jobs.check_room()
@@ -183,7 +171,7 @@ async def _submitted(
             name, source = uploads.display_name(photo.filename), photo.file
         elif of:
             other = _job_named(of, studio)
-            name, source = other.name, other.photo.open("rb")
+            name, source = other.name, (other.folder / "photo").open("rb")
         elif sample:
             picked = _sample_named(sample, studio)
             name, source = picked.name, picked.path.open("rb")
@@ -193,7 +181,7 @@ async def _submitted(
         with source, (folder / "photo").open("wb") as copy:
             await asyncio.to_thread(shutil.copyfileobj, source, copy)
         size = await asyncio.to_thread(uploads.size_of, folder / "photo", name)
-        job = Job(folder, name, options, *size, lines=lines_of(name, chosen), keep=keep)
+        job = Job(folder, name, options, *size, lines=lines_of(name, chosen))
         studio.jobs.submit(job)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
@@ -206,9 +194,8 @@ SubmittedJob = Annotated[Job, Depends(_submitted)]
 
 def _told(job: Job, studio: State) -> JobState:
     """Return what is told of a job now."""
-    told, line = JobState.model_validate(job), studio.jobs.line()
+    told, line = JobState.model_validate(job, from_attributes=True), studio.jobs.line()
     told.place = line.index(job) + 1 if job in line else 0
-    told.error = job.problem if told.state == FAILED else None
     return told
 
 
@@ -226,12 +213,9 @@ async def vectorize(request: Request, job: SubmittedJob, studio: Studio) -> Resp
             studio.jobs.forget(job)
             raise HTTPException(499, "the client has gone")
         await asyncio.sleep(LOOK_S)
-    if job.report is None:
-        status = {CANCELED: 409, FAILED: 422}[job.state]
-        raise HTTPException(status, job.problem or f"the job was {job.state}")
-    answer = await picture(job)
+    answer, report = await picture(await _finished(job)), job.report or {}
     for name in _FIGURES:
-        answer.headers[f"X-Gauss2svg-{name.replace('_', '-')}"] = str(job.report[name])
+        answer.headers[f"X-Gauss2svg-{name.replace('_', '-')}"] = str(report[name])
     answer.headers["X-Gauss2svg-job"] = job.id
     return answer
 
@@ -242,24 +226,15 @@ async def state(job: KnownJob, studio: Studio) -> JobState:
     return _told(job, studio)
 
 
-@router.get("/api/jobs/{name}/events", response_class=StreamingResponse)
-async def events(job: KnownJob, studio: Studio) -> StreamingResponse:
-    """Server-sent events: the state, then what of it changes; a slow reader gets the newest."""
-    headers = {"X-Accel-Buffering": "no"}
-    return StreamingResponse(_stream(job, studio), media_type="text/event-stream", headers=headers)
-
-
-async def _stream(job: Job, studio: State) -> AsyncIterator[str]:
+@router.get("/api/jobs/{name}/events", response_class=EventSourceResponse)
+async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent]:
+    """Server-sent events: the state whenever it changes; a slow reader gets the newest."""
     with studio.jobs.reading(job):
-        last, due_s = None, 0.0
-        while True:
-            now = _told(job, studio)
-            if now != last or time.monotonic() > due_s:
-                fixed = _FIXED if last is not None else None
-                yield f"event: state\ndata: {now.model_dump_json(exclude=fixed)}\n\n"
-                last, due_s = now, time.monotonic() + _ALIVE_S
-            if now.state not in (QUEUED, RUNNING):
-                return
+        last = None
+        while last is None or last.state in (QUEUED, RUNNING):
+            if (now := _told(job, studio)) != last:
+                yield ServerSentEvent(data=now, event="state")
+                last = now
             await asyncio.sleep(LOOK_S)
 
 
@@ -270,9 +245,7 @@ async def frame(job: KnownJob) -> Response:
     await until(lambda: path.exists() or job.is_over)
     if not path.exists():
         raise HTTPException(404, f"the job was {job.state} before its first frame")
-    number = (job.progress or {}).get("frame", 0)
-    headers = {"X-Gauss2svg-frame": str(number)}
-    return Response(path.read_bytes(), media_type="image/jpeg", headers=headers)
+    return Response(path.read_bytes(), media_type="image/jpeg")
 
 
 @router.post("/api/jobs/{name}/stop")
@@ -342,29 +315,20 @@ async def file(
     """The photo as it was compared, the error map, the outlines, the report, the scene."""
     path = await _written(job, file)
     headers = _attachment(job, f"-{file}") if download else {}
-    return FileResponse(path, media_type=_FILES[file], headers=headers)
+    kind = guess_type(file)[0] or "application/octet-stream"
+    return FileResponse(path, media_type=kind, headers=headers)
 
 
 @router.get("/api/zip", response_class=Response)
 async def archive(ids: str, studio: Studio, markup: Markup = None, gzip: bool = False) -> Response:
-    """SVGs of several jobs, ids separated by commas, as one ZIP; it says which are missing."""
-    stream, taken, missing = io.BytesIO(), set[str](), list[HTTPException]()
+    """SVGs of several jobs, ids separated by commas, as one ZIP."""
+    stream, taken = io.BytesIO(), set[str]()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as zipped:
-        for name in dict.fromkeys(filter(None, ids.split(","))):
-            try:
-                job = await _finished(_job_named(name, studio))
-                svg = await _svg(job, markup)
-            except HTTPException as error:
-                missing.append(error)
-                continue
+        for name in dict.fromkeys(ids.split(",")):
+            job = await _finished(_job_named(name, studio))
             suffix = ".svgz" if gzip or _is_zipped(job) else ".svg"
-            data = await asyncio.to_thread(file_bytes, svg, suffix == ".svgz")
+            data = await asyncio.to_thread(file_bytes, await _svg(job, markup), suffix == ".svgz")
             await asyncio.to_thread(zipped.writestr, _free(job, suffix, taken), data)
-        if not taken:
-            none = HTTPException(422, "ids must name jobs; got none. Try A,B")
-            raise missing[0] if missing else none
-        if missing:
-            zipped.writestr("missing.txt", "".join(f"{one.detail}\n" for one in missing))
     headers = {"Content-Disposition": 'attachment; filename="gauss2svg.zip"'}
     return Response(stream.getvalue(), media_type="application/zip", headers=headers)
 
@@ -372,9 +336,9 @@ async def archive(ids: str, studio: Studio, markup: Markup = None, gzip: bool = 
 async def _written(job: Job, name: str) -> Path:
     """Return the path of a file of a finished job once it is written; raise HTTPException."""
     path = job.folder / name
-    await until(lambda: path.is_file() or job.is_ready)
+    await until(lambda: path.is_file() or job.call.done())
     if not path.is_file():
-        raise HTTPException(404, f"this job has no {name}" + (job.problem and f": {job.problem}"))
+        raise HTTPException(404, f"this job has no {name}" + (job.error and f": {job.error}"))
     return path
 
 

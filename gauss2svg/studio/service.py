@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
 import mimetypes
-import re
 import secrets
 import signal
 import socket
@@ -14,14 +12,11 @@ import webbrowser
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from threading import Thread
-from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel
-from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.staticfiles import StaticFiles
@@ -30,24 +25,13 @@ from uvicorn.server import HANDLED_SIGNALS
 from gauss2svg.compare.machine import machine
 from gauss2svg.errors import Gauss2SvgError, on_one_line, quoted, refusal, whole_number
 from gauss2svg.studio.guard import Bounded, Guard
-from gauss2svg.studio.jobs import Jobs, QueueFullError
+from gauss2svg.studio.jobs import Jobs
 from gauss2svg.studio.routes import router
 from gauss2svg.studio.uploads import samples_in
 from gauss2svg.version import __version__
 
-_RETRY_S = 5  # after which a client may ask again whether there is room
 _MOST_CONNECTIONS = 512
-_LOCAL_NAMES = {"127.0.0.1", "localhost", "::1"}
-_STATIC: list[str | tuple[str, str]] = [
-    (package, "static") for package in ("gauss2svg.studio", "gauss2svg.compare.pages")
-]
-_SHOULD, _ASIDE = re.compile(r"^\w+ should\b"), re.compile(", (unable|got|not) .*")
-
-
-class Error(BaseModel):
-    """Why a request was refused."""
-
-    error: str
+_LOCAL_NAMES = {"127.0.0.1", "localhost", "::1", "[::1]"}
 
 
 def create_app(
@@ -67,13 +51,12 @@ def create_app(
     """
     queue = Jobs(*workers_and_threads(jobs, threads))
 
+    handled = (HTTPException, RequestValidationError, Gauss2SvgError, OSError, Exception)
+
     @contextlib.asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         queue.start()
-        try:
-            yield
-        finally:
-            queue.close()
+        yield
 
     app = FastAPI(
         title="gauss2svg studio",
@@ -81,8 +64,7 @@ def create_app(
         description="Photos in, SVGs of Gaussians out. Errors are {'error': one line}.",
         lifespan=lifespan,
         openapi_url="/api/openapi.json",
-        responses={"4XX": {"model": Error, "description": "why, in one line"}},
-        exception_handlers=dict.fromkeys(_HANDLED, _refusal),
+        exception_handlers=dict.fromkeys(handled, _refusal),
         # These pages load scripts from other sites.
         docs_url=None,
         redoc_url=None,
@@ -93,7 +75,8 @@ def create_app(
     app.state.drawing = asyncio.Semaphore(1)  # a PNG takes the time and the memory of a fit
     app.include_router(router)
     mimetypes.add_type("text/javascript", ".js")  # which a registry of Windows may not say
-    app.mount("/static", StaticFiles(packages=_STATIC))
+    packages = ["gauss2svg.studio", "gauss2svg.compare.pages"]
+    app.mount("/static", StaticFiles(packages=[(package, "static") for package in packages]))
     return Bounded(app)
 
 
@@ -105,39 +88,18 @@ async def _refusal(_: Request, error: Exception) -> JSONResponse:
     match error:
         case HTTPException():
             status, line, headers = error.status_code, error.detail, error.headers
-        case QueueFullError():
-            status, line, headers = 429, str(error), {"Retry-After": str(_RETRY_S)}
         case Gauss2SvgError():
             status, line = 422, str(error)
         case RequestValidationError():
-            status, line = 422, _invalid(error.errors()[0])
+            first = error.errors()[0]
+            field = ".".join(name for name in first["loc"][1:] if isinstance(name, str))
+            got = quoted(first["input"])
+            status, line = 422, f"{field or 'the body'} must be valid; got {got} ({first['msg']})"
         case OSError():  # without the path of a file, which is private
-            status = 507 if error.errno in (errno.ENOSPC, errno.EDQUOT) else 500
-            line = f"a file cannot be kept: {error.strerror or 'an error of the disk'}"
+            status, line = 507, f"a file cannot be kept: {error.strerror}"
         case _:
             status, line = 500, f"{type(error).__name__}: {error}"
     return JSONResponse({"error": on_one_line(line)}, status, headers)
-
-
-_HANDLED = (
-    HTTPException, QueueFullError, Gauss2SvgError, RequestValidationError, OSError, Exception,
-)  # fmt: skip
-
-
-def _invalid(error: dict[str, Any]) -> str:
-    """Return Pydantic's first error in the words of the others."""
-    field = ".".join(name for name in error["loc"][1:] if isinstance(name, str)) or "the body"
-    if error["type"] == "missing":
-        return f"{field} must be given; got none"
-    if error["type"] == "json_invalid":
-        return f"{field} must be JSON; got none ({error['ctx']['error']})"
-    if "UploadFile" in error["msg"]:
-        return f"{field} must be a file; got {quoted(error['input'])}"
-    # "Input should be a valid number, unable to parse string as a number"
-    must, found = _SHOULD.subn("must", _ASIDE.sub("", error["msg"]), 1)
-    given = error["input"]
-    got = "a file" if isinstance(given, UploadFile) else quoted(given)
-    return f"{field} {must if found else f'must be valid: {must}'}; got {got}"
 
 
 def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int]:
@@ -184,20 +146,16 @@ def serve(
         say(f"the studio is at {address}{token} (Ctrl-C ends it)")
         if browser:
             # A browser in the terminal would keep its caller until it is left.
-            opened = f"{address}{guard.ticket()}"
+            opened = f"{address}{guard.ticket}"
             Thread(target=webbrowser.open, args=(opened,), daemon=True).start()
         for number in HANDLED_SIGNALS:  # uvicorn raises them again, after they have ended it
             signal.signal(number, signal.SIG_IGN)
         config = uvicorn.Config(
             guard,
-            http="h11",
-            loop="asyncio",
-            ws="none",
             log_level="critical",
             access_log=False,
             server_header=False,
             limit_concurrency=_MOST_CONNECTIONS,
-            timeout_keep_alive=10,
             timeout_graceful_shutdown=1,
         )
         uvicorn.Server(config).run(sockets=[listening])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -11,13 +12,12 @@ from urllib.parse import quote
 from pydantic import BaseModel, Field
 
 from gauss2svg.batch.inputs import is_picture
-from gauss2svg.errors import InputError, brief
+from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import is_device, reading
 from gauss2svg.photo.decode import opened
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.tags import turned
 
-_SURROGATE = re.compile("[\ud800-\udfff]")  # what of a file's name is no Unicode
 _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
 # Not read, but offered by the dialog for files, so that the page says why.
 REFUSED = (".jxl",)
@@ -68,27 +68,17 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
         place = Path(data.__file__).parent
         paths = [place / name for name in _OF_SKIMAGE if (place / name).is_file()]
     else:
-        try:
-            paths = [p for p in sorted(folder.iterdir()) if is_picture(p.name)]
-        except OSError as error:
-            raise _no_folder(folder, error.strerror or str(error)) from error
+        paths = [p for p in sorted(folder.glob("*")) if is_picture(p.name)]
     found = []
     for path in paths[:_MOST_SAMPLES]:
         try:
             width, height = size_of(path, path.name)
         except InputError:  # it says so when it is picked nowhere: it is no photo to pick
             continue
-        # For a page: bytes that are no UTF-8 are escaped as in an address.
-        name = _SURROGATE.sub(lambda found: f"%{ord(found[0]) & 0xFF:02X}", path.name)
+        name = os.fsencode(path.name).decode(errors="backslashreplace")  # for a page
         url = f"api/samples/{quote(name, safe='')}"
         found.append(Sample(name=name, path=path, width=width, height=height, url=url))
     if folder is not None and not found:
-        raise _no_folder(folder, "no photo is in it")
+        advice = "another folder, or none for pictures of scikit-image"
+        raise refusal("FOLDER", "a folder with photos", brief(str(folder)), advice)
     return found
-
-
-def _no_folder(folder: Path, why: str) -> InputError:
-    return InputError(
-        f"FOLDER must be a folder with photos; got {folder} ({brief(why)}). Try another folder, "
-        "or none for pictures of scikit-image"
-    )

@@ -10,10 +10,8 @@ Files named stop and cancel ask it to end, with the best picture so far or witho
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,35 +26,30 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Progress
 from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
-from gauss2svg.processes import end_with_parent
 from gauss2svg.render.frame import FrameMaker, as_jpeg
 from gauss2svg.svg.document import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
-_LEAST_BETWEEN_S = 0.05  # between two files of progress without a frame
 _OF_A_FIT = ("round", "iteration", "done", "gaussians", "psnr", "elapsed_s", "remaining_s")
-_end_with_server = cache(end_with_parent)
 
 
 class _CanceledError(Exception):
     """The fit is not wanted any more."""
 
 
-def warm(server: int) -> None:
-    """Load the kernels and fit once; from now on this process ends with the server."""
-    _end_with_server(server)
+def warm() -> None:
+    """Load the kernels and fit once."""
     as_jpeg(warm_up({"quality": "draft"}).scene)
 
 
 def fit(request: Mapping[str, Any]) -> dict[str, str]:
     """Write the files of a fit, and return {}, or {"error": line} without private paths.
 
-    request  photo, name, folder, options, workers, threads, server (id)
+    request  name, folder (with the photo), options, workers, threads
     """
-    _end_with_server(request["server"])
     answer = answered(_fit, request)
     if "error" in answer:
-        line = answer["error"].replace(str(request["photo"]), request["name"])
+        line = answer["error"].replace(str(request["folder"] / "photo"), request["name"])
         answer["error"] = line.replace(f"{request['folder']}{os.sep}", "")
     return answer
 
@@ -83,20 +76,18 @@ def _end_if_canceled(folder: Path) -> None:
 
 def _result(request: Mapping[str, Any], options: Options) -> Result:
     folder: Path = request["folder"]
-    maker, frames, last_s = FrameMaker(), 0, 0.0
+    maker, frames = FrameMaker(), 0
 
     def progress(now: Progress) -> None:
-        nonlocal frames, last_s
+        nonlocal frames
         _end_if_canceled(folder)
         figures: dict[str, Any] = {"phase": now.phase}
         if now.fit is not None:
             frame = maker.frame(now.fit.scene)
-            if not frame and time.perf_counter() - last_s < _LEAST_BETWEEN_S:
+            if not frame:  # which says how often a fit may be looked at
                 return
-            last_s = time.perf_counter()
-            if frame:
-                frames += 1
-                _write(folder / "frame.jpg", frame)
+            frames += 1
+            _write(folder / "frame.jpg", frame)
             figures |= {name: getattr(now.fit, name) for name in _OF_A_FIT}
             figures["bytes_estimate"] = presets.USUAL_BYTES * now.fit.gaussians
         _write(folder / "progress.json", as_json(finite({**figures, "frame": frames})))
@@ -104,7 +95,7 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
     share = allowed(None) // request["workers"]
     return vectorize_by(
         options.changed(max_memory=share, threads=request["threads"]),
-        request["photo"],
+        folder / "photo",
         progress=progress,
         # Before its first step a fit has nothing to keep.
         stop=lambda: frames > 0 and (folder / "stop").exists(),

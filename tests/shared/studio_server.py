@@ -43,9 +43,9 @@ class Server:
             base_url=self.home, headers={"Authorization": f"Bearer {self.token}"}, timeout=60
         )
 
-    def submit(self, photo: bytes | str, keep: bool = True, **options) -> dict:
+    def submit(self, photo: bytes | str, **options) -> dict:
         """The answer to a photo, or to the name of a sample."""
-        data = {"options": json.dumps(options), "keep": str(keep)}
+        data = {"options": json.dumps(options)}
         if isinstance(photo, str):
             answer = self.client.post("/api/jobs", data={**data, "sample": photo}, files={"x": b""})
         else:

@@ -85,40 +85,22 @@ def test_limits_are_those_that_are_checked(option):
             Options.from_flat({option["name"]: value})
 
 
-@pytest.mark.parametrize("option", OPTIONS, ids=lambda option: option["name"])
-def test_what_may_be_left_out_is_what_may_be_none(option):
-    if option["optional"]:
-        assert Options.from_flat({option["name"]: None}).flat()[option["name"]] is None
-    else:
-        with pytest.raises(InputError):
-            Options.from_flat({option["name"]: None})
-
-
 @pytest.mark.parametrize(
-    ("name", "label", "kind", "unit", "words"),
+    ("name", "label", "kind", "unit"),
     [
-        ("quality", "Quality", "choice", None, []),
-        ("gaussians", "Gaussians", "integer", None, ["auto"]),
-        ("target_psnr", "Target PSNR", "number", "dB", []),
-        ("max_bytes", "Max bytes", "size", "B", []),
-        ("time_limit", "Time limit", "number", "s", []),
-        ("relocate", "Relocate", "boolean", None, []),
-        ("title", "Title", "text", None, []),
-        ("max_size", "Max size", "integer", "px", []),
+        ("quality", "Quality", "choice", None),
+        ("gaussians", "Gaussians", "integer", None),
+        ("target_psnr", "Target PSNR", "number", "dB"),
+        ("max_bytes", "Max bytes", "size", "B"),
+        ("time_limit", "Time limit", "number", "s"),
+        ("relocate", "Relocate", "boolean", None),
+        ("title", "Title", "text", None),
+        ("max_size", "Max size", "integer", "px"),
     ],
 )
-def test_options_have_the_fields_of_their_kinds(name, label, kind, unit, words):
+def test_options_have_the_fields_of_their_kinds(name, label, kind, unit):
     (option,) = [option for option in OPTIONS if option["name"] == name]
-    found = (option["label"], option["type"], option["unit"], option["words"])
-    assert found == (label, kind, unit, words)
-
-
-def test_scores_without_their_packages_are_not_offered(monkeypatch):
-    for installed in ((), ("ssimulacra2",)):
-        monkeypatch.setattr("gauss2svg.studio.options.packages", lambda given=installed: given)
-        found = {score["slug"]: score["installed"] for score in form()["scores"]}
-        assert found["psnr"]
-        assert found["ssimulacra2"] == bool(installed)
+    assert (option["label"], option["type"], option["unit"]) == (label, kind, unit)
 
 
 def together() -> list[dict]:

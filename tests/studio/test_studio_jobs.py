@@ -8,10 +8,11 @@ from concurrent.futures import CancelledError, Future
 from typing import ClassVar
 
 import pytest
+from starlette.exceptions import HTTPException
 
 from gauss2svg.pool import WorkerDiedError
 from gauss2svg.studio import jobs
-from gauss2svg.studio.jobs import Job, Jobs, QueueFullError, until
+from gauss2svg.studio.jobs import Job, Jobs, until
 
 
 class Waiting:
@@ -28,7 +29,8 @@ class Waiting:
 
     def __exit__(self, *_: object) -> None:
         for call in self.calls:
-            call.cancel()
+            if not call.done() and not call.cancel():
+                call.set_exception(CancelledError())
 
     def submit(self, *_: object) -> Future:
         self.calls.append(Future())
@@ -46,29 +48,22 @@ class Waiting:
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     monkeypatch.setattr(jobs, "Pool", Waiting)
-    monkeypatch.setattr(jobs, "UNWATCHED_S", 0.02)
 
 
 def with_queue(story) -> None:
     """Run a story, after which nothing is left."""
 
-    async def run():
-        queue = Jobs(1, 1)
-        folder = queue.folder
-        try:
-            assert folder.stat().st_mode & 0o077 == 0
-            await asyncio.wait_for(story(queue), 20)
-        finally:
-            queue.close()
-        assert not folder.exists()
-
-    asyncio.run(run())
+    queue = Jobs(1, 1)
+    assert queue.folder.stat().st_mode & 0o077 == 0
+    asyncio.run(asyncio.wait_for(story(queue), 20))
+    assert not list(queue.folder.iterdir())
+    assert not queue.known
 
 
-def new_job(queue: Jobs, photo: bytes = b"photo", keep: bool = True) -> Job:
+def new_job(queue: Jobs, photo: bytes = b"photo") -> Job:
     queue.check_room()
-    job = Job(queue.new_folder(), "a.png", {}, 4, 4, {}, keep)
-    job.photo.write_bytes(photo)
+    job = Job(queue.new_folder(), "a.png", {}, 4, 4, {})
+    (job.folder / "photo").write_bytes(photo)
     queue.submit(job)
     return job
 
@@ -85,7 +80,7 @@ def test_jobs_run_one_after_the_other_and_a_line_has_an_end(monkeypatch):
         first, second, third, fourth = (new_job(queue) for _ in range(4))
         assert [job.state for job in (first, second)] == ["running", "queued"]
         assert queue.line() == [second, third, fourth]
-        with pytest.raises(QueueFullError, match="3 photos are waiting"):
+        with pytest.raises(HTTPException, match="3 photos are waiting"):
             new_job(queue)
         queue.cancel(third)
         assert queue.line() == [second, fourth]
@@ -109,7 +104,7 @@ def test_a_call_that_fails_costs_a_fit_only_before_its_report(is_done):
         lost.call.set_exception(WorkerDiedError("killed by SIGKILL"))
         failed.call.set_result({"error": "no room"})
         assert {lost.state, failed.state} == {"done" if is_done else "failed"}
-        assert (lost.problem, failed.problem) == (
+        assert (lost.error, failed.error) == (
             "its worker process was lost: killed by SIGKILL", "no room",
         )  # fmt: skip
 
@@ -141,22 +136,14 @@ def test_a_fit_that_does_not_end_when_it_is_asked_is_ended_and_a_forgotten_one_l
     with_queue(story)
 
 
-@pytest.mark.parametrize(
-    ("keep", "comes_back", "state"),
-    [(False, False, "canceled"), (True, False, "running"), (False, True, "running")],
-)
-def test_a_fit_without_readers_is_canceled_unless_it_is_to_be_kept(keep, comes_back, state):
+def test_a_fit_is_canceled_when_its_last_reader_is_gone():
     async def story(queue):
-        job = new_job(queue, keep=keep)
-        with queue.reading(job), queue.reading(job):
-            pass
-        if comes_back:
+        job = new_job(queue)
+        with queue.reading(job):
             with queue.reading(job):
-                await asyncio.sleep(0.1)
-                assert job.state == state
-        else:
-            await asyncio.sleep(0.1)
-            assert job.state == state
+                assert job.state == "running"
+            assert job.state == "running"
+        assert job.state == "canceled"
 
     with_queue(story)
 
@@ -176,8 +163,8 @@ def test_the_oldest_finished_jobs_are_forgotten_and_those_that_wait_never(bound,
         assert 1 < sum(kept) < 4
         assert [job.folder.exists() for job in made] == kept
         if bound == "MOST_BYTES":
-            waits.photo.write_bytes(bytes(size))
-            with pytest.raises(QueueFullError, match="room"):
+            (waits.folder / "photo").write_bytes(bytes(size))
+            with pytest.raises(HTTPException, match="room"):
                 new_job(queue)
         assert waits.id in queue.known
 
