@@ -137,7 +137,7 @@ def _table(head: str, rows: Iterable[str]) -> str:
 def formats_table() -> str:
     """The formats of photos, and the names that are taken for them in a folder."""
     rows = [
-        f"| {one.title} | {', '.join(f'`{suffix}`' for suffix in one.suffixes)} |"
+        f"| {one.name} | {', '.join(f'`{suffix}`' for suffix in one.suffixes)} |"
         for one in FORMATS.values()
     ]
     return _table("| format | names |", rows)

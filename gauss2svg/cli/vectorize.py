@@ -19,7 +19,7 @@ from gauss2svg.cli.streams import say, standard_stream, write_output
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.options import OptionGroup, Whole
-from gauss2svg.photo.formats import TITLES
+from gauss2svg.photo.formats import FORMATS
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 from gauss2svg.scene import ADD
 from gauss2svg.scene.inks import MOST_INKS
@@ -49,7 +49,7 @@ _PARAMETERS = f"""
 Parameters
 ----------
 photo
-    {", ".join(TITLES[:_SHOWN])} and others, - for stdin.
+    {", ".join([*FORMATS][:_SHOWN])} and others, - for stdin.
 output
     SVG to write, or - for stdout. The default is photo.svg.
 """

@@ -21,7 +21,7 @@ from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.measure.survey import MOST_ELEMENTS, Frame, Survey, frame_of, survey
 from gauss2svg.photo.alpha import WHITE, has_alpha, matte_color, over, pixels_of, shrunk
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
-from gauss2svg.photo.load import ImageSource, load_image, load_reduced
+from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, refuse, renderer_version
 from gauss2svg.raster.features import Features, may_have_features
 from gauss2svg.svg.syntax.source import BLANKS, MOST_BYTES, SvgSource, svg_source
@@ -188,10 +188,7 @@ def check(
             "reference must be given for reference_scale; got none. Try --reference with the "
             "photo's source"
         )
-    if options.max_size is not None:
-        picture = load_reduced(photo, options.max_size, max_pixels=max_pixels, matte=matted)
-    else:
-        picture = load_image(photo, max_pixels=max_pixels, matte=matted)
+    picture = load_image(photo, max_pixels=max_pixels, matte=matted, needed=options.max_size)
     wanted = pixels_of(picture)
     data, text = svg_source(svg, int(options.max_svg_bytes))
     size = picture.width, picture.height

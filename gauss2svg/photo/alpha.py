@@ -18,7 +18,7 @@ from gauss2svg.photo.photo import Photo
 
 WHITE, BLACK = 1.0, 0.0
 BACKDROPS = (WHITE, BLACK)
-AVERAGED = 2  # times as small, from which on an average is as good as a filter
+_AVERAGED = 2  # times as small, from which on an average is as good as a filter
 _COLOR = re.compile(r"white|black|#(?:[0-9a-f]{3}){1,2}", re.IGNORECASE)
 
 
@@ -46,7 +46,7 @@ def shrunk(
     if (height, width) == pixels.shape[:2]:
         return pixels
     sharp = (
-        sharp and not has_alpha(pixels) and AVERAGED * max(height, width) > max(pixels.shape[:2])
+        sharp and not has_alpha(pixels) and _AVERAGED * max(height, width) > max(pixels.shape[:2])
     )
     filter_ = Image.Resampling.LANCZOS if sharp else Image.Resampling.BOX
     if not has_alpha(pixels):
@@ -55,12 +55,6 @@ def shrunk(
     alpha = _resized(weight, height, width, filter_)
     premultiplied = _resized(pixels[:, :, :3] * weight, height, width, filter_)
     return straight(premultiplied, alpha[:, :, 0])
-
-
-def nearest(pixels: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
-    """Pixels of an image at places of a smaller grid of that width and height, none mixed."""
-    (height, width), (across, down) = pixels.shape[:2], size
-    return pixels[np.arange(down) * height // down][:, np.arange(across) * width // across]
 
 
 def over(

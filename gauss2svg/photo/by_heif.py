@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import io
 import re
+from typing import Any
 
 import numpy as np
 import pi_heif
+import pyvips
 
-from gauss2svg.photo.alpha import straight
-from gauss2svg.photo.reduce import rows_at_once
 from gauss2svg.photo.srgb import ColorSpace
-from gauss2svg.photo.stored import Rows, Stored
+from gauss2svg.photo.stored import Stored
 
 # References of metadata, which have nothing that is used, and on which pi-heif 1.4 may crash.
 _METADATA = re.compile(rb"(\0\0..)cdsc", re.DOTALL)
 _REDUCED_BYTES = 10  # for each pixel and 8 bits, while a photo is decoded and reduced
+pi_heif.options.DECODE_THREADS = 1  # which --threads would have to limit
 
 
 def opened(file: bytes, _loader: str) -> Stored:
@@ -27,17 +28,16 @@ def opened(file: bytes, _loader: str) -> Stored:
     kind, _, bits = heif.mode.partition(";")
     depth = int(bits or 8)
 
-    def rows(_scale: int) -> Rows:
-        samples = np.atleast_3d(np.asarray(heif))
-        for top in range(0, len(samples), step := rows_at_once(*samples.shape[1:])):
-            part = samples[top : top + step]
-            if depth not in (8, 16) or heif.premultiplied_alpha:
-                part = part / np.float32((1 << depth) - 1)
-            yield straight(part[:, :, :-1], part[:, :, -1]) if heif.premultiplied_alpha else part
+    def picture(_scale: int) -> Any:
+        picture = pyvips.Image.new_from_array(np.asarray(heif))
+        top = (1 << depth) - 1
+        if heif.premultiplied_alpha:
+            picture = picture.unpremultiply(max_alpha=top)
+        return picture if picture.format == "uchar" else picture / top
 
     colors = 3 if kind.upper().startswith("RGB") else 1
     alpha = colors if heif.has_alpha else None
-    stored = Stored(*heif.size, colors, alpha, rows, _REDUCED_BYTES * -(-depth // 8))
+    stored = Stored(*heif.size, colors, alpha, picture, _REDUCED_BYTES * -(-depth // 8))
     if profile := heif.info.get("icc_profile"):
         stored.space = ColorSpace(profile)
     elif nclx := heif.info.get("nclx_profile"):

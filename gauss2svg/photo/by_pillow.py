@@ -7,13 +7,12 @@ import io
 from typing import Any
 
 import numpy as np
+import pyvips
 from PIL import Image, ImageCms
 from PIL.ExifTags import Base
 
-from gauss2svg.photo.reduce import rows_at_once
-from gauss2svg.photo.srgb import INKS, ColorSpace, by_gamma
-from gauss2svg.photo.stored import Rows, Stored
-from gauss2svg.photo.tags import BROKEN_EXIF, tags_of
+from gauss2svg.photo.srgb import INKS, ColorSpace
+from gauss2svg.photo.stored import Stored
 
 Box = tuple[int, int, int, int]  # left, top, right and bottom in px
 
@@ -36,34 +35,30 @@ def of_image(image: Image.Image) -> Stored:
     mode, info = _mode(image), image.info
     colors = _COLORS.get(mode, 1)
 
-    def rows(_scale: int) -> Rows:
+    def picture(_scale: int) -> Any:
         image.load()
-        picture: Any = _converted(image, mode)
-        for top in range(0, image.height, step := rows_at_once(image.width, len(mode))):
-            some = np.asarray(picture.crop((0, top, image.width, min(top + step, image.height))))
-            yield np.atleast_3d(some if mode in _COLORS else _levels(some))
+        array = np.asarray(_converted(image, mode))
+        if array.dtype.kind in "iu" and array.dtype != np.uint8:  # grey, in which any value may be
+            array = array.astype(np.float32) / _MOST_LEVEL
+        return pyvips.Image.new_from_array(array)
 
     alpha = colors if mode.endswith("A") else None
-    stored = Stored(image.width, image.height, colors, alpha, rows, _REDUCED_BYTES)
+    stored = Stored(image.width, image.height, colors, alpha, picture, _REDUCED_BYTES)
     if image.mode == "LAB":
         stored.notes.append("converted from CIELAB to sRGB")
-    if image.format == "GIF":
-        try:
+    try:
+        if image.format == "GIF":
             stored.note_frames(getattr(image, "n_frames", 1))
-        except Exception:  # frames after the first are not used, and may be broken
-            stored.notes.append("first of several frames")
+        if dpi := info.get("dpi"):  # of TIFFs as fractions
+            stored.density = float(dpi[0]), float(dpi[1])
+        if image.format != "TIFF":  # which Pillow turns itself
+            turn = image.getexif().get(Base.Orientation)
+            stored.orientation = turn if turn and turn in range(1, 9) else 1
+    except Exception:  # frames after the first and EXIF data are not used, and may be broken
+        stored.notes.append("its EXIF data, or frames after the first, are broken; ignored")
     stored.space = ColorSpace(info.get("icc_profile"))
     if image.format == "PNG" and "gamma" in info and not {"srgb", "icc_profile"} & info.keys():
-        stored.space = by_gamma(info["gamma"], info.get("chromaticity", ()))
-    tags, broken = {}, ()
-    try:
-        tags = dict(image.getexif())
-    except Exception:  # hostile bytes make the EXIF reader raise anything
-        broken = (BROKEN_EXIF,)
-    if image.format == "TIFF":  # which Pillow turns itself
-        tags.pop(Base.Orientation, None)
-    is_stated = image.format not in ("JPEG", "MPO") or info.get("jfif_unit") in (1, 2)
-    stored.tags = tags_of(tags, broken, info.get("dpi") if is_stated else None, 2)
+        stored.set_gamma(info["gamma"], info.get("chromaticity", ()))
     return stored
 
 
@@ -84,26 +79,13 @@ def _frame(image: Image.Image) -> Box | None:
     return None if box in (None, (0, 0, *image.size)) else box
 
 
-def _converted(image: Image.Image, mode: str) -> Image.Image:
+def _converted(image: Image.Image, mode: str) -> Any:
     if (box := _frame(image)) is not None:
         screen = Image.new(mode, image.size)
         screen.paste(image.convert(mode).crop(box), box)
         return screen
-    if image.mode == mode:
-        return image
     if image.mode != "LAB":
-        return image.convert(mode)
+        return image if image.mode == mode else image.convert(mode)
     lab, srgb = ImageCms.createProfile("LAB"), ImageCms.createProfile("sRGB")
     transform = ImageCms.buildTransform(lab, srgb, "LAB", "RGB", flags=ImageCms.Flags.NOOPTIMIZE)
-    return ImageCms.applyTransform(image, transform)  # pyright: ignore[reportReturnType]
-
-
-def _levels(rows: Any) -> Any:
-    """Return rows of grey integers or floats as (n, w) of a type that is decoded."""
-    if rows.dtype.kind in "iu":
-        if rows.min() < 0 or rows.max() > _MOST_LEVEL:
-            raise ValueError(
-                f"its grey levels are in {rows.min()}..{rows.max()} and not 0..{_MOST_LEVEL}"
-            )
-        rows = rows.astype(np.uint16)
-    return rows
+    return ImageCms.applyTransform(image, transform)

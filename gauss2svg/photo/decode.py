@@ -3,72 +3,98 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pkgutil import resolve_name
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
+import pyvips
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, brief
 from gauss2svg.photo.formats import FORMATS, MOST_PIXELS, PREFIX_BYTES, format_of
+from gauss2svg.photo.libvips import samples
 from gauss2svg.photo.photo import Photo, unit
-from gauss2svg.photo.reduce import DRAFT, Reduced, Size, SizeNeeded, reduced_size
+from gauss2svg.photo.reduce import DRAFT, Size, SizeNeeded, reduced_size, resized
 from gauss2svg.photo.srgb import in_srgb
-from gauss2svg.photo.stored import Stored
-from gauss2svg.photo.tags import turned, upright
+from gauss2svg.photo.stored import SWAPPED, Stored
+
+_CUT = "premature end of data segment"  # libjpeg's words, which libvips only warns of
 
 
-def opened(file: BinaryIO, name: str, max_pixels: int) -> Stored:
-    """Read the header of a seekable image file.
+@contextmanager
+def _refusing(name: str) -> Iterator[None]:
+    """Raise InputError for whatever a decoder raises; hostile bytes make it raise anything."""
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        reason = (str(error).strip() or type(error).__name__).splitlines()[-1]
+        raise InputError(
+            f"{name} must be a complete image of a supported kind; got one that is broken, "
+            f"truncated or unsupported: {brief(reason)}. Try re-saving it as PNG"
+        ) from error
+
+
+def opened(file: bytes, name: str, max_pixels: int) -> Stored:
+    """Read the header of an image file.
 
     Raise InputError for an unsupported or broken file, and for one of more than max_pixels.
     """
-    file.seek(0)
-    found = format_of(file.read(PREFIX_BYTES))
+    found = format_of(file[:PREFIX_BYTES])
     if isinstance(found, str):
         raise InputError(
             f"{name} must be a supported image ({', '.join(FORMATS)}); got {found}. Try "
             "converting it"
         )
-    file.seek(0)
-    try:
-        stored = resolve_name(f"{found.decoder}:opened")(file.read(), found.loader)
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # hostile bytes make decoders raise anything
-        raise broken(name, error) from error
+    with _refusing(name):
+        stored = resolve_name(f"{found.decoder}:opened")(file, found.loader)
     check_size((stored.width, stored.height), name, max_pixels)
     return stored
 
 
 def decoded(stored: Stored, name: str, needed: SizeNeeded | None = None) -> Photo:
     """Decode an opened image, reduced to the size needed; raise InputError if it is broken."""
+    size = reduced_size(needed, stored.width, stored.height)
+    with _refusing(name):
+        pixels, warnings = samples(lambda: _picture(stored, size, name))
+        if any(_CUT in warning for warning in warnings):
+            raise ValueError(_CUT)
+    if size is not None and pixels.dtype == np.float32:  # over which the filter may go
+        pixels = pixels.clip(0, 1)
+    pixels = unit(pixels, name)
+    notes = [*stored.notes]
+    if stored.notes_warnings:
+        notes += (f"decoder warns: {brief(warning)}" for warning in warnings[-1:])
+    color, more = in_srgb(pixels[:, :, : stored.colors], stored.space)
+    dpi, of_shape = stored.resolution()
+    turn = stored.orientation
+    if turn != 1:
+        notes.insert(0, "EXIF orientation applied")
+    color, alpha = upright(color, turn), None
+    color = np.ascontiguousarray(np.broadcast_to(color, (*color.shape[:2], 3)))
+    if stored.alpha is not None and (pixels[:, :, -1] < 1).any():
+        alpha = upright(pixels[:, :, -1], turn)
+        color = np.where(alpha[:, :, None] > 0, color, np.float32(0))
+    return Photo(color, stored.upright_size, (*notes, *of_shape, *more), dpi, alpha)
+
+
+def _picture(stored: Stored, size: Size | None, name: str) -> Any:
+    """Return the picture of libvips with the samples that are needed."""
     whole = stored.width, stored.height
-    size = reduced_size(needed, *whole)
-    sample = None
-    try:
-        if size is None:
-            color, alpha = _whole(stored, name)
-        else:
-            scale = max(s for s in stored.scales if s == 1 or _is_fine(whole, size, s))
-            reduced = Reduced(whole, size, scale)
-            for rows, shows in _bands(stored, name, scale):
-                reduced.add(rows, shows)
-            (color, alpha), sample = reduced.result(), reduced.sample
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # hostile bytes make decoders raise anything
-        raise broken(name, error) from error
-    color, notes = in_srgb(color, stored.space)
-    turn = stored.tags.orientation
-    return Photo.from_samples(
-        upright(color, turn),
-        None if alpha is None else upright(alpha, turn),
-        full=turned(whole, turn),
-        notes=(*stored.tags.notes, *stored.notes, *notes),
-        dpi=stored.tags.dpi,
-        given_sample=sample,
-    )
+    scale = max(s for s in stored.scales if s == 1 or (size and _is_fine(whole, size, s)))
+    picture = stored.picture(scale)
+    if (picture.width, picture.height) != tuple(-(-side // scale) for side in whole):
+        raise ValueError(f"its pixels are {picture.width}x{picture.height}")
+    bands = [*range(stored.colors), *([] if stored.alpha is None else [stored.alpha])]
+    if picture.bands > len(bands):
+        picture = picture[bands[0]].bandjoin([picture[band] for band in bands[1:]])
+    if size is None:
+        return picture
+    if picture.format == "float":  # samples of which may be out of range
+        picture = pyvips.Image.new_from_array(unit(samples(lambda: picture)[0], name))
+    return resized(picture, size, stored.alpha is not None)
 
 
 def _is_fine(stored: Size, needed: Size, scale: int) -> bool:
@@ -76,37 +102,15 @@ def _is_fine(stored: Size, needed: Size, scale: int) -> bool:
     return all(scale * DRAFT * small <= side for side, small in zip(stored, needed, strict=True))
 
 
-def _whole(stored: Stored, name: str) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    color = np.empty((stored.height, stored.width, stored.colors), np.float32)
-    alpha = None if stored.alpha is None else np.empty(color.shape[:2], np.float32)
-    top = 0
-    for rows, shows in _bands(stored, name, 1):
-        bottom = top + len(rows)
-        color[top:bottom] = unit(rows, name)
-        if alpha is not None:
-            alpha[top:bottom] = shows
-        top = bottom
-    return color, alpha
-
-
-def _bands(
-    stored: Stored, name: str, scale: int
-) -> Iterator[tuple[NDArray[Any], NDArray[np.float32] | None]]:
-    """Color (n, w, channels), uint8 or float32 in 0..1, and alpha (n, w), some rows at a time."""
-    top, (width, height) = 0, (-(-side // scale) for side in (stored.width, stored.height))
-    for rows in stored.rows(scale):
-        if rows.shape[1] != width:
-            raise ValueError(f"its rows have {rows.shape[1]} and not {width} px")
-        color = rows[:, :, : stored.colors]
-        if color.dtype != np.uint8:
-            color = unit(color, name, top)
-        alpha = None
-        if stored.alpha is not None:
-            alpha = unit(rows[:, :, stored.alpha, None], f"alpha of {name}", top)[:, :, 0]
-        yield color, alpha
-        top += len(rows)
-    if top != height:
-        raise ValueError(f"it has {top} and not {height} rows")
+def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """An array (h, w, ..) rotated and mirrored by an orientation (EXIF 2.32, 4.6.4, tag 274)."""
+    if orientation in SWAPPED:
+        array = array.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):  # the first row is seen at the bottom
+        array = array[::-1]
+    if orientation in (2, 3, 6, 7):
+        array = array[:, ::-1]
+    return np.ascontiguousarray(array)
 
 
 def check_size(size: Size, name: str, max_pixels: int) -> None:
@@ -123,12 +127,3 @@ def check_size(size: Size, name: str, max_pixels: int) -> None:
             f"{name} must be at most {max_pixels} px (--max-pixels); got {width}x{height} = "
             f"{count} px. Try {advice}"
         )
-
-
-def broken(name: str, error: Exception) -> InputError:
-    """Return the error for an image that its decoder cannot read."""
-    reason = (str(error).strip() or type(error).__name__).splitlines()[-1]
-    return InputError(
-        f"{name} must be a complete image of a supported kind; got one that is broken, truncated "
-        f"or unsupported: {brief(reason)}. Try re-saving it as PNG"
-    )

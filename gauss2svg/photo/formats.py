@@ -22,12 +22,11 @@ LIBVIPS, LIBHEIF, PILLOW = (f"gauss2svg.photo.by_{name}" for name in ("libvips",
 class Format:
     """A format that is read.
 
-    name      in errors
+    name      in text
     suffixes  endings of the names that are taken for photos where a folder is given
     start     regular expression of a file's first bytes
     decoder   module that opens it
     loader    what that module calls: an operation of libvips, or a plugin of Pillow
-    title     name in text
     """
 
     name: str
@@ -35,10 +34,6 @@ class Format:
     start: bytes
     decoder: str
     loader: str = ""
-    title: str = ""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "title", self.title or self.name)
 
 
 FORMATS = {
@@ -46,7 +41,7 @@ FORMATS = {
     for one in (
         Format("JPEG", (".jpg", ".jpeg", ".jpe", ".jfif"), rb"\xff\xd8\xff", LIBVIPS, "jpegload"),
         Format("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", LIBVIPS, "pngload"),
-        Format("WEBP", (".webp",), rb"RIFF.{4}WEBP", LIBVIPS, "webpload", "WebP"),
+        Format("WebP", (".webp",), rb"RIFF.{4}WEBP", LIBVIPS, "webpload"),
         Format("TIFF", (".tif", ".tiff"), rb"II[\x2a\x2b]\0|MM\0[\x2a\x2b]", LIBVIPS, "tiffload"),
         # By the major brand, or by a compatible one of a file that only says MIAF.
         Format("AVIF", (".avif",), rb".{4}ftyp(avi[fs]|m[is]f1(.{4})+?avi[fs])", LIBVIPS,
@@ -54,14 +49,13 @@ FORMATS = {
         Format("HEIC", (".heic", ".heif", ".hif"), rb".{4}ftyp(he[iv][cxms]|m[is]f1)", LIBHEIF),
         Format("GIF", (".gif",), rb"GIF8[79]a", PILLOW, "Gif"),
         Format("BMP", (".bmp",), rb"BM", PILLOW, "Bmp"),
-        Format("JPEG2000", (".jp2", ".j2k", ".jpx"), rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", PILLOW,
-               "Jpeg2K", "JPEG 2000"),
+        Format("JPEG 2000", (".jp2", ".j2k", ".jpx"), rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", PILLOW,
+               "Jpeg2K"),
         Format("PSD", (".psd",), rb"8BPS", PILLOW, "Psd"),
         Format("ICO", (".ico",), rb"\0\0\x01\0", PILLOW, "Ico"),
     )
 }  # fmt: skip
 SUFFIXES = tuple(suffix for one in FORMATS.values() for suffix in one.suffixes)
-TITLES = tuple(one.title for one in FORMATS.values())
 
 _RAW = rb"II\*\0....CR|II[RU][\0SO]|MMOR|IIU\0|FUJIFILM"
 # Other files that are given in place of a photo, by their first bytes.
@@ -78,9 +72,6 @@ _OTHERS = (
     (rb".{4}ftyp", "a video"),
     (rb"\0\0\0\x0cJXL |\xff\x0a", "a JPEG XL file"),
     (rb"P[1-7Ff]\s", "a Netpbm file"),
-    # Its image type and depth; an icon would have none in it.
-    (rb".\0[\2\3\x0a\x0b]\0{5}.{8}[\x08\x10\x18\x20]|.\x01[\1\x09].{13}[\x08\x10]", "a TGA file"),
-    (rb"\0\0\x02\0", "a cursor"),
     (rb"v/1\x01", "an OpenEXR file"),
 )
 

@@ -1,6 +1,6 @@
-"""libvips in this process: its cache, its warnings, and the rows of its pictures.
+"""libvips in this process: its loaders, its cache, its warnings, and the samples of its pictures.
 
-Rows are fetched in the calling thread: libvips starts no pool of threads, which a forked process
+Samples are fetched in the calling thread: libvips starts no pool of threads, which a forked process
 would lack, and which `--threads` would have to limit.
 """
 
@@ -8,56 +8,50 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pyvips
 from numpy.typing import NDArray
 
-from gauss2svg.photo.reduce import rows_at_once
-
 TYPES = {"uchar": np.uint8, "ushort": np.uint16, "float": np.float32}
+_ROWS = 4  # that are fetched at once
 
 
-class _Warnings(logging.Handler):
-    """What libvips warns of in each thread, which Python would write to standard error."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self._local = threading.local()
-
-    def emit(self, record: logging.LogRecord) -> None:
-        lines = record.getMessage().removeprefix("VIPS: ").splitlines()
-        self.of_thread.extend(line for line in lines if line)
-
-    @property
-    def of_thread(self) -> list[str]:
-        return self._local.__dict__.setdefault("messages", [])
+_kept = threading.local()  # warnings of libvips in each thread
 
 
-_warnings = _Warnings()
-_log = logging.getLogger("pyvips")
-_log.addHandler(_warnings)
-_log.setLevel(logging.WARNING)  # whatever that of the program's log is
+def _keep(record: logging.LogRecord) -> bool:
+    """Keep a warning that Python would write to standard error."""
+    lines = record.getMessage().removeprefix("VIPS: ").splitlines()
+    vars(_kept).setdefault("warnings", []).extend(line for line in lines if line)
+    return False
+
+
+logging.getLogger("pyvips").addFilter(_keep)
+logging.getLogger("pyvips").setLevel(logging.WARNING)  # whatever that of the program's log is
 pyvips.cache_set_max(0)  # operations of the past, with their photos
+# The package has loaders of other formats too, such as SVG and PDF.
+pyvips.operation_block_set("VipsForeignLoad", True)
+for _loader in ("Jpeg", "Png", "Webp", "Tiff", "Heif"):
+    pyvips.operation_block_set(f"VipsForeignLoad{_loader}", False)
 
 
-def rows(picture: Any) -> Iterator[NDArray[Any]]:
-    """Yield all rows (n, w, channels) of a picture from the top, some at a time."""
-    region, width, height = pyvips.Region.new(picture), picture.width, picture.height
-    step = rows_at_once(width, picture.bands)
-    for top in range(0, height, step):
-        fetched = region.fetch(0, top, width, min(step, height - top))
-        yield np.frombuffer(fetched, TYPES[picture.format]).reshape(-1, width, picture.bands)
+def samples(make: Callable[[], Any]) -> tuple[NDArray[Any], list[str]]:
+    """Return the samples (h, w, bands) of a picture that is made here, and what libvips warns of.
 
-
-def forget_warnings() -> None:
-    """Clear the warnings of this thread, and the messages that libvips would add to the next."""
-    pyvips.Error("")
-    _warnings.of_thread.clear()
-
-
-def warnings() -> list[str]:
-    """Return what libvips has warned of in this thread since `forget_warnings`."""
-    return _warnings.of_thread
+    Some warnings come when the picture is freed, so the caller must not hold it.
+    """
+    pyvips.vips_lib.vips_error_clear()  # messages that libvips would add to the next
+    warnings: list[str] = []
+    _kept.warnings = warnings
+    picture = make()
+    width, height, bands = picture.width, picture.height, picture.bands
+    array = np.empty((height, width, bands), TYPES[picture.format])
+    region = pyvips.Region.new(picture)
+    for top in range(0, height, _ROWS):
+        fetched = region.fetch(0, top, width, min(_ROWS, height - top))
+        array[top : top + _ROWS] = np.frombuffer(fetched, array.dtype).reshape(-1, width, bands)
+    del region, picture
+    return array, warnings

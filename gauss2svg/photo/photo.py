@@ -32,47 +32,17 @@ class Photo:
     """A decoded photo.
 
     pixels  (height, width, 3) float32 sRGB in 0..1, straight alpha; 0 where alpha is 0
+    full    width and height in px of the upright photo, of which pixels may be a reduction
     notes   conversions made while loading, for the report
     dpi     px per inch across and down, by the resolution tag; None where the file has none
     alpha   (height, width) float32 in 0..1; None where every pixel is opaque
-    full    width and height in px of the upright photo, of which pixels may be a reduction
-    given_sample
-            some of the pixels of one that was reduced, see sample
     """
 
     pixels: NDArray[np.float32]
+    full: tuple[int, int]
     notes: tuple[str, ...] = ()
     dpi: tuple[float, float] | None = None
     alpha: NDArray[np.float32] | None = None
-    full: tuple[int, int] = (0, 0)
-    given_sample: NDArray[np.float32] | None = None
-
-    def __post_init__(self) -> None:
-        if self.full == (0, 0):
-            object.__setattr__(self, "full", (self.width, self.height))
-
-    @classmethod
-    def from_samples(
-        cls, color: NDArray[np.float32], alpha: NDArray[np.float32] | None, **more: Any
-    ) -> Photo:
-        """A photo from color (h, w, 1 or 3) and alpha (h, w), which is dropped if it is all 1."""
-        if color.shape[2] == 1:
-            color = np.repeat(color, 3, axis=2)
-        if alpha is not None and not (alpha < 1).any():
-            alpha = None
-        if alpha is not None:
-            color = np.where(alpha[:, :, None] > 0, color, np.float32(0))
-            alpha = np.ascontiguousarray(alpha)
-        return cls(np.ascontiguousarray(color), alpha=alpha, **more)
-
-    @property
-    def sample(self) -> NDArray[np.float32]:
-        """(h, w, channels) pixels of the photo, none a mean: all, or some of a reduced one.
-
-        Perhaps before their profile, orientation and alpha are applied: whether a picture has few
-        colours, and where they change.
-        """
-        return self.pixels if self.given_sample is None else self.given_sample
 
     @property
     def width(self) -> int:
@@ -85,10 +55,9 @@ class Photo:
         return self.pixels.shape[0]
 
 
-def unit(array: NDArray[Any], name: str, top: int = 0) -> NDArray[np.float32]:
+def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
     """Samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
 
-    top  row of the first in the picture that they are of
     Raises InputError for other types, and for the first sample outside of 0..1.
     """
     array = array.astype(array.dtype.newbyteorder("="), copy=False)
@@ -104,7 +73,7 @@ def unit(array: NDArray[Any], name: str, top: int = 0) -> NDArray[np.float32]:
     if bad.any():
         y, x, c = (int(v) for v in np.argwhere(bad)[0])
         raise InputError(
-            f"samples of {name} must be finite and in 0..1; got {array[y, x, c]} at row {top + y}, "
+            f"samples of {name} must be finite and in 0..1; got {array[y, x, c]} at row {y}, "
             f"column {x}, channel {c}. Try dividing by the largest value, or clipping"
         )
     return array.astype(np.float32)

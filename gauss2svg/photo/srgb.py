@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,20 +10,21 @@ import pyvips
 from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
-from gauss2svg.photo import libvips
+from gauss2svg.photo.libvips import samples
 from gauss2svg.photo.photo import unit
 
 INKS = 4  # channels of CMYK
 _SPACES = {b"GRAY": 1, b"RGB ": 3, b"CMYK": INKS}  # channels by the signature of a profile
 UNUSABLE = "embedded ICC profile unreadable or for another colour space; sRGB assumed"
 _CONVERTED = "converted from its embedded ICC profile to sRGB"
+_NAIVE = "CMYK without a usable ICC profile; converted by the naive formula"
 _SAME = 1 / 255  # difference up to which a profile counts as sRGB
 _GAMMA = 1 / 2.2  # the gAMA of an sRGB image
 _SAME_GAMMA = 0.01  # relative difference up to which a gamma counts as that
 _LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
 # x and y of white, red, green and blue of sRGB, and by their code (ITU-T H.273, table 2).
 _SRGB = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
-_PRIMARIES = {
+PRIMARIES = {
     1: _SRGB,
     2: _SRGB,  # not specified
     5: (*_SRGB[:4], 0.29, 0.6, 0.15, 0.06),  # BT.470 BG
@@ -34,11 +34,7 @@ _PRIMARIES = {
 }
 # gAMA by the code of a transfer (ITU-T H.273, table 3). Cameras' curves, which are made for screens
 # of sRGB, and one that is not specified count as sRGB, as in browsers.
-_TRANSFERS = dict.fromkeys((1, 2, 6, 13, 14, 15), _GAMMA) | {4: 1 / 2.2, 5: 1 / 2.8, 8: 1.0}
-# Bradford cone responses, for the adaptation of white (ICC.1:2022, annex E).
-_BRADFORD = np.array(
-    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
-)
+TRANSFERS = dict.fromkeys((1, 2, 6, 13, 14, 15), _GAMMA) | {4: 1 / 2.2, 5: 1 / 2.8, 8: 1.0}
 
 
 @dataclass(frozen=True)
@@ -57,63 +53,41 @@ class ColorSpace:
     source: str = ""
 
 
-def by_codes(primaries: int, transfer: int, source: str) -> ColorSpace | None:
-    """Return the colour space of codes of ITU-T H.273, None if it is not supported."""
-    chromaticity, gamma = _PRIMARIES.get(primaries), _TRANSFERS.get(transfer)
-    if chromaticity is None or gamma is None:
-        return None
-    return ColorSpace(None, gamma, chromaticity, source)
-
-
-def by_gamma(gamma: float, chromaticity: Sequence[float]) -> ColorSpace:
-    """Return the colour space of the gAMA and the eight numbers of cHRM, if any, of a PNG."""
-    if len(chromaticity) != 8:
-        return ColorSpace(gamma=gamma, source=f"gAMA of {gamma:g}")
-    return ColorSpace(None, gamma, tuple(chromaticity), f"gAMA of {gamma:g} and cHRM")
-
-
 def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.float32], list[str]]:
     """Return color (h, w, 1, 3 or INKS) in 0..1 as grey or RGB in sRGB, and notes."""
     notes: list[str] = []
     if space.profile:
-        converted, notes = _by_profile(color, space.profile)
+        converted = _by_profile(color, space.profile)
         if converted is not None:
-            return converted, notes
+            return converted, [] if converted is color else [_CONVERTED]
+        notes = [UNUSABLE]
     if color.shape[2] == INKS:
         naive = (1 - color[:, :, :3]) * (1 - color[:, :, 3:])
-        return naive, [
-            *notes,
-            "CMYK without a usable ICC profile; converted by the naive formula",
-        ]
+        return naive, [*notes, _NAIVE]
     color, more = _by_gamma(color, space)
     return color, notes + more
 
 
-def _by_profile(
-    color: NDArray[np.float32], profile: bytes
-) -> tuple[NDArray[np.float32] | None, list[str]]:
-    """Return color by its ICC profile, or None if that is of no use, and notes.
-
-    A profile that is sRGB in effect changes no pixel.
-    """
+def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32] | None:
+    """Return color by its ICC profile, color itself if that is sRGB, or None if it is of no use."""
     channels = _SPACES.get(profile[16:20])
     try:
         if channels == 1 == color.shape[2]:
             steps, curve = _grey_curve(profile)
             if np.abs(curve - steps).max() <= _SAME:
-                return color, []
-            return np.interp(color, steps, curve).astype(np.float32), [_CONVERTED]
+                return color
+            return np.interp(color, steps, curve).astype(np.float32)
         if channels == color.shape[2] == INKS:
-            return _transformed(color, profile), [_CONVERTED]
+            return _transformed(color, profile)
         if channels == 3 and color.shape[2] != INKS:
             steps = np.linspace(0, 1, 9, dtype=np.float32)
             levels = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(1, -1, 3)
             if np.abs(_transformed(levels, profile) - levels).max() <= _SAME:
-                return color, []
-            return _transformed(color.repeat(3 // color.shape[2], axis=2), profile), [_CONVERTED]
+                return color
+            return _transformed(color.repeat(3 // color.shape[2], axis=2), profile)
     except (ImageCms.PyCMSError, OSError, pyvips.Error):
         pass
-    return None, [UNUSABLE]
+    return None
 
 
 def _grey_curve(profile: bytes) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
@@ -135,7 +109,7 @@ def _transformed(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float
     picture = pyvips.Image.new_from_array(levels).copy(interpretation=kind)
     picture.set_type(pyvips.GValue.blob_type, "icc-profile-data", profile)  # pyright: ignore[reportArgumentType]
     picture = picture.icc_transform("srgb", embedded=True, intent="perceptual", depth=16)
-    return np.concatenate([unit(rows, "photo") for rows in libvips.rows(picture)])
+    return unit(samples(lambda: picture)[0], "photo")
 
 
 def _by_gamma(
@@ -144,24 +118,19 @@ def _by_gamma(
     """Return color (h, w, 1 or 3) with a gamma and primaries in sRGB, and notes.
 
     light = value^(1 / gamma) (PNG, third edition, 11.3.2.2 and 13.13), from the primaries to those
-    of sRGB with Bradford adaptation, then the sRGB curve. A gamma within 1 % of 1/2.2 stands for
-    the sRGB curve itself.
+    of sRGB, then the sRGB curve. A gamma within 1 % of 1/2.2 stands for the sRGB curve itself.
     """
-    gamma, chromaticity, srgb = space.gamma, space.chromaticity, _SRGB
-    if not _LEAST_GAMMA <= gamma <= _MOST_GAMMA:
-        return color, [f"gAMA of {gamma:g} unusable; sRGB assumed"]
-    matrix, notes = None, []
-    if color.shape[2] == 3 and not np.allclose(chromaticity, srgb, rtol=0, atol=0.005):
-        matrix = _to_srgb_primaries(chromaticity)
-        if matrix is None:
-            notes.append("cHRM unusable; sRGB primaries assumed")
-    same = abs(gamma / _GAMMA - 1) <= _SAME_GAMMA
-    if same and matrix is None:
-        return color, notes
-    light = _srgb_light(color) if same else color ** np.float32(1 / gamma)
-    if matrix is not None:
+    is_same = abs(space.gamma / _GAMMA - 1) <= _SAME_GAMMA
+    has_primaries = not np.allclose(space.chromaticity, _SRGB, rtol=0, atol=0.005)
+    matrix = _to_srgb_primaries(space.chromaticity)
+    if matrix is None or not _LEAST_GAMMA <= space.gamma <= _MOST_GAMMA:
+        return color, [f"{space.source} unusable; sRGB assumed"]
+    if is_same and (color.shape[2] == 1 or not has_primaries):
+        return color, []
+    light = _srgb_light(color) if is_same else color ** np.float32(1 / space.gamma)
+    if color.shape[2] == 3 and has_primaries:
         light = np.clip(light @ matrix.T.astype(np.float32), 0, 1)
-    return _srgb_value(light), [f"converted from {space.source} to sRGB", *notes]
+    return _srgb_value(light), [f"converted from {space.source} to sRGB"]
 
 
 def _srgb_light(value: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -177,19 +146,16 @@ def _srgb_value(light: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] | None:
-    """Matrix (3, 3) from linear light of these primaries to that of sRGB; None if degenerate."""
+    """Matrix (3, 3) from linear light of these primaries to that of sRGB; None if degenerate.
+
+    Another white becomes that of sRGB by a factor for each channel.
+    """
     x, y = np.array(chromaticity, float).reshape(4, 2).T
-    if not (y > 0).all():
+    if not (y > 0).all() or abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < 1e-4:
         return None
-    # Such primaries span no triangle.
-    if abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < 1e-4:
-        return None
-    theirs, srgb = _to_xyz(chromaticity), _to_xyz(_SRGB)
-    whites = _BRADFORD @ srgb.sum(axis=1), _BRADFORD @ theirs.sum(axis=1)
-    if not (whites[1] > 0).all():
-        return None
-    adapted = np.linalg.inv(_BRADFORD) @ np.diag(whites[0] / whites[1]) @ _BRADFORD
-    return np.linalg.inv(srgb) @ adapted @ theirs
+    matrix = np.linalg.solve(_to_xyz(_SRGB), _to_xyz(chromaticity))
+    white = matrix.sum(axis=1, keepdims=True)
+    return matrix / white if (white > 0).all() else None
 
 
 def _to_xyz(chromaticity: tuple[float, ...]) -> NDArray[np.floating]:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from numpy.typing import NDArray
-
 from gauss2svg.photo.photo import Header
-from gauss2svg.photo.srgb import ColorSpace, by_codes
-from gauss2svg.photo.tags import Tags
+from gauss2svg.photo.srgb import PRIMARIES, TRANSFERS, ColorSpace
 
-Rows = Iterator[NDArray[Any]]
+SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
+_LEAST_DPI = 1.0  # a resolution of this or less counts as none
+_SQUARE = 0.01  # relative difference of resolutions up to which pixels count as square
 
 
 @dataclass(eq=False)
@@ -22,42 +21,73 @@ class Stored:
     width, height  in px
     colors         number of channels of colour: 1 of grey, 3 of RGB, INKS of CMYK
     alpha          index of the channel of alpha; None without one
-    rows           function of one of the scales that returns rows (n, w, channels), uint8, uint16
-                   or float32 in 0..1, from the top, some at a time
+    picture        function of one of the scales that returns a picture of libvips, whose samples
+                   are uint8, uint16 or float32 in 0..1
     reduced_bytes  see Header
     scales         numbers of times that its decoder can make it smaller
     space          the colour space of RGB or of grey
-    tags           orientation, resolution, and notes on them
-    notes          on what is changed; the rows may add some
+    orientation    1..8 as in EXIF; 1: upright as stored
+    density        px across and down in the same length, as stored; None where the file has none
+    is_per_inch    whether that length is an inch, and not unknown
+    notes          on what is changed
+    notes_warnings whether to add the last of the decoder's warnings to them
     """
 
     width: int
     height: int
     colors: int
     alpha: int | None
-    rows: Callable[[int], Rows]
+    picture: Callable[[int], Any]
     reduced_bytes: int | None
     scales: tuple[int, ...] = (1,)
     space: ColorSpace = field(default_factory=ColorSpace)
-    tags: Tags = field(default_factory=Tags)
+    orientation: int = 1
+    density: tuple[float, float] | None = None
+    is_per_inch: bool = True
     notes: list[str] = field(default_factory=list)
+    notes_warnings: bool = False
 
     @property
     def header(self) -> Header:
         """The size, and what decoding takes."""
         return Header(self.width, self.height, self.alpha is not None, self.reduced_bytes)
 
+    @property
+    def upright_size(self) -> tuple[int, int]:
+        """Width and height in px of the upright photo."""
+        is_swapped = self.orientation in SWAPPED
+        return (self.height, self.width) if is_swapped else (self.width, self.height)
+
+    def resolution(self) -> tuple[tuple[float, float] | None, list[str]]:
+        """Return px per inch across and down of the upright photo, None if unknown, and notes."""
+        if self.density is None or min(self.density) <= 0:
+            return None, []
+        across, down = self.density[::-1] if self.orientation in SWAPPED else self.density
+        notes = []
+        if abs(across / down - 1) > _SQUARE:
+            notes.append(
+                f"pixels are {down / across:.3g} times as wide as high by the resolution tag; "
+                "treated as square"
+            )
+        is_known = self.is_per_inch and min(self.density) > _LEAST_DPI
+        return (across, down) if is_known else None, notes
+
     def set_codes(self, source: str, codes: Sequence[int]) -> None:
         """Set the colour space to primaries and transfer of ITU-T H.273, or note them."""
         primaries, transfer = codes
-        coded = by_codes(primaries, transfer, source)
-        if coded is None:
-            self.notes.append(
-                f"{source} with primaries {primaries} and transfer {transfer} not supported; "
-                "ignored"
-            )
+        chromaticity, gamma = PRIMARIES.get(primaries), TRANSFERS.get(transfer)
+        if chromaticity and gamma:
+            self.space = ColorSpace(None, gamma, chromaticity, source)
         else:
-            self.space = coded
+            kind = f"{source} with primaries {primaries} and transfer {transfer}"
+            self.notes.append(f"{kind} not supported; ignored")
+
+    def set_gamma(self, gamma: float, chromaticity: Sequence[float]) -> None:
+        """Set the colour space to the gAMA and the eight numbers of cHRM, if any, of a PNG."""
+        source = f"gAMA of {gamma:g}"
+        self.space = ColorSpace(gamma=gamma, source=source)
+        if len(chromaticity) == 8:
+            self.space = ColorSpace(None, gamma, tuple(chromaticity), f"{source} and cHRM")
 
     def note_frames(self, count: int, what: str = "frames") -> None:
         """Add a note if there is more than one frame or page."""

@@ -23,7 +23,7 @@ from gauss2svg.fit.options import DEFAULT_LOSS, has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
 from gauss2svg.options import byte_size
 from gauss2svg.photo.photo import Header
-from gauss2svg.photo.reduce import Size, decoded_size
+from gauss2svg.photo.reduce import Size
 from gauss2svg.pipeline.drawings import may_enlarge
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import CAP_FOR_TARGET
@@ -105,11 +105,6 @@ class Load:
         return measured_size((self.width, self.height), self.fit, least)
 
     @property
-    def decoded(self) -> Size:
-        """Width and height in px to which the photo is reduced while it is decoded."""
-        return decoded_size((self.width, self.height), self.measured)
-
-    @property
     def bytes(self) -> int:
         """Estimated bytes that the run takes at most."""
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
@@ -118,7 +113,7 @@ class Load:
         a_pixel = (FIT_SSIM if has_ssim(self.loss) else FIT) + inked
         held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
         decoding = decoded * photo
-        if self.reduced_bytes is not None and math.prod(self.decoded) < photo:
+        if self.reduced_bytes is not None and kept < photo:
             decoding = self.reduced_bytes * photo + held * kept
         enlarged = min(16 * fit, LARGEST) * self.may_enlarge
         fitting = held * kept + a_pixel * fit + ENLARGED * enlarged

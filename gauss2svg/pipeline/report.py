@@ -111,7 +111,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
             "the file is in minimal markup, which is closer in as few bytes but has no names or "
             "layers. For Inkscape, Figma and other editors give --markup editable"
         )
-    outlines = outline_bytes(photo.sample)
+    outlines = outline_bytes(photo.pixels)
     if outlines is not None and len(outcome.scene) and outlines <= len(outcome.svg):
         notes.append(
             "a tracer such as vtracer draws these few flat colours exactly in about "

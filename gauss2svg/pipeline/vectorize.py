@@ -213,7 +213,7 @@ def _drawn(
     photo, load = _read(plan, run, image, header, may_reduce)
     _check_precision(max(photo.full), plan)
     _check_side(min(load.fit), plan.options.goal.target)
-    measured = reduced(photo, load.measured, sharp=True)
+    measured = reduced(photo, load.measured)
     pixels = working = pixels_of(measured)
     if load.fit != load.measured:
         working = shrunk(pixels_of(photo), *load.fit[::-1], sharp=True)
@@ -269,7 +269,7 @@ def _read(
     photo = run.read(
         image,
         header,
-        needed=lambda width, height: sizes(width, height)[0].decoded,
+        needed=lambda width, height: sizes(width, height)[0].measured,
         matte=None if matte is None else matte_color(matte),
     )
     check_alpha(plan.options, photo)

@@ -16,7 +16,6 @@ from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import is_device, reading
 from gauss2svg.photo.decode import opened
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
-from gauss2svg.photo.tags import turned
 
 _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
 # Not read, but offered by the dialog for files, so that the page says why.
@@ -56,8 +55,7 @@ def size_of(path: Path, name: str) -> tuple[int, int]:
     Raises InputError that says the name, for what is no photo and for too many pixels.
     """
     with reading(path, "another photo") as file:
-        stored = opened(file, name, DEFAULT_MAX_PIXELS)
-    return turned((stored.width, stored.height), stored.tags.orientation)
+        return opened(file.read(), name, DEFAULT_MAX_PIXELS).upright_size
 
 
 def samples_in(folder: Path | None) -> Sequence[Sample]:

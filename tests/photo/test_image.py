@@ -40,14 +40,6 @@ def test_every_kind_of_source_gives_the_same_pixels(tmp_path):
         np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
 
 
-@pytest.mark.parametrize("shape", [(6, 9), (6, 9, 1)])
-def test_grey_is_repeated_over_the_channels(shape):
-    grey = RNG.random(shape).astype(np.float32)
-    pixels = load_image(grey).pixels
-    for channel in range(3):
-        assert (pixels[:, :, channel] == grey.reshape(6, 9)).all()
-
-
 RGBA = np.dstack([BYTES, RNG.integers(0, 3, (6, 9), dtype=np.uint8) * 100])
 
 
@@ -94,15 +86,15 @@ def test_matte_that_is_no_colour_is_refused(matte):
         load_image(RGBA, matte=matte)
 
 
-def test_grey_levels_that_would_wrap_are_refused():
+def test_grey_integers_are_of_sixteen_bits_and_others_are_refused():
+    levels = Image.fromarray(np.array([[65535, 257]], np.int32))
+    np.testing.assert_allclose(load_image(levels).pixels[0, :, 0], [1, 1 / 255], atol=1e-7)
     levels = Image.fromarray(np.array([[70000, 5]], np.int32))
-    with pytest.raises(InputError, match="70000"):
+    with pytest.raises(InputError, match=r"in 0\.\.1; got 1\.068"):
         load_image(levels)
 
 
-def test_unusual_arrays_and_tensors_are_read():
-    big_endian = (BYTES.astype(np.uint16) * 257).astype(">u2")
-    np.testing.assert_allclose(load_image(big_endian).pixels, BYTES / 255, atol=1e-7)
+def test_unusual_tensors_are_read():
     tensor = torch.from_numpy(np.moveaxis(BYTES, -1, 0) / np.float32(255))
     assert np.abs(load_image(tensor.bfloat16()).pixels - BYTES / 255).max() < 1 / 128
     np.testing.assert_allclose(load_image(tensor.to_sparse()).pixels, BYTES / 255, atol=1e-7)
@@ -120,6 +112,7 @@ class Odd(np.ndarray):
 GREY = BYTES[:, :, 0]
 FORMS = {
     "matrix": (GREY.view(np.matrix), GREY / 255),
+    "one channel": (GREY[:, :, None], GREY / 255),
     "matrix of floats": ((GREY / 255).view(np.matrix), GREY / 255),
     "subclass": (BYTES.view(Odd), BYTES / 255),
     "nothing masked": (np.ma.array(BYTES), BYTES / 255),
@@ -127,6 +120,7 @@ FORMS = {
     "reversed": (BYTES[::-1, ::-2, ::-1], BYTES[::-1, ::-2, ::-1] / 255),
     "by columns": (np.asfortranarray(BYTES), BYTES / 255),
     "broadcast": (np.broadcast_to(np.uint8(51), (6, 9, 3)), np.full((6, 9), 0.2)),
+    "big-endian": ((BYTES.astype(np.uint16) * 257).astype(">u2"), BYTES / 255),
     "big-endian floats": ((BYTES / 255).astype(">f8"), BYTES / 255),
     "unaligned": (
         np.frombuffer(b"x" + np.float32(BYTES / 255).tobytes(), np.float32, offset=1)
@@ -165,15 +159,8 @@ def test_picture_opened_lazily_and_broken_is_refused():
         (np.array([[0, float("inf")]]), "got inf at row 0, column 1, channel 0"),
         (42, "got int"),
         (np.ma.array(BYTES, mask=BYTES > 100), r"array must be without masked .* Try .filled\(0\)"),
-        (
-            np.ma.masked_invalid([[0.5, np.nan]]),
-            "must be without masked samples; got 1 masked of 2",
-        ),
         (BYTES.astype(object), "type of array must be uint8, .*; got object"),
-        (
-            np.zeros((4, 4), [("r", "u1"), ("g", "u1")]),
-            "type of array must be uint8, .*; got .*'r'",
-        ),
+        (np.zeros((4, 4), [("r", "u1")]), "type of array must be uint8, .*; got .*'r'"),
         (np.array(3), r"shape of array must be .*; got \(\)"),
         (np.full((4, 4), "a"), "type of array must be uint8, .*; got <U1"),
         (torch.zeros(3, 4, 4, dtype=torch.complex64).conj(), "NumPy can hold; got .* conjugate"),

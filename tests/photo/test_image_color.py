@@ -196,23 +196,19 @@ def test_primaries_of_a_png_are_those_of_its_chrm():
     assert photo.notes == ("converted from gAMA of 1 and cHRM to sRGB",)
 
 
-@pytest.mark.parametrize(
-    "primaries",
-    [(0.3127, 0, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06), (0.3, 0.3) * 4, (0.9, 0.05) + (0.3, 0.3) * 3],
-)
-def test_primaries_that_are_none_are_noted(primaries):
-    data = struct.pack(">8I", *(round(v * 1e5) for v in primaries))
-    file = png(BYTES, chunk(b"gAMA", struct.pack(">I", 45455)), chunk(b"cHRM", data))
-    photo = load_image(file)
-    np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
-    assert photo.notes == ("cHRM unusable; sRGB primaries assumed",)
+NONE = [(0.3127, 0, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06), (0.3,) * 8, (0.9, 0.05) + (0.3, 0.3) * 3]
+UNUSED = [(45455, (*(round(v * 1e5) for v in one),)) for one in NONE]
+UNUSED += [(gamma, ()) for gamma in (0, 1, 2**31)]
 
 
-@pytest.mark.parametrize("gamma", [0, 1, 2**31])
-def test_gamma_that_is_none_is_noted(gamma):
-    photo = load_image(png(BYTES, chunk(b"gAMA", struct.pack(">I", gamma))))
+@pytest.mark.parametrize(("gamma", "primaries"), UNUSED)
+def test_gamma_and_primaries_that_are_none_are_noted(gamma, primaries):
+    chunks = [chunk(b"gAMA", struct.pack(">I", gamma))]
+    chunks += [chunk(b"cHRM", struct.pack(">8I", *primaries))] if primaries else []
+    photo = load_image(png(BYTES, *chunks))
     np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
-    assert "unusable" in photo.notes[0]
+    source = f"gAMA of {gamma / 1e5:g}" + (" and cHRM" if primaries else "")
+    assert photo.notes == (f"{source} unusable; sRGB assumed",)
 
 
 def test_profile_and_srgb_take_precedence_over_gamma_and_cicp_over_all():

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flat import vectorize
-from pictures import chunk, encoded, png, tiff
+from pictures import chunk, encoded, png, srgb_curve
 from PIL import Image
 
 from gauss2svg.photo.load import load_image
 
 RNG = np.random.default_rng(0)
+CONVERTED = "converted from its embedded ICC profile to sRGB"
 DATA = Path(__file__).parents[1] / "data"
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
 WIDE = RNG.integers(0, 65536, (11, 13, 4), dtype=np.uint16)
@@ -28,17 +29,9 @@ def test_lossless_formats_give_what_was_stored(name):
     assert photo.notes == ()
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("JPEG", {"quality": 95}),
-        ("JPEG", {"quality": 95, "progressive": True}),
-        ("WEBP", {"quality": 95}),
-        ("AVIF", {"quality": 95}),
-    ],
-)
-def test_lossy_formats_are_near_it(name, options):
-    pixels = load_image(encoded(Image.fromarray(SMOOTH), name, **options)).pixels
+@pytest.mark.parametrize("name", ["JPEG", "WEBP", "AVIF"])
+def test_lossy_formats_are_near_it(name):
+    pixels = load_image(encoded(Image.fromarray(SMOOTH), name, quality=95)).pixels
     assert np.abs(pixels - SMOOTH / 255).max() < 10 / 255
 
 
@@ -64,29 +57,20 @@ def test_png_keeps_every_bit(channels, interlaced, bits):
     np.testing.assert_allclose(1 if photo.alpha is None else photo.alpha, alpha, atol=1e-7)
 
 
-@pytest.mark.parametrize("bits", [1, 2, 4])
+@pytest.mark.parametrize(
+    ("bits", "channels"), [(1, 1), (2, 1), (4, 1), (8, 1), (16, 1), (8, 3), (16, 3)]
+)
 @pytest.mark.parametrize("interlaced", [False, True])
-def test_few_bits_of_grey_spread_over_the_range_and_one_may_be_clear(bits, interlaced):
-    samples = WIDE[:, :, :1] >> (16 - bits)
-    clear = chunk(b"tRNS", b"\0\1")
+def test_samples_spread_over_the_range_and_one_colour_may_be_clear(bits, channels, interlaced):
+    samples = WIDE[:, :, :channels] >> (16 - bits)
+    clear = chunk(b"tRNS", samples[2, 3].astype(">u2").tobytes())
     photo = load_image(png(samples, clear, bits=bits, interlaced=interlaced))
-    shows = samples[:, :, 0] != 1
+    shows = (samples != samples[2, 3]).any(axis=2)
     assert photo.alpha is not None
     assert (photo.alpha == shows).all()
     np.testing.assert_allclose(
         photo.pixels[shows], (samples / (2**bits - 1) * np.ones(3))[shows], atol=1e-7
     )
-
-
-@pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("channels", [1, 3])
-def test_one_colour_of_a_png_may_be_clear(channels, bits):
-    samples = WIDE[:, :, :channels] >> (16 - bits)
-    clear = chunk(b"tRNS", samples[2, 3].astype(">u2").tobytes())
-    photo = load_image(png(samples, clear, bits=bits))
-    assert photo.alpha is not None
-    assert (photo.alpha == (samples != samples[2, 3]).any(axis=2)).all()
-    assert photo.alpha[2, 3] == 0
 
 
 def test_palette_has_colours_and_an_alpha_for_each():
@@ -140,9 +124,10 @@ def test_gif_is_clear_where_its_first_frame_is_not():
 QUARTERS = np.uint8([[[220, 30, 30], [30, 160, 30]], [[30, 30, 220], [240, 220, 40]]])
 
 
-@pytest.mark.parametrize("name", ["turned", "alpha", "ten_bits", "second"])
-def test_heic_of_a_phone_is_read(name):
-    photo = load_image((DATA / f"{name}.heic").read_bytes())
+@pytest.mark.parametrize("name", ["turned", "alpha", "ten_bits", "second", "profile", "cropped"])
+def test_heic_of_a_phone_and_a_cropped_avif_are_read(name):
+    (path,) = DATA.glob(f"{name}.[ah][ve]i[cf]")
+    photo = load_image(path)
     y, x = np.mgrid[:16, :24]
     blocks = np.kron(QUARTERS, np.ones((8, 12, 1))) / 255
     if name == "ten_bits":
@@ -150,10 +135,13 @@ def test_heic_of_a_phone_is_read(name):
         np.testing.assert_allclose(photo.pixels[:, :, 2], y / 15, atol=3 / 1023)
     elif name == "turned":  # by irot, and by EXIF data that say the same
         np.testing.assert_allclose(photo.pixels, np.rot90(blocks, -1), atol=2 / 255)
+    elif name == "profile":  # of linear light
+        np.testing.assert_allclose(photo.pixels, srgb_curve(blocks), atol=4 / 255)
     else:
         shows = (x > 0 if name == "alpha" else x >= 0)[:, :, None]
         np.testing.assert_allclose(photo.pixels, blocks * shows, atol=2 / 255)
-    assert photo.notes == (("primary image of 2",) if name == "second" else ())
+    notes = {"second": "primary image of 2", "profile": CONVERTED}
+    assert photo.notes == ((notes[name],) if name in notes else ())
     alpha = np.ones((16, 24)) if photo.alpha is None else photo.alpha
     np.testing.assert_allclose(alpha, x / 25.5 if name == "alpha" else 1, atol=1 / 255)
 
@@ -199,11 +187,8 @@ def exif_of(kind: int, count: int, value: bytes) -> bytes:
     [
         (3, 1, b"\0\0"),
         (3, 1, b"\x09\0"),
-        (3, 1, b"\xff\xff"),
         (2, 2, b"6\0"),
         (5, 1, b"\xff\0\0\0"),
-        (12, 1, b"\xff\xff\xff\xff"),
-        (7, 1, b"\x06"),
         (3, 9999, b"\x06\0"),
         (99, 1, b"\x06\0"),
     ],
@@ -216,66 +201,11 @@ def test_orientation_that_is_none_turns_nothing(name, kind, count, value):
     np.testing.assert_allclose(photo.pixels[8::16, 8::16, 0] * 255, STORED, atol=1)
 
 
-def test_orientation_turns_sixteen_bits_and_floats_as_well():
-    turned = {"extratags": [(274, "H", 1, 6, True)]}
-    for array in (WIDE[:, :, :3].copy(), WIDE[:, :, 0].copy(), np.float32(WIDE[:, :, :3] / 65535)):
-        stored = array if array.ndim == 3 else array[:, :, None]
-        top = 1 if array.dtype.kind == "f" else 65535
-        photo = load_image(tiff(array, photometric="rgb" if array.ndim == 3 else None, **turned))
-        np.testing.assert_allclose(photo.pixels, np.rot90(stored, -1) / top * np.ones(3), atol=1e-6)
-
-
 @pytest.mark.parametrize("data", [b"II*\0\x08\0\0\0\xff", b"nonsense", b"MM\0*\xff\xff\xff\xff"])
-def test_broken_exif_is_noted_not_fatal(data):
+def test_broken_exif_turns_nothing(data):
     photo = load_image(encoded(Image.fromarray(STORED), "PNG", exif=b"Exif\0\0" + data))
     np.testing.assert_allclose(photo.pixels[:, :, 0] * 255, STORED, atol=1e-4)
-    assert photo.notes == ("EXIF data broken; ignored",)
-
-
-@pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("compression", [None, "zlib"])
-@pytest.mark.parametrize("channels", [3, 4])
-def test_tiff_keeps_sixteen_bits_of_colours(channels, compression, order):
-    array = WIDE[:, :, :channels].copy()
-    options = {"extrasamples": ["unassalpha"]} if channels == 4 else {}
-    file = tiff(array, photometric="rgb", compression=compression, byteorder=order, **options)
-    photo = load_image(file)
-    np.testing.assert_allclose(photo.pixels, array[:, :, :3] / 65535, atol=1e-7)
-    if channels == 4:
-        np.testing.assert_allclose(photo.alpha, array[:, :, 3] / 65535, atol=1e-7)
-
-
-@pytest.mark.parametrize("kind", [np.float16, np.float32])
-@pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("compression", [None, "zlib"])
-def test_tiff_in_floating_point_is_taken_as_it_is(channels, kind, compression):
-    array = RNG.random((5, 7, channels)).astype(kind)
-    squeezed = array[:, :, 0] if channels == 1 else array
-    photometric = "minisblack" if channels == 1 else "rgb"
-    photo = load_image(tiff(squeezed, photometric=photometric, compression=compression))
-    np.testing.assert_allclose(photo.pixels, np.float32(array) * np.ones(3, np.float32), atol=1e-7)
-
-
-@pytest.mark.parametrize("planar", ["contig", "separate"])
-def test_tiff_of_float_rgba_has_its_alpha(planar):
-    array = RNG.uniform(0.1, 1, (5, 7, 4)).astype(np.float32)
-    stored = np.moveaxis(array, 2, 0) if planar == "separate" else array
-    options = {"photometric": "rgb", "planarconfig": planar, "extrasamples": ["unassalpha"]}
-    photo = load_image(tiff(np.ascontiguousarray(stored), **options))
-    np.testing.assert_allclose(photo.pixels, array[:, :, :3], atol=1e-7)
-    np.testing.assert_allclose(photo.alpha, array[:, :, 3], atol=1e-7)
-    premultiplied = array.copy()
-    premultiplied[:, :, :3] *= array[:, :, 3:]
-    photo = load_image(tiff(premultiplied, photometric="rgb", extrasamples=["assocalpha"]))
-    np.testing.assert_allclose(photo.pixels, array[:, :, :3], atol=1e-6)
-
-
-@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
-def test_white_is_zero_tiffs_are_inverted(kind):
-    top = 1 if kind is np.float32 else np.iinfo(kind).max
-    levels = (RNG.random((5, 7)) * top).astype(kind)
-    photo = load_image(tiff(levels, photometric="miniswhite"))
-    np.testing.assert_allclose(photo.pixels[:, :, 0], 1 - levels / top, atol=1e-6)
+    assert photo.notes == ()
 
 
 def test_bilevel_is_black_and_white():
@@ -295,23 +225,9 @@ def test_first_of_several_frames_is_taken_and_noted(name):
     assert photo.notes == (f"first of {count} {what}",)
 
 
-def test_float_tiff_of_several_pages_is_noted_too():
-    stack = RNG.random((2, 5, 7, 3)).astype(np.float32)
-    photo = load_image(tiff(stack, photometric="rgb"))
-    np.testing.assert_allclose(photo.pixels, stack[0], atol=1e-7)
-    assert "first of 2 pages" in photo.notes
-
-
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [
-        ("PNG", {"dpi": (300, 150)}),
-        ("TIFF", {"dpi": (300, 150)}),
-        ("JPEG", {"dpi": (300, 150)}),
-    ],
-)
-def test_pixels_that_are_not_square_stay_and_are_noted(name, options):
-    photo = load_image(encoded(Image.fromarray(BYTES), name, **options))
+@pytest.mark.parametrize("name", ["PNG", "TIFF", "JPEG"])
+def test_pixels_that_are_not_square_stay_and_are_noted(name):
+    photo = load_image(encoded(Image.fromarray(BYTES), name, dpi=(300, 150)))
     assert (photo.width, photo.height) == (9, 6)
     assert any(note.startswith("pixels are 0.5 times as wide as high") for note in photo.notes)
     square = load_image(encoded(Image.fromarray(BYTES), name, dpi=(300, 300)))
@@ -325,9 +241,11 @@ def test_proportions_of_pixels_in_no_unit_are_noted():
     assert photo.dpi is None
     jpeg = bytearray(encoded(Image.fromarray(BYTES), "JPEG"))
     place = jpeg.index(b"JFIF") + 7
-    jpeg[place : place + 5] = b"\0\0\1\0\3"
+    jpeg[place : place + 5] = b"\0\0\6\0\2"
     notes = load_image(bytes(jpeg)).notes
     assert any(note.startswith("pixels are 3 times as wide") for note in notes)
+    short = jpeg[:2] + b"\xff\xe0\0\7JFIF\0" + jpeg[20:]  # which has no density
+    assert load_image(bytes(short)).notes == ()
 
 
 @pytest.mark.sweep

@@ -65,6 +65,13 @@ def test_samples_are_those_that_were_stored(kind, type_name, compression, layout
         np.testing.assert_allclose(photo.alpha, values[:, :, -1], atol=1 / levels)
 
 
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_floats_of_sixteen_bits_are_taken_as_they_are(compression):
+    array = VALUES[:, :, :3].astype(np.float16)
+    photo = load_image(tiff(array, photometric="rgb", compression=compression))
+    np.testing.assert_array_equal(photo.pixels, np.float32(array))
+
+
 @pytest.mark.parametrize("scale", [1, 257])
 def test_colour_map_of_eight_or_sixteen_bits(scale):
     """Old scanners write levels of 8 bits into the map."""
@@ -88,6 +95,22 @@ def test_luma_and_chroma_of_fewer_pixels_are_their_colours():
     np.testing.assert_allclose(photo.pixels[4, 4] * 255, expected, atol=1.5)
 
 
+@pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "CMYK"])
+@pytest.mark.parametrize("compression", ["lzma", "zstd"])
+def test_compressions_that_libvips_lacks_are_read(mode, compression):
+    picture = Image.fromarray((VALUES * 255).astype(np.uint8)).convert("RGBA").convert(mode)
+    plain, packed = (encoded(picture, "TIFF", compression=c) for c in (None, compression))
+    np.testing.assert_array_equal(load_image(packed).pixels, load_image(plain).pixels)
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_tiles_in_planes_are_the_picture(compression):
+    planes = np.moveaxis((VALUES[:, :, :3] * 255).astype(np.uint8), -1, 0).copy()
+    options = {"photometric": "rgb", "planarconfig": "separate", "compression": compression}
+    tiled, plain = (load_image(tiff(planes, **options, **way)) for way in ({"tile": (16, 16)}, {}))
+    np.testing.assert_array_equal(tiled.pixels, plain.pixels)
+
+
 FAX = {"t256": 64, "t257": 48, "t258": 1, "t262": 1, "t277": 1, "t278": 48}
 
 
@@ -107,12 +130,16 @@ UNREAD = {
     "32-bit integers": tiff(np.uint32(GREY * 9), photometric="minisblack"),
     "signed integers": tiff(np.int16(GREY * 9), photometric="minisblack"),
     "complex numbers": tiff(GREY.astype(np.complex64), photometric="minisblack"),
-    "tiles in planes": tiff(
-        np.zeros((3, 32, 32), np.uint8), photometric="rgb", planarconfig="separate", tile=(16, 16)
+    "tiles of 16 bits in planes": tiff(
+        np.zeros((3, 32, 32), np.uint16), photometric="rgb", planarconfig="separate", tile=(16, 16)
     ),
     "grey and alpha in planes": tiff(
         np.zeros((2, 32, 32), np.uint8), photometric="minisblack", planarconfig="separate",
         extrasamples=[2],
+    ),
+    "grey and alpha in planes of tiles": tiff(
+        np.zeros((2, 32, 32), np.uint8), photometric="minisblack", planarconfig="separate",
+        extrasamples=[2], tile=(16, 16), compression="zlib",
     ),
     "floats of 16 bits in planes": tiff(
         np.zeros((3, 32, 32), np.float16), photometric="rgb", planarconfig="separate"

@@ -30,7 +30,7 @@ from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.perceptual import packages, packages_missing
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
-from gauss2svg.photo.load import header_of, load_image, load_reduced
+from gauss2svg.photo.load import header_of, load_image
 from gauss2svg.pipeline.listing import ListedPhoto, slug_of
 from gauss2svg.svg.syntax.source import parse_document
 
@@ -90,7 +90,8 @@ def make_photo(request: Request) -> dict[str, Any]:
     request  path, digest, key, folder, photo_size, max_pixels
     Raises InputError for a photo that cannot be read, OutputError for the folder.
     """
-    photo = load_reduced(request["path"], request["photo_size"], max_pixels=request["max_pixels"])
+    needed = request["photo_size"]
+    photo = load_image(request["path"], max_pixels=request["max_pixels"], needed=needed)
     pixels = pixels_of(photo)
     height, width = pixels.shape[:2]
     name = PHOTO if max(width, height) <= _MOST_WEBP_PX else _PNG_PHOTO
