@@ -241,7 +241,7 @@ def test_what_has_not_changed_is_kept_and_found_by_its_path(
     assert len(counted) == 10
     # From a root of one's own.
     assert main([*command, "--root", str(tmp_path)]) == 0
-    paths = ["deep/one.png", "one.png", "two words.png"]
+    paths = ["one.png", "two words.png", "deep/one.png"]
     records = json.loads(output.read_text())
     found = records.values() if form == "object" else records
     assert [record["metadata"]["path"] for record in found] == paths
