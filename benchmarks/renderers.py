@@ -69,10 +69,10 @@ def version_of(name: str) -> str | None:
         return None
 
 
-def refusal(name: str, svg: str, width: int, height: int) -> str:
+def refusal(name: str, svg: str) -> str:
     """Why a renderer is not used for an SVG, or ""."""
     try:
-        refuse_unsupported(svg, width, height, name)
+        refuse_unsupported(svg, name)
     except RendererError:
         return "refused" if version_of(name) else "not installed"
     return "" if version_of(name) else "not installed"
@@ -90,7 +90,7 @@ def raster_of(name: str, svg: str, width: int, height: int) -> Pixels | None:
 def decibels(name: str, svg: str, *truths: Pixels) -> list[float | str]:
     """PSNR of an SVG by a renderer against pictures of one size, or why there is none."""
     height, width = truths[0].shape[:2]
-    if reason := refusal(name, svg, width, height):
+    if reason := refusal(name, svg):
         return [reason] * len(truths)
     say(f"  {name}, {width}x{height}")
     raster = raster_of(name, svg, width, height)
@@ -193,7 +193,7 @@ def seconds(fits: dict[str, Result], renderers: list[str]) -> list[Row]:
     width, height = (fits[GRADIENT].report[side] for side in ("width", "height"))
     for name in renderers:
         say(f"seconds: {name}")
-        reasons = {form: refusal(name, fit.svg, width, height) for form, fit in fits.items()}
+        reasons = {form: refusal(name, fit.svg) for form, fit in fits.items()}
         times: dict[str, list[float]] = {form: [] for form in fits if not reasons[form]}
         # Alternating, so that a disturbance hits all forms; a browser starts in the first round.
         for form, taken in list(times.items()) * (1 + _RUNS):

@@ -34,6 +34,6 @@ from .pipeline.vectorize import vectorize as vectorize
 from .svg.document import Document as Document
 from .svg.document import SvgFormat as SvgFormat
 from .svg.file import Scene as Scene
-from .svg.reader.read import read_svg as read_svg
+from .svg.read import read_svg as read_svg
 from .svg.write import outline_svg as outline_svg, plate_svg as plate_svg, write_svg as write_svg
 from .version import __version__ as __version__

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError
 from gauss2svg.measure import CheckOptions, metrics
 from gauss2svg.measure.heatmap import heatmap
-from gauss2svg.measure.isolated import draw
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.measure.survey import MOST_ELEMENTS, Frame, Survey, frame_of, survey
 from gauss2svg.photo.alpha import WHITE, has_alpha, matte_color, over, pixels_of, shrunk
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
-from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, refuse, renderer_version
-from gauss2svg.raster.features import Features, may_have_features
-from gauss2svg.svg.syntax.source import BLANKS, MOST_BYTES, SvgSource, svg_source
+from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, refuse_unsupported, renderer_version
+from gauss2svg.raster.isolated import draw
+from gauss2svg.svg.canvas import Frame, frame_of
+from gauss2svg.svg.source import BLANKS, MOST_BYTES, SvgSource, from_root, read_source, stretched
+from gauss2svg.svg.untrusted import MOST_ELEMENTS, Survey
 
 DRAW_TIMEOUT_S = 300.0
 REFERENCE_SCALE = 4.0
@@ -167,7 +167,7 @@ def check(
     reference_scale  times the photo's size at which it is, > 0; None: 4
 
     The SVG is not trusted: entities, references to anything outside of it and files beyond the
-    limits are refused, and it is drawn in a separate process, whose memory is not limited.
+    limits are refused, and it is drawn in a separate process, whose memory is limited on Linux.
     Raises InputError for a photo or an SVG that cannot be used, RendererError for an SVG that
     cannot be drawn and for a renderer that is missing.
     """
@@ -190,7 +190,7 @@ def check(
         )
     picture = load_image(photo, max_pixels=max_pixels, matte=matted, needed=options.max_size)
     wanted = pixels_of(picture)
-    data, text = svg_source(svg, int(options.max_svg_bytes))
+    data, text = read_source(svg, int(options.max_svg_bytes))
     size = picture.width, picture.height
     larger = None
     if reference is not None:
@@ -248,7 +248,7 @@ def enlarged(
             f"{width}x{height}. Try a smaller --reference-scale or --max-size"
         )
     if _is_svg(reference):
-        source = svg_source(reference, int(options.max_svg_bytes))[1]
+        source = read_source(reference, int(options.max_svg_bytes))[1]
         drawn = _raster(source, width, height, matte, options)
     else:
         picture = load_image(reference, max_pixels=options.max_pixels)
@@ -302,11 +302,11 @@ def sized_svg(
 
     Raises InputError and RendererError as `check`.
     """
-    features = Features(width, height, lambda root: frame_of(root).view_box)
-    surveyed, root = survey(text, most_elements, *([features] if may_have_features(text) else []))
+    text = from_root(text)
+    surveyed = Survey(text, most_elements)
     frame = frame_of(surveyed.root)
-    refuse(features, renderer)
-    sized = root.stretched(width, height, " ".join(f"{v!r}" for v in frame.view_box))
+    refuse_unsupported(text, renderer)
+    sized = stretched(text, width, height, " ".join(f"{v!r}" for v in frame.view_box))
     return surveyed, frame, sized
 
 

@@ -22,10 +22,10 @@ from gauss2svg.pipeline.search.outcome import Outcome
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.scene.scene import narrowing_of
+from gauss2svg.svg.canvas import pixels_of
 from gauss2svg.svg.document import MINIMAL, Document
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.svg.plates import ink_name, inks_of_scene
-from gauss2svg.svg.syntax.values import length
 from gauss2svg.version import __version__
 
 
@@ -184,7 +184,7 @@ def drawn_pixels(scene: Scene) -> float:
 def shown_width(document: Document, scene: Scene) -> float:
     """Width in px at which a page probably shows a file: as --size says, or its own up to 1600."""
     sides = document.sides(scene.width, scene.height)
-    return length(sides[0], "size") if sides else min(scene.width, WIDEST_SHOWN)
+    return (pixels_of(sides[0]) or 0.0) if sides else min(scene.width, WIDEST_SHOWN)
 
 
 def paint_ms(scene: Scene, svg: str, width: float | None = None) -> float:

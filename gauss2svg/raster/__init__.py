@@ -16,6 +16,7 @@ from __future__ import annotations
 from importlib import import_module
 from types import ModuleType
 from typing import get_args
+from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,9 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.options import OneOf, Renderer
 from gauss2svg.photo.alpha import has_alpha, over
 from gauss2svg.photo.formats import MOST_PIXELS
-from gauss2svg.raster.features import Feature, Features, may_have_features
+from gauss2svg.raster.features import Feature, uses
 from gauss2svg.raster.program import CLEAR
-from gauss2svg.svg.syntax.parse import ParseError, Root, parse
+from gauss2svg.svg.source import from_root, stretched
 
 RENDERERS: tuple[str, ...] = get_args(Renderer)
 _MODULES = {name: import_module(f"gauss2svg.raster.{name}") for name in RENDERERS}
@@ -46,7 +47,7 @@ def drawn_by(*features: Feature) -> tuple[str, ...]:
 
 
 DEFAULT_RENDERER = "resvg"  # a wheel, with nothing else to install, fast and accurate
-DRAW_ROTATED_BLURS = drawn_by(Feature.SKEWED_BLUR)
+DRAW_ROTATED_BLURS = drawn_by(Feature.TURNED_BLUR)
 DRAW_MINIMAL = drawn_by(Feature.MASK, Feature.PLAIN_HREF)  # what minimal markup has
 DRAW_BLENDS = drawn_by(Feature.BLEND, Feature.FILTER)
 
@@ -104,21 +105,10 @@ def rasterize_sized(
     return pixels
 
 
-def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> Root:
-    """Return the root; raise RendererError if the renderer draws it wrongly at that size."""
-    features = Features(width, height)
-    try:
-        root = parse(svg, *([features] if may_have_features(svg) else []))
-    except (ParseError, UnicodeEncodeError, InputError) as error:  # renderers draw parts of some
-        raise RendererError(f"cannot draw the SVG: {error}. Try to re-save it") from error
-    refuse(features, renderer)
-    return root
-
-
-def refuse(features: Features, renderer: str) -> None:
-    """Raise RendererError if the renderer draws wrongly what a document uses."""
+def refuse_unsupported(svg: str, renderer: str) -> None:
+    """Raise RendererError if the renderer is known to draw wrongly what an SVG uses."""
     cannot = renderer_named(renderer).CANNOT_DRAW
-    for feature in (one for one in Feature if one in features.used and one in cannot):
+    for feature in (one for one in Feature if one in cannot and uses(svg, one)):
         known = drawn_by(feature)
         raise RendererError(
             f"renderer must be one of {', '.join(known)} for what the SVG uses, {feature}; "
@@ -132,5 +122,10 @@ def _drawn(svg: str, width: int, height: int, renderer: str, clear: bool) -> NDA
             f"the raster must be at most {MOST_PIXELS / 1e6:.0f} million px; got "
             f"{width}x{height}, {width * height / 1e6:.0f} million. Try to draw the SVG smaller"
         )
-    root = refuse_unsupported(svg, width, height, renderer)
-    return rasterize_sized(root.stretched(width, height), width, height, renderer, clear)
+    try:
+        text = from_root(svg)
+        expat.ParserCreate().Parse(text, True)  # renderers draw parts of a broken file
+    except (InputError, expat.ExpatError, UnicodeEncodeError) as error:
+        raise RendererError(f"cannot draw the SVG: {error}. Try to re-save it") from error
+    refuse_unsupported(text, renderer)
+    return rasterize_sized(stretched(text, width, height), width, height, renderer, clear)

@@ -8,7 +8,7 @@ from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import from_png
 
 # Found by CairoSVG 2.9.
-_BLURS = Feature.SKEWED_BLUR, Feature.ROTATED_BLUR, Feature.BLUR
+_BLURS = Feature.TURNED_BLUR, Feature.BLUR
 CANNOT_DRAW = {
     **dict.fromkeys((*_BLURS, Feature.FILTER), "it has no filters but offset, flood and blend"),
     Feature.LIGHTER: "",

@@ -7,8 +7,7 @@ from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import find, from_png, run, version_line
 
 # Found by librsvg 2.54.
-_BLURS = dict.fromkeys((Feature.SKEWED_BLUR, Feature.ROTATED_BLUR), "39 to 45 levels off")
-CANNOT_DRAW = {**_BLURS, Feature.LIGHTER: ""}
+CANNOT_DRAW = {Feature.TURNED_BLUR: "39 to 45 levels off", Feature.LIGHTER: ""}
 
 
 def version() -> str:

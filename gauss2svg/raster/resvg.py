@@ -9,7 +9,10 @@ from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import from_png
 
 # Found by resvg 0.48.
-CANNOT_DRAW = {Feature.SKEWED_BLUR: "20 to 43 levels off", Feature.LIGHTER: ""}
+CANNOT_DRAW = {
+    Feature.TURNED_BLUR: "20 to 43 levels off",
+    Feature.LIGHTER: "",
+}
 
 
 def version() -> str:

@@ -25,9 +25,9 @@ from gauss2svg.compare.chart import BESIDE, COSTS, Point, scatter, template_envi
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_png
 from gauss2svg.measure.heatmap import MOST, legend
-from gauss2svg.measure.isolated import draw
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.formats import SUFFIXES
+from gauss2svg.raster.isolated import draw
 from gauss2svg.studio import uploads
 from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, until
 from gauss2svg.studio.options import MOST_DRAWN, form, lines_of, options_of

@@ -47,13 +47,13 @@ scale (docs/decisions/svg.md).
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, quoted
+from gauss2svg.errors import quoted, refusal
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg.blur import GRADIENT
@@ -67,7 +67,7 @@ from gauss2svg.svg.element import (
     short_id,
     writable,
 )
-from gauss2svg.svg.encode import matrix_text, view_of
+from gauss2svg.svg.encode import Drawing, layer, matrix_text, view_of
 from gauss2svg.svg.headroom import add_all, order_of, range_of, samples_of
 from gauss2svg.svg.stops import whole_stops
 
@@ -80,87 +80,65 @@ MARGIN = 0.01  # share of the span that is left at either end for the rounding o
 LEAST_SPAN = 0.1
 
 
-@dataclass(frozen=True)
-class DrawnPhase:
-    """Circles that add to some channels and subtract from the others, after inverting some.
-
-    inverted  the colour that inverts channels, "" where none is
-    label     what they do, in words
-    """
-
-    inverted: str
-    label: str
-    discs: tuple[Element, ...]
-
-
-@dataclass(frozen=True)
-class EncodedAdditive:
-    """The elements of an additive file, and the text of its root, rectangles and filter.
-
-    view        width and height in user units
-    background  initial colour of the canvas
-    transfer    final slope and intercept of red, green and blue
-    """
-
-    view: tuple[str, str]
-    background: str
-    transfer: Transfer
-    ramps: tuple[Element, ...]
-    phases: tuple[DrawnPhase, ...]
-
-
-def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
-    """Elements of the SVG of an additive scene; they depend on nothing but the two arguments.
+def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
+    """Return the drawing of an additive scene; it depends on nothing but the two arguments.
 
     Gaussians whose extent is written as 0 or whose colour as black are left out, as are those off
     the canvas whose numbers are too large (gauss2svg.svg.element.writable, which raises SceneError
-    for others). Raises InputError for a form other than gradients.
+    for others). Raise InputError for a form other than gradients.
     """
     check_canvas(scene)
     if svg_format.form != GRADIENT:
-        raise InputError(
-            f"form must be {GRADIENT!r} for an additive scene, whose blurs cannot be added "
-            f"exactly; got {quoted(svg_format.form)}"
-        )
+        needed = f"{GRADIENT!r} for an additive scene, whose blurs cannot be added exactly"
+        raise refusal("form", needed, quoted(svg_format.form))
     phases, low, high = phases_of(scene)
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
-    least = np.maximum(largest, LEAST_SPAN)
-    span = np.maximum((1 + 2 * MARGIN) * (high - low), least)
-    middle = 0.5 * (low + high)
+    span = np.maximum((1 + 2 * MARGIN) * (high - low), np.maximum(largest, LEAST_SPAN))
     scale = WHITE / span  # levels of the canvas for 1 of the picture
-    begin = np.round(scale * (scene.background - middle + 0.5 * span))
-    shapes = _Shapes(scene, scale, svg_format)
+    begin = np.round(scale * (scene.background - 0.5 * (low + high) + 0.5 * span))
+    circles = _Circles(scene, scale, svg_format)
 
-    drawn: list[DrawnPhase] = []
+    groups, count = list[Element](), 0
     first = inverted = np.zeros(3, bool)
     for phase in phases:
-        discs = shapes.drawn(phase)
+        discs = circles.of(phase)
         if not discs:
             continue
-        needed = ~np.array(phase.takes)
-        if not drawn:
+        needed = ~phase.takes
+        if not count:
             first = inverted = needed
         turn = needed ^ inverted
-        color = hex_color(np.where(turn, WHITE, 0)) if turn.any() else ""
-        drawn.append(DrawnPhase(color, _label(len(drawn), len(discs), phase), discs))
-        inverted = needed
+        if turn.any():  # beside the layers, so that one can be hidden without the other
+            groups.append(_cover(hex_color(np.where(turn, WHITE, 0))))
+        number_of = 1 + sum(group.tag == "g" for group in groups)
+        label = _label(number_of, len(discs), phase)
+        groups.append(layer(label, discs, id=f"phase-{number_of}"))
+        inverted, count = needed, count + len(discs)
 
     slope = np.where(inverted, -1, 1) * span
     level = np.where(inverted, WHITE - begin, begin) / WHITE
     intercept = scene.background - slope * level + HALF_WAY / WHITE
-    return EncodedAdditive(
+    transfer = tuple(
+        (number(a, _TRANSFER_DECIMALS), number(b, _TRANSFER_DECIMALS))
+        for a, b in zip(slope, intercept, strict=True)
+    )
+    background = hex_color(np.where(first, WHITE - begin, begin).astype(int))
+    # Two additive drawings inline in one page keep their own filter. The ids are longer than those
+    # of gradients, so that they cannot collide.
+    key = f"{zlib.crc32(repr((transfer, background)).encode()):08x}"
+    group = f"additive-{key}"
+    inside = [_cover(background, {"id": "background"}), *groups]
+    return Drawing(
         view=view_of(scene, svg_format.precision),
-        background=hex_color(np.where(first, WHITE - begin, begin).astype(int)),
-        transfer=tuple(
-            (number(a, _TRANSFER_DECIMALS), number(b, _TRANSFER_DECIMALS))
-            for a, b in zip(slope, intercept, strict=True)
-        ),
-        ramps=shapes.ramps(),
-        phases=tuple(drawn),
+        gaussians=count,
+        definitions=[_transfer_filter(transfer, f"transfer-{key}"), *circles.gradients()],
+        body=[layer("Additive", inside, id=group, filter=f"url(#transfer-{key})")],
+        # Under its first rectangle the group is transparent, where a difference draws its source.
+        sheet=f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}",
     )
 
 
-class _Shapes:
+class _Circles:
     """The Gaussians of a scene as circles, and their gradients, those with the same stops as one.
 
     A gradient and its circle end at the first of the trailing black stops, which saves a sixth of
@@ -170,9 +148,9 @@ class _Shapes:
     def __init__(self, scene: Scene, scale: NDArray[np.float64], svg_format: SvgFormat) -> None:
         color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
         offsets, levels = whole_stops(scale * color, svg_format.stops)
-        colored = levels.any(axis=2)
         # Number of stops before the trailing black ones.
-        before = np.where(colored, np.arange(1, svg_format.stops + 1), 0).max(axis=1)
+        count = np.arange(1, svg_format.stops + 1)
+        before = np.where(levels.any(axis=2), count, 0).max(axis=1)
         reach = offsets[np.arange(len(color)), before]
         self._entry = entry.reshape(-1)
         self._stops = [
@@ -188,28 +166,24 @@ class _Shapes:
         ]
         self._ids: dict[tuple[tuple[str, str], ...], str] = {}
 
-    def drawn(self, phase: Phase) -> tuple[Element, ...]:
-        """Circles of a phase; Gaussians of no extent or colour are none."""
-        shown = ((i, self._stops[self._entry[i]]) for i in phase.index.tolist())
-        return tuple(
-            _circle(self._ids.setdefault(stops, short_id(len(self._ids))), self._matrices[i])
-            for i, stops in shown
-            if stops and self._matrices[i]
-        )
+    def of(self, phase: Phase) -> list[Element]:
+        """Return the circles of a phase; Gaussians of no extent or colour are none."""
+        circles = []
+        for i in phase.indices.tolist():
+            stops, matrix = self._stops[self._entry[i]], self._matrices[i]
+            if stops and matrix:
+                name = self._ids.setdefault(stops, short_id(len(self._ids)))
+                attributes = {"fill": f"url(#{name})", "r": "1", "transform": matrix}
+                circles.append(Element("circle", attributes))
+        return circles
 
-    def ramps(self) -> tuple[Element, ...]:
-        """Gradients of all that was drawn."""
-        return tuple(
-            radial_gradient(
-                name,
-                [Element("stop", {"offset": at, "stop-color": shade}) for at, shade in stops],
-            )
-            for stops, name in self._ids.items()
-        )
-
-
-def _circle(ramp: str, matrix: str) -> Element:
-    return Element("circle", {"fill": f"url(#{ramp})", "r": "1", "transform": matrix})
+    def gradients(self) -> list[Element]:
+        """Return the gradients of all that was drawn."""
+        gradients = []
+        for stops, name in self._ids.items():
+            inside = [Element("stop", {"offset": at, "stop-color": c}) for at, c in stops]
+            gradients.append(radial_gradient(name, inside))
+        return gradients
 
 
 def _stops_text(
@@ -221,7 +195,7 @@ def _stops_text(
     )
 
 
-def _label(index: int, count: int, phase: Phase) -> str:
+def _label(number: int, count: int, phase: Phase) -> str:
     """Label of a phase, such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
     signs = tuple(zip(("red", "green", "blue"), phase.takes, strict=True))
     adds = ", ".join(name for name, taken in signs if not taken)
@@ -229,7 +203,7 @@ def _label(index: int, count: int, phase: Phase) -> str:
     one = count == 1
     verbs = ("adds" if one else "add", adds), ("takes" if one else "take", takes)
     does = " and ".join(f"{verb} {names}" for verb, names in verbs if names)
-    return f"Phase {index + 1}: {count} Gaussian{'' if one else 's'} that {does}"
+    return f"Phase {number}: {count} Gaussian{'' if one else 's'} that {does}"
 
 
 _EQUAL = 1e-3
@@ -241,12 +215,11 @@ _GRAY = np.array([k ^ (k >> 1) for k in range(8)])
 SPARE = 0.02
 
 
-@dataclass(frozen=True)
-class Phase:
+class Phase(NamedTuple):
     """Gaussians drawn one after the other: the channels they subtract from, and their indices."""
 
-    takes: tuple[bool, bool, bool]
-    index: NDArray[np.intp]
+    takes: NDArray[np.bool_]
+    indices: NDArray[np.intp]
 
 
 def phases_of(
@@ -268,21 +241,16 @@ def phases_of(
         pattern, _GRAY, by_mass,
     )  # fmt: skip
     ends = np.flatnonzero(np.diff(pattern[order])) + 1
-    phases = tuple(
-        _phase(int(pattern[index[0]]), index) for index in np.split(order, ends) if index.size
-    )
+    runs = [run for run in np.split(order, ends) if run.size]
+    phases = tuple(Phase(scene.color[run[0]] < 0, run) for run in runs)
     lowest = np.tile(scene.background.astype(np.float32), (len(samples.place), 1))
     total, highest = lowest.copy(), lowest.copy()
     for phase in phases:
-        add_all(samples, phase.index, total, lowest, highest)
+        add_all(samples, phase.indices, total, lowest, highest)
     lowest[lowest > picture - _EQUAL] = np.inf
     highest[highest < picture + _EQUAL] = -np.inf
     low, high = np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
     return phases, low, high
-
-
-def _phase(signs: int, index: NDArray[np.intp]) -> Phase:
-    return Phase((bool(signs & 1), bool(signs & 2), bool(signs & 4)), index)
 
 
 WHITE = 255
@@ -290,23 +258,8 @@ WHITE = 255
 # levels (bias -0.5 levels), the others round.
 HALF_WAY = 0.25
 
-Transfer = tuple[tuple[str, str], ...]  # slope and intercept of red, green and blue
 
-
-def key_of(transfer: Transfer, background: str) -> str:
-    """End of both ids, so that two additive drawings inline in one page keep their own filter."""
-    return f"{zlib.crc32(repr((transfer, background)).encode()):08x}"
-
-
-def difference_sheet(group: str) -> str:
-    """Style sheet by which all within the group of this id is drawn as a difference.
-
-    Under its first rectangle the group is transparent, where a difference draws its source.
-    """
-    return f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}"
-
-
-def cover(fill: str, more: Mapping[str, str] | None = None) -> Element:
+def _cover(fill: str, more: Mapping[str, str] | None = None) -> Element:
     """A rectangle over the canvas and beyond, so that the filter maps opaque pixels only.
 
     The filter region is extended to whole pixels; a rectangle that ends within a pixel would leave
@@ -316,7 +269,7 @@ def cover(fill: str, more: Mapping[str, str] | None = None) -> Element:
     return Element("rect", {"fill": fill, "height": "120%", **(more or {}), **size})
 
 
-def transfer_filter(transfer: Transfer, name: str) -> Element:
+def _transfer_filter(transfer: Iterable[tuple[str, str]], name: str) -> Element:
     """The filter that maps channels by slope and intercept, all over the canvas at any size."""
     functions = [
         Element(f"feFunc{channel}", {"intercept": intercept, "slope": slope, "type": "linear"})
@@ -324,6 +277,5 @@ def transfer_filter(transfer: Transfer, name: str) -> Element:
     ]
     region = {"height": "100%", "id": name, "width": "100%", "x": "0", "y": "0"}
     attributes = {"color-interpolation-filters": "sRGB", "filterUnits": "userSpaceOnUse", **region}
-    return Element(
-        "filter", attributes, [Element("feComponentTransfer", {"in": "SourceGraphic"}, functions)]
-    )
+    step = Element("feComponentTransfer", {"in": "SourceGraphic"}, functions)
+    return Element("filter", attributes, [step])

@@ -22,7 +22,6 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import ADD, BLURRED, LEAST_SIGMA, MOST_SIGMA, PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import (
     BETA_CLASSES,
@@ -37,9 +36,6 @@ from gauss2svg.svg.plain_ellipse import is_plain
 
 GRADIENT, BLUR = get_args(Form)
 _LOG_STEP = 0.04  # of exponents at which differences are cached
-
-LEAST_RATIO, MOST_RATIO = 0.5, 16.0  # of the ratios that are recognised
-
 
 # Shapes that are blurred (docs/decisions/svg.md).
 # Px from the mean to half the height, across the minor axis. Smaller shapes are not blurred.
@@ -72,8 +68,8 @@ class Blur:
         return CLEAR * self.deviation
 
 
-# The blurs of files, the softest first: blur_of for discs of 1.4, 2, 2.6, 3.4, 5, 8 and 12
-# deviations' radius, which takes too long for every start.
+# The blurs of files, the softest first: those of discs of 1.4, 2, 2.6, 3.4, 5, 8 and 12 deviations'
+# radius, as tests/svg/test_blur.py fits them.
 BLURS = (
     Blur(1 / 1.4, 1.01147233778, 1.09458307443, 1.59501799762),
     Blur(1 / 2, 1.14528662352, 1.25762415807, 1.16469982183),
@@ -83,39 +79,6 @@ BLURS = (
     Blur(1 / 8, 4.31967523876, 1.35788668786, 0.98709482037),
     Blur(1 / 12, 6.64289524310, 1.37279799581, 0.99067903041),
 )
-
-
-@lru_cache(maxsize=64)
-def blur_of(ratio: float) -> Blur:
-    """The exponent, scale and peak nearest to a disc of `ratio` deviations' radius, blurred.
-
-    Raises InputError for ratios outside of LEAST_RATIO..MOST_RATIO.
-    """
-    if not LEAST_RATIO <= ratio <= MOST_RATIO:
-        raise InputError(
-            f"radius of the circle must be {LEAST_RATIO:g}..{MOST_RATIO:g} times the deviation "
-            f"of its blur; got {quoted(ratio)}. Try to set its blur again"
-        )
-    from scipy.optimize import minimize  # a quarter of a second, and seldom needed
-
-    r = np.arange(0.5, 500) / 500 * (1 + 6 / ratio)
-    drawn = blurred_disc(r, ratio)
-
-    def fitted(logs: NDArray[np.float64]) -> tuple[float, float]:
-        """Squared error at sigma 1 px, save for a factor, and the peak."""
-        sigma, beta = np.exp(logs)
-        wanted = profile(r / sigma, min(max(beta, LEAST_BETA), MOST_BETA))
-        peak = (r * wanted * drawn).sum() / (r * drawn * drawn).sum()
-        return float((r * (peak * drawn - wanted) ** 2).sum() / sigma**2), float(peak)
-
-    # A disc's variance is rho^2 / 4 + s^2; a crisp rim of it lies at sqrt 2 sigma.
-    guess = np.log([math.sqrt(0.25 + ratio**-2), max(1.0, 0.55 * ratio)])
-    best = minimize(
-        lambda logs: fitted(logs)[0], guess, method="Nelder-Mead",
-        options={"xatol": 1e-6, "fatol": 1e-14, "initial_simplex": guess + 0.1 * np.eye(3, 2)},
-    )  # fmt: skip
-    sigma, beta = np.exp(best.x)
-    return Blur(1 / ratio, float(beta), float(1 / sigma), fitted(best.x)[1])
 
 
 def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:

@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from gauss2svg.errors import InputError, quoted
+from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Number, OneOf, OptionGroup, Whole
+from gauss2svg.svg.canvas import MM
 
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
-# In mm; a pixel is that of CSS.
-_UNITS = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
-_SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(_UNITS)})")
+_SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(MM)})")
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
 _DECIMALS = 4  # of a size: a millionth of a metre where the unit is a centimetre
 # Hides the rounds above the one that the address names.
@@ -26,10 +25,10 @@ UP_TO_TARGET = "svg>g:target~g{display:none}"
 def check_text(name: str, text: Any) -> str:
     """Text that an element can hold; raises InputError for any other value."""
     if not isinstance(text, str) or not text.strip():
-        raise InputError(f"{name} must be text that is not empty; got {quoted(text)}")
+        raise refusal(name, "text that is not empty", quoted(text))
     # Control characters, lone surrogates, and what XML 1.0 has no place for.
     if any(unicodedata.category(c) in ("Cc", "Cs") or c in "\ufffe\uffff" for c in text):
-        raise InputError(f"{name} must be text without control characters; got {quoted(text)}")
+        raise refusal(name, "text without control characters", quoted(text))
     return text
 
 
@@ -44,9 +43,7 @@ def check_size(name: str, size: Any) -> str:
 def check_aspect(name: str, aspect: Any) -> str:
     """A value of preserveAspectRatio."""
     if not isinstance(aspect, str) or not _ASPECT.fullmatch(aspect):
-        raise InputError(
-            f"{name} must be none or such as xMidYMid or 'xMinYMax slice'; got {quoted(aspect)}"
-        )
+        raise refusal(name, "none or such as xMidYMid or 'xMinYMax slice'", quoted(aspect))
     return aspect
 
 
@@ -97,10 +94,8 @@ class Document(OptionGroup):
         across, unit = _width_of("size", self.size)
         sides = [f"{side:.{_DECIMALS}f}" for side in (across, across * height / width)]
         if any(float(side) == 0 for side in sides):
-            raise InputError(
-                f"size must be larger; got {self.size}, which makes {width:g}x{height:g} px "
-                f"{' by '.join(sides)}{unit}"
-            )
+            got = f"{self.size}, which makes {width:g}x{height:g} px {' by '.join(sides)}{unit}"
+            raise refusal("size", "larger", got)
         first, second = (side.rstrip("0").rstrip(".") + unit for side in sides)
         return first, second
 
@@ -108,7 +103,7 @@ class Document(OptionGroup):
         """Millimetres of a px of a canvas of so many px across, on paper."""
         given = None if self.size == RESPONSIVE else self.size
         across, unit = (width, "px") if given is None else _width_of("size", given)
-        return across * _UNITS[unit] / width
+        return across * MM[unit] / width
 
     def style(self, rounds: Sequence[int]) -> str | None:
         """Style sheet of the groups of these rounds; None where it needs none.
@@ -150,11 +145,8 @@ def _width_of(name: str, size: Any) -> tuple[float, str]:
     match = _SIZE.fullmatch(size) if isinstance(size, str) else None
     across = float(match[1]) if match else math.nan
     if match is None or not 0 < across <= 1e6:
-        units = ", ".join(_UNITS)
-        raise InputError(
-            f"{name} must be a width above 0 with its unit, one of {units}: such as 120mm; got "
-            f"{quoted(size)}"
-        )
+        needed = f"a width above 0 with its unit, one of {', '.join(MM)}: such as 120mm"
+        raise refusal(name, needed, quoted(size))
     return across, match[2]
 
 

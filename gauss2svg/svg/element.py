@@ -1,7 +1,7 @@
 """Elements of an SVG and the short texts in them: numbers, colours, ids.
 
-All that gauss2svg draws is written by Element: svgwrite's documents (gauss2svg.svg.write) take
-elements by `get_xml`, minimal files (gauss2svg.svg.minimal) are made of their `text`.
+All that gauss2svg draws is written by Element.text; svgwrite makes the root of editable files
+(gauss2svg.svg.write).
 
 Numbers of a file are limited, because renderers compute in float32 and some crash on large ones.
 """
@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from xml.etree import ElementTree
-from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,8 +24,8 @@ _LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
 class Element:
     """One element: its tag, its attributes in the order of the file, and what is inside it.
 
-    inside  None for a tag that closes itself; or elements; or a text, in which <, > and & become
-            entities. Attributes are written as they are: numbers, colours, ids have none of them
+    inside  None for a tag that closes itself; or elements; or a text. Text and attributes are
+            written as they are: what users say is escaped before
     """
 
     tag: str
@@ -46,13 +44,7 @@ class Element:
             return begin + "/>"
         if not isinstance(inside, str):
             return f"{begin}>{''.join([one.text() for one in inside])}</{self.tag}>"
-        return f"{begin}>{escape(inside)}</{self.tag}>"
-
-    def get_xml(self) -> ElementTree.Element:
-        """The element as svgwrite asks for it, which takes only elements from here."""
-        xml = ElementTree.Element(self.tag, dict(self.attributes))
-        xml.extend([one.get_xml() for one in self.inside or () if isinstance(one, Element)])
-        return xml
+        return f"{begin}>{inside}</{self.tag}>"
 
 
 def attributes_text(attributes: Mapping[str, str]) -> str:

@@ -35,7 +35,10 @@ Crisp rims need two more things (docs/decisions/svg.md, benchmarks/rims.py):
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +46,7 @@ from numpy.typing import NDArray
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.blur import BLURS, GRADIENT, Blur, drawn_blurs, snapped
-from gauss2svg.svg.document import SvgFormat
+from gauss2svg.svg.document import INKS, Document, SvgFormat, round_id
 from gauss2svg.svg.element import (
     Element,
     check_canvas,
@@ -70,35 +73,37 @@ CLEAR_OF_THE_RIM = 0.7  # px from a gradient's end to the circle's edge for cris
 MOST_MARGIN = 20.0
 
 
-@dataclass(frozen=True, slots=True)
-class Drawn:
+class Drawn(NamedTuple):
     """One element that is drawn, and the index of its shape in the scene."""
 
-    index: int
+    shape: int
     element: Element
 
 
-@dataclass(frozen=True)
-class EncodedScene:
-    """The elements of a file, and the text of its root and background.
+class Drawing(NamedTuple):
+    """The elements of a file, and what its root and its style sheet say.
 
     view         width and height in user units
-    background   colour, "" where the scene is transparent
+    gaussians    their number
     definitions  gradients and filters, those alone that are used
-    shapes       bottom first, round by round
+    body         the background and the groups of shapes, bottom first
+    sheet        the style sheet, "" for none
+    root         more attributes of the root
     """
 
     view: tuple[str, str]
-    background: str
-    definitions: tuple[Element, ...]
-    shapes: tuple[Drawn, ...]
+    gaussians: int
+    definitions: Sequence[Element]
+    body: Sequence[Element]
+    sheet: str = ""
+    root: Mapping[str, str] = MappingProxyType({})
 
 
-def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
-    """Elements of the SVG of a scene; they depend on nothing but the two arguments.
+def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
+    """Return the drawing of a scene, which depends on nothing but the arguments.
 
     Gaussians whose opacity or extent is written as 0 draw nothing and are left out, as are those
-    off the canvas whose numbers are too large for a file (gauss2svg.svg.element.writable). Raises
+    off the canvas whose numbers are too large for a file (gauss2svg.svg.element.writable). Raise
     SceneError for other Gaussians with such numbers, and for such a canvas.
     """
     check_canvas(scene)
@@ -112,84 +117,95 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
     # The shortest ids go to those that are used most; argsort of argsort is the rank.
     uses = np.append(uses, np.bincount(blur[blurred], minlength=len(BLURS)))
-    names = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
-    ids, filter_ids = names[: len(shared)], names[len(shared) :]
+    ids = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
 
     fills = np.array([hex_color(c) for c in color], dtype=object)
     fills[shaded] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
     filters = np.full(len(scene), "", dtype=object)
-    filters[blurred] = [f"url(#{filter_ids[k]})" for k in blur[blurred]]
+    filters[blurred] = [f"url(#{ids[len(shared) + k]})" for k in blur[blurred]]
     radius, opacity = cut_radius(scene.beta), scene.opacity.copy()
     radius[plain] = plain_radius(scene.beta[plain])
     radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
     opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
     unit = np.where((scene.beta >= LARGE_FROM) & shaded, _LARGE, 1)
-    discs = _Discs(
-        fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
-        scene.factor * radius[:, None, None], scene.mean,
-    )  # fmt: skip
-    fits = np.flatnonzero(writable(scene, radius, svg_format.precision, unit)).tolist()
-    circles = ((i, _circle(discs, i, svg_format)) for i in fits)
-    shapes = tuple(Drawn(i, circle) for i, circle in circles if circle is not None)
-    # What only shapes without extent or opacity would refer to is not written.
-    used = {value for shape in shapes for value in shape.element.attributes.values()}
-    gradients = zip(ids, shared, strict=True)
-    blurs = zip(filter_ids, BLURS, strict=True)
-    return EncodedScene(
-        view=view_of(scene, svg_format.precision),
-        background=_background(scene),
-        definitions=(
-            *(
-                _gradient(name, BETA_CLASSES[key[0]], key[1:], svg_format.stops)
-                for name, key in gradients
-                if f"url(#{name})" in used
-            ),
-            *(_filter(name, blur) for name, blur in blurs if f"url(#{name})" in used),
+    circle, factor = unit * _widened(scene, shaded), scene.factor * radius[:, None, None]
+    shapes = []
+    for i in np.flatnonzero(writable(scene, radius, svg_format.precision, unit)).tolist():
+        matrix = matrix_text(factor[i], scene.mean[i], svg_format.precision, int(unit[i]))
+        shown = number(min(opacity[i], 1.0), svg_format.opacity_decimals)
+        if shown != "0" and matrix:
+            attributes = {"fill": fills[i], **with_default("fill-opacity", shown, "1")}
+            attributes |= with_default("filter", filters[i], "")
+            attributes |= {"r": number(circle[i], 1), "transform": matrix}
+            shapes.append(Drawn(i, Element("circle", attributes)))
+    definitions = [
+        *(
+            _gradient(k, BETA_CLASSES[v[0]], v[1:], svg_format.stops)
+            for k, v in zip(ids, shared, strict=False)
         ),
-        shapes=shapes,
+        *(_filter(k, blur) for k, blur in zip(ids[len(shared) :], BLURS, strict=True)),
+    ]
+    # What only shapes without extent or opacity would refer to is not written.
+    used = {one.element.attributes.get(name) for one in shapes for name in ("fill", "filter")}
+    in_layers = ink_layers if svg_format.layers == INKS else round_layers
+    return Drawing(
+        view=view_of(scene, svg_format.precision),
+        gaussians=len(shapes),
+        definitions=[one for one in definitions if f"url(#{one.attributes['id']})" in used],
+        body=[*_background(scene), *in_layers(shapes, scene)],
+        sheet=sheet_of(shapes, scene, document),
     )
 
 
+def round_layers(shapes: Sequence[Drawn], scene: Scene) -> list[Element]:
+    """Return shapes in groups, each of one round, which Inkscape shows as layers."""
+    return [
+        layer(f"Round {index + 1}: {len(inside)} Gaussians", inside, id=round_id(index))
+        for index, inside in _rounds(shapes, scene)
+    ]
+
+
+def ink_layers(shapes: Sequence[Drawn], scene: Scene) -> list[Element]:
+    """Return shapes in groups, each of one ink, which has the fill."""
+    layers = []
+    for index, inside in _rounds(shapes, scene):
+        fill = inside[0].attributes["fill"]
+        name = fill if len(fill) == 7 else "#" + "".join(2 * digit for digit in fill[1:])
+        plain = [one.without("fill") for one in inside]
+        label = f"Ink {name}: {len(inside)} ellipses"
+        layers.append(layer(label, plain, fill=fill, id=f"ink-{index + 1}"))
+    return layers
+
+
+def layer(label: str, inside: Sequence[Element], **attributes: str) -> Element:
+    """Return a group that Inkscape shows as a layer."""
+    shown = {"inkscape:groupmode": "layer", "inkscape:label": label, **attributes}
+    return Element("g", dict(sorted(shown.items())), inside)
+
+
+def sheet_of(shapes: Sequence[Drawn], scene: Scene, document: Document) -> str:
+    """Return the style sheet of the rounds that are drawn, "" where they need none."""
+    return document.style([index for index, _ in _rounds(shapes, scene)]) or ""
+
+
+def _rounds(shapes: Sequence[Drawn], scene: Scene) -> list[tuple[int, list[Element]]]:
+    """Return each round, as Scene.round_index has it, with its elements."""
+    rounds = scene.round_index.tolist()
+    runs = groupby(shapes, lambda one: rounds[one.shape])
+    return [(index, [one.element for one in run]) for index, run in runs]
+
+
 def view_of(scene: Scene, precision: float) -> tuple[str, str]:
-    """Width and height of a canvas in user units of `precision` px."""
+    """Return the width and height of a canvas in user units."""
     return number(scene.width / precision, 6), number(scene.height / precision, 6)
 
 
-def _background(scene: Scene) -> str:
+def _background(scene: Scene) -> list[Element]:
     if scene.transparent:
-        return ""
-    return hex_color(np.round(scene.background * 255).astype(np.uint8))
-
-
-@dataclass(frozen=True)
-class _Discs:
-    """The circles of n shapes, before they are text.
-
-    fill     (n,) text: a colour, or a gradient's reference
-    filter   (n,) text: a blur's reference, "" without one
-    unit     (n,) radius of its gradient; circle (n,) radius of the circle that shows it
-    opacity  (n,) in 0..1
-    factor   (n, 2, 2) in px, of the circle of radius `unit`; mean (n, 2) in px
-    """
-
-    fill: NDArray[np.object_]
-    filter: NDArray[np.object_]
-    unit: NDArray[np.intp]
-    circle: NDArray[np.float64]
-    opacity: NDArray[np.float64]
-    factor: NDArray[np.float64]
-    mean: NDArray[np.float64]
-
-
-def _circle(discs: _Discs, i: int, svg_format: SvgFormat) -> Element | None:
-    """The i-th shape; None where its opacity or its extent is written as 0."""
-    matrix = matrix_text(discs.factor[i], discs.mean[i], svg_format.precision, int(discs.unit[i]))
-    opacity = number(discs.opacity[i], svg_format.opacity_decimals)
-    if opacity == "0" or not matrix:
-        return None
-    attributes = {"fill": discs.fill[i], **with_default("fill-opacity", opacity, "1")}
-    attributes |= with_default("filter", discs.filter[i], "")
-    return Element("circle", {**attributes, "r": number(discs.circle[i], 1), "transform": matrix})
+        return []
+    fill = hex_color(np.round(scene.background * 255).astype(np.uint8))
+    size = {"width": "100%", "x": "0", "y": "0"}
+    return [Element("rect", {"fill": fill, "height": "100%", "id": "background", **size})]
 
 
 def matrix_text(
@@ -208,18 +224,11 @@ def matrix_text(
 
 def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) -> Element:
     """Return the gradient of an exponent and a colour, with `count` stops."""
-    shade, unit = hex_color(color), _LARGE if beta >= LARGE_FROM else 1
-    stops = [
-        Element(
-            "stop",
-            {
-                "offset": number(offset, 4),
-                "stop-color": shade,
-                **with_default("stop-opacity", number(value, 3), "1"),
-            },
-        )
-        for offset, value in zip(*gradient_stops(count, beta), strict=True)
-    ]
+    shade, unit, stops = hex_color(color), _LARGE if beta >= LARGE_FROM else 1, []
+    for offset, value in zip(*gradient_stops(count, beta), strict=True):
+        opacity = with_default("stop-opacity", number(value, 3), "1")
+        attributes = {"offset": number(offset, 4), "stop-color": shade, **opacity}
+        stops.append(Element("stop", attributes))
     return radial_gradient(name, stops, str(unit), number(unit * _FOCUS, 3))
 
 
@@ -227,15 +236,9 @@ def _filter(name: str, blur: Blur) -> Element:
     """A blur of a circle of radius 1, in a region of the circle's box with a margin around it."""
     margin = number(blur.margin / 2, 2)  # in diameters
     start, size = f"-{margin}", number(1 + 2 * float(margin), 2)
-    attributes = {
-        # The default, linearRGB, rounds colours once more.
-        "color-interpolation-filters": "sRGB",
-        "height": size,
-        "id": name,
-        "width": size,
-        "x": start,
-        "y": start,
-    }
+    # The default, linearRGB, rounds colours once more.
+    attributes = {"color-interpolation-filters": "sRGB", "height": size, "id": name}
+    attributes |= {"width": size, "x": start, "y": start}
     deviation = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
     return Element("filter", attributes, [Element("feGaussianBlur", deviation)])
 

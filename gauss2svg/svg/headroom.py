@@ -261,13 +261,7 @@ def _interval(samples, i, row):
 def _left_of(samples, row, x):
     """The first of a row's samples, all sorted, that does not lie left of x."""
     low, high = samples.start[row], samples.start[row + 1]
-    while low < high:
-        between = (low + high) // 2
-        if samples.place[between, 0] < x:
-            low = between + 1
-        else:
-            high = between
-    return low
+    return low + np.searchsorted(samples.place[low:high, 0], x)
 
 
 @_kernel

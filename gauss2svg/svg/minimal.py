@@ -36,6 +36,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from itertools import groupby
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +99,9 @@ def minimal_svg(
     fragments, which need layers.
     """
     document = instance(document, "document", Document)
-    refuse_layers(document)
+    for name in document.layered:
+        needed = f"{name} must not be given with minimal markup, which has no layers"
+        raise InputError(f"{needed}. Try --markup editable")
     shapes = shapes_of(scene, unit, digits, opacity_decimals, masked)
     width, height = (_view(side, unit) for side in (scene.width, scene.height))
     cover = []
@@ -127,15 +130,6 @@ def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
     return rounded_scene(scene, shapes_of(scene, unit, digits, OPACITY_DECIMALS), unit, digits)
 
 
-def refuse_layers(document: Document) -> None:
-    """Raise InputError for a document whose layers a minimal file does not have."""
-    for name in document.layered:
-        raise InputError(
-            f"{name} must not be given with minimal markup, which has no layers. Try --markup "
-            "editable"
-        )
-
-
 def whole_unit(width: int, height: int, about: float = 0) -> float:
     """The unit in px of which both sides are whole numbers, about so many along the longer one.
 
@@ -157,16 +151,12 @@ def _view(side: float, unit: float) -> str:
     )
 
 
-def _is_whole(units: float) -> bool:
-    return units >= 0.5 and abs(units - round(units)) <= 1e-9 * units
-
-
 def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str]:
     """Attributes of the root that say how large the picture is, where the view box does not."""
     sides = document.sides(scene.width, scene.height)
     canvas = scene.width / unit, scene.height / unit
     # Without them the file's size would be that of its numbers, and these rounded.
-    is_exact = unit >= 1 and all(map(_is_whole, canvas))
+    is_exact = unit >= 1 and all(u >= 0.5 and abs(u - round(u)) <= 1e-9 * u for u in canvas)
     if sides is None and not is_exact and not document.is_responsive:
         sides = number(scene.width, 3), number(scene.height, 3)
     size = {} if sides is None else {"width": sides[0], "height": sides[1]}
@@ -174,8 +164,9 @@ def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str]:
 
 
 def _names(document: Document) -> list[Element]:
-    title = [] if document.title == DEFAULT_TITLE else [Element("title", inside=document.title)]
-    return title + ([Element("desc", inside=document.alt)] if document.alt else [])
+    title = "" if document.title == DEFAULT_TITLE else document.title
+    named = {"title": title, "desc": document.alt or ""}
+    return [Element(tag, inside=escape(text)) for tag, text in named.items() if text]
 
 
 def _drawing(

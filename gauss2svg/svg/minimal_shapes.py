@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, number_within, quoted
+from gauss2svg.errors import number_within, quoted, refusal
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.falloff import (
     BETA_CLASSES,
@@ -86,12 +86,10 @@ def shapes_of(
     """
     unit = number_within("unit", unit, LEAST_UNIT, MOST_UNIT)
     if digits not in HEX_DIGITS:
-        raise InputError(f"digits must be 3 or 6; got {quoted(digits)}")
+        raise refusal("digits", "3 or 6", quoted(digits))
     if scene.blend == ADD:
-        raise InputError(
-            f"blend in minimal markup must be 'over'; got {quoted(scene.blend)}. Try "
-            "--portable, or --markup editable"
-        )
+        advice = "--portable, or --markup editable"
+        raise refusal("blend in minimal markup", "'over'", quoted(scene.blend), advice)
     check_canvas(scene)
     kind = nearest_class(scene.beta)
     classes = np.array(BETA_CLASSES)[kind]

@@ -58,7 +58,7 @@ class Pen:
     """A pen: its colour as #rrggbb, and the strokes that it draws, those below first."""
 
     color: str
-    strokes: tuple[Drawn, ...]
+    strokes: tuple[Element, ...]
 
 
 def pen_strokes(scene: Scene, count: int) -> list[Pen]:
@@ -69,7 +69,7 @@ def pen_strokes(scene: Scene, count: int) -> list[Pen]:
     drawn = outlines(scene)
     if not drawn:
         return []
-    index = [one.index for one in drawn]
+    index = [one.shape for one in drawn]
     color = scene.color[index]
     distinct = len(np.unique(np.round(color * 255), axis=0))
     if distinct == 1:
@@ -79,13 +79,13 @@ def pen_strokes(scene: Scene, count: int) -> list[Pen]:
         sorted_by_color = color[np.lexsort(color.T)][None].astype(np.float32)
         pens = inks_of(sorted_by_color, min(count, distinct))
     entry = nearest_entry(ink_colors(pens), color)[1]
-    strokes: list[list[Drawn]] = [[] for _ in pens.split(",")]
+    strokes: list[list[Element]] = [[] for _ in pens.split(",")]
     matrices = scene.factor[index] * half_radius(scene.beta[index])[:, None, None]
     centers = scene.mean[index]
     for one, pen, matrix, center in zip(drawn, entry.tolist(), matrices, centers, strict=True):
         element = _on_page(one.element.without("stroke"), matrix, center, scene)
         if element is not None:
-            strokes[pen].append(Drawn(one.index, element))
+            strokes[pen].append(element)
     found = zip(pens.split(","), strokes, strict=True)
     return [Pen(name, tuple(of_it)) for name, of_it in found if of_it]
 

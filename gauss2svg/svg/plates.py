@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, quoted
+from gauss2svg.errors import quoted, refusal
 from gauss2svg.scene import Scene
 from gauss2svg.svg.element import hex_color
 from gauss2svg.svg.minimal_shapes import colors_together, overlaps
@@ -23,9 +23,7 @@ _MARGIN = 1.0  # px from which two ellipses count as apart, for edges are antial
 def inks_of_scene(scene: Scene) -> NDArray[np.float64]:
     """Scene.inks; raises InputError for a scene that has none."""
     if scene.inks is None:
-        raise InputError(
-            "the scene must be of opaque plain ellipses alone; got others. Try a fit with inks"
-        )
+        raise refusal("the scene", "of opaque plain ellipses alone", "others", "a fit with inks")
     return scene.inks
 
 
@@ -61,7 +59,7 @@ def plate_of(scene: Scene, ink: str) -> Scene:
     """
     names = [ink_name(one) for one in inks_of_scene(scene)]
     if ink not in names:
-        raise InputError(f"ink must be one of {', '.join(names)}; got {quoted(ink)}")
+        raise refusal("ink", f"one of {', '.join(names)}", quoted(ink))
     wanted = np.array(list(bytes.fromhex(ink[1:])))
     printed = (_levels(scene.color) == wanted).all(axis=1)
     ground = not scene.transparent and bool((_levels(scene.background) == wanted).all())

@@ -29,9 +29,7 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, quoted
-from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
-from gauss2svg.svg.document import STOP_COUNTS
+from gauss2svg.scene.falloff import cut_radius, profile
 
 FEWEST_STOPS = 3
 _SAMPLES = 2000
@@ -49,16 +47,8 @@ def gradient_stops(count: int, beta: float = 1.0) -> Stops:
     """Offsets (0..1, as shares of cut_radius(beta)) and opacities (0..1) of gradient stops.
 
     At beta = 1 there are `count`; another beta has the fewest with at most lenience times the
-    error at beta = 1, or `count`. Raises InputError for a count that is not in STOP_COUNTS, and an
-    exponent that is not in BETA_CLASSES, which no file has.
+    error at beta = 1, or `count`. Both are those of files: in STOP_COUNTS and BETA_CLASSES.
     """
-    if count not in STOP_COUNTS:
-        raise InputError(
-            f"stops must be one of {', '.join(map(str, STOP_COUNTS))}; got {quoted(count)}"
-        )
-    if beta not in BETA_CLASSES:
-        needed = ", ".join(f"{known:g}" for known in BETA_CLASSES)
-        raise InputError(f"beta of a gradient must be one of {needed}; got {quoted(beta)}")
     if beta != 1:
         allowed = LENIENCE * _best(count, 1.0)[1]
         for fewer in range(FEWEST_STOPS, count):
@@ -117,7 +107,7 @@ def whole_stops(
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Offsets (n, count) and colours (n, count, 3) in levels of 255 for peaks levels (n, 3) >= 0.
 
-    The last stop is black. Raises InputError for a count not in gauss2svg.svg.document.STOP_COUNTS.
+    The last stop is black.
     """
     return _moved(levels, gradient_stops(count), 1.0, 255, 1)
 

@@ -17,7 +17,7 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene.inks import ink_colors
 from gauss2svg.svg.minimal_shapes import colors_together
-from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.read import read_svg
 
 INKS = "#f7c306,#c0322c,#17324d"
 

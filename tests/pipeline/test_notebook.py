@@ -57,7 +57,7 @@ def test_the_public_scene_shows_itself_and_loads_no_renderer():
 
 def test_a_scene_that_was_read_shows_itself_too():
     code = (
-        "from gauss2svg.svg.reader.read import read_svg; import sys; "
+        "from gauss2svg.svg.read import read_svg; import sys; "
         "print(read_svg(sys.argv[1])._repr_html_()[:5])"
     )
     svg = gauss2svg.write_svg(gauss2svg.Scene(4, 3))

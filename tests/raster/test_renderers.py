@@ -45,12 +45,12 @@ LEAST_DB = {
 posix = pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
 
 
-def refusing(svg: str, width: int = 40, height: int = 30) -> set[str]:
+def refusing(svg: str) -> set[str]:
     """The renderers that refuse an SVG, each by one line that names one that does not."""
     lines = {}
     for name in RENDERERS:
         try:
-            refuse_unsupported(svg, width, height, name)
+            refuse_unsupported(svg, name)
         except RendererError as error:
             lines[name] = str(error)
     assert not any("\n" in line for line in lines.values())
@@ -124,6 +124,8 @@ REFUSED = {
     "unknown renderer": (GREEN, (5, 5), "photoshop", "renderer must be one of resvg, cairo, "),
     "too large": ("", (14_000, 14_000), "resvg", r"at most 179 million px; .* 196 million"),
     "broken": ("<svg", (5, 5), "resvg", "cannot draw the SVG: .* Try to re-save it"),
+    "own document type": ('<!DOCTYPE svg [<!ENTITY a "b">]><svg/>', (4, 3), "resvg",
+                          "cannot draw the SVG: .* document type of its own"),
     "half a character": (SVG.format("><title>\ud800</title>"), (4, 3), "resvg", "surrogates not"),
     "blend": (SVG.format('><g style="mix-blend-mode:screen"/>'), (4, 3), "cairo",
               "one of resvg, chromium, .* uses, mix-blend-mode; got cairo. Try --renderer resvg"),
@@ -246,28 +248,22 @@ def test_a_large_file_is_drawn_by_chromium(browser):
 
 
 @pytest.mark.parametrize(
-    ("matrix", "size", "refused"),
+    ("matrix", "refused"),
     [
-        ("6 0 0 6 20 15", (40, 30), {"cairo"}),
-        ("6 0 0 3 20 15", (40, 30), {"cairo"}),
-        ("0 3 -6 0 20 15", (40, 30), {"cairo"}),
-        ("4 3 -3 4 20 15", (40, 30), {"cairo", "librsvg"}),
-        ("4 3 3 -4 20 15", (40, 30), {"cairo", "librsvg"}),
-        ("4 .4 -.4 4 900 15", (40, 30), {"cairo", "librsvg"}),  # however far from the corner
-        ("4 3 -3 4 20 15", (80, 30), {"cairo", "librsvg", "resvg"}),
-        ("6 3 0 4 20 15", (40, 30), {"cairo", "librsvg", "resvg"}),
-        ("1e200 0 1e200 1e200 0 0", (40, 30), {"cairo", "librsvg", "resvg"}),
-        ("1 0 0 1 1e999 0", (40, 30), {"cairo", "librsvg", "resvg"}),  # is not read
+        ("6 0 0 6 20 15", {"cairo"}),
+        ("6,0,0,3,20,15", {"cairo"}),
+        ("4 3 -3 4 20 15", {"cairo", "librsvg", "resvg"}),
+        ("6 3 0 4 20 15", {"cairo", "librsvg", "resvg"}),
     ],
 )
-def test_blurs_are_refused_by_those_who_draw_them_wrongly(matrix, size, refused):
-    assert refusing(SVG.format(BLUR.format(matrix)), *size) == refused
+def test_blurs_are_refused_by_those_who_draw_them_wrongly(matrix, refused):
+    assert refusing(SVG.format(BLUR.format(matrix))) == refused
 
 
 @pytest.mark.parametrize("name", [n for n in RENDERERS if n not in ("chromium", "cairo")])
 def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser):
     needs(name)
-    svg = STRAIGHT if name in refusing(SHEARED, 160, 120) else SHEARED
+    svg = STRAIGHT if name in refusing(SHEARED) else SHEARED
     drawn = rasterize(svg, 160, 120, name)
     assert metrics.psnr(drawn, rasterize(svg, 160, 120, "chromium")) > 44
 
@@ -280,7 +276,7 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
         ('><g style="mix-blend-mode:plus-lighter"/>', set(RENDERERS) - {"chromium", "firefox"}),
         ('><filter id="f"><feOffset/></filter><g filter="url(#f)"/>', {"cairo"}),
         ('><g style="filter:blur(2px)"/>', {"cairo"}),
-        ('><g transform="rotate(9)"><g style="filter:blur(2px)"/></g>', {"cairo", "librsvg"}),
+        ('><g transform="rotate(9)" style="filter:blur(2px)"/>', {"cairo", "librsvg", "resvg"}),
         ('><g transform="skewX(9)"><g filter="blur(2px)"/></g>', {"cairo", "librsvg", "resvg"}),
         ('><g style="transform:rotate(9deg);filter:blur(2px)"/>', {"cairo", "librsvg", "resvg"}),
         ('><g style="text-transform:none;filter:blur(2px)"/>', {"cairo"}),
@@ -288,9 +284,8 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
         ('><a href="#a"/>', set()),
         (' xmlns:x="http://www.w3.org/1999/xlink"><g id="a"/><use x:href="#a"/>', set()),
         ("><title>No filter: raw photo, blur(2px); mix-blend-mode:screen</title>", set()),
-        ("><style>/* filter:blur(2px) */ g { opacity:1 }</style>", set()),
+        ("><!-- filter:blur(2px) --><g opacity='1'/>", set()),
         ('><g style="FILTER : Blur(2px)"/>', {"cairo"}),
-        ('><style>g{f\\69lter:blur(2px)}</style><g/>', {"cairo"}),
         ('><g style="f&#105;lter:blur(2px)"/>', {"cairo"}),
         ("><style>circle{-webkit-filter:blur(2px)}</style>", {"cairo"}),
         ('><g style="color-interpolation-filters:sRGB;backdrop-filter:none"/>', set()),
@@ -316,7 +311,7 @@ def test_what_a_file_uses_is_refused_by_those_who_do_not_draw_it(inside, refused
 BEFORE_THE_ROOT = (
     '<!-- <svg viewBox="0 0 1 1"> -->',
     '<?xml version="1.0"?><?a <svg viewBox="0 0 1 1"> ?>\n',
-    '<!DOCTYPE svg [<!ENTITY green "#0f0"><!-- "]> <svg viewBox=""> -->]>',
+    '<!DOCTYPE svg PUBLIC "a>" "b"><!-- "]> <svg viewBox=""> -->',
 )
 
 
@@ -328,12 +323,11 @@ BEFORE_THE_ROOT = (
     indirect=["renderer"],
 )
 def test_the_root_is_what_is_stretched(before, prefix, renderer):
-    fill = "&green;" if "ENTITY" in before else "#0f0"
     spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:s="http://www.w3.org/2000/svg"'
     svg = (
         f'{before}<{prefix}svg {spaces} viewBox="0 0 10 10" style="width:5px; height:7px">'
         f'<svg viewBox="0 0 1 1" width="5" height="10" preserveAspectRatio="none">'
-        f'<rect width="1" height="1" fill="{fill}"/></svg></{prefix}svg>'
+        f'<rect width="1" height="1" fill="#0f0"/></svg></{prefix}svg>'
     )
     drawn = rasterize(svg, 40, 30, renderer)
     assert (drawn[:, :20] == [0, 1, 0]).all()

@@ -19,7 +19,7 @@ from gauss2svg.render.cpu import splats_of, squared_error
 from gauss2svg.render.reference import below_one, render_reference
 from gauss2svg.scene import ADD, OVER, Scene
 from gauss2svg.svg.document import SvgFormat
-from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
 
 blends = st.sampled_from([OVER, ADD])

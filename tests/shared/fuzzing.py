@@ -24,11 +24,11 @@ from svg_fuzzing import mutated_svg, svg_seeds
 
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.check import sized_svg
-from gauss2svg.measure.survey import survey
 from gauss2svg.photo.load import load_image
 from gauss2svg.raster import refuse_unsupported
-from gauss2svg.svg.reader.read import read_svg
-from gauss2svg.svg.syntax.source import svg_source
+from gauss2svg.svg.read import read_svg
+from gauss2svg.svg.source import read_source
+from gauss2svg.svg.untrusted import Survey
 
 _LONGEST = 2000
 _PILLOW = Path(PIL.__file__).parent
@@ -237,13 +237,13 @@ def check_svg(data: bytes) -> None:
 
     The rasterised text has the elements of the survey. Raises InputError or RendererError.
     """
-    _, text = svg_source(data, _MOST_SVG_BYTES)
+    _, text = read_source(data, _MOST_SVG_BYTES)
     surveyed, frame, sized = sized_svg(text, 40, 30, "resvg", _MOST_ELEMENTS)
     box = " ".join(f"{v!r}" for v in frame.view_box)
-    again, _ = survey(sized, _MOST_ELEMENTS)
+    again = Survey(sized, _MOST_ELEMENTS)
     assert again.tags == surveyed.tags
     assert (again.root["width"], again.root["height"], again.root["viewBox"]) == ("40", "30", box)
-    refuse_unsupported(sized, 40, 30, "resvg")
+    refuse_unsupported(sized, "resvg")
 
 
 def read_scene(data: bytes) -> None:

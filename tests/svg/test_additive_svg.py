@@ -209,10 +209,10 @@ def test_every_renderer_but_cairo_draws_a_sum(renderer):
 def test_each_gaussian_is_in_one_phase_and_phases_have_one_pattern_of_signs():
     scene = scene_with(8, 200)
     phases, _, _ = phases_of(scene)
-    order = np.concatenate([phase.index for phase in phases])
+    order = np.concatenate([phase.indices for phase in phases])
     np.testing.assert_array_equal(np.sort(order), np.arange(200))
     for phase in phases:
-        assert ((scene.color[phase.index] < 0) == phase.takes).all()
+        assert ((scene.color[phase.indices] < 0) == phase.takes).all()
 
 
 def test_what_cancels_is_drawn_in_turns():
@@ -248,7 +248,7 @@ def test_partial_sums_leave_the_canvas_only_where_the_picture_does():
     assert (low <= np.maximum(least, 0.5 * least) + 0.04).all()
     assert (high >= np.minimum(most, 0.5 * (1 + most)) - 0.04).all()
     for k in range(len(phases)):
-        total = render_sum(fine, np.concatenate([phase.index for phase in phases[: k + 1]]))
+        total = render_sum(fine, np.concatenate([phase.indices for phase in phases[: k + 1]]))
         assert (total > np.minimum(low, picture) - 0.04).all()
         assert (total < np.maximum(high, picture) + 0.04).all()
 

@@ -9,10 +9,9 @@ from conftest import random_scene
 from PIL import Image
 from screens import captured, opened_page
 
-from gauss2svg.errors import RendererError
-from gauss2svg.raster import rasterize, refuse_unsupported
+from gauss2svg.raster import rasterize
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
 
 pytestmark = pytest.mark.browser
@@ -55,18 +54,6 @@ def test_scene_is_read_back_from_an_animated_file():
     np.testing.assert_array_equal(back.mean, still.mean)
     np.testing.assert_array_equal(back.opacity, still.opacity)
     np.testing.assert_array_equal(back.round_index, still.round_index)
-
-
-def test_style_sheet_without_filters_filters_nothing():
-    blurred = (
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">{}<filter id="f">'
-        '<feGaussianBlur stdDeviation="1"/></filter><circle r="2" filter="url(#f)"/>'
-        '<circle r="2" transform="matrix(2 1 0 1 3 3)"/></svg>'
-    )
-    sheet = "<style>#a{animation:b 1s}</style>"
-    refuse_unsupported(blurred.format(sheet), 9, 9, "resvg")
-    with pytest.raises(RendererError, match="skewed"):
-        refuse_unsupported(blurred.format("<style>circle{filter:url(#f)}</style>"), 9, 9, "resvg")
 
 
 def screenshots(motion: str, svg: str, times: list[float | None]) -> list[bytes]:

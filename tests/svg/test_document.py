@@ -20,7 +20,7 @@ from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import DEFAULT_TITLE, Document, SvgFormat
 from gauss2svg.svg.file import bytes_by_part, file_bytes
-from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"

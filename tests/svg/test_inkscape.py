@@ -14,7 +14,7 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.blur import BLUR, GRADIENT
 from gauss2svg.svg.document import SvgFormat
-from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
 
 DATA = Path(__file__).parents[1] / "data"

@@ -16,7 +16,7 @@ from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.syntax.values import color
+from gauss2svg.svg.read_shapes import color_of
 from gauss2svg.svg.write import outline_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -26,7 +26,7 @@ def test_every_shape_is_one_stroke_in_its_colour_and_nothing_is_filled():
     scene = random_scene(40, seed=3, sigma=(1, 8)).replace(opacity=np.full(40, 0.5))
     root = parse(outline_svg(scene))
     ellipses = list(root.iter(SVG + "ellipse"))
-    drawn = [color(e.get("stroke", ""), "stroke") for e in ellipses]
+    drawn = [color_of(e.get("stroke", ""), "stroke") for e in ellipses]
     np.testing.assert_allclose(drawn, scene.color, atol=0.51 / 255)
     assert root.get("fill") == "none"
     assert not any("fill" in element.attrib for element in root.iter() if element is not root)

@@ -15,7 +15,7 @@ from gauss2svg.scene.inks import ink_colors
 from gauss2svg.svg.document import Document, SvgFormat
 from gauss2svg.svg.minimal_shapes import overlaps
 from gauss2svg.svg.plates import grouped_by_ink, ink_name, plate_of
-from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import plate_svg, write_svg
 
 INKS = "#f7c306,#c0322c,#17324d"

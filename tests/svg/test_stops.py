@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from stops import optimised_stops
 
-from gauss2svg.errors import InputError
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.document import STOP_COUNTS
 from gauss2svg.svg.stops import (
@@ -87,13 +86,6 @@ def test_table_is_what_is_derived(count, beta):
 def test_table_has_all_that_files_need():
     counts = range(FEWEST_STOPS, max(STOP_COUNTS) + 1)
     assert set(known_stops()) == set(itertools.product(counts, BETA_CLASSES))
-
-
-def test_unknown_stop_counts_and_exponents_are_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="5, 6, 8, 10, 12"):
-        gradient_stops(7)
-    with pytest.raises(InputError, match=r"beta of a gradient must be one of 1, .*; got 2"):
-        gradient_stops(6, 2.0)
 
 
 def test_stops_are_as_near_to_their_own_exponent_and_as_far_from_others_as_is_stated():

@@ -15,17 +15,18 @@ from svg_texts import gradient
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.measure.survey import frame_of, survey
+from gauss2svg.measure.check import sized_svg
 from gauss2svg.raster import refuse_unsupported
-from gauss2svg.svg.reader.read import read_svg
-from gauss2svg.svg.syntax.source import svg_source
+from gauss2svg.svg.canvas import frame_of
+from gauss2svg.svg.read import read_svg
+from gauss2svg.svg.source import read_source
+from gauss2svg.svg.untrusted import Survey
 
 ROOT = (
     '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
-    'xmlns:any="http://www.w3.org/1999/xlink" '
+    'xmlns:any="http://www.w3.org/1999/xlink" xmlns:h="http://www.w3.org/1999/xhtml" '
     'xmlns:s="http://sodipodi.sourceforge.net/DTD/sodipodi-0.dtd" viewBox="0 0 8 8">'
 )
-XHTML = 'xmlns:h="http://www.w3.org/1999/xhtml"'
 LAUGHS = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10))
 
 
@@ -49,10 +50,11 @@ def bmp():
 
 
 NESTED = f'{ROOT}<image href="/etc/hostname" width="8" height="8"/></svg>'.encode()
+NO_IMAGE = "data: in the SVG must be an image"
+# What is in the file, or the whole of it, and the line.
 REFUSED = {
     "billion laughs": (
-        f'<!DOCTYPE svg [<!ENTITY l0 "ha">{LAUGHS}]>{ROOT}<desc>&l9;</desc></svg>',
-        "save it as plain SVG",
+        f'<!DOCTYPE svg [<!ENTITY l0 "ha">{LAUGHS}]>{ROOT}<desc>&l9;</desc></svg>', "plain SVG",
     ),
     "external entity": (
         f'<!DOCTYPE svg [<!ENTITY x SYSTEM "file:///etc/passwd">]>{ROOT}<desc>&x;</desc></svg>',
@@ -61,84 +63,73 @@ REFUSED = {
     "own attributes": (
         f'<!DOCTYPE svg [<!ATTLIST g fill CDATA "red">]>{ROOT}<g/></svg>', "type of its own",
     ),
-    "undefined entity": (f"{ROOT}<desc>&x;</desc></svg>", "well-formed XML; got undefined entity"),
-    "not closed": (f"{ROOT}<g>", "well-formed XML; got no element found"),
-    "wrong end": (f"{ROOT}<g></svg>", "well-formed XML; got mismatched tag: line 1"),
+    "undefined entity": ("<desc>&x;</desc>", "well-formed XML; got undefined entity"),
+    "not closed": ("<g>", "well-formed XML; got mismatched tag"),
     "no svg": ("<html/>", "root element must be <svg>; got <html>"),
-    "nothing": ("", "got an empty file"),
-    "odd encoding": (
-        f'<?xml version="1.0" encoding="unicode_escape"?>{ROOT}</svg>', "save it as UTF-8",
-    ),
-    "local picture": (f'{ROOT}<image href="/etc/x.png"/></svg>', "got '/etc/x.png'"),
-    "relative picture": (f'{ROOT}<image xlink:href="x.png"/></svg>', "got 'x.png'"),
-    "any prefix": (f'{ROOT}<image any:href="x.png"/></svg>', "got 'x.png'"),
+    "nothing": ("", "well-formed XML; got no element found"),
+    "odd encoding": (f'<?xml version="1.0" encoding="u-x"?>{ROOT}</svg>', "save it as UTF-8"),
+    "local picture": ('<image href="/etc/x.png"/>', "got '/etc/x.png'"),
+    "relative picture": ('<image xlink:href="x.png"/>', "got 'x.png'"),
+    "any prefix": ('<image any:href="x.png"/>', "got 'x.png'"),
     "picture of an editor": (
-        f'{ROOT}<image xlink:href="{data_of(png(3, 2))}" s:absref="/etc/x.png"/></svg>',
-        "got '/etc/x.png'",
+        f'<image xlink:href="{data_of(png(3, 2))}" s:absref="/etc/x.png"/>', "got '/etc/x.png'",
     ),
-    "remote picture": (f'{ROOT}<image href="https://a/x.png"/></svg>', "got 'https://a/x.png'"),
-    "filter": (f'{ROOT}<feImage href="file:///x.png"/></svg>', "got 'file:///x.png'"),
-    "use": (f'{ROOT}<use href="other.svg#a"/></svg>', "got 'other.svg#a'"),
-    "use of data": (f'{ROOT}<use href="{data_of(NESTED)}"/></svg>', "got 'data:"),
-    "paint": (f'{ROOT}<g fill="url( \'x.svg#a\' )"/></svg>', "got 'x.svg#a'"),
-    "style": (f'{ROOT}<g style="mask: URL(x.svg#a)"/></svg>', "got 'x.svg#a'"),
-    "style sheet": (f"{ROOT}<style>g {{ mask: url(x.svg) }}</style></svg>", "got 'x.svg'"),
-    "import": (f'{ROOT}<style>@IMPORT "x.css";</style></svg>', "@import of a style sheet"),
-    "escaped paint": (f"{ROOT}<g style='fill:\\75r\\6c(x.svg)'/></svg>", "got 'x.svg'"),
-    "escaped import": (f"{ROOT}<style>@\\69mport 'x.css';</style></svg>", "@import of a style"),
-    "instruction": (f'<?xml-stylesheet href="x.css"?>{ROOT}</svg>', "@import of a style sheet"),
-    "style sheet of a page": (
-        f'{ROOT}<h:style {XHTML}>@import "x.css";</h:style></svg>', "@import of a style sheet",
-    ),
-    "element in a style sheet": (
-        f'{ROOT}<style>@imp<g>x</g>ort "x.css";</style></svg>', "be of text alone; got <g> in it",
-    ),
-    "set of images": (f"{ROOT}<g style='fill:image-set(\"x.png\" 1x)'/></svg>", "got 'x.png'"),
-    "picture of a page": (f'{ROOT}<h:img {XHTML} src="x.png"/></svg>', "got 'x.png'"),
-    "base": (f'{ROOT}<image xml:base="/etc/x.png" href=""/></svg>', "got '/etc/x.png'"),
-    "nested svg": (
-        f'{ROOT}<image href="{data_of(NESTED)}"/></svg>', "data: in the SVG must be an image",
-    ),
-    "other format": (
-        f'{ROOT}<image href="{data_of(bmp())}"/></svg>', "data: in the SVG must be an image",
-    ),
-    "nested bomb": (
-        f'{ROOT}<image href="{data_of(gzip.compress(NESTED))}"/></svg>',
-        "data: in the SVG must be an image",
-    ),
-    "large picture": (
-        f'{ROOT}<image href="{data_of(png(20000, 9500))}"/></svg>',
-        "image in the SVG must be smaller",
-    ),
-    "large pictures": (
-        ROOT + f'<image href="{data_of(png(6000, 6000))}"/>' * 3 + "</svg>",
-        "at most 100000000 px together; got 108000000",
-    ),
+    "remote picture": ('<image href="https://a/x.png"/>', "got 'https://a/x.png'"),
+    "filter": ('<feImage href="file:///x.png"/>', "got 'file:///x.png'"),
+    "use": ('<use href="other.svg#a"/>', "got 'other.svg#a'"),
+    "use of data": (f'<use href="{data_of(NESTED)}"/>', NO_IMAGE),
+    "paint": ("<g fill=\"url( 'x.svg#a' )\"/>", "x.svg#a"),
+    "two paints": ('<g fill="url(#a)" stroke="url(#b) url(//c)"/>', "got '//c'"),
+    "style": ('<g style="mask: URL(x.svg#a)"/>', "got 'x.svg#a'"),
+    "style sheet": ("<style>g { mask: url(x.svg) }</style>", "got 'x.svg'"),
+    "import": ('<style>@IMPORT "x.css";</style>', "got '@IMPORT'"),
+    "escaped paint": ("<g style='fill:\\75r\\6c(x.svg)'/>", "without escapes"),
+    "escaped attribute": ("<g fill='\\75r\\6c(x.svg)'/>", "without escapes"),
+    "escaped import": ("<style>@\\69mport 'x.css';</style>", "without escapes"),
+    "instruction": (f'<?xml-stylesheet href="x.css"?>{ROOT}</svg>', "got 'xml-stylesheet'"),
+    "style sheet of a page": ('<h:style>@import "x.css";</h:style>', "got '@import'"),
+    "element in a style sheet": ('<style>@imp<g>x</g>ort "x";</style>', "of text alone; got <g>"),
+    "set of images": ("<g style='fill:image-set(\"x.png\" 1x)'/>", "got 'image-set('"),
+    "image of CSS": ("<g style='fill:-webkit-image(x.png)'/>", "got '-webkit-image('"),
+    "svg of CSS": ("<style>g{mask:url(data:image/svg+xml,x)}</style>", "got 'data:image/svg"),
+    "picture of a page": ('<h:img src="x.png"/>', "got 'x.png'"),
+    "base": ('<image xml:base="/etc/x.png" href=""/>', "got '/etc/x.png'"),
+    "base of a link": ('<a xml:base="/etc/x.png"/>', "got '/etc/x.png'"),
+    "nested svg": (f'<image href="{data_of(NESTED)}"/>', NO_IMAGE),
+    "nested svg by name": (f'<image href="{data_of(NESTED, "image/svg+xml")}"/>', NO_IMAGE),
+    "other format": (f'<image href="{data_of(bmp())}"/>', NO_IMAGE),
+    "nested bomb": (f'<image href="{data_of(gzip.compress(NESTED))}"/>', NO_IMAGE),
+    "large picture": (f'<image href="{data_of(png(20000, 9500))}"/>', NO_IMAGE),
 }  # fmt: skip
+for _tag in ("img", "object", "video", "body", "link", "any"):
+    for _name in ("src", "srcset", "href", "data", "poster", "background", "srcdoc", "code"):
+        REFUSED[f"{_name} of {_tag}"] = f'<h:{_tag} {_name}="//a/x.png"/>', "got '//a/x.png'"
 
 
-@pytest.mark.parametrize(
-    ("renderer", "name"),
-    [("resvg", name) for name in REFUSED]
-    + [
-        (renderer, name)
-        for renderer in ("chromium", "librsvg", "inkscape")
-        for name in ("external entity", "local picture", "picture of an editor", "escaped paint")
-    ],
-    indirect=["renderer"],
-)
-def test_it_is_refused_in_one_line(name, renderer, tmp_path, capsys):
-    svg, message = REFUSED[name]
-    (tmp_path / "x.svg").write_text(svg)
+def whole(svg):
+    is_whole = not svg or svg.startswith(("<?", "<!", "<html"))
+    return svg if is_whole else f"{ROOT}{svg}</svg>"
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_would_grow_or_load_is_refused_in_one_line(case):
+    svg, line = REFUSED[case]
+    for renderer in ("resvg", "chromium"):
+        with pytest.raises(InputError) as caught:
+            sized_svg(read_source(whole(svg).encode(), 10_000)[1], 8, 8, renderer, 99)
+        assert line in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_the_command_refuses_it_with_status_two_and_writes_nothing(tmp_path, capsys):
+    (tmp_path / "x.svg").write_text(whole(REFUSED["local picture"][0]))
     Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "x.png")
     before = sorted(tmp_path.iterdir())
     names = [str(tmp_path / n) for n in ("x.png", "x.svg", "r.json")]
-    command = ["check", *names[:2], "--report", names[2], "--renderer", renderer]
-    assert main(command) == 2
+    assert main(["check", *names[:2], "--report", names[2]]) == 2
     out, err = capsys.readouterr()
-    assert out == ""
-    assert message in err
-    assert err.count("\n") == 1
+    assert (out, err.count("\n")) == ("", 1)
+    assert "got '/etc/x.png'" in err
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -148,58 +139,16 @@ def test_it_is_refused_in_one_line(name, renderer, tmp_path, capsys):
         '<use href="#a"/>',
         '<a xlink:href="https://example.com"><g/></a>',
         '<g fill="url(#a)" style="mask:url(\'#b\')"/>',
-        "<style>@namespace url(http://a); /* url(x) */ g { fill: url(#a) }</style>",
-        "<style>@font-face { src: url(data:font/woff2;base64,AAAA) }</style>",
+        "<style>@font-face { src: url(data:font/woff2;base64,AAAA) } g { fill: url( #a ) }</style>",
         '<image href=""/>',
-        "<style>g { fill: image-set(url(#a) 1x type('image/png'), 'data:image/png;base64,AA' 2x) }"
-        "</style>",
-        f'<h:a {XHTML} href="https://example.com"><h:img src="#a" alt="x.png"/></h:a>',
-        f'<h:img {XHTML} src="{data_of(png(3, 2))}" title="image-set"/>',
-        '<g class="image" data="1" src="x"/>',
+        f'<h:img src="{data_of(png(3, 2))}" title="image-set"/>',
+        '<g class="image" inkscape:label="image(1) \\ (2)" '
+        'xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"/>',
         f'<image href="{data_of(png(3, 2))}"/>',
     ],
 )
 def test_what_stays_within_the_file_is_let_through(inner):
-    assert survey(f"{ROOT}{inner}</svg>", 10)[0].elements > 1
-
-
-LOADED = ("x.png", "file:///x.png", "https://a/x.png", "//a/x.png", "/etc/x.png")
-
-
-@pytest.mark.parametrize("function", ["url", "src", "image", "image-set", "cross-fade"])
-@pytest.mark.parametrize("prefix", ["", "-webkit-", "-MOZ-"])
-def test_no_function_of_css_loads(function, prefix):
-    spelled = {f"{prefix}{function}", function.upper(), f"\\{ord(function[0]):x} {function[1:]}"}
-    for name in spelled:
-        for target in LOADED:
-            for value in (f"{name}('{target}' 1x)", f"{name}( {name}('{target}'), #000)"):
-                sheet = f"g {{ background: none, {value} }}"
-                for svg in (f'<g style="fill: {value}"/>', f"<style>{sheet}</style>",
-                            f"<h:style {XHTML}>{sheet}</h:style>", f'<g fill="{value}"/>',
-                            f'<h:p {XHTML} style="content: {value}"/>'):  # fmt: skip
-                    with pytest.raises(InputError, match="reference in the SVG must be within"):
-                        survey(f"{ROOT}{svg}</svg>", 9)
-    indirect = f"--a: 'x.png'; background: {prefix}{function}(var(--a) 1x)"
-    if function != "url":  # a function of which no part is taken from elsewhere
-        with pytest.raises(InputError, match=r"got '.*\(var\(\)\)'"):
-            survey(f'{ROOT}<g style="{indirect}"/></svg>', 9)
-
-
-LOADING = ("src", "srcset", "href", "data", "poster", "background", "imagesrcset", "srcdoc", "code")
-
-
-@pytest.mark.parametrize("attribute", LOADING)
-@pytest.mark.parametrize(
-    "space", ["http://www.w3.org/1999/xhtml", "http://www.w3.org/1998/Math/MathML"]
-)
-def test_no_attribute_of_another_namespace_loads(attribute, space):
-    for tag in ("img", "object", "video", "body", "link", "style", "any"):
-        for target in LOADED:
-            inner = f'<x:{tag} xmlns:x="{space}" {attribute}="{target}"/>'
-            for svg in (inner, inner.replace("x:", "").replace("xmlns:x", "xmlns"),
-                        f"<foreignObject><g>{inner}</g></foreignObject>"):  # fmt: skip
-                with pytest.raises(InputError, match="reference in the SVG must be within"):
-                    survey(f"{ROOT}{svg}</svg>", 9)
+    assert Survey(f"{ROOT}{inner}</svg>", 10).elements > 1
 
 
 def test_gzip_bomb_is_refused_without_being_unpacked(monkeypatch):
@@ -214,21 +163,17 @@ def test_gzip_bomb_is_refused_without_being_unpacked(monkeypatch):
     monkeypatch.setattr(gzip.GzipFile, "read", counted)
     packer = zlib.compressobj(wbits=31)
     bomb = b"".join(packer.compress(bytes(1 << 20)) for _ in range(50)) + packer.flush()
-    with pytest.raises(InputError, match="gunzipped, must be at most 1000000 bytes"):
-        svg_source(bomb, 1_000_000)
-    assert sum(unpacked) == 1_000_001
-    unpacked.clear()
-    with pytest.raises(InputError, match="gunzipped, must be at most 2000000 bytes") as caught:
-        read_svg(bomb, max_bytes=2_000_000)
-    assert "\n" not in str(caught.value)
-    assert sum(unpacked) == 2_000_001
+    for read in (lambda: read_source(bomb, 1_000_000), lambda: read_svg(bomb, max_bytes=1_000_000)):
+        with pytest.raises(InputError, match="at most 1000000 bytes, gunzipped"):
+            read()
+        assert unpacked.pop() == 1_000_001
 
 
 def test_broken_gzip_is_refused():
-    whole = gzip.compress(f"{ROOT}</svg>".encode())
-    for broken in (whole[:-9], whole[:12] + b"\xff" * 9 + whole[21:]):
+    packed = gzip.compress(f"{ROOT}</svg>".encode())
+    for broken in (packed[:-9], packed[:12] + b"\xff" * 9 + packed[21:]):
         with pytest.raises(InputError, match="complete gzip file"):
-            svg_source(broken, 1000)
+            read_source(broken, 1000)
 
 
 def test_endless_stream_is_not_read_to_its_end():
@@ -238,52 +183,31 @@ def test_endless_stream_is_not_read_to_its_end():
             return b"<" * size
 
     with pytest.raises(InputError, match="at most 1000 bytes"):
-        svg_source(Endless(), 1000)
+        read_source(Endless(), 1000)
 
 
 def test_limits_are_the_last_that_is_let_through():
     svg = f"{ROOT}<g/><g/></svg>"
-    assert survey(svg, 3)[0].tags == {"g": 2, "svg": 1}
-    assert svg_source(svg, len(svg))[1] == svg
+    assert Survey(svg, 3).tags == {"g": 2, "svg": 1}
+    assert read_source(svg, len(svg))[1] == svg
     with pytest.raises(InputError, match="at most 2 elements"):
-        survey(svg, 2)
+        Survey(svg, 2)
     with pytest.raises(InputError, match=f"at most {len(svg) - 1} bytes"):
-        svg_source(svg, len(svg) - 1)
+        read_source(svg, len(svg) - 1)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "windows-1252"])
 def test_text_is_read_in_its_encoding(encoding):
-    svg = f"{ROOT}<title>Größe</title></svg>"
-    assert svg_source(svg.encode(encoding), 10_000)[1] == svg
-
-
-def test_declared_encoding_is_believed():
-    svg = f"<?xml version='1.0' encoding='windows-1252'?>{ROOT}<title>10 €</title></svg>"
-    assert svg_source(svg.encode("cp1252"), 10_000)[1] == svg
+    svg = f"<?xml version='1.0' encoding='{encoding}'?>{ROOT}<title>Größe 10 €</title></svg>"
+    assert read_source(svg.encode(encoding), 10_000)[1] == svg
+    assert Survey(f"{ROOT}</svg>".encode("utf-8-sig").decode().lstrip("\ufeff"), 1).elements == 1
 
 
 def test_null_characters_are_no_text():
-    # expat takes these for UTF-16 and sees elements that no renderer of the text does
-    with pytest.raises(
-        InputError, match=r"got null characters, read as utf-8. Try to save it as UTF-8"
-    ):
-        svg_source(f"{ROOT}</svg>".encode("utf-16-le"), 10_000)
-
-
-def test_tree_that_is_read_has_limits(tmp_path):
-    inner = "<g></g>" * 9
-    with pytest.raises(
-        InputError, match=r"at most 9 elements; got more. Try a larger max_elements"
-    ):
-        read_svg(f"{ROOT}{inner}</svg>", max_elements=9)
-    path = tmp_path / "x.svg"
-    path.write_text(f"{ROOT}{inner}</svg>")
-    with pytest.raises(InputError, match=r"at most 100 bytes; got more. Try a larger max_bytes"):
-        read_svg(path, max_bytes=100)
-    for tag in ("g", "style", "title"):
-        deep = f"<{tag}>" * 1000 + f"</{tag}>" * 1000
-        with pytest.raises(InputError, match="nested at most 1000 deep"):
-            read_svg(f"{ROOT}{deep}</svg>")
+    # expat would take these for UTF-16 and see elements that no renderer of the text does
+    text = read_source(f"{ROOT}</svg>".encode("utf-16-le"), 10_000)[1]
+    with pytest.raises(InputError, match="without null characters"):
+        sized_svg(text, 8, 8, "resvg", 99)
 
 
 MANY = 40_000
@@ -293,14 +217,16 @@ HOSTILE = {
     "digits": f'<svg width="{"9" * MANY}x" viewBox="0 0 8 8"',
     "spaces": f'<svg width="9{" " * MANY}x" viewBox="0 0 8 8"',
     "word": f'{ROOT[:-1]} filter="url(#a)" transform="{"a" * MANY}"',
-    "calls": f'{ROOT[:-1]} filter="url(#a)" transform="{"a(" * MANY}"',
+    "calls": f'{ROOT[:-1]} filter="blur(" transform="{"matrix(" * MANY}"',
     "unclosed comments": f"{ROOT}<style>{'/*' * MANY}</style>",
     "unclosed rules": f"{ROOT}<style>{'a{' * MANY}</style>",
-    "one selector": f"{ROOT}<style>{'a' * MANY}</style>",
-    "media": f"{ROOT}<style>{'@media ' * MANY}</style>",
-    "keyframes": f"{ROOT}<style>{'@keyframes a{b{c}' * MANY}</style>",
-    "open keyframes": f"{ROOT}<style>@keyframes a{{{'b{c:d}' * MANY}</style>",
+    "media": f"{ROOT}<style>{'@media no-preference){a{' * MANY}animation:a</style>",
+    "open media": f"{ROOT}<style>{'@media ' * MANY}animation:a</style>",
+    "comments": f"{ROOT}<style><![CDATA[{'<!-- <use title ' * MANY} href]]></style>",
+    "urls": f"{ROOT}<style>{'url(#' * MANY}</style>",
+    "prolog": f"{'<!-- -->' * MANY}{'<?a ?>' * MANY}<svg",
     "chain": f"{ROOT}{CHAIN}" + "".join(f'<circle r="1" fill="url(#c{i})"/>' for i in range(5000)),
+    "one attribute": f'{ROOT[:-1]} a="{"x" * 20_000_000}"',
 }
 
 
@@ -310,15 +236,11 @@ def test_time_grows_no_faster_than_the_text(name):
     svg += "/>" if svg.endswith('"') else "</svg>"
     begun = time.process_time()
     with contextlib.suppress(InputError, RendererError):
-        _, text = svg_source(svg, len(svg))
-        frame_of(survey(text, MANY)[0].root)
-        refuse_unsupported(text, 8, 8, "resvg")
+        _, text = read_source(svg, len(svg))
+        frame_of(Survey(text, MANY).root)
+    for renderer in ("resvg", "inkscape", "firefox", "cairo"):
+        with contextlib.suppress(RendererError):
+            refuse_unsupported(svg, renderer)
     with contextlib.suppress(InputError):
         read_svg(svg)
-    assert time.process_time() - begun < 2
-
-
-def test_one_large_attribute_is_parsed_once():
-    begun = time.process_time()
-    survey(f'{ROOT[:-1]} a="{"x" * 20_000_000}"/>', 9)
-    assert time.process_time() - begun < 2
+    assert time.process_time() - begun < 4

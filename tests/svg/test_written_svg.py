@@ -4,19 +4,29 @@ Read by expat alone, which knows nothing of this package.
 """
 
 import re
+from collections import defaultdict
+from pathlib import Path
 from typing import get_args
 from xml.parsers import expat
 
+import numpy as np
 import pytest
 from conftest import random_scene, random_sum
 from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
+from gauss2svg.scene import PLAIN
 from gauss2svg.svg.document import Document, Form, SvgFormat
+from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.write import outline_svg, write_svg
 
 SCENE, ADDITIVE = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)
+IN_INKS = SCENE.replace(
+    color=np.round(SCENE.color), opacity=np.ones(8), drawn=np.full(8, PLAIN), round_index=None
+)
+CRISP = SCENE.replace(beta=np.full(8, 64.0), opacity=np.resize([0.5, 1.0], 8))
+MINIMAL = SvgFormat(markup="minimal", precision=0.5)
 WRITERS = {
     **{
         form: lambda form=form, **said: write_svg(SCENE, SvgFormat(form=form), Document(**said))
@@ -25,15 +35,34 @@ WRITERS = {
     "stops": lambda **said: write_svg(SCENE, SvgFormat(stops=12), Document(**said)),
     "additive": lambda **said: write_svg(ADDITIVE, None, Document(**said)),
     "outline": lambda **said: outline_svg(SCENE, Document(**said)),
+    "pens": lambda **said: outline_svg(SCENE, Document(**said), pens=2),
     "sized": lambda **said: write_svg(SCENE, None, Document(**said, size="9mm", aspect="none")),
     "animated": lambda **said: write_svg(SCENE, None, Document(**said, animate=3.0)),
     "fragments": lambda **said: write_svg(SCENE, None, Document(**said, fragments=True)),
-    "animated outline": lambda **said: outline_svg(SCENE, Document(**said, animate=3.0)),
+    "inks": lambda **said: write_svg(IN_INKS, SvgFormat(layers="inks"), Document(**said)),
+    "masks": lambda **said: write_svg(SCENE.concatenate(SCENE), MINIMAL, Document(**said)),
+    "arcs": lambda **said: write_svg(CRISP, MINIMAL, Document(**said)),
+    "gradients": lambda **said: minimal_svg(SCENE, 0.5, 6, Document(**said), masked=False),
+    "both": lambda **said: minimal_svg(
+        SCENE.concatenate(CRISP), 0.5, 3, Document(**said), masked=False
+    ),
 }  # fmt: skip
-ELEMENTS = {
-    "svg", "title", "desc", "defs", "g", "rect", "circle", "ellipse", "radialGradient", "stop",
-    "filter", "feGaussianBlur", "feComponentTransfer", "feFuncR", "feFuncG", "feFuncB", "style",
-}  # fmt: skip
+PAGE = Path(__file__).parents[2] / "docs/reference/svg.md"
+
+
+def subset():
+    """The attributes of each element, by the rows of the page's table."""
+    allowed, names = defaultdict(set), []
+    text = PAGE.read_text(encoding="utf-8").split("| element | attributes | in files |\n", 1)[1]
+    for line in text.split("\n\n")[0].splitlines()[1:]:
+        _, elements, attributes, *_ = line.split("|")
+        names = re.findall(r"`(\w+)`", elements) or names
+        for name in names:
+            allowed[name].update(attributes.replace("`", "").split())
+    return allowed
+
+
+ELEMENTS = subset()
 NAMESPACES = {
     "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink",
     "http://www.inkscape.org/namespaces/inkscape", "http://www.w3.org/2001/xml-events",
@@ -49,18 +78,18 @@ HOSTILE = [
 
 def read(svg):
     """Texts of the elements by name; AssertionError for what must not be in the file."""
-    texts, path = {}, []
+    texts, path, seen = {}, [], defaultdict(set)
 
     def begin(name, attributes):
         space, _, tag = name.rpartition(" ")
         assert space == "http://www.w3.org/2000/svg"
         assert tag in ELEMENTS
+        seen[tag].update()
         path.append(tag)
         texts.setdefault(tag, "")
         for key, value in attributes.items():
-            local = key.rpartition(" ")[2].lower()
-            assert not local.startswith("on")
-            assert local not in ("href", "src", "base", "absref")
+            seen[tag].add(key.replace("http://www.inkscape.org/namespaces/inkscape ", "inkscape:"))
+            assert key != "href" or value.startswith("#")
             for target in re.findall(r"url\(([^)]*)", value):
                 assert re.fullmatch(r"#[\w-]+", target)
             assert "script:" not in value
@@ -81,9 +110,20 @@ def read(svg):
     ):  # fmt: skip
         setattr(parser, name, forbidden)
     parser.Parse(svg.encode(), True)
+    for tag, attributes in seen.items():
+        assert attributes <= ELEMENTS[tag], tag
     sheet = texts.get("style", "")
     assert not re.search(r"@import|url\(|expression|//|\\", sheet)
+    texts["seen"] = seen
     return texts
+
+
+def test_the_table_has_nothing_that_no_file_has():
+    found = defaultdict(set)
+    for writer in WRITERS.values():
+        for tag, attributes in read(writer(title="a", alt="b"))["seen"].items():
+            found[tag] |= attributes
+    assert found == ELEMENTS
 
 
 @pytest.mark.parametrize("writer", WRITERS)

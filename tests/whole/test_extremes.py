@@ -29,7 +29,7 @@ from gauss2svg.scene import (
     Scene,
 )
 from gauss2svg.svg.document import SvgFormat
-from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import outline_svg, write_svg
 
 pytestmark = pytest.mark.sweep

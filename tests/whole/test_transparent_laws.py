@@ -15,7 +15,7 @@ from gauss2svg.pipeline.palette import quantize
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
-from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
 
 ROUNDING = {np.float32: 6e-5, np.float64: 3e-7}  # of two renders, and of the float32 result

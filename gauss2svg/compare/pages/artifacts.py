@@ -32,7 +32,7 @@ from gauss2svg.measure.perceptual import packages, packages_missing
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
 from gauss2svg.photo.load import header_of, load_image
 from gauss2svg.pipeline.listing import ListedPhoto, slug_of
-from gauss2svg.svg.syntax.source import parse_document
+from gauss2svg.svg.read import parse_document
 
 PHOTOS = "photos"  # the folder of the photos' folders
 RECORD = "record.json"

@@ -1,7 +1,7 @@
-"""Rasterises an untrusted SVG in a process of its own: `python -m gauss2svg.measure.isolated`.
+"""Rasterises an untrusted SVG in a process of its own: `python -m gauss2svg.raster.isolated`.
 
 Deep nesting overflows resvg's stack, which ends the process, and nested patterns keep any renderer
-busy for years. In a process of its own both become ordinary errors.
+busy for years. In a process of its own, whose memory is limited, both become ordinary errors.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from gauss2svg.processes import end_of, module_command, module_path, run
 from gauss2svg.raster import rasterize_sized
 
 _REFUSED = 2
+_MOST_BYTES, _BYTES_A_PIXEL = 4 << 30, 64  # of memory that a drawing may take, on Linux
 
 
 def draw(
@@ -30,7 +31,7 @@ def draw(
     words = str(width), str(height), renderer, str(channels)
     try:
         ended = run(
-            module_command("gauss2svg.measure.isolated", *words),
+            module_command("gauss2svg.raster.isolated", *words),
             svg.encode(),
             timeout_s=timeout_s,
             environment=module_path(),
@@ -56,6 +57,7 @@ def main() -> int:
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries may print; standard output is for the pixels only
     clear = sys.argv[4:] == ["4"]
+    _limit_memory(_MOST_BYTES + _BYTES_A_PIXEL * width * height)
     try:
         svg = sys.stdin.buffer.read().decode()
         pixels = rasterize_sized(svg, width, height, renderer, clear)
@@ -69,6 +71,18 @@ def main() -> int:
     with answer:
         answer.write(np.ascontiguousarray(pixels, np.float32).data)
     return 0
+
+
+def _limit_memory(most: int) -> None:
+    """Limit the memory of this process, and of each that it starts."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    # Not addresses, of which browsers reserve terabytes.
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
 
 def _refuse(message: str) -> int:

@@ -1,0 +1,398 @@
+"""Scenes read back from SVG files of write_svg, also after an editor; additive ones are refused.
+
+Editable files are groups of circles. Minimal ones are uses of masked circles, circles whose stops
+have their opacities in a style sheet, and paths of arcs. One walk reads them all, by what their
+elements are.
+
+What Inkscape 1.2 changes when it saves a file (tests/data has one, before and after):
+
+- opening and saving alone adds ids and a namedview; the numbers stay as they were;
+- a shape that is moved, rotated or scaled by itself becomes an ellipse whose transform has unit
+  columns, with cx, cy, rx, ry on 8 digits; its gradient is moved along by a gradientTransform,
+  under a new id that refers to the old one for its stops where others use that too;
+- "Object to Path" makes a path of four arcs, also in later transforms;
+- a moved group or layer gets a transform, its children none; ungrouping hands it down to them;
+- colours, opacities and display go into style=, which wins over the attributes;
+- resizing the page changes width, height and viewBox and moves layers and background;
+- as plain SVG it drops labels and layers, and keeps ids.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
+from gauss2svg.scene import PLAIN, RHO_LIMIT
+from gauss2svg.svg.canvas import CANVAS, NUMBER, frame_of, numbers
+from gauss2svg.svg.file import Scene
+from gauss2svg.svg.minimal_shapes import arc_beta
+from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
+from gauss2svg.svg.read_shapes import (
+    FILTERS,
+    Affine,
+    Fill,
+    Fills,
+    color_of,
+    compose,
+    link_of,
+    open_arcs,
+    outline_of,
+    share_of,
+    styled,
+    target_of,
+    transform_of,
+)
+from gauss2svg.svg.source import INKSCAPE, MOST_BYTES, SVG, from_root, parse, read_source
+
+MOST_ELEMENTS = 4_000_000  # their tree takes about 3 GB
+_DEEPEST = 100
+_LABEL = INKSCAPE + "label"
+_ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
+_GROUPS = {"svg", "g", "use"}
+_DRAWN = {*_GROUPS, "circle", "ellipse", "path", "rect"}
+# Elements that draw nothing themselves.
+_SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "filter", "mask", "style"}
+# Attributes and properties that change a shape and are not read unless they are switched off.
+_EFFECTS = {
+    "stroke", "clip-path", "mix-blend-mode", "transform-origin", "transform-box", "rotate", "all",
+    "translate", "scale", "offset-path", "zoom", "systemLanguage", "animation", *FILTERS,
+}  # fmt: skip
+_READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
+_OFF = {"none", "normal", "inherit"}
+_ADVICE = {
+    "use": ", or to unlink the clone",
+    "text": ", or to draw it as part of the photo",
+    "image": ", or to vectorise it with the photo",
+}
+_COVER = re.compile(r"M0 0h(\d+)v(\d+)H0")  # the background of gauss2svg.svg.minimal
+_STOP_RULE = re.compile(
+    rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
+    rf"stop-opacity:({NUMBER})\}}"
+)
+# The sheets of gauss2svg.svg.document.Document.style without blanks: neither changes the end.
+_SHEET = re.compile(
+    r"(?:svg>g:target~g\{display:none;?\})?(?:@media\(prefers-reduced-motion:no-preference\)\{"
+    r"@keyframesfade-in\{from\{opacity:0;?\}\}"
+    rf"(?:#round-\d+\{{animation:fade-in{NUMBER}s{NUMBER}sbackwards;?\}})*+\}})?"
+)
+
+
+def read_svg(
+    source: str | bytes | os.PathLike[str],
+    *,
+    background: ArrayLike | None = None,
+    skip_hidden: bool = False,
+    max_bytes: int = MOST_BYTES,
+    max_elements: int = MOST_ELEMENTS,
+) -> Scene:
+    """Return the scene of an SVG that write_svg wrote, also after Inkscape edited and saved it.
+
+    A shape's covariance is (M / R)(M / R)^T, M being the linear part of all transforms down to
+    the unit circle of its gradient and R = cut_radius(beta); its exponent is the one of
+    BETA_CLASSES that has such stops. A plain ellipse gets the exponent that it draws best
+    (gauss2svg.svg.plain_ellipse.plain_beta). Rounds come from the labels and ids of groups ("Round
+    3: ..", "round-3"), never decreasing: a round under an earlier one is counted as that one, a
+    group at the top level without either as a round of its own. Numbers are as exact as the file.
+
+    source       a path (.svg, .svgz), text, or bytes
+    background   sRGB colour in 0..1 for a file without a background, which is a transparent scene
+                 if it is not given, or with a translucent one
+    skip_hidden  skip hidden shapes and layers instead of refusing the file
+    max_bytes, max_elements  limits of the gunzipped file; raise them for a file that you trust
+
+    A minimal file has one round, and a scene in its own units where it has no size in px.
+
+    Raise InputError with the element's name for whatever write_svg does not write: additive files,
+    texts, images, other paths, strokes, masks, clips and style sheets, several shapes under one
+    group opacity (docs/reference/svg.md).
+    """
+    root = parse_document(source, max_bytes, max_elements)
+    return _Reader(root, background, skip_hidden).scene()
+
+
+def parse_document(
+    source: Any, max_bytes: int = MOST_BYTES, max_elements: int = MOST_ELEMENTS
+) -> Any:
+    """Return the root of a source as of read_source; raise InputError for one beyond the limits."""
+    text = from_root(read_source(source, max_bytes, "source", "max_bytes")[1])
+    if text.count("<") - text.count("</") > max_elements:
+        needed = f"of at most {max_elements} elements"
+        raise refusal("the SVG", needed, "more", "a larger max_elements if you trust it")
+    return parse(text)
+
+
+class _State(NamedTuple):
+    """State that an element inherits from its ancestors."""
+
+    onto: Affine
+    fill: str = "black"
+    fill_opacity: str = "1"
+    visibility: str = "visible"
+    opacity: float = 1.0
+    round: int = 0
+    depth: int = 0
+
+
+class _Shape(NamedTuple):
+    """One shape: the ellipse `edge` shows a fill that ends at `disc`, both in canvas px."""
+
+    element: Any
+    edge: Affine
+    disc: Affine
+    fill: Fill
+    opacity: float
+    round: int
+    is_arc: bool
+
+
+class _Reader:
+    """The walk of one document, and the shapes that it has found."""
+
+    def __init__(self, root: Any, background: ArrayLike | None, skip_hidden: bool) -> None:
+        self._skip_hidden = skip_hidden
+        self._by_id = {e.get("id"): e for e in root.iter() if e.get("id")}
+        self._opacities: dict[str, list[str]] = {}
+        self._fills = Fills(self._by_id, self._opacities)
+        self._arcs = open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
+        self._shapes: list[_Shape] = []
+        self._background = None if background is None else np.asarray(background, np.float64)
+        for sheet in root.iter(SVG + "style"):
+            with _naming(sheet):
+                self._read_sheet("".join(sheet.itertext()))
+        with _naming(root):
+            if root.tag != SVG + "svg":
+                raise refusal("the root", "an <svg> in the namespace of SVG", root.tag[:80])
+            self._size, self._user_size, onto = _canvas(root.attrib)
+        self._visit(root, _State(onto))
+
+    def _read_sheet(self, sheet: str) -> None:
+        """Add the opacities of stops that the sheet of a minimal file says; refuse other sheets."""
+        text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet, flags=re.DOTALL)
+        rules = list(_STOP_RULE.finditer(text))
+        for rule in rules:
+            self._opacities.setdefault(rule[1], []).append(rule[2])
+        if text == "".join(rule[0] for rule in rules) or _SHEET.fullmatch(text):
+            return
+        if "mix-blend-mode" in text:
+            raise InputError(
+                "blend must be 'over' in an SVG that is read; got an additive one, whose levels "
+                "are too few. Try the scene that --save-scene keeps, by Scene.load"
+            )
+        advice = "to write what it sets into the elements"
+        raise refusal("the style sheet", "one that write_svg writes", quoted(sheet.strip()), advice)
+
+    def _visit(self, element: Any, parent: _State) -> None:
+        """Add what an element draws."""
+        space, _, tag = element.tag.rpartition("}")
+        if space + "}" != SVG or tag in _SILENT:
+            return  # no renderer draws editors' own elements
+        with _naming(element):
+            if tag not in _DRAWN or parent.depth > _DEEPEST:
+                needed = f"ellipses alone, in groups of at most {_DEEPEST}"
+                raise refusal("elements", needed, brief(tag), f"to delete it{_ADVICE.get(tag, '')}")
+            attributes = styled(element)
+            state = _inherited(attributes, parent, tag)
+            hidden = tag not in _GROUPS and state.visibility != "visible"
+            if hidden or attributes.get("display", "").lower() == "none":
+                if self._skip_hidden and parent.depth:
+                    return
+                advice = "to show it, to delete it, or read_svg(.., skip_hidden=True)"
+                raise refusal("shapes", "visible", "a hidden one", advice)
+            if tag not in _GROUPS:
+                self._add(element, tag, attributes, state)
+                state = state._replace(depth=_DEEPEST)  # nothing is drawn within a shape
+            children = list(element)
+            if tag == "use":
+                x, y = (numbers(attributes.get(name, "0"), name, 1)[0] for name in ("x", "y"))
+                state = state._replace(onto=compose(state.onto, (1.0, 0.0, 0.0, 1.0, x, y)))
+                children = [target_of(self._by_id, link_of(element), "circle", "use")]
+            elif tag in ("svg", "g"):
+                number = _round_of(element)
+                # A group of nothing but a fill is minimal markup's, which has no rounds.
+                if number is None and state.depth == 1 and set(element.attrib) != {"fill"}:
+                    number = self._shapes[-1].round + 1 if self._shapes else 0
+                state = state if number is None else state._replace(round=number)
+        state = state._replace(depth=state.depth + 1)
+        for child in children:
+            self._visit(child, state)
+
+    def _add(self, element: Any, tag: str, attributes: dict[str, str], state: _State) -> None:
+        """Add the shapes of an element, several where it is a path of minimal markup."""
+        alpha = state.opacity * share_of(state.fill_opacity, "fill-opacity")
+        cover = _COVER.fullmatch(attributes.get("d", "")) if tag == "path" else None
+        if cover or tag == "rect":
+            sides = {"width": cover[1], "height": cover[2]} if cover else attributes
+            self._cover(sides, state, 0.05 if cover else 0.0)
+            if state.fill != "none" and alpha < 1:
+                raise refusal("opacity of the background", "1", quoted(alpha), "to delete it")
+            if state.fill != "none":
+                self._background = np.array(color_of(state.fill, "fill"))
+            return
+        number = max(self._shapes[-1].round if self._shapes else 0, state.round)
+        arcs = self._arcs.get(attributes.get("d", "")) if tag == "path" else None
+        edges = arcs or [outline_of(tag, attributes)]
+        for edge in edges:
+            fill = self._fills.of(state.fill, attributes, edge)
+            if len(edges) > 1 and (alpha < 1 or fill.drawn != PLAIN):
+                raise refusal("ellipses of one path", "opaque and of one colour", "another fill")
+            onto = compose(state.onto, edge)
+            disc = onto if fill.disc in (None, edge) else compose(state.onto, fill.disc)
+            # A blurred disc may be slightly less opaque than its profile, never more.
+            opacity = min(1.0, alpha * fill.peak)
+            self._shapes.append(
+                _Shape(element, onto, disc, fill, opacity, number, arcs is not None)
+            )
+
+    def _cover(self, sides: Mapping[str, str], state: _State, free: float) -> None:
+        """Raise InputError unless a rectangle is upright over all of the canvas, under all shapes.
+
+        free  units that it may leave free, as those of minimal markup are whole
+        """
+        a, b, c, d, e, f = state.onto
+        x, y, across, down = (
+            _side(sides.get(name, "0"), name, self._user_size[name in ("y", "height")])
+            for name in ("x", "y", "width", "height")
+        )
+        left, top = a * x + e, d * y + f
+        right, bottom = left + a * across, top + d * down
+        beyond = min(-left, -top, right - self._size[0], bottom - self._size[1])
+        least = -max(0.01, free * abs(a), free * abs(d))  # px
+        if self._shapes or b or c or not beyond >= least or {"rx", "ry"} & sides.keys():
+            needed = f"the background, over all {self._size[0]:g}x{self._size[1]:g} px and upright"
+            got = f"x {left:g}..{right:g}, y {top:g}..{bottom:g} px over {len(self._shapes)} shapes"
+            raise refusal("a rectangle", needed, got, "to resize or to delete it")
+
+    def scene(self) -> Scene:
+        """Return the scene of all shapes; raise InputError for those that it cannot hold."""
+        shapes = self._shapes
+        edge, disc = (
+            np.array(maps).reshape(-1, 3, 2).swapaxes(1, 2)  # (n, 2, 3)
+            for maps in ([shape.edge for shape in shapes], [shape.disc for shape in shapes])
+        )
+        rows = disc[:, :, :2]  # M
+        with np.errstate(all="ignore"):
+            extent = np.hypot(rows[:, :, 0], rows[:, :, 1])
+            unit = rows / extent[:, :, None]
+            rho = np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -RHO_LIMIT, RHO_LIMIT)
+            bad = ~(np.isfinite(rho) & (np.linalg.det(rows) != 0) & _shows(edge, disc))
+        if bad.any():
+            with _naming(shapes[int(bad.argmax())].element):
+                needed = "an ellipse with an extent that shows all of its gradient"
+                raise refusal("it", needed, "another", "to undo what changed it, or to delete it")
+        beta = np.array([shape.fill.beta for shape in shapes])
+        radius = np.array([shape.fill.radius for shape in shapes])
+        plain = beta == 0
+        arcs = np.array([shape.is_arc for shape in shapes], bool)
+        for which, best in ((plain & ~arcs, plain_beta), (plain & arcs, arc_beta)):
+            beta[which] = best(np.linalg.svd(rows[which], compute_uv=False))
+        radius[plain] = plain_radius(beta[plain])
+        try:
+            return Scene(
+                *self._size,
+                mean=disc[:, :, 2],
+                sigma=extent / radius[:, None],
+                rho=rho,
+                color=np.array([shape.fill.color for shape in shapes]).reshape(-1, 3),
+                opacity=np.array([shape.opacity for shape in shapes]),
+                background=np.ones(3) if self._background is None else self._background,
+                round_index=np.array([shape.round for shape in shapes], np.int32),
+                beta=beta,
+                drawn=np.array([shape.fill.drawn for shape in shapes], np.int8),
+                transparent=self._background is None,
+            )
+        except SceneError as error:
+            raise InputError(f"the SVG must be one of write_svg; {error}") from error
+
+
+def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ...], Affine]:
+    """Return the canvas in px, its size in user units, and the map onto it.
+
+    It is that of data-canvas where that is there, over which the viewBox is spread.
+    """
+    frame = frame_of(root)
+    width, height = numbers(root[CANVAS], CANVAS, 2) if CANVAS in root else frame[:2]
+    x, y, across, down = frame.view_box
+    scale_x, scale_y = width / across, height / down
+    # Sides of a minimal file are rounded.
+    if not abs(scale_x / scale_y - 1) <= 1e-3 + 0.05 / min(across, down):
+        needed = f"of the proportions of the viewBox, {across:g}x{down:g}"
+        advice = f"to write its size in px into {CANVAS}, or to remove that"
+        raise refusal("the canvas", needed, f"{width:g}x{height:g} px", advice)
+    return (width, height), (across, down), (scale_x, 0.0, 0.0, scale_y, -scale_x * x, -scale_y * y)
+
+
+def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
+    """Return the state under an element; raise InputError for effects that a scene cannot hold."""
+    changes: dict[str, Any] = {}
+    for name, value in attributes.items():
+        if name in ("fill", "fill-opacity", "visibility") and value != "inherit":
+            changes[name.replace("-", "_")] = value
+        elif name == "transform":
+            changes["onto"] = compose(parent.onto, transform_of(value))
+        elif name == "opacity":
+            changes["opacity"] = parent.opacity * share_of(value, "opacity")
+            if tag in ("svg", "g") and changes["opacity"] < 1:
+                advice = "to set that of each shape"  # which are composited one by one
+                raise refusal("opacity of a group", "1", quoted(value), advice)
+        elif name in _EFFECTS and (tag, name) not in _READ and value.lower() not in _OFF:
+            raise refusal(f"its {name}", "none", quoted(value), "to remove it")
+    return parent._replace(**changes) if changes else parent
+
+
+def _side(text: str, name: str, whole: float) -> float:
+    """Return a number, or a percentage of `whole`."""
+    scale = whole / 100 if text.endswith("%") else 1.0
+    return scale * numbers(text.removesuffix("%"), name, 1)[0]
+
+
+def _shows(edge: NDArray[np.float64], disc: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) whether an ellipse shows its gradient's disc, but for .05 px, which is rounding."""
+    onto = edge[:, :, :2]
+    solvable = np.isfinite(edge).all(axis=(1, 2)) & np.isfinite(disc).all(axis=(1, 2))
+    solvable &= np.linalg.det(onto) != 0
+    onto = np.where(solvable[:, None, None], onto, np.eye(2))
+    shift = np.where(solvable[:, None, None], disc - [[[0, 0, 1]]] * edge, 0.0)
+    within = np.linalg.solve(onto, shift)
+    farthest = np.linalg.norm(within[:, :, :2], 2, axis=(1, 2)) + np.hypot(*within[:, :, 2].T)
+    return solvable & ((farthest - 1) * np.linalg.norm(onto, -2, axis=(1, 2)) <= 0.05)
+
+
+def _round_of(group: Any) -> int | None:
+    """Return the round, from 0, of a group's label or id; the label is first, as users edit it.
+
+    Raise InputError for round 0.
+    """
+    label = _ROUND_LABEL.match(group.get(_LABEL, ""))
+    match = label or _ROUND_ID.fullmatch(group.get("id", ""))
+    if match is None:
+        return None
+    if int(match[1]) < 1:
+        raise refusal("its round", "1 or more", match[1], "to rename it")
+    return int(match[1]) - 1
+
+
+@contextmanager
+def _naming(element: Any) -> Iterator[None]:
+    """Put the element before the message of an InputError."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{_name(element)}: {error}") from None
+
+
+def _name(element: Any) -> str:
+    """Return an element as it can be found in the file: by its id, or by its first attributes."""
+    named = [(key, element.get(key)) for key in ("id", _LABEL) if element.get(key)]
+    shown = " ".join(f'{_bare(k)}="{v}"' for k, v in named or list(element.attrib.items())[:3])
+    return f"<{_bare(element.tag)[:40]} {' '.join(shown.split())[:120]}>".replace(" >", ">")
+
+
+def _bare(tag: str) -> str:
+    return tag.rpartition("}")[2]

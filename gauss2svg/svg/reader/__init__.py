@@ -1,1 +1,0 @@
-"""Reading SVGs of ours, also as Inkscape saves them."""

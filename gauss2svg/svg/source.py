@@ -1,0 +1,127 @@
+"""An SVG that anyone wrote: its bytes, its text from the root on, and the one parser of its XML.
+
+What stands before the root is dropped, so that neither the parser nor a renderer sees a document
+type or an encoding. A document type with declarations of its own is refused. So is what is deeper
+or has more bytes or elements than the limits.
+"""
+
+from __future__ import annotations
+
+import codecs
+import gzip
+import io
+import os
+import re
+import zlib
+from typing import Any
+from xml.etree import ElementTree
+
+from gauss2svg.errors import InputError, brief, quoted, refusal
+from gauss2svg.options import file_name
+
+SvgSource = Any  # a path, text that begins with <, bytes or a binary file
+SVG = "{http://www.w3.org/2000/svg}"
+INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
+BLANKS = "\ufeff \t\r\n"  # that text may begin with
+MOST_BYTES = 256_000_000  # gunzipped: a gzip bomb expands a thousandfold
+_MARKS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
+# Blanks, instructions that name no sheet, comments, document types without declarations.
+_BEFORE_ROOT = re.compile(
+    r"""(?:[\s\ufeff]++|<\?(?!xml-stylesheet).*?\?>|<!--.*?-->|<!DOCTYPE(?:[^\[\]<>"']|"[^"]*"|'[^']*')*+>)*+""",
+    re.DOTALL,
+)
+_ATTRIBUTE = re.compile(r"""\s+([^\s=/>]+)\s*=\s*(?:"[^"]*"|'[^']*')""")
+_START_TAG = re.compile(rf"<([^\s/>]+)((?:{_ATTRIBUTE.pattern})*+)")
+
+
+def read_source(
+    source: SvgSource, most_bytes: int, argument: str = "svg", limit: str = "--max-svg-bytes"
+) -> tuple[bytes, str]:
+    """Return the bytes of an SVG, gunzipped, and the text that they encode.
+
+    A str that begins with < is text, otherwise a path. Raise InputError that names the argument for
+    a source that cannot be read, and the limit for one of more than most_bytes bytes, gunzipped.
+    """
+    name, data = "the SVG", source
+    if isinstance(source, str) and source.lstrip(BLANKS).startswith("<"):
+        data = source.encode("utf-8", "surrogatepass")
+    elif isinstance(source, (str, os.PathLike)):
+        name = file_name(argument, source)
+        try:
+            with open(name, "rb") as file:
+                data = file.read(most_bytes + 1)
+        except (OSError, ValueError) as error:  # ValueError: a null character in the path
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"cannot read {name}: {reason}. Try the path of an SVG") from error
+    elif hasattr(source, "read"):
+        data = source.read(most_bytes + 1)
+    if not isinstance(data, bytes):
+        needed = "a path, text that begins with <, bytes or a binary file"
+        raise refusal(argument, needed, type(source).__name__)
+    if data.startswith(b"\x1f\x8b"):  # the magic number of gzip
+        try:
+            with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
+                data = stream.read(most_bytes + 1)
+        except (OSError, EOFError, zlib.error) as error:
+            raise refusal(name, "a complete gzip file", brief(error), "to re-save it") from error
+    if len(data) > most_bytes:
+        advice = f"to raise {limit} if you trust it"
+        raise refusal(name, f"at most {most_bytes} bytes, gunzipped", "more", advice)
+    if isinstance(source, str) and name == "the SVG":
+        return data, source
+    return data, _decoded(data, name)
+
+
+def _decoded(data: bytes, name: str) -> str:
+    declared = _DECLARED.match(data)
+    encoding = _MARKS.get(data[:2], declared[1].decode() if declared else "utf-8")
+    try:
+        return data.decode(encoding)
+    except (LookupError, ValueError) as error:
+        needed = f"an SVG in {encoding[:40]}"
+        raise refusal(name, needed, brief(error), "to save it as UTF-8") from error
+
+
+def from_root(text: str) -> str:
+    """Return the text from the root on; raise InputError for a document type of its own."""
+    before = _BEFORE_ROOT.match(text)
+    begin = before.end() if before else 0
+    # expat takes null characters for UTF-16, and would see elements that no renderer does.
+    if "\0" in text or text.startswith("<!DOCTYPE", begin):
+        needed = "without null characters and a document type of its own"
+        raise refusal(
+            "the SVG", needed, quoted(text[begin : begin + 60]), "to save it as plain SVG"
+        )
+    return text[begin:]
+
+
+def parse(text: str, target: Any = None) -> Any:
+    """Return the tree of an SVG from its root on, or what `target` makes of its elements.
+
+    Raise InputError unless it is XML.
+    """
+    try:
+        parser = ElementTree.XMLParser(target=target)
+        parser.feed(text)
+        return parser.close()
+    except (ElementTree.ParseError, UnicodeEncodeError, OverflowError) as error:
+        raise refusal("the SVG", "well-formed XML", brief(error), "to re-save it") from error
+
+
+def stretched(text: str, width: int, height: int, view_box: str | None = None) -> str:
+    """Return the text with a root that fills width x height px, whatever its own proportions.
+
+    view_box is the part that is shown; None keeps the root's own, and a root that has none as it
+    is. A width in the root's style changes nothing in any renderer.
+    """
+    size = {"width": width, "height": height, "preserveAspectRatio": "none"}
+    if view_box is not None:
+        size["viewBox"] = view_box
+    tag = _START_TAG.match(text)
+    own = [(one[1], one[0]) for one in _ATTRIBUTE.finditer(tag[2])] if tag else []
+    if tag is None or (view_box is None and "viewBox" not in dict(own)):
+        return text
+    written = "".join(f' {name}="{value}"' for name, value in size.items())
+    kept = "".join(attribute for name, attribute in own if name not in size)
+    return f"<{tag[1]}{written}{kept}{text[tag.end() :]}"

@@ -1,0 +1,132 @@
+"""What an SVG of anyone has, by one walk that refuses what would load anything from outside of it.
+
+resvg reads local files that an href names, absolute or relative to the current folder, and CairoSVG
+draws what is embedded as an image if it is another SVG. Escapes in CSS could spell an address that
+no search finds.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections import Counter
+from urllib.request import DataHandler, Request
+
+from PIL import Image
+
+from gauss2svg.errors import InputError, quoted, refusal
+from gauss2svg.svg.source import INKSCAPE, SVG, parse
+
+MOST_ELEMENTS = 1_000_000  # resvg's limit
+# Local names of attributes by which renderers, editors and browsers load.
+_LINKS = {"href", "absref", "base", "src", "srcset", "imagesrcset", "srcdoc", "poster"}
+_LINKS |= {"data", "background", "archive", "code", "codebase", "classid"}
+_FORMATS = ("PNG", "JPEG", "GIF", "WEBP")
+_FONT = r"data:(?:font/|application/(?:x-)?font)"
+_URL = re.compile(rf"url\((?!\s*[\"']?\s*(?:#|{_FONT}))\s*([^)]*)", re.IGNORECASE)
+_LOADING = re.compile(
+    r"@import|(?<![\w-])(?:-\w+-)?(?:src|image|image-set|cross-fade)\(", re.IGNORECASE
+)
+
+
+class Survey:
+    """The number of an SVG's elements by name, of its layers in Inkscape, and its root.
+
+    tags       the commonest first; SVG's own by their local name, others as {namespace}name
+    layers     groups that Inkscape shows as layers
+    root       attributes of the root
+    qualified  whether the root is in SVG's namespace, which browsers require
+
+    Raise InputError for an SVG of more than most_elements elements, and for one that refers to
+    anything outside of it.
+    """
+
+    def __init__(self, text: str, most_elements: int = MOST_ELEMENTS) -> None:
+        self.tags: dict[str, int] = Counter()
+        self.layers, self.root, self.qualified = 0, dict[str, str](), False
+        self._most, self._left = most_elements, most_elements
+        self._in_sheet, self._sheet = False, list[str]()
+        parse(text, self)
+        self.tags = dict(Counter(self.tags).most_common())
+
+    @property
+    def elements(self) -> int:
+        """Number of elements."""
+        return sum(self.tags.values())
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        """Count an element, and check what it refers to."""
+        name, local = tag.removeprefix(SVG), tag.rpartition("}")[2]
+        if not self.tags:
+            if name != "svg":
+                raise refusal("root element", "<svg>", f"<{name[:80]}>")
+            self.root, self.qualified = attributes, tag != name
+        self._left -= 1
+        if self._left < 0:
+            advice = "to raise --max-elements if you trust it"
+            raise refusal("the SVG", f"of at most {self._most} elements", "more", advice)
+        if self._in_sheet:  # renderers disagree on which of its texts are the sheet
+            got = f"<{local[:80]}> in it"
+            raise refusal("a style sheet", "of text alone", got, "to save it as plain SVG")
+        self._in_sheet = local == "style"
+        self.tags[name] += 1
+        self.layers += attributes.get(INKSCAPE + "groupmode") == "layer"
+        for key, value in attributes.items():
+            link = key.rpartition("}")[2]
+            if link in _LINKS:
+                if (local, link) != ("a", "href"):  # which is only loaded on a click
+                    _check_link(value.strip())
+            elif key == "style" or (
+                "(" in value and "}" not in key and ("\\" in value or _URL.search(value))
+            ):
+                _check_css(value)
+
+    def end(self, _tag: str) -> None:
+        """Check a style sheet that ends."""
+        if self._in_sheet:
+            _check_css("".join(self._sheet))
+            self._sheet.clear()
+            self._in_sheet = False
+
+    def data(self, text: str) -> None:
+        """Keep the text of a style sheet."""
+        if self._in_sheet:
+            self._sheet.append(text)
+
+    def pi(self, target: str, _text: str) -> None:
+        """Refuse a style sheet of another file."""
+        if target == "xml-stylesheet":
+            raise _outside("xml-stylesheet")
+
+
+def _check_css(text: str) -> None:
+    """Raise InputError for CSS that loads, and for escapes, which could hide that it does."""
+    if "\\" in text:
+        raise refusal("CSS", "without escapes", quoted(text), "to save it as plain SVG")
+    if found := _URL.search(text) or _LOADING.search(text):
+        raise _outside(found[found.lastindex or 0])
+
+
+def _check_link(target: str) -> None:
+    """Raise InputError for an address that is neither within the file nor an embedded image."""
+    if not target or target.startswith("#"):
+        return
+    if target[:5].lower() != "data:":
+        raise _outside(target)
+    try:
+        with (
+            warnings.catch_warnings(action="ignore"),
+            DataHandler().data_open(Request(target)) as data,
+            # Only the header is read.
+            Image.open(data, formats=_FORMATS),
+        ):
+            pass
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        needed = f"an image, one of {', '.join(_FORMATS)}"
+        raise refusal("data: in the SVG", needed, quoted(target[:40])) from error
+
+
+def _outside(target: str) -> InputError:
+    advice = "to embed the image, or to remove the reference"
+    needed = "within the file or embedded as data:"
+    return refusal("a reference in the SVG", needed, quoted(target.strip()), advice)

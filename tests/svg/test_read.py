@@ -1,0 +1,434 @@
+"""Laws of reading: a file of write_svg gives its scene back, and any other is refused."""
+
+import gzip
+import math
+from typing import get_args
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from conftest import random_scene, random_sum
+from hypothesis import given
+from hypothesis import strategies as st
+from svg_texts import AS_PATH, CIRCLE, RECT, assert_same, document, gradient
+
+from gauss2svg.errors import InputError
+from gauss2svg.measure import metrics
+from gauss2svg.pipeline.palette import quantize
+from gauss2svg.raster import rasterize
+from gauss2svg.render import render
+from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import BETA_CLASSES
+from gauss2svg.scene.parameters import PARAMETERS
+from gauss2svg.svg import minimal_shapes
+from gauss2svg.svg.blur import BLURS, GRADIENT, drawn_blurs, snapped
+from gauss2svg.svg.document import STOP_COUNTS, Document, Form, SvgFormat
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.plain_ellipse import is_plain
+from gauss2svg.svg.read import read_svg
+from gauss2svg.svg.write import write_svg
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def mixed_scene(count: int, seed: int, width: float = 60, height: float = 40) -> Scene:
+    """Shapes of all exponents, few colours and opacities, so that files share what they can."""
+    rng = np.random.default_rng(seed)
+    some = rng.choice([*BETA_CLASSES, 0.7, 128.0, 256.0], count)
+    return Scene(
+        width, height, rng.uniform(-5, 65, (count, 2)), np.exp(rng.uniform(-1.5, 2.5, (count, 2))),
+        rng.uniform(-0.98, 0.98, count), np.round(rng.random((count, 3)) * 3) / 3,
+        rng.choice([0.004, 0.25, 1.0, 1.0], count), rng.random(3), beta=some,
+        transparent=bool(rng.integers(2)),
+    )  # fmt: skip
+
+
+def assert_read_as(back: Scene, scene: Scene) -> None:
+    for parameter in PARAMETERS:
+        mine, theirs = getattr(back, parameter.name), getattr(scene, parameter.name)
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9)
+    assert back.transparent == scene.transparent
+    if not scene.transparent:
+        np.testing.assert_allclose(back.background, scene.background)
+
+
+@given(
+    st.integers(0, 10**6), st.sampled_from([0.001, 0.01]), st.sampled_from(STOP_COUNTS),
+    st.booleans(), st.sampled_from(get_args(Form)),
+)  # fmt: skip
+def test_an_editable_file_is_its_scene_within_the_rounding(seed, precision, stops, palette, form):
+    svg_format = SvgFormat(form=form, stops=stops, precision=precision, opacity_decimals=4)
+    scene = quantize(random_scene(25, 60, 45, seed, sigma=(0.5, 25)), form, 12 * palette)
+    scene = snapped(scene, form)
+    large = (np.abs(scene.factor[:, [0, 1], [0, 1]]) * np.sqrt(2) > precision).all(axis=1)
+    scene = snapped(scene.select(large & (scene.opacity > 1e-4)), form)
+    back = read_svg(write_svg(scene, svg_format))
+    solid = is_plain(scene)
+    blurred = ~solid & (drawn_blurs(scene) >= 0) & (form != GRADIENT)
+    np.testing.assert_allclose(back.beta[~solid], scene.beta[~solid], rtol=1e-12)
+    step = 0.5 * precision + 1e-9
+    np.testing.assert_allclose(back.mean, scene.mean, atol=step)
+    np.testing.assert_allclose(back.opacity[~blurred], scene.opacity[~blurred], atol=6e-5)
+    # The largest that a disc can have may be a little less.
+    np.testing.assert_allclose(back.opacity[blurred], scene.opacity[blurred], atol=0.021)
+    # M / R has entries rounded by step / R, with R > sqrt 2 for all exponents
+    missed = np.abs(back.factor - scene.factor).max(axis=(1, 2), initial=0.0)
+    assert missed[~solid & ~blurred].max(initial=0.0) <= step / math.sqrt(2)
+    assert missed[blurred].max(initial=0.0) <= step / min(blur.radius for blur in BLURS)
+    np.testing.assert_allclose(back.color, scene.color, atol=0.5 / 255 + 1e-9)
+    np.testing.assert_array_equal(back.round_index, scene.round_index)
+    assert (back.width, back.height) == (scene.width, scene.height)
+
+
+@given(seeds, st.sampled_from(STOP_COUNTS), st.sampled_from([0.001, 0.04]), st.booleans())
+def test_an_editable_file_is_the_same_file_again(seed, stops, precision, palette):
+    written = SvgFormat(stops=stops, precision=precision)
+    scene = quantize(random_scene(25, 60, 45, seed, sigma=(0.5, 25)), palette=12 * palette)
+    svg = write_svg(read_svg(write_svg(scene, written)), written)
+    assert write_svg(read_svg(svg), written) == svg
+
+
+@given(
+    seeds, st.sampled_from([0, 1, 12, 70]), st.sampled_from([0.001, 0.04, 0.5, 1.0]),
+    st.sampled_from(STOP_COUNTS), st.sampled_from([500, 40, 0]),
+)  # fmt: skip
+def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
+    seed, count, precision, stops, most_masked
+):
+    scene = mixed_scene(count, seed)
+    written = SvgFormat(markup="minimal", precision=precision, stops=stops)
+    with patch.object(minimal_shapes, "MOST_MASKED", most_masked):
+        svg = write_svg(scene, written)
+        back = read_svg(svg)
+        assert_read_as(back, minimal_rounded(scene, precision, 6))
+        assert (back.width, back.height) == (scene.width, scene.height)
+        assert write_svg(back, written) == svg
+
+
+@given(seeds, st.sampled_from([0.037, 0.7, 1.0]), st.sampled_from([(61.7, 40.3), (60.0, 41.25)]))
+def test_a_minimal_file_of_sides_that_are_no_whole_units_is_read_within_their_rounding(
+    seed, precision, size
+):
+    scene = mixed_scene(20, seed, *size)
+    back = read_svg(write_svg(scene, SvgFormat(markup="minimal", precision=precision)))
+    rounded = minimal_rounded(scene, precision, 6)
+    np.testing.assert_allclose(back.mean, rounded.mean, atol=0.05 * precision)
+    np.testing.assert_allclose(back.color, rounded.color)
+    assert (back.width, back.height) == size
+
+
+def test_a_minimal_file_without_a_size_is_a_scene_in_its_own_units():
+    scene = mixed_scene(20, 3).replace(transparent=False)
+    svg = minimal_svg(scene, 4, 3, Document(title="a", alt="b"))
+    back, rounded = read_svg(svg), minimal_rounded(scene, 4, 3)
+    assert (back.width, back.height) == (15, 10)
+    np.testing.assert_allclose(4 * back.mean, rounded.mean)
+    np.testing.assert_allclose(back.color, rounded.color)
+    # The exponents of plain ellipses are those of their size there.
+    assert_read_as(read_svg(svg.replace(" viewBox", ' width="60" height="40" viewBox')), rounded)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_read_is_drawn_as_the_file_is(seed):
+    svg_format = SvgFormat(precision=0.01, opacity_decimals=3)
+    scene = random_scene(200, 300, 200, seed, (2, 60), (1, 64))
+    for part, least in ((scene, 50), (scene.select(is_plain(scene)), 42)):
+        text = write_svg(snapped(part, GRADIENT), svg_format)
+        back = read_svg(text)
+        assert metrics.psnr(render(back), render(snapped(part, GRADIENT))) > least
+        again = write_svg(back, svg_format)
+        assert again.count("<circle") == text.count("<circle")
+        drawn = (rasterize(svg, 300, 200) for svg in (again, text))
+        assert metrics.psnr(*drawn) > 60
+    assert is_plain(back).all()
+
+
+@pytest.mark.parametrize("count", STOP_COUNTS)
+@pytest.mark.parametrize("beta", BETA_CLASSES)
+def test_every_exponent_is_told_by_its_stops(beta, count):
+    circle = '<circle r="2" transform="matrix(9 2 0 6 20 15)" fill="url(#b)" fill-opacity=".5"/>'
+    back = read_svg(document(circle, gradient("b", beta, "#123456", count)))
+    assert back.beta.tolist() == [beta]
+    np.testing.assert_allclose(back.color[0] * 255, [0x12, 0x34, 0x56])
+    assert back.opacity.tolist() == [0.5]
+
+
+def test_source_is_a_path_text_or_bytes(tmp_path):
+    text = write_svg(random_scene(9, seed=1))
+    (tmp_path / "a.svg").write_text(text)
+    (tmp_path / "a.svgz").write_bytes(gzip.compress(text.encode()))
+    expected = read_svg(text)
+    bare = text.replace("<svg", '<!DOCTYPE svg PUBLIC "a" "b"><svg')
+    for source in (tmp_path / "a.svg", str(tmp_path / "a.svgz"), text.encode(), f"\ufeff\n{bare}"):
+        assert_same(read_svg(source), expected)
+
+
+@pytest.mark.parametrize(
+    ("root", "scale", "shift"),
+    [
+        ('width="40" height="30"', 1, (0, 0)),
+        ('width="40px" height="30px" viewBox="0 0 40 30"', 1, (0, 0)),
+        ('viewBox="0 0 40 30"', 1, (0, 0)),
+        ('width="100%" height="100%" viewBox="0 0 40 30"', 1, (0, 0)),
+        ('width="30pt" height="22.5pt" viewBox="0 0 40 30"', 1, (0, 0)),
+        (f'width="{40 * 25.4 / 96}mm" height="{30 * 2.54 / 96}cm" viewBox="0 0 40 30"', 1, (0, 0)),
+        ('width="90mm" height="9cm" viewBox="0 0 40 30" data-canvas="40 30"', 1, (0, 0)),
+        ('width="80" height="60" viewBox="0 0 40 30"', 2, (0, 0)),
+        ('width="40" height="30" viewBox="-10 5 40 30"', 1, (10, -5)),
+        ('width="4" height="3" viewBox="0 0 40 30" data-canvas="20 15"', 0.5, (0, 0)),
+    ],
+)
+def test_canvas_is_in_px_whatever_the_units(root, scale, shift):
+    solid = read_svg(document())
+    rect = '<rect x="-99" y="-99" width="999" height="999" fill="#abc"/>'
+    moved = read_svg(document(root=root, rect=rect))
+    np.testing.assert_allclose(moved.mean, solid.mean * scale + np.array(shift), atol=1e-9)
+    np.testing.assert_allclose(moved.covariance, solid.covariance * scale**2)
+    assert moved.width / moved.height == pytest.approx(4 / 3)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<circle r="1.5" transform="matrix(9 2 0 6 20 15)" style="fill:url(#a)" fill="red"/>',
+        '<circle r="1" transform="translate(20,15) matrix(9,2 0,6,0-0)" fill="url(\'#a\') red"/>',
+        '<g transform="translate(20 15)"><g><circle r="1" transform="matrix(9 2 0 6 0 0)" '
+        'fill="url(#a)"/></g></g>',
+        '<g fill="url(#a)"><circle r="1" transform="matrix(-9-2,0-6 2e1 1.5e1)"/></g>',
+        f'<path {AS_PATH} transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>',
+        '<path d="m 1,0 a 1 1 0 01-1 1 1 1 0 01-1-1 1 1 0 011-1 1 1 0 011 1z" '
+        'transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>',
+        '<ellipse cx="20" cy="15" rx="10" ry="7" transform="translate(20 15) matrix(9 2 0 6 0 0) '
+        'translate(-20 -15)" fill="url(#moved)"/>',
+        '<path d="M1 0A1 1 0 0 0 0-1A1 1 0 0 0-1 0 1 1 0 0 0 0 1 1 1 0 0 0 1 0z" '
+        'transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>',
+        '<circle cx="4" r="1" transform="matrix(9 2 0 6 -16 7)" fill="url(#own)"/>',
+        '<defs><circle id="c" r="1" fill="url(#a)"/></defs><use href="#c" x="1" y="-1" '
+        'transform="matrix(9 2 0 6 11 19)"/>',
+        '<circle r="1" style="Fill:url(#a);/* FILL:none; */-inkscape-stroke:none;stroke:none" '
+        'transform="matrix(9 2 0 6 20 15)"><title>t</title></circle><!-- a --><metadata><x/>'
+        "</metadata><sodipodi:namedview/><style/><g><title>u</title></g>",
+    ],
+)  # fmt: skip
+def test_same_shape_however_it_is_written(body):
+    defs = (
+        gradient("moved", more='gradientTransform="translate(20 15)"')
+        + '<radialGradient id="own" xlink:href="#moved" gradientTransform="translate(4 0)"/>'
+    )
+    assert_same(read_svg(document(body, defs)), read_svg(document()))
+
+
+def test_tilted_arcs_are_a_turned_ellipse():
+    # as Inkscape 1.2 writes a circle under matrix(50 20 0 200 900 200), made a path and turned
+    path = (
+        '<path fill="#0f0" d="M 967.42679,348.97028 A 49.735632,201.06309 18.489639 0 1 '
+        "858.87853,501.01394 49.735632,201.06309 18.489639 0 1 887.13833,277.18056 "
+        "49.735632,201.06309 18.489639 0 1 995.68659,125.13689 49.735632,201.06309 18.489639 0 1 "
+        '967.42679,348.97028 Z"/>'
+    )
+    ellipse = (
+        '<ellipse fill="#0f0" cx="927.28" cy="313.06" rx="49.735632" ry="201.06309" '
+        'transform="rotate(18.489639 927.28256 313.07541) translate(.00256 .01541)"/>'
+    )
+    scale = '<g transform="scale(.03)">'
+    back, turned = (read_svg(document(f"{scale}{body}</g>")) for body in (path, ellipse))
+    assert_same(back, turned, 1e-5)
+
+
+def test_opacities_multiply():
+    body = f'<g style="fill-opacity:.8">{CIRCLE[:-2]} opacity=".5"/></g>'
+    assert read_svg(document(body)).opacity[0] == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("kind", ["rotate(30)", "rotate(30 7 9)", "scale(.4)"])
+def test_transforms_are_those_of_the_standard(kind):
+    listed = f'<g transform="translate(4,3) {kind} scale(2 .5)">{CIRCLE}</g>'
+    drawn = rasterize(document(listed), 40, 30)
+    assert metrics.psnr(render(read_svg(document(listed))), drawn) > 45
+
+
+def group(label: str, body: str = CIRCLE) -> str:
+    return f'<g inkscape:groupmode="layer" inkscape:label="{label}">{body}</g>'
+
+
+@pytest.mark.parametrize(
+    ("body", "rounds"),
+    [
+        (group("Round 2: 1 Gaussians") + group("Round 5: 2 Gaussians", 2 * CIRCLE), [1, 4, 4]),
+        (f'<g id="round-3">{CIRCLE}</g><g id="round-4">{CIRCLE}</g>', [2, 3]),
+        (f"<g>{CIRCLE}</g><g>{CIRCLE}<g>{CIRCLE}</g></g>{CIRCLE}", [0, 1, 1, 1]),
+        (group("Round 3: 1") + group("Round 1: 1") + group("sky"), [2, 2, 3]),
+        (group("Round 2: 2", f'<g id="s">{CIRCLE}</g>{CIRCLE}') + CIRCLE, [1, 1, 1]),
+        (f"<g>{group('Round 1: 1')}{group('Round 2: 1')}</g><g>{group('Round 2: 1')}</g>",
+         [0, 1, 1]),
+        (2 * CIRCLE, [0, 0]),
+    ],
+)  # fmt: skip
+def test_rounds_are_those_of_labels_ids_or_order(body, rounds):
+    assert read_svg(document(body)).round_index.tolist() == rounds
+
+
+def test_a_missing_background_is_a_transparent_scene():
+    text = document(rect="")
+    assert read_svg(text).transparent
+    assert not read_svg(text, background=(0, 0.5, 1)).transparent
+    assert read_svg(text, background=(0, 0.5, 1)).background.tolist() == [0, 0.5, 1]
+    opaque = read_svg(document(), background=(0, 0, 0))
+    np.testing.assert_allclose(opaque.background * 255, [0xAA, 0xBB, 0xCC])
+
+
+def test_hidden_shapes_are_left_out_where_that_is_asked_for():
+    hidden = group("Round 1: 1", CIRCLE).replace("<g", '<g style="display:none"')
+    shown = read_svg(document(hidden + group("Round 2: 1")), skip_hidden=True)
+    assert shown.round_index.tolist() == [1]
+
+
+SIZE = 'width="40" height="30" viewBox="0 0 40 30"'
+ONE = Scene(20, 20, [[9, 9]], [[3, 2]], [0.1], [[1, 0, 0]], [0.5])
+SOFT, SHEET = (minimal_svg(ONE, 1, 6, masked=masked) for masked in (True, False))
+RED, CLEAR = '<stop offset="0" stop-color="red"/>', '<stop offset="1" stop-opacity="0" '
+DEFS = (
+    '<radialGradient id="loop" xlink:href="#pool"/><radialGradient id="pool" xlink:href="#loop"/>'
+    f'<radialGradient id="two">{RED}{CLEAR}/></radialGradient><linearGradient id="line"/>'
+    f'<radialGradient id="cone">{RED}{CLEAR} stop-color="red"/></radialGradient>'
+    + gradient("aside").replace('fx=".001"', 'fx=".3"')
+    + '<filter id="faint"><feGaussianBlur stdDeviation="20"/></filter><filter id="alpha">'
+    '<feGaussianBlur in="SourceGraphic" x="0" stdDeviation="3.5715"/></filter>'
+)
+# What is in the place of the shape, and the line.
+REFUSED = {
+    '<text id="t">a</text>': '<text id="t">: elements must be ellipses',
+    '<image id="i" href="a.png"/>': "vectorise it with the photo",
+    '<use id="u" href="#x"/>': '<use id="u">: its reference must be',
+    '<use id="u" href="#u"/>': "in groups of at most 100",
+    '<g id="g"/><use href="#g"/>': "its reference must be to a circle",
+    f"{CIRCLE[:-2]}><animate/></circle>": "elements must be ellipses alone",
+    "<svg/><set/>": "<set>: elements must be ellipses",
+    "<script/>": "elements must be ellipses",
+    '<path id="p" d="M 0 0 L 9 9 Z" fill="red"/>': '<path id="p">: its d must be an ellipse',
+    '<path d="M1 0A1 1 0 0 1 0 1Z" fill="red"/>': "an ellipse of four arcs",
+    '<path d="M1 1a2 2 0 101 1" fill="red"/>': "an ellipse of four arcs",
+    '<path d="M1 1a.2 .2 0 101 0" fill="red"/>': "an ellipse of four arcs",
+    f'<path {AS_PATH.replace("-1,0 1", "-2,0 1")} fill="red"/>': "an ellipse of four arcs",
+    '<path opacity=".5" d="M1 1a2 2 0 101 0m9 9a2 2 0 101 0"/>': "ellipses of one path must be",
+    '<circle id="c" r="5" stroke="red"/>': '<circle id="c">: its stroke must be none',
+    '<circle r="5" style="Stroke:#000"/>': "its stroke must be none",
+    '<g clip-path="url(#x)"/>': "its clip-path",
+    '<circle r="5" mask="url(#x)"/>': "its reference must be to a mask",
+    '<g filter="url(#faint)"/>': "its filter",
+    '<g style="mix-blend-mode:screen"/>': "its mix-blend-mode",
+    "<style>#a rect{mix-blend-mode:difference}</style>": "blend must be 'over'.*--save-scene",
+    '<g id="h" display="none"/>': '<g id="h">: .*got a hidden.*skip_hidden',
+    '<circle r="5" visibility="hidden"/>': "got a hidden one",
+    f'<g id="o" opacity=".5">{CIRCLE}</g>': '<g id="o">: opacity of a group must be 1',
+    f"{CIRCLE}{RECT}": "a rectangle must be the background",
+    '<circle r="nan"/>': "<circle r=\"nan\">: r must be a finite number; got 'nan'",
+    '<circle r="1e999"/>': "finite",
+    '<circle r="-1"/>': "radii must be 0 or more; got -1",
+    '<circle id="z" r="0" fill="red"/>': '<circle id="z">: it must be an ellipse with an extent',
+    '<circle r="1" transform="matrix(1 1 1 1 0 0)" fill="red"/>': "with an extent",
+    '<circle r="1" transform="scale(1e200) scale(1e200)" fill="red"/>': "with an extent",
+    '<circle r="1e10" fill="red"/>': "must be one of write_svg; .*sigma",
+    '<circle r="1" fill="none"/>': "fill must be .* got 'none'",
+    '<circle r="1" fill="#ff00ff80"/>': "opaque colour",
+    '<circle r="1" transform="matrix(1 2 3)" fill="red"/>': "transform must be a list",
+    '<circle r="1" style="transform:turn(3)"/>': "transform must be a list",
+    '<circle r="1" fill="url(#missing)"/>': "its reference must be to a radialGradient .*'missing'",
+    '<circle r="1" fill="url(#loop)"/>': "opaque colour|of one colour; got 0 colours",
+    '<circle r="1" fill="url(#cone)"/>': "one of the exponents",
+    '<circle r="1" fill="url(#two)"/>': "of one colour; got 2 colours",
+    '<circle r="1" fill="url(#line)"/>': "to a radialGradient",
+    '<circle r="1" fill="url(#aside)"/>': "focus of its gradient must be the centre",
+    '<circle r=".9" transform="scale(9)" fill="url(#a)"/>': "shows all of its gradient",
+    '<circle r="1" cx=".1" transform="scale(9)" fill="url(#a)"/>': "shows all of its gradient",
+    '<circle id="b" r="5" fill="red" filter="url(#faint)"/>': '<circle id="b">: its filter must',
+    '<circle r="5" fill="red" filter="url(#alpha)"/>': "its filter must be a blur",
+    "<style>circle{fill:red}</style>": "<style>: the style sheet must be one that write_svg",
+    "<defs><style>circle{fill:red}</style></defs>": "the style sheet must be",
+    "<style>g,svg>g:target~g{display:none}</style>": "the style sheet must be",
+    '<circle r="1" transform-origin="3 3" transform="scale(2)"/>': "its transform-origin",
+    '<g style="Rotate:9deg"/>': "its rotate must .* got '9deg'",
+    '<g style="animation:a 1s"/>': "its animation must be none",
+    r'<circle r="1" style="f\69ll:red"/>': "without escapes and !important",
+    '<circle r="1" style="fill:red!important;fill:blue"/>': "without escapes and !important",
+    '<g id="round-0"/>': "its round must be 1 or more",
+    "<g>" * 200 + "</g>" * 200: "in groups of at most 100",
+    "<g stroke='" + "a" * 9999 + "'/>": r"its stroke must .*; got 'a{199}\.\.\.",
+}  # fmt: skip
+ROOTS = {
+    'width="x" height="3"': "of a known size",
+    'width="0" height="3"': "width, height and viewBox of the SVG must be above 0",
+    'viewBox="0 0 40"': "viewBox must be 4 finite numbers",
+    'width="40" height="31" viewBox="0 0 40 31" data-canvas="40 30"': "the canvas must be of the",
+    'width="80" height="30" viewBox="0 0 40 30"': "the canvas must be of the proportions",
+    f'{SIZE} data-canvas="40"': "data-canvas must be",
+    f'{SIZE} display="none"': "<svg.*shapes must be visible",
+    f'{SIZE} opacity=".5"': "opacity of a group",
+}
+RECTANGLES = {
+    '<rect width="5" height="5"/>': "got x 0..5",
+    '<rect x="5" width="99" height="99"/>': "got x 5..104",
+    '<rect width="99" height="99" transform="rotate(5)"/>': "over all 40x30 px and upright",
+    '<rect width="99" height="99" rx="3"/>': "a rectangle must be",
+    '<rect width="99" height="99" filter="url(#a)"/>': "its filter",
+    '<rect width="99" height="99" opacity=".5"/>': "opacity of the background must be 1; got 0.5",
+    '<rect width="99" height="99" transform="scale(1e300) scale(1e300)"/>': "x nan..nan|x 0..inf",
+}
+WRITTEN = {
+    "another mask": (SOFT.replace("<mask", '<mask maskUnits="userSpaceOnUse"'), "its mask must be"),
+    "another circle": (SOFT.replace('<circle r="1"', '<circle r="2"'), "its mask must be"),
+    "colours in a mask": (SOFT.replace("<stop", '<stop stop-opacity=".2"', 1), "one of the expon"),
+    "no stops": ("".join(SOFT.split("<stop")[:1]) + SOFT[SOFT.index("</radialG") :], "0 colours"),
+    "a use of a gradient": (SOFT.replace('href="#a"', 'href="#c"'), "to a circle"),
+    "a filter of a use": (SOFT.replace('href="#a"', 'href="#a" filter="url(#c)"'), "its filter"),
+    "a hidden use": (SOFT.replace('href="#a"', 'href="#a" visibility="hidden"'), "a hidden one"),
+    "another property": (SHEET.replace("stop-opacity", "opacity"), "style sheet must be"),
+    "another selector": (SHEET.replace("stop+stop{", "stop~stop{"), "style sheet must be"),
+    "no colour": (SHEET.replace(' color="#f00"', ""), "opaque colour"),
+    "a sum": (write_svg(random_sum(4, 20, 20, 1)), "<style .*: blend must be 'over'"),
+    "no document": ("<svg", "well-formed XML"),
+    "no bytes": (b"", "well-formed XML"),
+    "no gzip": (b"\x1f\x8bx", "complete gzip file"),
+    "no text": (b"\xff\xfe\x00", "must be an SVG in utf-16"),
+    "another root": ("<html/>", "the root must be an <svg>"),
+    "no namespace": ("<svg/>", "the root must be an <svg>"),
+    "no file": ("/none/there.svg", "cannot read /none/there.svg"),
+    "no source": (5, "source must be a path"),
+    "entities": ('<!DOCTYPE svg [<!ENTITY a "b">]><svg>&a;</svg>', "a document type of its own"),
+    "an unknown entity": ('<!DOCTYPE svg SYSTEM "/etc/passwd"><svg>&a;</svg>', "undefined entity"),
+    "an encoding": (b'<?xml version="1.0" encoding="rubbish"?><svg/>', "an SVG in rubbish"),
+}  # fmt: skip
+CASES = {
+    **{body: (document(body, DEFS), line) for body, line in REFUSED.items()},
+    **{root: (document(root=root), line) for root, line in ROOTS.items()},
+    **{rect: (document(rect=rect), line) for rect, line in RECTANGLES.items()},
+    **WRITTEN,
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_write_svg_would_not_write_is_refused_in_one_line(case):
+    svg, line = CASES[case]
+    with pytest.raises(InputError, match=line) as caught:
+        read_svg(svg)
+    assert "\n" not in str(caught.value)
+
+
+def test_long_rubbish_is_refused_at_once():
+    for rubbish in ("1" * 20000 + "x", "1 " * 20000 + "x", "1e" * 20000, "-" * 20000):
+        for body in (
+            f'<circle r="1" transform="matrix({rubbish})"/>',
+            f'<circle r="{rubbish}"/>',
+            f'<path d="M {rubbish}"/>',
+        ):
+            with pytest.raises(InputError):
+                read_svg(document(body))
+
+
+def test_files_have_limits(tmp_path):
+    path = tmp_path / "x.svg"
+    path.write_text(document(9 * "<g></g>"))
+    with pytest.raises(InputError, match=r"at most 9 elements; .*max_elements"):
+        read_svg(path, max_elements=9)
+    with pytest.raises(InputError, match=r"at most 100 bytes, gunz.*max_bytes"):
+        read_svg(path, max_bytes=100)
