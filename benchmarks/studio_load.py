@@ -57,7 +57,7 @@ def photo_bytes(photo: Image.Image) -> bytes:
 
 
 def submitted(client: httpx.Client, photo: bytes, options: Any) -> str:
-    form = {"options": json.dumps(options), "keep": "1"}
+    form = {"options": json.dumps(options)}
     answer = client.post("/api/jobs", data=form, files={"photo": ("photo.jpg", photo)})
     answer.raise_for_status()
     return answer.json()["id"]

@@ -124,8 +124,8 @@ class Guard:
         if name not in self._names and (self._local or not is_digits):
             return _refused(421, f"the address must be the printed one; got {quoted(host)}")
         given = asked.query_params.get("token", "")
-        is_page = (asked.scope["method"], asked.scope["path"]) == ("GET", "/")
-        if is_page and (_equal(given, self._token) or _equal(given, self.ticket)):
+        is_home = (asked.scope["method"], asked.scope["path"]) == ("GET", "/")
+        if is_home and (_equal(given, self._token) or _equal(given, self.ticket)):
             self.ticket = secrets.token_urlsafe(24)
             # So that the token does not stay in the address. Lax, for a link of another site may
             # open the page; what such a site asks by itself has no cookie.

@@ -69,6 +69,15 @@ def run_asks(page):
     return asked_of(answered.value.request)
 
 
+def test_an_empty_page_says_what_happens_and_offers_samples(visit):
+    page = visit().open()
+    assert "before your eyes" in page.locator(".lead").text_content()
+    assert page.locator("#samples li").all_text_contents() == sorted([HOSTILE, PLAIN, UPRIGHT])
+    for one in page.locator("#samples img").all():
+        expect(one).to_have_js_property("complete", True)
+        assert one.evaluate("image => image.naturalWidth") > 0
+
+
 @pytest.mark.parametrize("way", ["drop", "paste", "choose", "sample"])
 def test_a_photo_comes_in(visit, photos, way):
     page = visit().open()
@@ -235,6 +244,20 @@ def test_the_main_control_is_one_option_of_a_run(visit, server, kind, value, sen
         assert value / 2 < report["gaussians"] <= value
     else:
         assert {name: report[name] for name in sent} == sent
+
+
+def test_quality_has_a_slider_too(visit):
+    one = visit()
+    one.expected.append("422")
+    page = one.open()
+    page.locator("#amount").focus()
+    page.keyboard.press("Home")
+    expect(page.locator("#preset")).to_have_value("draft")
+    expect(page.locator("#amount")).to_have_attribute("aria-valuetext", "draft")
+    pick(page, PLAIN)
+    await_run(page, 1)
+    page.keyboard.press("Tab")
+    assert run_asks(page) == {"quality": "draft"}
 
 
 def test_more_options_are_those_of_the_command_with_its_help(visit, server):
@@ -646,6 +669,14 @@ def test_everything_is_done_by_keys_and_the_focus_is_seen(visit):
     tab_to("[data-action=show-1]")
     page.keyboard.press("Enter")
     expect(page.locator("#badge-right")).to_contain_text("SVG, draft")
+
+
+def test_controls_are_large_enough_and_named(done):
+    page = done(viewport=PHONE).page
+    for one in page.locator("button, select, input[type=number]").all():
+        assert not one.is_visible() or one.bounding_box()["height"] >= 24, one.inner_html()
+    expect(page.get_by_role("button", name="Zoom in")).to_be_visible()
+    expect(page.get_by_role("slider", name="Divider")).to_be_visible()
 
 
 def test_points_are_seen_by_day_and_by_night(done):
