@@ -84,7 +84,8 @@ def opened(file: bytes, loader: str) -> Stored:
         header.width, header.height, colors, alpha, picture, _reduced_bytes(loader, header)
     )
     stored.density = header.xres * _MM_PER_INCH, header.yres * _MM_PER_INCH
-    stored.is_per_inch = "resolution-unit" in fields
+    # 1 px per mm is what libvips has for a WebP, whose resolution it does not read.
+    stored.is_per_inch = "resolution-unit" in fields and header.xres != 1.0
     stored.orientation = fields.get("orientation", 1)
     stored.space = ColorSpace(fields.get("icc-profile-data"))
     stored.note_frames(fields.get("n-pages", 1), "pages" if loader == "tiffload" else "frames")
