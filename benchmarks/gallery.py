@@ -65,7 +65,7 @@ def main() -> int:
     )
     print_medians(gallery)
     for failure in gallery.failures:
-        print(f"{failure.photo.name}: {failure.error}")
+        print(f"{failure['photo']}: {failure['error']}")
     print(f"open {gallery.index}")
     if args.screenshot:
         screenshot(gallery, args.screenshot)

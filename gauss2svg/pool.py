@@ -116,7 +116,8 @@ class Pool:
                 self._idle.append(process)
             else:
                 _end(process)
-        return answer
+        # An answer that the job's own processes gave as they were killed does not count.
+        return answer if job.reason is None else (False, job.reason)
 
     def _watch(self) -> None:
         """End jobs that take more time than they may, or more memory than a process may."""

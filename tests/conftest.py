@@ -272,8 +272,9 @@ def asked(monkeypatch):
     found = galleries.Asked()
 
     def answer(request):
-        found.append((request["kind"], request["folder"].rpartition("/photos/")[2]))
-        return (galleries.canned if request["kind"] == "variant" else answer_to)(request)
+        kind = "variant" if request["tool"] else "photo"
+        found.append((kind, request["folder"].rpartition("/photos/")[2]))
+        return (galleries.canned if request["tool"] else answer_to)(request)
 
     monkeypatch.setattr(build, "Pool", PoolHere)
     monkeypatch.setattr(build, "answer_to", answer)

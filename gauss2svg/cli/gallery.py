@@ -74,8 +74,8 @@ def gallery_command(
     if gallery.absent:
         say(f"skipped, not installed: {', '.join(gallery.absent)}")
     for failure in gallery.failures:
-        variant = f", {failure.variant.name}" if failure.variant else ""
-        say(f"failed: {failure.photo.name}{variant}: {failure.error}")
+        variant = f", {failure['variant']}" if failure["variant"] else ""
+        say(f"failed: {failure['photo']}{variant}: {failure['error']}")
     if not quiet:
         count = len(gallery.rows)
         kept = f", {gallery.kept} of them kept from before" if gallery.kept else ""

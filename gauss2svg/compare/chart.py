@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_HALF_UP, Decimal
 from itertools import count
+from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
@@ -50,6 +51,16 @@ def _three_digits(value: float) -> str:
     # Ties are rounded up, as by the scripts of pages: 2625 B are 2.63 kB.
     rounded = Decimal(float(value)).quantize(Decimal(1).scaleb(-decimals), ROUND_HALF_UP)
     return f"{rounded:,}".replace(",", SPACE)
+
+
+def counted(number: int, thing: str) -> str:
+    """A number of things: 1 core, 2 cores."""
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def machine_text(machine: Mapping[str, Any]) -> str:
+    """A machine on one line."""
+    return f"{machine['cpu']}, {counted(machine['cores'], 'core')}, {machine['platform']}"
 
 
 # (key of a report, unit, title of the axis, its text on a page, its text at a tick)

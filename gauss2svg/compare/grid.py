@@ -1,29 +1,37 @@
-"""A grid of photos and variants in progress: what is finished is kept, the rest is made."""
+"""A grid of photos and variants: the records of finished runs are kept, the others are made.
+
+The benchmark and galleries are reports on it. A record is one line of a file, added when its run
+has ended.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
+from gauss2svg.compare.machine import machine
+from gauss2svg.compare.records import Row, add_row, rows_in
 from gauss2svg.compare.variants import Variant
-from gauss2svg.errors import OutputError
+from gauss2svg.errors import OutputError, on_one_line
+from gauss2svg.files import check_writable, make_folder
+from gauss2svg.measure.perceptual import packages
+from gauss2svg.options import file_name
 from gauss2svg.pipeline.listing import ListedPhoto
 from gauss2svg.pool import WorkerDiedError, completed
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
-Record = dict[str, Any]
-Place = tuple[ListedPhoto, Variant | None]
-
 
 @cache
 def code_digest() -> str:
-    """SHA-256 of the package's source files; work of other code does not count as finished."""
+    """Return the SHA-256 of the package's source files: runs of other code are other runs."""
     package = Path(__file__).parent.parent
     digest = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
@@ -33,40 +41,50 @@ def code_digest() -> str:
 
 @dataclass(frozen=True)
 class Task:
-    """One piece of work.
+    """A run of a photo.
 
     variant  None prepares the photo itself
-    request  what a process gets, with the key
-    others   what the result depends on beside photo, variant, code and renderer
+    others   what the result depends on beside photo, variant, code, renderer and scores
+    about    further columns of its record, among them the folder of its files
+    files    without which it is not finished
     """
 
     photo: ListedPhoto
     variant: Variant | None
-    request: Mapping[str, Any]
     others: tuple[Any, ...] = ()
+    about: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    files: tuple[Path, ...] = ()
 
     @property
     def label(self) -> str:
         """The task's name in a progress bar."""
         return self.photo.name + (f", {self.variant.name}" if self.variant else "")
 
-    @property
-    def place(self) -> Place:
-        """The photo and the variant to which the task's record belongs."""
-        return self.photo, self.variant
-
-    @property
+    @cached_property
     def key(self) -> str:
-        """A hash of all that the record depends on, the package's code among it, but no path."""
+        """A hash of all that the record depends on, but no path."""
         one = self.variant
-        parts = [self.photo.digest, code_digest(), renderer_version(DEFAULT_RENDERER), *self.others]
-        parts += [one.tool, one.version, one.settings] if one else []
+        parts = [self.photo.digest, code_digest(), renderer_version(DEFAULT_RENDERER), packages()]
+        parts += [*self.others, *((one.tool, one.version, one.settings) if one else ())]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+
+    def record(self, answer: Mapping[str, Any]) -> Row:
+        """Return the record: the photo, the variant, when and where it was made, the answer."""
+        return {
+            "key": self.key,
+            **(self.variant.columns if self.variant else {}),
+            "image": self.photo.name,
+            "image_sha256": self.photo.digest,
+            **self.about,
+            "date": datetime.now(UTC).isoformat(timespec="seconds"),
+            "machine": machine(),
+            **answer,
+        }
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a grid: finished and total steps, results that were kept, the current steps."""
+    """Progress of a grid: finished and total runs, SVGs that were kept, the current runs."""
 
     done: int
     total: int
@@ -75,52 +93,53 @@ class Progress:
 
 
 class Grid:
-    """The records of a grid in progress, which its user adds.
+    """The records of a grid in progress.
 
-    finished  gives the record of a finished task, and None for any other
-    records   by their places; kept: number of files that were made before
-    dropped   number of steps that will have no record
+    path     the file of all records
+    records  of the tasks that have ended; of one that failed it has "error", one line
+    kept     number of files that were made before
+    total    number of tasks that will have a record
     """
 
     def __init__(
-        self,
-        finished: Callable[[Task], Record | None],
-        steps: int,
-        progress: Callable[[Progress], None] | None,
+        self, path: Path, tasks: Iterable[Task], progress: Callable[[Progress], None] | None
     ) -> None:
-        self._finished, self._steps, self._progress = finished, steps, progress
-        self.records: dict[Place, Record] = {}
-        self.kept = self.dropped = 0
+        self._path, self._progress = path, progress
+        self.tasks = list(tasks)
+        self.total = len(self.tasks)
+        self.records: dict[Task, Row] = {}
         self._now: list[str] = []
+        known = rows_in(path)
+        for task in self.tasks:
+            row = known.get(task.about.get("folder", task.key), {"key": ""})
+            is_whole = "error" not in row and all(file.exists() for file in task.files)
+            if is_whole and row["key"] == task.key:
+                self.records[task] = row | {"image": task.photo.name}  # which it may not have had
+        self.kept = sum(task.variant is not None for task in self.records)
 
-    def missing(self, tasks: Iterable[Task]) -> list[Task]:
-        """Return the tasks that are not finished; keep the records of the others."""
-        missing = []
-        for task in tasks:
-            if task.place not in self.records:
-                if (record := self._finished(task)) is None:
-                    missing.append(task)
-                else:
-                    self.records[task.place] = record
-                    self.kept += task.variant is not None
-        return missing
+    @property
+    def rows(self) -> list[Row]:
+        """The records in the order of their tasks."""
+        return [self.records[task] for task in self.tasks if task in self.records]
 
-    def answers(
-        self, tasks: Iterable[Task], submit: Callable[[Record], Future[Record]], width: int
-    ) -> Iterator[tuple[Task, Record]]:
-        """Yield (task, answer) as tasks are done, of which `width` are submitted at once.
+    def run(
+        self, tasks: Iterable[Task], submit: Callable[[Task], Future[Row]], width: int
+    ) -> Iterator[Row]:
+        """Run those of the tasks that have no record, `width` at once; yield each record.
 
-        An answer has "error", one line, if the task failed. Raise OutputError if no other can be
-        done.
+        Raise OutputError if no other can be run.
         """
 
-        def submitted(task: Task) -> Future[Record]:
+        def submitted(task: Task) -> Future[Row]:
             self._now.append(task.label)
             self._report()
-            return submit({**task.request, "key": task.key})
+            if any(file.exists() for file in task.files):  # of a run whose row counts no more
+                add_row(self._path, task.record({"error": "it was interrupted"}))
+            return submit(task)
 
         self._report()
-        for task, job in completed(submitted, iter(tasks), lambda: width):
+        missing = [task for task in tasks if task not in self.records]
+        for task, job in completed(submitted, iter(missing), lambda: width):
             try:
                 answer = job.result()
             except WorkerDiedError as error:
@@ -128,10 +147,23 @@ class Grid:
             self._now.remove(task.label)
             if "fatal" in answer:
                 raise OutputError(answer["error"])
-            yield task, answer
+            if "error" in answer:
+                answer = {"error": on_one_line(answer["error"])}
+            self.records[task] = task.record(answer)
+            add_row(self._path, self.records[task])
+            yield self.records[task]
             self._report()
 
     def _report(self) -> None:
         if self._progress is not None:
-            done = len(self.records) + self.dropped
-            self._progress(Progress(done, self._steps, self.kept, tuple(self._now)))
+            done = len(self.records)
+            self._progress(Progress(done, self.total, self.kept, tuple(self._now)))
+
+
+def output_folder(directory: str | os.PathLike[str], outputs: Iterable[str]) -> Path:
+    """Return a folder, created if missing; raise OutputError unless its files can be written."""
+    folder = Path(file_name("directory", directory, "the name of a folder, such as . for this one"))
+    make_folder(folder)
+    for name in outputs:
+        check_writable(folder / name)  # before the work, not after it
+    return folder

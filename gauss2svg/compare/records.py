@@ -8,6 +8,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,20 +17,17 @@ from gauss2svg.errors import Gauss2SvgError, OutputError, error_line
 Row = dict[str, Any]
 TOOL = "gauss2svg"  # the tool of all rows that are not a peer's
 
-# A row without these is damaged, and is measured again.
-_REQUIRED = {"key", "label", "tool", "tool_version", "image", "settings", "machine"}
-
 
 def answered(
     make: Callable[[Mapping[str, Any]], dict[str, Any]], request: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The record, or {"error": one line}, so that a request that fails stops no other.
+    """Return the record, or {"error": one line}, so that a request that fails stops no other.
 
-    With "fatal" where no other request can succeed.
+    It has "fatal" where no other request can succeed, as with a full disk.
     """
     try:
         return make(request)
-    except OutputError as error:  # of the others as well: a full disk, a deleted folder
+    except OutputError as error:
         return {"error": error_line(str(error)), "fatal": True}
     except Gauss2SvgError as error:
         return {"error": error_line(str(error))}
@@ -40,19 +38,25 @@ def answered(
 
 
 def rows_in(path: Path) -> dict[str, Row]:
-    """Rows by key, of a file of one JSON object per line; lines that are no rows are left out.
+    """Return the last row of each folder, or else key, in a file of JSON lines.
 
-    Raises OutputError if the file cannot be read.
+    Damaged lines are left out.
+    Raise OutputError if the file cannot be read.
     """
+    rows: dict[str, Row] = {}
     try:
         lines = path.read_bytes().splitlines() if path.exists() else []
     except OSError as error:
         raise OutputError(f"cannot read {path}: {error.strerror or error}") from error
-    return {row["key"]: row for line in lines if (row := _row(line)) is not None}
+    for line in lines:
+        with suppress(ValueError, TypeError, KeyError, AttributeError):
+            row = json.loads(line)
+            rows[row.get("folder", row["key"])] = row
+    return rows
 
 
 def add_row(path: Path, row: Row) -> None:
-    """Append a row to such a file, and flush it to the disk; raises OutputError if that fails."""
+    """Append a row to such a file, and flush it to the disk; raise OutputError if that fails."""
     try:
         with path.open("a+b") as stream:
             if stream.tell():
@@ -65,26 +69,18 @@ def add_row(path: Path, row: Row) -> None:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def _row(line: bytes) -> Row | None:
-    try:
-        row = json.loads(line)
-    except ValueError:
-        return None
-    return row if isinstance(row, dict) and row.keys() >= _REQUIRED else None
-
-
 def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested names joined by dots: {"a": {"b": 1}} is {"a.b": 1}."""
-    found: dict[str, Any] = {}
+    """Join nested names by dots: {"a": {"b": 1}} is {"a.b": 1}."""
+    cells: dict[str, Any] = {}
     for name, value in row.items():
-        found |= (
+        cells |= (
             flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
         )
-    return found
+    return cells
 
 
 def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
-    """CSV with a column for every name in any row; null is an empty cell."""
+    """Return CSV with a column for every name in any row; null is an empty cell."""
     from gauss2svg.batch.table import as_cell  # what it loads would count as a peer's memory
 
     flattened = [flat(row) for row in rows]
@@ -97,7 +93,7 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
 
 
 def finite(value: Any) -> Any:
-    """The value with None for every infinity and NaN, which JSON does not have."""
+    """Return the value with None for every infinity and NaN, which JSON does not have."""
     if isinstance(value, dict):
         return {name: finite(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -32,7 +32,7 @@ from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
-from gauss2svg.pool import Pool, WorkerDiedError
+from gauss2svg.pool import Pool
 from gauss2svg.processes import end_with_parent
 
 Request = Mapping[str, Any]
@@ -82,8 +82,13 @@ def run(request: Request) -> Run:
     return _own(request) if request["tool"] == TOOL else _by_peer(request)
 
 
-def measured(request: Request) -> dict[str, Any]:
-    """Return what the benchmark keeps of a run, or {"error": line}."""
+def measured(request: Request, parent: int | None = None) -> dict[str, Any]:
+    """Return what the benchmark keeps of a run, or {"error": line}.
+
+    parent  id of the process with which this one ends
+    """
+    if parent is not None:
+        end_with_parent(parent)
     return finite(answered(_measured, request))
 
 
@@ -91,15 +96,7 @@ def measured_alone(request: Request) -> dict[str, Any]:
     """Return the same, of a run in a process of its own; of another tool that is its call."""
     if request["tool"] != TOOL:
         return measured(request)
-    try:
-        return in_own_process(_measured_with, os.getpid(), request)
-    except WorkerDiedError as error:
-        return {"error": str(error)}
-
-
-def _measured_with(parent: int, request: Request) -> dict[str, Any]:
-    end_with_parent(parent)
-    return measured(request)
+    return answered(lambda request: in_own_process(measured, request, os.getpid()), request)
 
 
 def _measured(request: Request) -> dict[str, Any]:
@@ -150,10 +147,9 @@ def _by_peer(request: Request) -> Run:
         png.write_bytes(as_png(photo.pixels))
         try:
             told = in_own_process(converted, tool, settings, png, output, timeout_s=limit_s)
-        except TimeoutError:
-            told = {"error": f"timed out after {limit_s:g} s. Try a longer --peer-timeout"}
-        except WorkerDiedError as error:
-            told = {"error": str(error)}
+        except TimeoutError as error:
+            line = f"timed out after {limit_s:g} s. Try a longer --peer-timeout"
+            raise PeerError(line) from error
         if "error" in told:
             raise PeerError(told["error"])
         if not output.exists():

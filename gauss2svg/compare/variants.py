@@ -13,12 +13,11 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from types import ModuleType
 from typing import Any
 
 from gauss2svg.compare.peers import PEERS, check_peers
 from gauss2svg.compare.records import TOOL
-from gauss2svg.errors import Gauss2SvgError, InputError, quoted, whole_number
+from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal, whole_number
 from gauss2svg.fit.options import MOST_GAUSSIANS
 from gauss2svg.measure.scores import TARGETS
 from gauss2svg.options import Field, fields_of
@@ -79,6 +78,12 @@ class Variant:
     def slug(self) -> str:
         """The name of its folder: "draft", "gaussians-500", "vtracer"."""
         return (self.label if self.is_own else self.name).replace(" ", "-")
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """The variant in a record."""
+        about = {"label": self.label, "preset": self.preset, "tool": self.tool}
+        return about | {"tool_version": self.version, "settings": dict(self.settings)}
 
 
 def of_peer(tool: str, settings: dict[str, Any]) -> Variant:
@@ -192,116 +197,84 @@ class Constant:
     a default value of a parameter, or imported by name keeps its value.
     """
 
+    choices = ()
+
     def __init__(self, name: str) -> None:
         path, _, self.constant = name.rpartition(".")
         try:
-            self.module: ModuleType = import_module(f"gauss2svg.{path}")
-            self._now = vars(self.module)[self.constant]
-            if not self.constant.isupper() or type(self._now) not in (int, float):
+            self.module, self.name = import_module(f"gauss2svg.{path}"), name
+            self._kind = type(vars(self.module)[self.constant])
+            if not self.constant.isupper() or self._kind not in (int, float):
                 raise KeyError(self.constant)
         except (ImportError, KeyError) as error:
-            raise InputError(
-                "axis must be an option, or a number that a module has in capitals; got "
-                f"{quoted(name)}. Try pipeline.search.correction.FULL"
-            ) from error
-        self.name, self.choices = name, ()
+            needed = "an option, or a number that a module has in capitals"
+            advice = "pipeline.search.correction.FULL"
+            raise refusal("axis", needed, quoted(name), advice) from error
 
-    def parsed(self, text: str) -> int | float:
-        """The value of a text."""
+    def parsed(self, value: Any) -> int | float:
+        """Return a value, or the value of a text, of the constant's type."""
         try:
-            return self.normalized(float(text))
-        except ValueError as error:
-            raise self._refused(text) from error
+            number = float(value)
+            if not math.isfinite(number) or self._kind(number) != number:
+                raise ValueError(value)
+        except (TypeError, ValueError) as error:
+            needed = "a whole number" if self._kind is int else "a finite number"
+            raise InputError(f"{self.name} must be {needed}; got {value}") from error
+        return self._kind(number)
 
-    def normalized(self, value: Any) -> int | float:
-        """A value of the constant's type, which is that of its default."""
-        whole = isinstance(self._now, int)
-        number = isinstance(value, (int, float)) and math.isfinite(value)
-        if not number or (whole and value != int(value)):
-            raise self._refused(value)
-        return int(value) if whole else float(value)
-
-    def apply(self, value: float) -> None:
-        """Replace the constant in this process."""
-        setattr(self.module, self.constant, value)
-
-    def _refused(self, value: Any) -> InputError:
-        kind = "a whole number" if isinstance(self._now, int) else "a finite number"
-        return InputError(f"{self.name} must be {kind}; got {value}. Try {self._now}")
-
-
-def is_constant(name: str) -> bool:
-    """Whether the name of an axis is that of a constant, and not of an option."""
-    return "." in name
+    normalized = parsed
 
 
 def options_in(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings that are options."""
-    return {name: value for name, value in settings.items() if not is_constant(name)}
+    """Return the settings that are options."""
+    return {name: value for name, value in settings.items() if "." not in name}
 
 
 def apply_constants(settings: Mapping[str, Any]) -> None:
     """Replace the constants among the settings in this process, which makes no other run."""
-    for name, value in settings.items():
-        if is_constant(name):
-            Constant(name).apply(value)
+    for name in settings.keys() - options_in(settings):
+        constant = Constant(name)
+        setattr(constant.module, constant.constant, settings[name])
 
 
-def values_of(axis: Field | Constant) -> tuple[Any, ...]:
-    """The default values of an axis; raises InputError for an axis without."""
-    values = VALUES.get(axis.name, axis.choices)
-    if not values:
-        raise InputError(
-            f"axis {axis.name} must be given with values; got none. Try --axis "
-            f"{axis.name}=VALUE,VALUE"
-        )
-    return values
+def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
+    """Return values by option, of the texts NAME or NAME=v1,v2 of a command line.
 
-
-def parse_axis(text: str) -> tuple[str, tuple[Any, ...]]:
-    """(option, values) of the text NAME or NAME=v1,v2; raises InputError for an unknown one.
-
-    Values that have commas themselves, as lists of inks, stand alone or between semicolons.
+    Values that have commas themselves, as lists of inks, stand alone or between semicolons. Raise
+    InputError for an unknown or repeated axis.
     """
-    name, given, text = text.partition("=")
-    axis = _axis(name.strip())
-    if not given:
-        return axis.name, values_of(axis)
+    axes: dict[str, tuple[Any, ...]] = {}
+    for text in texts:
+        name, given, listed = text.partition("=")
+        axis = _axis(name.strip())
+        advice = f"Try --axis {axis.name}=VALUE,VALUE"
+        if axis.name in axes:
+            raise InputError(f"axis {axis.name} must be given once; got two. {advice}")
+        values = _parsed(axis, listed) if given else VALUES.get(axis.name, axis.choices)
+        if not values:
+            raise InputError(f"axis {axis.name} must be given with values; got none. {advice}")
+        axes[axis.name] = values
+    return axes
 
-    def parsed(texts: list[str]) -> tuple[Any, ...]:
-        return tuple(_checked(axis.parsed, value.strip()) for value in texts)
 
-    if ";" in text:
-        return axis.name, parsed(text.split(";"))
+def _parsed(axis: Field | Constant, text: str) -> tuple[Any, ...]:
+    separator = ";" if ";" in text else ","
     try:
-        return axis.name, parsed(text.split(","))
+        return tuple(_checked(axis.parsed, value.strip()) for value in text.split(separator))
     except InputError as error:
         try:
-            return axis.name, parsed([text])
+            return (_checked(axis.parsed, text),)  # one list of inks
         except InputError:
             raise error from None
 
 
-def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
-    """Values by option, of the axes of a command line; raises InputError for a repeated one."""
-    axes: dict[str, tuple[Any, ...]] = {}
-    for text in texts:
-        name, values = parse_axis(text)
-        if name in axes:
-            raise InputError(
-                f"axis {name} must be given once; got two. Try --axis {name}=VALUE,VALUE"
-            )
-        axes[name] = values
-    return axes
-
-
 def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
-    """Every combination of the axes' values, each once; those of DEFAULT_GRID without axes.
+    """Return every combination of the axes' values, each once; of DEFAULT_GRID without axes.
 
-    Raises InputError for an unknown axis, an invalid value, an axis without values, and options
+    Raise InputError for an unknown axis, an invalid value, an axis without values, and options
     that exclude each other.
     """
-    found: dict[Settings, None] = {}  # an ordered set
+    combinations: dict[Settings, None] = {}  # an ordered set
     for grid in [axes] if axes else DEFAULT_GRID:
         columns = []
         for name, values in grid.items():
@@ -309,18 +282,16 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
             if isinstance(values, str) or not values:
                 raise InputError(f"axis {name} must be a sequence of values; got {quoted(values)}")
             columns.append([(axis.name, _checked(axis.normalized, v)) for v in values])
-        found |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
-    for settings in found:
+        combinations |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
+    for settings in combinations:
         try:
             Plan(Options.from_flat(options_in(dict(settings))))
         except Gauss2SvgError as error:  # as every run with them would
-            raise InputError(f"axes: {_ADVISED.sub(_as_axis, str(error))}") from error
-    return list(found)
-
-
-def _as_axis(advised: re.Match[str]) -> str:
-    name, value = advised.groups()
-    return f"--axis {name}={value}" if value else f"--axis {name}"
+            advised = _ADVISED.sub(
+                lambda found: "--axis " + "=".join(filter(None, found.groups())), str(error)
+            )
+            raise InputError(f"axes: {advised}") from error
+    return list(combinations)
 
 
 def _checked(check: Callable[[Any], Any], value: Any) -> Any:
@@ -331,7 +302,7 @@ def _checked(check: Callable[[Any], Any], value: Any) -> Any:
 
 
 def _axis(name: str) -> Field | Constant:
-    if is_constant(name):
+    if "." in name:
         return Constant(name)
     option = name.replace("-", "_")
     if option not in AXES:

@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,17 +21,12 @@ from gauss2svg.compare.variants import (
     apply_constants,
     options_in,
     parse_axes,
-    parse_axis,
     settings_of,
 )
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pipeline.listing import ListedPhoto
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.pipeline.search import correction
-from gauss2svg.pipeline.search.correction import Corrections
-from gauss2svg.pipeline.search.limits import Cap
 from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS
 
 points = st.lists(
@@ -42,9 +36,8 @@ points = st.lists(
 
 def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
     path = tmp_path / "rows.jsonl"
-    row = dict.fromkeys(("label", "tool", "tool_version", "image", "settings", "machine"), 1)
-    first, last = ({"key": "a", **row, **change} for change in ({"error": "x"}, {"n": 2}))
-    lines = [json.dumps(first), "rubbish", "[1]", json.dumps(last), '{"key": "a", "n": 3}', '{"k']
+    first, last = {"key": "a", "error": "x"}, {"key": "a", "n": 2}
+    lines = [json.dumps(first), "rubbish", "[1]", json.dumps(last), '{"n": 3}', '{"k']
     path.write_text("\n".join(lines))
     assert rows_in(path) == {"a": last}
     add_row(path, first | {"key": "b"})  # after half a line
@@ -85,35 +78,6 @@ def test_axis_without_default_values_is_refused_unless_they_are_given(name):
         parse_axes([name])
 
 
-FULL = "pipeline.search.correction.FULL"
-
-
-def test_a_constant_of_the_code_is_an_axis_and_is_replaced_where_it_is_read(monkeypatch):
-    assert parse_axis(f"{FULL}=0.5,1") == (FULL, (0.5, 1.0))
-    (settings,) = settings_of({FULL: [0.5], "gaussians": [7]})
-    assert options_in(dict(settings)) == {"gaussians": 7}
-    monkeypatch.setattr(correction, "FULL", correction.FULL)
-    limits = SimpleNamespace(stop_reason="max_bytes", slope=3.0)
-    corrections = Corrections(Plan(Options.from_flat({"max_bytes": 1000})), limits)  # pyright: ignore[reportArgumentType]
-    corrections.made = [SimpleNamespace(size=900, model=30.0)]  # pyright: ignore[reportAttributeAccessIssue]
-
-    def next_count():
-        return corrections.next(10, Cap(100, "cap"))
-
-    assert next_count() == 40
-    apply_constants(dict(settings))
-    assert next_count() == 10
-
-
-@pytest.mark.parametrize(
-    "text", [f"{FULL}=x", f"{FULL}=nan", "pipeline.search.correction.FEW=1.5", FULL, "a.b=1",
-             "pipeline.plan.b=1", "pipeline.options.b=1"],
-)  # fmt: skip
-def test_an_unknown_constant_and_a_value_that_it_cannot_have_are_refused(text):
-    with pytest.raises(InputError, match="axis"):
-        parse_axis(text)
-
-
 @pytest.mark.parametrize(
     ("text", "values"),
     [
@@ -123,14 +87,14 @@ def test_an_unknown_constant_and_a_value_that_it_cannot_have_are_refused(text):
     ],
 )
 def test_a_list_of_inks_is_one_value_of_their_axis(text, values):
-    assert parse_axis(f"inks={text}") == ("inks", values)
+    assert parse_axes([f"inks={text}"]) == {"inks": values}
     assert [dict(s)["inks"] for s in settings_of({"inks": values})] == list(values)
 
 
 @pytest.mark.parametrize("text", ["6,#fff,#000", "#fff", "6;#fff", "#fff,blue", "6;"])
 def test_values_that_are_no_inks_are_refused_in_one_line(text):
     with pytest.raises(InputError, match=r"^axis inks must be .*Try 6, or") as refusal:
-        parse_axis(f"inks={text}")
+        parse_axes([f"inks={text}"])
     assert "\n" not in str(refusal.value)
 
 
@@ -166,20 +130,19 @@ def test_forms_that_a_renderer_does_not_support_are_refused_before_any_run(form,
 def test_key_knows_all_that_changes_a_record_and_no_path():
     def key(path="a.png", digest="d", count=5, others=(0,), **variant):
         photo = ListedPhoto(path, path, path, "a", digest)
-        return Task(photo, Variant((("gaussians", count),), **variant), {}, others).key
+        return Task(photo, Variant((("gaussians", count),), **variant), others).key
 
     assert key() == key(path="b/c.png")
     changes = ({"digest": "e"}, {"count": 6}, {"others": (1,)}, {"version": "0"}, {"tool": "jpeg"})
     others = [key(**change) for change in changes]  # pyright: ignore[reportArgumentType]
-    others.append(Task(ListedPhoto("a.png", "a.png", "a.png", "a", "d"), None, {}, (0,)).key)
+    others.append(Task(ListedPhoto("a.png", "a.png", "a.png", "a", "d"), None, (0,)).key)
     assert len({key(), *others}) == len(changes) + 2
 
 
 def test_other_tools_are_kept_whatever_the_seed_and_the_threads():
     def key(variant, seed, threads):
         photo = ListedPhoto("a.png", "a.png", "a.png", "a", "d")
-        given = {"options": {"seed": seed, "threads": threads}, "reference": None}
-        return table._task(photo, variant, given).key
+        return table._task(photo, variant, seed, threads, ()).key
 
     peer, own = Variant((("quality", 30),), tool="jpeg"), Variant((("gaussians", 5),))
     assert key(peer, 0, None) == key(peer, 3, 1)
@@ -218,3 +181,24 @@ def test_csv_has_a_column_for_every_name():
     assert list(csv.reader(text.splitlines(keepends=True))) == [
         ["a", "b.c", "d"], ["1", "", ""], ['x,"\n', "", "2.5"],
     ]  # fmt: skip
+
+
+FULL = "pipeline.search.correction.FULL"
+
+
+def test_a_constant_of_the_code_is_an_axis_and_is_replaced_where_it_is_read(monkeypatch):
+    assert parse_axes([f"{FULL}=0.5,1"]) == {FULL: (0.5, 1.0)}
+    (settings,) = settings_of({FULL: [0.5], "gaussians": [7]})
+    assert options_in(dict(settings)) == {"gaussians": 7}
+    monkeypatch.setattr(correction, "FULL", correction.FULL)
+    apply_constants(dict(settings))
+    assert correction.FULL == 0.5
+
+
+@pytest.mark.parametrize(
+    "text", [f"{FULL}=x", f"{FULL}=nan", "pipeline.search.correction.FEW=1.5", FULL, "a.b=1",
+             "pipeline.plan.b=1", "pipeline.options.b=1"],
+)  # fmt: skip
+def test_an_unknown_constant_and_a_value_that_it_cannot_have_are_refused(text):
+    with pytest.raises(InputError):
+        parse_axes([text])

@@ -266,13 +266,13 @@ def test_second_build_makes_nothing_and_says_the_same(site, monkeypatch, capsys)
     asked = []
 
     def answer(request):
-        asked.append(request["kind"])
+        asked.append(request["tool"])
         return answer_to(request)
 
     monkeypatch.setattr(build, "Pool", PoolHere)
     monkeypatch.setattr(build, "answer_to", answer)
     assert main(site.arguments) == 1
-    assert asked == ["photo"] * 2  # bad photos are read again
+    assert asked == [None] * 3  # bad photos are read again
     assert "8 SVGs, 8 of them kept from before; 3 failed" in capsys.readouterr().err
     again = json.loads((site.out / "gallery.json").read_text())
     for name in ("rows", "summary", "failures"):

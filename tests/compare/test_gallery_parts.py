@@ -12,11 +12,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gauss2svg.compare.pages import GalleryOptions
-from gauss2svg.compare.pages.artifacts import finished, rounds_of
-from gauss2svg.compare.pages.pages import is_gallery, read_report, summary_of
+from gauss2svg.compare.pages.artifacts import rounds_of
+from gauss2svg.compare.pages.pages import summary_of
 from gauss2svg.compare.peers import PEERS
 from gauss2svg.compare.variants import DEFAULT_VARIANTS, main_variant, variants_of
-from gauss2svg.errors import InputError, OutputError
+from gauss2svg.errors import InputError
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.pipeline.listing import listed_photos, slug_of, unique_slugs
 
@@ -234,38 +234,6 @@ def test_summary_is_medians_and_sums_of_what_has_a_number():
     assert (second["median_psnr_svg"], second["median_gaussians"]) == (None, 2)
 
 
-def folder_of(path, files):
-    path.mkdir(exist_ok=True)
-    for name, text in files.items():
-        (path / name).write_text(text)
-    record = {"key": "k", "files": {name: len(text) for name, text in files.items()}}
-    (path / "record.json").write_text(json.dumps(record))
-    return record
-
-
-def test_folder_counts_as_finished_only_where_it_is_whole_and_of_the_key(tmp_path):
-    record = folder_of(tmp_path, {"a": "1234", "b": ""})
-    assert finished(tmp_path, "k") == record
-    assert finished(tmp_path, "other") is None
-    assert finished(tmp_path / "none", "k") is None
-    text = (tmp_path / "record.json").read_text()
-    for damaged in (text[:-1], text[:5], "", "[]", "null", "5", "{}", '{"key": "k"}', "\x00"):
-        (tmp_path / "record.json").write_text(damaged)
-        assert finished(tmp_path, "k") is None, damaged
-    for name, content in (("a", "123"), ("a", "12345"), ("b", "x")):
-        folder_of(tmp_path, {"a": "1234", "b": ""})
-        (tmp_path / name).write_text(content)
-        assert finished(tmp_path, "k") is None
-    folder_of(tmp_path, {"a": "1234", "b": ""})
-    (tmp_path / "b").unlink()
-    assert finished(tmp_path, "k") is None
-
-
-def test_report_that_cannot_be_read_is_an_error_with_advice(tmp_path):
-    with pytest.raises(OutputError, match=r"cannot read .*Try deleting its folder"):
-        read_report(tmp_path / "x")
-
-
 def test_rounds_are_counted_up_to_each():
     shape = '<circle r="1"/>'
     svg = (
@@ -274,16 +242,6 @@ def test_rounds_are_counted_up_to_each():
         "</svg>"
     )
     assert rounds_of(svg) == [[1, 2], [2, 5]]
-
-
-def test_gallery_is_recognised_by_its_data(tmp_path):
-    path = tmp_path / "gallery.json"
-    assert not is_gallery(path)
-    for text in ("", "[]", "{}", "\udcff", '{"gauss2svg": "0", "rows": []}'):
-        path.write_text(text, errors="surrogateescape")
-        assert not is_gallery(path)
-    path.write_text('{"gauss2svg": "0", "rows": [], "failures": []}')
-    assert is_gallery(path)
 
 
 def test_title_is_any_text_and_nothing_else():

@@ -1,7 +1,6 @@
 """What a gallery keeps, what it makes again, and what an interruption leaves."""
 
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -17,12 +16,7 @@ from galleries import Page, all_requests, save
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import grid
-from gauss2svg.compare.pages.artifacts import (
-    OUTLINES,
-    PICTURE,
-    REPORT,
-    THUMBNAIL,
-)
+from gauss2svg.compare.pages import build
 
 pytestmark = pytest.mark.process
 
@@ -64,81 +58,13 @@ def test_finished_work_is_kept_until_what_it_depends_on_changes(
     assert made()[0] == everything
 
 
-def test_scores_that_were_missing_are_added_without_another_fit(
-    two, photo, tmp_path, asked, monkeypatch
-):
-    from gauss2svg.compare.pages import artifacts
-
-    def made():
-        gallery = build_gallery(two, tmp_path / "out", counts=[5])
-        return asked.take(), gallery.rows
-
-    with monkeypatch.context() as patch:
-        patch.setattr("galleries.packages", dict)
-        lacking = made()[1]
-    requests = all_requests("ab", ["gaussians-5"])
-    again = [request for request in requests if request[0] == "variant"]
-    folder = tmp_path / "out" / "photos" / "a" / "gaussians-5"
-    (folder / PICTURE).write_text(
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">'.ljust(200) + "</svg>"
-    )
-    record = json.loads((folder / "record.json").read_text())
-    record["files"][PICTURE] = (folder / PICTURE).stat().st_size
-    (folder / "record.json").write_text(json.dumps(record))
-    answered = artifacts.make_variant(
-        {
-            "folder": str(folder), "key": record["key"], "tool": "gauss2svg", "photo_size": 2048,
-            "path": str(two[0]), "options": {"max_pixels": 10**6},
-        }
-    )  # fmt: skip
-    report = json.loads((folder / REPORT).read_text())
-    assert report["gaussians"] == lacking[0]["gaussians"]
-    assert 0 < report["flip_svg"] <= 1
-    assert artifacts.finished(folder, record["key"]) == answered
-    assert artifacts.is_scored(answered)
-    assert made()[0] == again[1:]
-    assert made()[0] == []
-
-
-def test_svg_of_which_a_file_is_gone_or_cut_short_is_made_again(two, tmp_path, asked):
-    first = build_gallery(two, tmp_path / "out", counts=[5, 7])
-    folder = tmp_path / "out" / "photos" / "a" / "gaussians-5"
-    for name, cut in ((PICTURE, None), (OUTLINES, 3), (REPORT, 9), ("record.json", 50)):
-        asked.clear()
-        if cut is None:
-            (folder / name).unlink()
-        else:
-            os.truncate(folder / name, cut)
-        again = build_gallery(two, tmp_path / "out", counts=[5, 7])
-        assert asked == [("variant", "a/gaussians-5")], name
-        assert again.rows == first.rows
-
-
-def test_photo_of_the_same_name_that_comes_or_goes_moves_no_other(two, photo, tmp_path, asked):
-    out = tmp_path / "out"
-    others = [save(photo[:5, :size], tmp_path / str(size) / "a.png") for size in (5, 6, 7)]
-    copy = tmp_path / "copy" / "a.png"
-    copy.parent.mkdir()
-    shutil.copyfile(two[0], copy)
-    first = build_gallery(two, out, counts=[5])
-    asked.clear()
-    for paths, made in (
-        ([*others[:2], *two], 2), (two[::-1], 0), (others, 1), ([two[0], *others], 0),
-        ([others[1]], 0), ([copy, *two, *others], 1), (two, 0),
-    ):  # fmt: skip
-        gallery = build_gallery(paths, out, counts=[5])
-        assert len({row["page"] for row in gallery.rows}) == len(paths) == len(gallery.rows)
-        assert len(asked.take()) == 2 * made
-    assert gallery.rows == first.rows
-
-
-def test_lost_photo_is_shown_again_and_its_svgs_are_kept(two, tmp_path, asked):
+def test_lost_file_is_made_again_and_the_others_are_kept(two, tmp_path, asked):
     build_gallery(two, tmp_path / "out", counts=[5])
-    for name in ("photo.webp", THUMBNAIL, "record.json"):
+    for name, made in (("photo.webp", "a"), ("gaussians-5/picture.svg", "a/gaussians-5")):
         (tmp_path / "out" / "photos" / "a" / name).unlink()
         asked.clear()
-        assert build_gallery(two, tmp_path / "out", counts=[5]).kept == 2
-        assert asked == [("photo", "a")]
+        assert len(build_gallery(two, tmp_path / "out", counts=[5]).rows) == 2
+        assert [folder for _, folder in asked] == [made]
     shutil.rmtree(tmp_path / "out" / "assets")
     asked.clear()
     build_gallery(two, tmp_path / "out", counts=[5])
@@ -163,15 +89,15 @@ def test_progress_counts_finished_steps_and_names_the_current_ones(two, tmp_path
     seen = []
     paths = [*two, tmp_path / "none.png"]
     build_gallery(paths, tmp_path / "out", counts=[5, 13], progress=seen.append)
-    assert {one.total for one in seen} == {9}
+    assert {one.total for one in seen} == {9, 7}  # without those of the photo that is not there
     done = [one.done for one in seen]
     assert done == sorted(done)
-    assert (seen[0].done, seen[-1].done, seen[-1].now) == (3, 9, ())
+    assert (seen[0].done, seen[-1].done, seen[-1].now) == (0, 7, ())
     assert ("a.png",) in [one.now for one in seen]
     assert ("b.png, 5 Gaussians",) in [one.now for one in seen]
     again = []
     build_gallery(paths, tmp_path / "out", counts=[5, 13], progress=again.append)
-    assert (again[0].done, again[0].kept, again[-1].done) == (7, 2, 9)
+    assert (again[0].done, again[0].kept, again[-1].done) == (4, 2, 7)
 
 
 def test_numpy_numbers_are_numbers(two, tmp_path, asked):
@@ -224,14 +150,31 @@ def test_gallery_interrupted_at_a_new_photo_still_shows_the_old_ones(
     assert json.loads((out / "gallery.json").read_text())["rows"] == first.rows
 
 
+def test_svg_that_an_interrupted_gallery_overwrote_is_made_again(two, tmp_path, asked, monkeypatch):
+    first = build_gallery(two, tmp_path / "out", counts=[5])
+    answer = build.answer_to
+
+    def interrupt(request):
+        answer(request)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(build, "answer_to", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        build_gallery(two, tmp_path / "out", counts=[5], seed=1)
+    monkeypatch.setattr(build, "answer_to", answer)
+    asked.clear()
+    assert build_gallery(two, tmp_path / "out", counts=[5]).rows == first.rows
+    assert asked == [("variant", "a/gaussians-5")]
+
+
 def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(photo, tmp_path, asked):
     picture, out = save(photo, tmp_path / "a.png"), tmp_path / "out"
     arguments = ["gallery", str(picture), "-o", str(out), "--counts", "20,60000"]
     command = [sys.executable, "-m", "gauss2svg", *arguments, "--jobs", "2"]
-    record = out / "photos" / "a" / "gaussians-20" / "record.json"
+    record = out / "gallery.jsonl"
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         until = time.monotonic() + 120
-        while not record.exists():
+        while not (record.exists() and 'gaussians 20"' in record.read_text()):
             assert process.poll() is None
             assert time.monotonic() < until
             time.sleep(0.01)
@@ -246,7 +189,7 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(phot
     (row,) = json.loads((out / "gallery.json").read_text())["rows"]
     assert (row["variant"], row["photo"]) == ("20 Gaussians", "a.png")
     assert {path.name for path in (out / "photos" / "a").iterdir()} - {"gaussians-60000"} == {
-        "index.html", "photo.webp", "thumbnail.png", "record.json", "gaussians-20",
+        "index.html", "photo.webp", "thumbnail.png", "gaussians-20",
     }  # fmt: skip
     assert main([*arguments, "--quiet"]) == 0
     assert asked == [("variant", "a/gaussians-60000")]
@@ -255,9 +198,9 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(phot
 
 def test_full_disk_ends_all_at_once(two, tmp_path, asked, monkeypatch, refusal):
     def fill(request):
-        asked.append(request["kind"])
+        asked.append(request["tool"])
         return {"error": "cannot write x: No space left on device", "fatal": True}
 
     monkeypatch.setattr("gauss2svg.compare.pages.build.answer_to", fill)
     assert "No space left" in refusal("gallery", *two, "-o", tmp_path / "out", "--counts", "5")
-    assert asked == ["photo"]
+    assert asked == [None]

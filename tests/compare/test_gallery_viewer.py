@@ -61,7 +61,8 @@ def share(page):
 
 
 def record(gallery, variant, folder=PAGE):
-    return json.loads((gallery.directory / folder / variant / "record.json").read_text())
+    rows = map(json.loads, (gallery.directory / "gallery.jsonl").read_text().splitlines())
+    return next(row for row in rows if row["folder"] == f"{folder}/{variant}")
 
 
 def alike(one, other):
@@ -453,7 +454,9 @@ def test_a_variant_is_chosen_everywhere(gallery, visit, headless, by_hand):
     assert set(page.locator("[data-chosen]").all_text_contents()) == {NAME}
     found = record(gallery, OTHER)
     for kind in ("worst", "typical"):
-        assert page.locator(f"[data-psnr={kind}]").text_content() == PSNR.text(found[kind]["psnr"])
+        assert page.locator(f"[data-psnr={kind}]").text_content() == PSNR.text(
+            found["crops"][kind]["psnr"]
+        )
     for picture in page.locator("[data-errors]").all():
         assert picture.get_attribute("src") == f"{OTHER}/errors.png"
     check_halves(page, headless, 0.5, right=f"{OTHER}/picture.svg")
@@ -473,7 +476,7 @@ def test_crops_are_those_of_the_record_three_times_as_large(
     page.wait_for_function("[...document.images].every((e) => e.complete || !e.src)")
     files = ["photo.webp", f"{variant}/errors.png", f"{OTHER}/picture.svg", f"{MAIN}/picture.svg"]
     for kind in ("worst", "typical"):
-        crop = record(gallery, variant)[kind]
+        crop = record(gallery, variant)["crops"][kind]
         tiles = page.locator(f"[data-kind={kind}] .crop")
         assert tiles.count() == len(files)
         for at, file in enumerate(files):

@@ -13,11 +13,10 @@ from gauss2svg.compare.pages.artifacts import (
     REPORT,
     SCENE,
     THUMBNAIL,
-    _finish,
+    _write,
 )
 from gauss2svg.compare.records import flat
 from gauss2svg.files import as_json
-from gauss2svg.measure.perceptual import packages
 
 
 def save(pixels, path, **options):
@@ -99,15 +98,11 @@ class Asked(list):
         return found
 
 
-ORIGIN = {
-    "date": "2026-01-02", "jobs": 1, "threads": 1,
-    "machine": {"cpu": "Abacus", "cores": 1, "platform": "Wood"},
-}  # fmt: skip
 CROP = {"x": 0, "y": 0, "width": 5, "height": 5, "psnr": None}
 
 
 def canned(request):
-    """Stands in for make_variant: files without content, at once."""
+    """Stands in for make_svg: files without content, at once."""
     count = request["settings"].get("gaussians", 100)
     if count == 13:
         return {"error": "un\nlucky \udcff"}
@@ -119,9 +114,9 @@ def canned(request):
         "renderer": "resvg 1", "seed": seed, "notes": [],
     }  # fmt: skip
     files = dict.fromkeys((PICTURE, SCENE, OUTLINES, THUMBNAIL, ERRORS), b"<svg/>")
-    extra = {"worst": CROP, "typical": CROP, "rounds": [[1, count]], "cpu_s": 0.1, "origin": ORIGIN}
-    extra["scored_by"] = packages()
-    return _finish(request, files | {REPORT: as_json(report)}, extra)
+    _write(request["folder"], files | {REPORT: as_json(report)})
+    crops = {"worst": CROP, "typical": CROP}
+    return {"report": report, "cpu_s": 0.1, "rounds": [[1, count]], "crops": crops}
 
 
 def all_requests(photos, variants):

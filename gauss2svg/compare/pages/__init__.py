@@ -30,7 +30,7 @@ class GalleryOptions(OptionGroup):
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
     """Random seed. The same seed gives the same files."""
 
-    photo_size: Annotated[int, Whole(1)] = 2048
+    photo_size: Annotated[int, Whole(1, 16383)] = 2048  # the largest WebP
     """Longest side (px). Larger photos are reduced to it first."""
 
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS

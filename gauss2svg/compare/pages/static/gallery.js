@@ -2,16 +2,15 @@
 (() => {
   "use strict";
 
-  /** @typedef {{ name: string, thumbnail: string, picture: string, texts: Record<string, string> } & Record<string, number | null>} Svg */
   /** @typedef {{ x: number, y: number, psnr: string }} Crop */
-  /** @typedef {{ slug: string, name: string, picture: string, errors: string, outlines: string | null,
-   *   rounds: [number, string][], worst: Crop, typical: Crop }} Variant */
+  /** @typedef {{ slug: string, name: string, folder: string, isOwn: boolean, texts: Record<string, string>,
+   *   rounds: [number, string][], worst: Crop, typical: Crop } & Record<string, number | null>} Svg */
 
   // ---- first page: sort, filter, switch the variant, show thumbnails or SVGs
   function index() {
     const list = by("cards");
     const cards = all(".card", list).map((node, order) => ({
-      node, order, name: node.dataset.name ?? "", svgs: /** @type {Record<string, Svg>} */ (JSON.parse(node.dataset.svgs ?? "")),
+      node, order, name: node.dataset.name ?? "", svgs: /** @type {Svg[]} */ (JSON.parse(node.dataset.svgs ?? "")),
     }));
     const [find, least, reverse, live] = ["find", "least", "reverse", "live"].map((id) => by(id, HTMLInputElement));
     const [sort, variant] = ["sort", "variant"].map((id) => by(id, HTMLSelectElement));
@@ -20,7 +19,7 @@
     /** @typedef {typeof cards[number]} Card */
     /** @param {Card} card @param {string} key */
     function numberOf(card, key) {
-      const svg = card.svgs[variant.value];
+      const svg = card.svgs.find((one) => one.slug === variant.value);
       if (!svg) return null;
       if (key === "psnr_svg" && svg[key] === null) return Infinity; // equal to its photo
       return key === "gaussians" ? svg.gaussians ?? svg.elements : svg[key];
@@ -49,15 +48,15 @@
     }
     function showVariant() {
       for (const { node, svgs } of cards) {
-        const one = svgs[variant.value];
+        const one = svgs.find((svg) => svg.slug === variant.value);
         const [picture] = all("img", node, HTMLImageElement), [label] = all(".variant", node);
         if (!one) {
           picture.src = node.dataset.photo ?? "";
-          if (Object.keys(svgs).length) label.textContent = "not available for this photo";
+          if (svgs.length) label.textContent = "not available for this photo";
           for (const cell of all("[data-number]", node)) cell.textContent = "–";
           continue;
         }
-        const source = live.checked ? one.picture : one.thumbnail;
+        const source = `${one.folder}/${live.checked ? "picture.svg" : "thumbnail.png"}`;
         if (picture.getAttribute("src") !== source) {
           if (live.checked) picture.loading = "lazy"; // rasterised when it comes into view
           picture.src = source;
@@ -79,7 +78,7 @@
 
   // ---- photo: its variants, in the viewer
   function photo() {
-    const variants = /** @type {Variant[]} */ (JSON.parse(by("data", HTMLScriptElement).text));
+    const variants = /** @type {Svg[]} */ (JSON.parse(by("data", HTMLScriptElement).text));
     const form = by("controls", HTMLFormElement), outlined = by("outlined", HTMLInputElement);
     const original = by("photo", HTMLImageElement), zooms = all("[name=zoom]", form, HTMLInputElement);
     const viewer = new Viewer((zoom) => {
@@ -95,18 +94,18 @@
       // fragment, between all images of the same address.
       const upTo = viewer.round < one.rounds.length ? `?rounds#round-${one.rounds[viewer.round - 1][0]}` : "";
       viewer.show("right", isErrors
-        ? { src: one.errors, name: "error map", alt: `Error map of ${one.name}`, badge: `Errors, ${one.name}`, isErrors }
-        : { src: one.picture + upTo, name: "SVG", alt: `The SVG, ${one.name}`, badge: `SVG, ${one.name}` });
-      const strokes = outlined.checked && one.outlines ? one.outlines + upTo : null;
+        ? { src: `${one.slug}/errors.png`, name: "error map", alt: `Error map of ${one.name}`, badge: `Errors, ${one.name}`, isErrors }
+        : { src: `${one.slug}/picture.svg${upTo}`, name: "SVG", alt: `The SVG, ${one.name}`, badge: `SVG, ${one.name}` });
+      const strokes = outlined.checked && one.isOwn ? `${one.slug}/outlines.svg${upTo}` : null;
       viewer.outline("left", strokes);
       viewer.outline("right", strokes);
-      outlined.disabled = !one.outlines;
+      outlined.disabled = !one.isOwn;
     }
     function showVariant() {
       const one = variant();
       viewer.setRounds(one.rounds.map(([number, count]) => `after round ${number}: ${count} Gaussians`));
       for (const node of all("[data-chosen]")) node.textContent = one.name;
-      for (const node of all("[data-errors]", document, HTMLImageElement)) node.src = one.errors;
+      for (const node of all("[data-errors]", document, HTMLImageElement)) node.src = `${one.slug}/errors.png`;
       for (const row of all(".crops")) {
         const { x, y, psnr } = one[row.dataset.kind === "worst" ? "worst" : "typical"];
         row.style.setProperty("--cx", String(x));
