@@ -353,15 +353,19 @@ def _side(text: str, name: str, whole: float) -> float:
 
 
 def _shows(edge: NDArray[np.float64], disc: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) whether an ellipse shows its gradient's disc, but for .05 px, which is rounding."""
-    onto = edge[:, :, :2]
-    solvable = np.isfinite(edge).all(axis=(1, 2)) & np.isfinite(disc).all(axis=(1, 2))
-    solvable &= np.linalg.det(onto) != 0
-    onto = np.where(solvable[:, None, None], onto, np.eye(2))
-    shift = np.where(solvable[:, None, None], disc - [[[0, 0, 1]]] * edge, 0.0)
-    within = np.linalg.solve(onto, shift)
-    farthest = np.linalg.norm(within[:, :, :2], 2, axis=(1, 2)) + np.hypot(*within[:, :, 2].T)
-    return solvable & ((farthest - 1) * np.linalg.norm(onto, -2, axis=(1, 2)) <= 0.05)
+    """(n,) whether an ellipse shows its gradient's disc, but for .05 px, which is rounding.
+
+    False of one without an extent, and of numbers that overflow.
+    """
+    (a, c, _), (b, d, _) = edge.transpose(1, 2, 0)
+    (p, r, t), (q, s, u) = (disc - [[[0, 0, 1]]] * edge).transpose(1, 2, 0)
+    size = a * d - b * c
+    # The disc where the ellipse is the unit circle: its larger axis, and its centre's distance.
+    k, m, n, o = d * p - c * q, a * q - b * p, d * r - c * s, a * s - b * r
+    larger = 0.5 * (np.hypot(k + o, m - n) + np.hypot(k - o, m + n))
+    farthest = (larger + np.hypot(d * t - c * u, a * u - b * t)) / np.abs(size)
+    minor = 0.5 * np.abs(np.hypot(a + d, b - c) - np.hypot(a - d, b + c))
+    return (farthest - 1) * minor <= 0.05
 
 
 def _round_of(group: Any) -> int | None:

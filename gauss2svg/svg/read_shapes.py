@@ -38,6 +38,7 @@ from gauss2svg.scene import BLURRED, PLAIN, SOFT
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.blur import BLURS, Blur
 from gauss2svg.svg.canvas import NUMBER, numbers
+from gauss2svg.svg.element import LARGEST_NUMBER
 from gauss2svg.svg.minimal_shapes import arc_geometry
 from gauss2svg.svg.source import SVG
 
@@ -330,7 +331,7 @@ def open_arcs(paths: Iterable[str]) -> dict[str, list[Affine]]:
             x, y = (x + float(left), y + float(top)) if move == "m" else (float(left), float(top))
             own.append((float(rx), float(ry), float(tilt), x, y))
             x, y = (x + 1, y) if chord == "1 0" else (x, y + 1)
-        if all(min(row[:2]) >= 1 and math.isfinite(sum(row)) for row in own):
+        if all(min(row[:2]) >= 1 and max(map(abs, row)) <= LARGEST_NUMBER for row in own):
             rows += own
             counts[data] = len(own)
     means, factors = arc_geometry(np.array(rows).reshape(-1, 5))
