@@ -87,7 +87,7 @@ def vectorize_many(
 # Those who do jobs: `submit` of an executor of concurrent.futures, a function that returns how many
 # jobs are worth submitting at once, what a job raises whose worker died, the threads of a job, and
 # the bytes that it may take, None for what is free.
-_Engine = tuple[Callable[..., Future[Any]], Callable[[], int], type[Exception], int, int | None]
+_Engine = tuple[Callable[..., Future[Any]], Callable[[], int], Any, int, int | None]
 
 
 class Batch:
@@ -265,7 +265,8 @@ def _on_cluster(client: Client | None, scheduler: str | None) -> Iterator[_Engin
                 return max(1, len(threads))
 
             submit = used.get_executor(pure=False).submit
-            yield submit, width, KilledWorker, 1, None
+            # Dask's executor raises ValueError for a result that is lost as it is fetched.
+            yield submit, width, (KilledWorker, ValueError), 1, None
     except Gauss2SvgError:
         raise
     except Exception as error:  # of addresses, sockets, handshakes; or a worker lacks gauss2svg

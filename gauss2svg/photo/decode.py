@@ -73,7 +73,7 @@ def decoded(stored: Stored, name: str, needed: SizeNeeded | None = None) -> Phot
     if turn != 1:
         notes.insert(0, "EXIF orientation applied")
     color, alpha = upright(color, turn), None
-    color = np.ascontiguousarray(np.broadcast_to(color, (*color.shape[:2], 3)))
+    color = np.ascontiguousarray(color if color.shape[2] == 3 else color.repeat(3, axis=2))
     if stored.alpha is not None and (pixels[:, :, -1] < 1).any():
         alpha = upright(pixels[:, :, -1], turn)
         color = np.where(alpha[:, :, None] > 0, color, np.float32(0))

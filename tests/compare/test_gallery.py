@@ -20,6 +20,7 @@ from gauss2svg.compare.pages.artifacts import answer_to
 from gauss2svg.compare.pages.pages import NUMBERS
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure.scores import SCORES
+from gauss2svg.photo.alpha import pixels_of
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.listing import slug_of
 
@@ -215,18 +216,10 @@ def test_resized_photo_is_shown_as_it_is_fitted(photo, tmp_path, asked):
     for path in paths:
         with Image.open(tmp_path / "out" / "photos" / path.stem / "photo.webp") as shown:
             pixels = np.asarray(shown)
-        with Image.open(path) as picture:
-            whole = np.asarray(picture, np.float64)
-        weight = whole[:, :, 3:] if whole.shape[2] == 4 else np.ones((128, 128, 1))
-        colors, weights = (
-            values.reshape(32, 4, 32, 4, -1).mean(axis=(1, 3))
-            for values in (whole[:, :, :3] * weight, weight)
-        )
-        wanted = np.divide(colors, weights, out=np.zeros_like(colors), where=weights > 0)
-        assert pixels.shape == (32, 32, whole.shape[2])
-        assert np.abs(pixels[:, :, :3] - wanted).max() <= 0.51
-        if whole.shape[2] == 4:
-            assert np.abs(pixels[:, :, 3:] - weights).max() <= 0.51
+        wanted = load_image(path, needed=32)
+        channels = pixels_of(wanted)
+        assert pixels.shape == channels.shape == (32, 32, 3 + (wanted.alpha is not None))
+        assert np.abs(pixels - 255 * channels)[channels[:, :, -1] > 0].max() <= 0.51
 
 
 def test_nothing_of_the_metadata_is_on_the_site_and_no_path_of_the_machine(site):

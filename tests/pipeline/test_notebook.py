@@ -128,7 +128,7 @@ def test_a_notebook_shows_the_forming_picture_and_keeps_the_last(photo, tmp_path
     [output] = forming
     page = output["data"]["text/html"]
     assert page == updates[-1]
-    assert "800 Gaussians" in page
+    assert "800 shapes" in page
     assert "left" not in page
     assert psnr(shown(page), photo) > 25
     assert drawn[0]["data"]["text/html"].startswith("<img ")
