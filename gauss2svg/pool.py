@@ -172,8 +172,9 @@ def _started() -> subprocess.Popen[bytes]:
 def _end(process: subprocess.Popen[bytes]) -> int:
     """Kill a process with what it has started, and return its exit status."""
     end_tree(process.pid)
-    with process:  # closes its pipes
-        return process.wait()
+    with suppress(BrokenPipeError), process:  # closes its pipes
+        pass
+    return process.wait()
 
 
 def _serve() -> None:

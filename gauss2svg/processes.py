@@ -126,7 +126,7 @@ def end_with_parent(parent: int) -> None:
             time.sleep(_LOOK_S)
         end_tree(os.getpid())
 
-    threading.Thread(target=wait).start()
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def end_of(status: int) -> str:

@@ -29,10 +29,11 @@ def opened(file: bytes, _loader: str) -> Stored:
     depth = int(bits or 8)
 
     def picture(_scale: int) -> Any:
-        picture = pyvips.Image.new_from_array(np.asarray(heif))
-        top = (1 << depth) - 1
-        if heif.premultiplied_alpha:
-            picture = picture.unpremultiply(max_alpha=top)
+        array, top = np.asarray(heif), (1 << depth) - 1
+        picture = pyvips.Image.new_from_array(array)
+        if heif.premultiplied_alpha:  # over which a colour may be by its losses
+            array = np.minimum(array, array[..., -1:])
+            picture = pyvips.Image.new_from_array(array).unpremultiply(max_alpha=top)
         return picture if picture.format == "uchar" else picture / top
 
     colors = 3 if kind.upper().startswith("RGB") else 1

@@ -76,7 +76,7 @@ def opened(file: bytes, loader: str) -> Stored:
 
     header = image()
     colors = min(_COLORS.get(header.interpretation, 3), header.bands)
-    if header.format not in libvips.TYPES or header.bands > colors + _MOST_EXTRA:
+    if header.format not in libvips.TYPES or header.bands > colors + _MOST_EXTRA or colors == 2:
         raise ValueError(f"samples of type {header.format}, {header.bands} for each pixel")
     fields = {name: header.get(name) for name in header.get_fields()}
     alpha = colors if header.hasalpha() else None
@@ -127,7 +127,7 @@ def _add_chunks(stored: Stored, file: bytes) -> None:
         place = end + 4
     gama, chrm = (chunks.get(kind, b"") for kind in (b"gAMA", b"cHRM"))
     if b"sRGB" not in chunks and len(gama) == 4:
-        numbers = struct.iter_unpack(">I", gama + chrm[:32])
+        numbers = struct.iter_unpack(">I", gama + chrm * (len(chrm) == 32))
         gamma, *primaries = (number / 100_000 for (number,) in numbers)
         stored.set_gamma(gamma, primaries)
     if iccp := chunks.get(b"iCCP"):  # of which libpng forgets some that are of use

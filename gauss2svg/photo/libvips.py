@@ -20,6 +20,8 @@ _ROWS = 4  # that are fetched at once
 
 
 _kept = threading.local()  # warnings of libvips in each thread
+# The messages from which libvips makes a warning belong to the process.
+_one_photo = threading.RLock()
 
 
 def _keep(record: logging.LogRecord) -> bool:
@@ -43,15 +45,16 @@ def samples(make: Callable[[], Any]) -> tuple[NDArray[Any], list[str]]:
 
     Some warnings come when the picture is freed, so the caller must not hold it.
     """
-    pyvips.vips_lib.vips_error_clear()  # messages that libvips would add to the next
-    warnings: list[str] = []
-    _kept.warnings = warnings
-    picture = make()
-    width, height, bands = picture.width, picture.height, picture.bands
-    array = np.empty((height, width, bands), TYPES[picture.format])
-    region = pyvips.Region.new(picture)
-    for top in range(0, height, _ROWS):
-        fetched = region.fetch(0, top, width, min(_ROWS, height - top))
-        array[top : top + _ROWS] = np.frombuffer(fetched, array.dtype).reshape(-1, width, bands)
-    del region, picture
+    with _one_photo:
+        pyvips.vips_lib.vips_error_clear()  # messages that libvips would add to the next
+        warnings: list[str] = []
+        _kept.warnings = warnings
+        picture = make()
+        width, height, bands = picture.width, picture.height, picture.bands
+        array = np.empty((height, width, bands), TYPES[picture.format])
+        region = pyvips.Region.new(picture)
+        for top in range(0, height, _ROWS):
+            fetched = region.fetch(0, top, width, min(_ROWS, height - top))
+            array[top : top + _ROWS] = np.frombuffer(fetched, array.dtype).reshape(-1, width, bands)
+        del region, picture
     return array, warnings

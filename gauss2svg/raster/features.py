@@ -28,7 +28,9 @@ class Feature(StrEnum):
     MOVING = "animation, drawn at some moment of it"
 
 
-_ON = r"""\s*[:=]\s*["']?\s*(?!none|normal|inherit|initial|unset)"""  # a value that has an effect
+_GAP = r"(?:\s|/\*(?:[^*]|\*(?!/))*+\*/)*+"  # blanks and comments of CSS
+# A value that has an effect.
+_ON = rf"""{_GAP}[:=]{_GAP}["']?+{_GAP}(?!none|normal|inherit|initial|unset)"""
 _TAG = r"<(?:[\w.-]+:)?"
 _LINKING = "(?:use|image|pattern|filter|lineargradient|radialgradient)"
 # Words without which a file has no such feature, and what finds it, all in lower case.
@@ -46,25 +48,32 @@ _SEARCHES = {
 }
 # A transform of CSS, or one that does more than move and scale.
 _TURNS = re.compile(
-    r"""rotate|skew|[;"'{\s]transform\s*:|matrix\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])""",
-    re.IGNORECASE,
+    r"""rotate|skew|[;"'{\s]transform\s*:|matrix\s*+\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])"""
 )
-_TEXTS = re.compile(rf"<!--.*?(?:-->|\Z)|{_TAG}(?:title|desc)\b[^<>]*>[^<]*", re.DOTALL)
+# Texts that nobody draws; a style sheet may be in CDATA, which is kept.
+_TEXTS = re.compile(
+    rf"(<!\[cdata\[.*?\]\]>)|<!--.*?(?:-->|\Z)|{_TAG}(?:title|desc)\b[^<>]*>[^<]*", re.DOTALL
+)
 # The style sheet of our animated files, which moves nothing for those who prefer so.
 _FOR_MOTION = re.compile(
-    r"@media[^{}@]{0,200}no-preference\s*\)\s*\{"
-    r"(?:[^{}]*+\{(?:[^{}]*+\{[^{}]*+\})*+[^{}]*+\})*+"
+    r"@media[^{}<>@]{0,200}prefers-reduced-motion\s*:\s*no-preference\s*\)\s*\{"
+    r"(?:[^{}<>]*+\{(?:[^{}<>]*+\{[^{}<>]*+\})*+[^{}<>]*+\})*+"
 )
 
 
 def uses(svg: str, feature: Feature) -> bool:
     """Return whether an SVG may use a feature: words in it may have no effect."""
     if feature is Feature.TURNED_BLUR:
-        return uses(svg, Feature.BLUR) and _TURNS.search(svg) is not None
+        return uses(svg, Feature.BLUR) and _TURNS.search(_drawn(svg)) is not None
     words, pattern = _SEARCHES[feature]
-    text = svg.lower()
-    if "&#" in text:  # references of XML could spell a word
-        text = html.unescape(text)
+    text = _drawn(svg)
     if not any(word in text for word in words.split()):
         return False
-    return re.search(pattern, _FOR_MOTION.sub("", _TEXTS.sub("", text))) is not None
+    return re.search(pattern, _FOR_MOTION.sub("", text)) is not None
+
+
+def _drawn(svg: str) -> str:
+    """Return the text of an SVG in lower case, without texts that nobody draws."""
+    text = _TEXTS.sub(lambda found: found[1] or "", svg.lower())
+    # References of XML could spell a word.
+    return re.sub(r"&#x?[\da-f]+;", lambda found: html.unescape(found[0]), text)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import re
 import secrets
+import time
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
@@ -21,6 +22,7 @@ from gauss2svg.errors import quoted
 MOST_UPLOADED = 256 * 10**6  # bytes of a form
 _MOST_JSON = 4_000_000  # bytes of any other body
 PAUSE_S: float | None = 20.0  # in which more of a body must come
+_BODY_S = 300.0  # in which all of a body must come
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
@@ -58,12 +60,13 @@ class Bounded:
         headers, read, pause_s = Headers(scope=scope), 0, PAUSE_S
         is_form = headers.get("content-type", "").startswith("multipart/form-data")
         most = MOST_UPLOADED if is_form else _MOST_JSON
+        ends = time.monotonic() + _BODY_S
         too_large = f"a body must be at most {most / 1e6:g} MB; got more. Try a smaller file"
 
         async def bounded() -> Message:
             nonlocal read, pause_s
             try:
-                async with asyncio.timeout(pause_s):
+                async with asyncio.timeout(pause_s and min(pause_s, ends - time.monotonic())):
                     message = await receive()
             except TimeoutError:
                 line = "a body must come without long pauses; got one. Try a faster connection"
@@ -126,7 +129,8 @@ class Guard:
         given = asked.query_params.get("token", "")
         is_home = (asked.scope["method"], asked.scope["path"]) == ("GET", "/")
         if is_home and (_equal(given, self._token) or _equal(given, self.ticket)):
-            self.ticket = secrets.token_urlsafe(24)
+            if _equal(given, self.ticket):
+                self.ticket = secrets.token_urlsafe(24)
             # So that the token does not stay in the address. Lax, for a link of another site may
             # open the page; what such a site asks by itself has no cookie.
             home = RedirectResponse("/", 303, {"Cache-Control": "no-store"})

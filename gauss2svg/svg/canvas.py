@@ -67,7 +67,8 @@ def frame_of(root: Mapping[str, str]) -> Frame:
         scales = [s / b for s, b in zip(sides, box[2:], strict=True) if s is not None and b]
         width, height = (side * (scales or [1.0])[0] for side in box[2:])
     extents = width, height, *box[2:]
-    if min(extents) < _LEAST or max(*extents, *map(abs, box)) > _MOST:
+    is_held = all(_LEAST <= side <= _MOST for side in extents) and abs(box[0]) <= _MOST
+    if not (is_held and abs(box[1]) <= _MOST):
         needed, got = f"above 0 and in {_LEAST:g}..{_MOST:g}", (width, height, *box)
         shown, advice = " ".join(f"{v:g}" for v in got), "to scale it to the size of the photo"
         raise refusal("width, height and viewBox of the SVG", needed, shown, advice)

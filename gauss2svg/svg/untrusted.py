@@ -18,12 +18,13 @@ from gauss2svg.errors import InputError, quoted, refusal
 from gauss2svg.svg.source import INKSCAPE, SVG, parse
 
 MOST_ELEMENTS = 1_000_000  # resvg's limit
+MOST_IMAGE_PIXELS = 100_000_000  # of all embedded images, which are decoded to draw the SVG
 # Local names of attributes by which renderers, editors and browsers load.
 _LINKS = {"href", "absref", "base", "src", "srcset", "imagesrcset", "srcdoc", "poster"}
 _LINKS |= {"data", "background", "archive", "code", "codebase", "classid"}
 _FORMATS = ("PNG", "JPEG", "GIF", "WEBP")
 _FONT = r"data:(?:font/|application/(?:x-)?font)"
-_URL = re.compile(rf"url\((?!\s*[\"']?\s*(?:#|{_FONT}))\s*([^)]*)", re.IGNORECASE)
+_URL = re.compile(rf"url\((?!\s*+(?:[\"']\s*+)?+(?:#|{_FONT}))\s*+([^)]*)", re.IGNORECASE)
 _LOADING = re.compile(
     r"@import|(?<![\w-])(?:-\w+-)?(?:src|image|image-set|cross-fade)\(", re.IGNORECASE
 )
@@ -45,7 +46,7 @@ class Survey:
         self.tags: dict[str, int] = Counter()
         self.layers, self.root, self.qualified = 0, dict[str, str](), False
         self._most, self._left = most_elements, most_elements
-        self._in_sheet, self._sheet = False, list[str]()
+        self._in_sheet, self._sheet, self._pixels = False, list[str](), 0
         parse(text, self)
         self.tags = dict(Counter(self.tags).most_common())
 
@@ -75,10 +76,11 @@ class Survey:
             link = key.rpartition("}")[2]
             if link in _LINKS:
                 if (local, link) != ("a", "href"):  # which is only loaded on a click
-                    _check_link(value.strip())
-            elif key == "style" or (
-                "(" in value and "}" not in key and ("\\" in value or _URL.search(value))
-            ):
+                    self._pixels += _pixels_of(value.strip())
+                    if self._pixels > MOST_IMAGE_PIXELS:
+                        needed, advice = f"at most {MOST_IMAGE_PIXELS} px", "smaller images"
+                        raise refusal("images in the SVG", needed, f"{self._pixels} px", advice)
+            elif key == "style" or ("(" in value and "}" not in key):
                 _check_css(value)
 
     def end(self, _tag: str) -> None:
@@ -107,10 +109,13 @@ def _check_css(text: str) -> None:
         raise _outside(found[found.lastindex or 0])
 
 
-def _check_link(target: str) -> None:
-    """Raise InputError for an address that is neither within the file nor an embedded image."""
+def _pixels_of(target: str) -> int:
+    """Return the pixels of an embedded image, 0 of an address within the file.
+
+    Raise InputError for any other address.
+    """
     if not target or target.startswith("#"):
-        return
+        return 0
     if target[:5].lower() != "data:":
         raise _outside(target)
     try:
@@ -118,9 +123,9 @@ def _check_link(target: str) -> None:
             warnings.catch_warnings(action="ignore"),
             DataHandler().data_open(Request(target)) as data,
             # Only the header is read.
-            Image.open(data, formats=_FORMATS),
+            Image.open(data, formats=_FORMATS) as picture,
         ):
-            pass
+            return picture.width * picture.height
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         needed = f"an image, one of {', '.join(_FORMATS)}"
         raise refusal("data: in the SVG", needed, quoted(target[:40])) from error

@@ -6,6 +6,7 @@ import resource
 import struct
 import subprocess
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -327,3 +328,16 @@ def test_text_of_the_file_cannot_steer_the_terminal(tmp_path, capsys):
     path.write_bytes(png(BYTES, chunk(b"\x1b[3m", b"\x1b[31m")))
     assert main([str(path), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
     assert capsys.readouterr().err.removesuffix("\n").isprintable()
+
+
+def test_cut_photos_are_refused_by_threads_that_load_at_once():
+    stream = io.BytesIO()
+    Image.effect_noise((400, 300), 60).convert("RGB").save(stream, "JPEG")
+    cut = stream.getvalue()[: len(stream.getvalue()) // 2]
+
+    def load(_):
+        with pytest.raises(InputError):
+            load_image(cut)
+
+    with ThreadPoolExecutor(4) as threads:
+        list(threads.map(load, range(24)))
