@@ -1,3 +1,10 @@
+"""Features that renderers draw wrongly, found by their words."""
+
+import pytest
+
+from gauss2svg.raster.features import Feature, uses
+
+
 @pytest.mark.parametrize(
     ("svg", "feature", "expected"),
     [
