@@ -4,6 +4,8 @@ import pytest
 
 from gauss2svg.raster.features import Feature, uses
 
+SPELT = "".join(f"&#{ord(letter)};" for letter in "rotate")  # by references of XML
+
 
 @pytest.mark.parametrize(
     ("svg", "feature", "expected"),
@@ -12,7 +14,7 @@ from gauss2svg.raster.features import Feature, uses
         ('<g style="mix-blend-mode: normal"/>', Feature.BLEND, False),
         ('<g style="mix-blend-mode/**/:multiply"/>', Feature.BLEND, True),
         ("<text><![CDATA[<!--]]></text><feGaussianBlur/>", Feature.BLUR, True),
-        ('<feGaussianBlur/><g transform="rot&#97;te(30)#114;otate(30)"/>', Feature.TURNED_BLUR, True),
+        (f'<feGaussianBlur/><g transform="{SPELT}(30)"/>', Feature.TURNED_BLUR, True),
         ('<feGaussianBlur/><g transform="matrix (.7 .7 -.7 .7 0 0)"/>', Feature.TURNED_BLUR, True),
         ('<feGaussianBlur/><g transform="matrix(2 0 0 2 0 0)"/>', Feature.TURNED_BLUR, False),
     ],
