@@ -19,7 +19,7 @@ from typing import Any
 from gauss2svg.compare.machine import Stopwatch, peak_bytes
 from gauss2svg.compare.records import answered
 from gauss2svg.errors import InputError, PeerError, quoted
-from gauss2svg.processes import end_of, end_with_parent, run
+from gauss2svg.processes import end_of, run
 
 Conversion = Callable[[], object]
 
@@ -159,9 +159,8 @@ def check_peers(names: Iterable[str]) -> tuple[list[str], list[str]]:
 def converted(tool: str, settings: dict[str, Any], png: Path, output: Path) -> dict[str, Any]:
     """Write the file of a tool and return what it took, or {"error": line}.
 
-    It is called in a process of its own, which ends with the one that has started it.
+    It is called in a process of its own.
     """
-    end_with_parent(os.getppid())
     null = os.open(os.devnull, os.O_RDWR)
     for stream in (1, 2):  # of the tool, which may print
         os.dup2(null, stream)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -33,7 +32,6 @@ from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
 from gauss2svg.pool import Pool
-from gauss2svg.processes import end_with_parent
 
 Request = Mapping[str, Any]
 _OF_A_FIT = (
@@ -82,13 +80,8 @@ def run(request: Request) -> Run:
     return _own(request) if request["tool"] == TOOL else _by_peer(request)
 
 
-def measured(request: Request, parent: int | None = None) -> dict[str, Any]:
-    """Return what the benchmark keeps of a run, or {"error": line}.
-
-    parent  id of the process with which this one ends
-    """
-    if parent is not None:
-        end_with_parent(parent)
+def measured(request: Request) -> dict[str, Any]:
+    """Return what the benchmark keeps of a run, or {"error": line}."""
     return finite(answered(_measured, request))
 
 
@@ -96,7 +89,7 @@ def measured_alone(request: Request) -> dict[str, Any]:
     """Return the same, of a run in a process of its own; of another tool that is its call."""
     if request["tool"] != TOOL:
         return measured(request)
-    return answered(lambda request: in_own_process(measured, request, os.getpid()), request)
+    return answered(lambda request: in_own_process(measured, request), request)
 
 
 def _measured(request: Request) -> dict[str, Any]:
