@@ -209,17 +209,18 @@ class Batch:
             )
             # Memory that happens to be free now must not change a file.
             spec = replace(self._spec, options=options, may_reduce=given.max_memory is not None)
-            for is_last, some in (False, jobs), (True, ([photo] for photo in suspects)):
+            for again, some in (False, jobs), (True, ([photo] for photo in suspects)):
                 for photos, job in completed(partial(submit, work, spec), some, width):
                     try:
-                        records = job.result()
+                        # Whose answer was lost with its worker was done by this run.
+                        made = [r._replace(skipped=r.skipped and not again) for r in job.result()]
                     except died:
-                        if not is_last:
+                        if not again:
                             suspects += photos
                             continue
                         of: Any = (*photos[0], spec.identity)
-                        records = [PhotoRecord(*of, error=_DIED, error_code="WorkerDied")]
-                    yield from map(self._record, records)
+                        made = [PhotoRecord(*of, error=_DIED, error_code="WorkerDied")]
+                    yield from map(self._record, made)
 
 
 @contextmanager

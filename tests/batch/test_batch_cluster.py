@@ -3,7 +3,6 @@
 import csv
 import os
 import random
-import re
 import signal
 import subprocess
 import sys
@@ -80,9 +79,7 @@ def test_killed_worker_costs_no_photo(run, engine, quiet, tmp_path):
     os.kill(engine.workers(command)[0], signal.SIGKILL)
     status, said = ended(command)
     assert status == 0, said
-    # Skipped is what was done, and whose answer was lost with the worker.
-    done, skipped, failed = map(int, re.findall(r"(\d+) (?:done|skipped|failed)", said[0]))
-    assert (done + skipped, failed) == (len(NAMES), 0), said
+    assert f"{len(NAMES)} done, 0 skipped, 0 failed in" in said[0]
     assert outputs(tmp_path / "out") == quiet
 
 
