@@ -51,18 +51,8 @@ def expanded(names: Iterable[str]) -> list[str]:
 
 
 def local_photos(sources: Iterable[str]) -> list[str]:
-    """Return the paths of `photos_of` for commands that read files alone, in their order.
-
-    What reading reports stays: URLs, names of no file, and patterns that match nothing.
-    """
-    found: list[str] = []
-    for source in sources:
-        is_list = source == STANDARD_STREAM or source.lower().endswith(MANIFESTS)
-        if is_list or os.path.isdir(source):
-            found += [path for path, _ in photos_of([source])]
-        else:
-            found += expanded([source])
-    return found
+    """Return the paths of `photos_of`, for commands that read files alone."""
+    return [path for path, _ in photos_of(sources)]
 
 
 def is_picture(name: str) -> bool:

@@ -19,25 +19,19 @@ from gauss2svg.batch import BatchOptions
 from gauss2svg.batch.inputs import photos_of
 from gauss2svg.batch.stores import PARTS_OF, STATE, is_url, prepare, reason_of, write
 from gauss2svg.batch.table import write_table
-from gauss2svg.batch.worker import (
-    BatchSpec,
-    Photo,
-    PhotoRecord,
-    kept,
-    versions,
-    work,
-)
+from gauss2svg.batch.worker import BatchSpec, Photo, PhotoRecord, kept, versions, work
 from gauss2svg.errors import (
     ClusterError,
     Gauss2SvgError,
     InputError,
+    OutputError,
     brief,
     instance,
     quoted,
     refusal,
 )
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
-from gauss2svg.measure.memory import SHARE, free_bytes
+from gauss2svg.measure.memory import SHARE
 from gauss2svg.options import file_name
 from gauss2svg.photo.photo import Header
 from gauss2svg.pipeline.memory_budget import allowed
@@ -75,19 +69,12 @@ def vectorize_many(
     a record with an error. Raises InputError for bad arguments, before anything runs; OutputError
     where nothing can be written; ClusterError for workers that are of other versions or gone.
     """
-    made = Batch(sources, output, options, batch)
-
-    def records() -> Iterator[PhotoRecord]:
-        yield from made.run(client)
-        made.finish()
-
-    return records()
+    return Batch(sources, output, options, batch).run(client)
 
 
 # Those who do jobs: `submit` of an executor of concurrent.futures, a function that returns how many
-# jobs are worth submitting at once, what a job raises whose worker died, the threads of a job, and
-# the bytes that it may take, None for what is free.
-_Engine = tuple[Callable[..., Future[Any]], Callable[[], int], Any, int, int | None]
+# jobs are worth submitting at once, what a job raises whose worker died, and the options of a job.
+_Engine = tuple[Callable[..., Future[Any]], Callable[[], int], Any, Options]
 
 
 class Batch:
@@ -121,18 +108,23 @@ class Batch:
         # A temporary file, so that a million photos take little memory.
         self._db = sqlite3.connect("", check_same_thread=False)
         weakref.finalize(self, self._db.close)
-        self.count = self._listed(named)
+        with _temporary_file():
+            self.count = self._listed(named)
         if not self.count:
             searched = brief(f"none in {', '.join(named) or 'no folder'}")
             raise refusal("photos", "one or more", searched, "gauss2svg batch photos/")
         prepare(self.root)
 
     def _listed(self, sources: list[str]) -> int:
-        """List photos, each once. Raise InputError for two that would write one file."""
+        """List photos, each once, and return their number.
+
+        Raise InputError for two that would write one file.
+        """
         folder = self.root
         while not (is_url(folder) or os.path.isdir(folder)):  # a new one is as its parent
             folder = os.path.dirname(folder)
         key_of = str.casefold if not is_url(folder) and folds_case(folder) else str
+        is_first = not (is_url(folder) or os.path.isdir(f"{folder}/{STATE}"))
 
         def rows() -> Iterator[tuple[bytes, bytes]]:
             for path, name in photos_of(sources):
@@ -141,6 +133,8 @@ class Batch:
                 if not {"", ".", ".."}.isdisjoint(parts) or parts[0] == STATE or ":" in parts[0]:
                     needed = f"in the output folder and outside of its {STATE}"
                     raise refusal("output", needed, f"{output}, of {path}", "another folder")
+                if is_first and os.path.lexists(svg := f"{self.root}/{output}"):
+                    raise refusal("output", "a folder without SVGs of others", svg, "-o svgs/")
                 # Workers may have another current folder.
                 photo = path if is_url(path) else os.path.abspath(path), output
                 yield os.fsencode(key_of(output)), pickle.dumps(photo)
@@ -160,25 +154,26 @@ class Batch:
             got = f"{one} and {other}, which would both write {output}"
             advice = "a run and a folder for each"
             raise refusal("photos", "with outputs of their own", got, advice)
-        return self._left()
-
-    def _left(self) -> int:
-        """Return the number of photos of which it is not known what becomes."""
         return self._db.execute("SELECT count(*) FROM photos").fetchone()[0]
 
     def run(self, client: Client | None = None) -> Generator[PhotoRecord]:
-        """Yield what becomes of each photo; workers are needed where one is left to be done."""
-        yield from self._done_before()
-        yield from self._done_now(client)
+        """Yield what becomes of each photo, then write the table.
+
+        Workers are needed only if a photo is left to be done.
+        """
+        with _temporary_file():
+            yield from self._done_before()
+            yield from self._done_now(client)
+            self.finish()
 
     def _record(self, record: PhotoRecord) -> PhotoRecord:
         self._db.execute("INSERT INTO records VALUES (?)", (pickle.dumps(record),))
         return record
 
-    def finish(self) -> list[str]:
-        """Write the table of all photos of which it is known what became; return its paths."""
+    def finish(self) -> None:
+        """Write the tables of all photos of which it is known what became."""
         records = self._db.execute("SELECT record FROM records")
-        return write_table(self.root, (pickle.loads(record) for (record,) in records))
+        self.tables = write_table(self.root, (pickle.loads(record) for (record,) in records))
 
     def _done_before(self) -> Iterator[PhotoRecord]:
         for row, photo in self._db.execute("SELECT rowid, photo FROM photos"):
@@ -190,30 +185,26 @@ class Batch:
                 yield self._record(record)
 
     def _done_now(self, client: Client | None) -> Iterator[PhotoRecord]:
-        if not (count := self._left()):
+        if not (count := self._db.execute("SELECT count(*) FROM photos").fetchone()[0]):
             return
         described = as_json({**self._spec.versions, "options": self.options.flat()})
         write(self.root, f"{STATE}/options-{self._spec.identity}.json", described)
         if client is None and self.batch.scheduler is None:
             engine = _on_this_machine(self.options, self.batch.workers, count)
         else:
-            engine = _on_cluster(client, self.batch.scheduler)
+            engine = _on_cluster(self.options, self.batch.scheduler, client)
         size = 1 if count <= _SINGLE else count // _JOBS
         rows = self._db.execute("SELECT photo FROM photos")
         jobs = iter(lambda: [pickle.loads(photo) for (photo,) in rows.fetchmany(size)], [])
         suspects: list[Photo] = []
-        with engine as (submit, width, died, threads, memory):
-            given = self.options.run
-            options = self.options.changed(
-                threads=given.threads or threads, max_memory=given.max_memory or memory
-            )
-            # Memory that happens to be free now must not change a file.
-            spec = replace(self._spec, options=options, may_reduce=given.max_memory is not None)
+        # Memory that happens to be free now must not change a file.
+        may_reduce = self.options.run.max_memory is not None
+        with engine as (submit, width, died, options):
+            spec = replace(self._spec, options=options, may_reduce=may_reduce)
             for again, some in (False, jobs), (True, ([photo] for photo in suspects)):
                 for photos, job in completed(partial(submit, work, spec), some, width):
                     try:
-                        # Whose answer was lost with its worker was done by this run.
-                        made = [r._replace(skipped=r.skipped and not again) for r in job.result()]
+                        made = job.result()
                     except died:
                         if not again:
                             suspects += photos
@@ -221,6 +212,16 @@ class Batch:
                         of: Any = (*photos[0], spec.identity)
                         made = [PhotoRecord(*of, error=_DIED, error_code="WorkerDied")]
                     yield from map(self._record, made)
+
+
+@contextmanager
+def _temporary_file() -> Iterator[None]:
+    """Raise OutputError for what SQLite cannot write."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        message = f"cannot write a temporary file: {error}. Try TMPDIR=another folder"
+        raise OutputError(message) from error
 
 
 @contextmanager
@@ -236,17 +237,19 @@ def _on_this_machine(options: Options, workers: int | None, most: int) -> Iterat
     compile_kernels(options.fit.blend)
     usual = Header(4000, 3000, has_alpha=False)  # a photo of a camera
     cores, needed = thread_count(None), load_of(Plan(options), usual).bytes
-    fitting = min(cores // (options.run.threads or 1), allowed(None) // needed, most)
+    threads, memory = options.run.threads, options.run.max_memory
+    fitting = min(cores // (threads or 1), allowed(None) // needed, most)
     workers = workers or max(1, fitting)
-    memory, threads = free_bytes() // workers, max(1, cores // workers)
-    with Pool(workers, memory) as pool:
+    memory = allowed(memory) // (workers if memory is None else 1)
+    threads = threads or max(1, cores // workers)
+    with Pool(workers, int(memory / SHARE)) as pool:
         # A job for each process, and one that waits.
-        width, share = lambda: 2 * workers, int(SHARE * memory)
-        yield pool.submit, width, WorkerDiedError, threads, share
+        of_job = options.changed(threads=threads, max_memory=memory)
+        yield pool.submit, lambda: 2 * workers, WorkerDiedError, of_job
 
 
 @contextmanager
-def _on_cluster(client: Client | None, scheduler: str | None) -> Iterator[_Engine]:
+def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterator[_Engine]:
     """Yield the workers of a Dask cluster. Raise ClusterError where it does not answer."""
     try:
         from distributed import Client, KilledWorker
@@ -267,7 +270,8 @@ def _on_cluster(client: Client | None, scheduler: str | None) -> Iterator[_Engin
 
             submit = used.get_executor(pure=False).submit
             # Dask's executor raises ValueError for a result that is lost as it is fetched.
-            yield submit, width, (KilledWorker, ValueError), 1, None
+            of_job = options.changed(threads=options.run.threads or 1)
+            yield submit, width, (KilledWorker, ValueError), of_job
     except Gauss2SvgError:
         raise
     except Exception as error:  # of addresses, sockets, handshakes; or a worker lacks gauss2svg

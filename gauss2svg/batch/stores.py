@@ -105,7 +105,7 @@ def prepare(root: str) -> None:
     make_folder(parts)
     check_writable(parts / "writable")
     for part in parts.iterdir():
-        with suppress(FileNotFoundError):  # another run removes them too
+        with suppress(OSError):  # another run removes them too, or another user wrote them
             # After a minute a live worker has written its part, which takes moments.
             if part.stat().st_mtime < time.time() - 60:
                 shutil.rmtree(part) if part.is_dir() else part.unlink()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import errno
 import json
 import os
+import secrets
 import time
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, field
+from functools import cache, partial
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
@@ -82,6 +83,7 @@ class BatchSpec:
 
     identity    hash of the version and of the options on which an SVG depends
     may_reduce  whether a photo is fitted smaller where memory is short, else it fails
+    run         random name of this run, which is in its marks
     """
 
     options: Options
@@ -89,6 +91,7 @@ class BatchSpec:
     versions: dict[str, str]
     identity: str
     may_reduce: bool = False
+    run: str = field(default_factory=partial(secrets.token_hex, 8))
 
 
 def stamp_of(source: str) -> str:
@@ -101,10 +104,13 @@ def kept(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
     """Return the record of a photo that would become the same again; None of any other."""
     # An error is a mark that is not there or none of ours: the photo is done again.
     with suppress(Gauss2SvgError), reached(f"{spec.root}/{photo[1]}") as (fs, path):
-        record = PhotoRecord(**json.loads(fs.cat_file(path + MARK)))
+        mark = json.loads(fs.cat_file(path + MARK))
+        # A photo of this run whose answer was lost with its worker is done, and not skipped.
+        is_old = mark.pop("run") != spec.run
+        record = PhotoRecord(**mark)
         as_now = (*photo, spec.identity, stamp_of(photo[0]))
         if record[:4] == as_now and record.bytes == fs.size(path):
-            return record._replace(skipped=True)
+            return record._replace(skipped=is_old)
     return None
 
 
@@ -123,11 +129,13 @@ def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
     begun, cpu_begun = time.perf_counter(), time.process_time()
     try:
         stamp = stamp_of(photo[0])
-        given = _written(spec, photo)
-        given["seconds"] = round(time.perf_counter() - begun, 3)
-        given["cpu_seconds"] = round(time.process_time() - cpu_begun, 3)
-        record = PhotoRecord(*photo, spec.identity, stamp, **given)
-        write(spec.root, photo[1] + MARK, json.dumps(record._asdict()).encode(), sync=False)
+        record = PhotoRecord(
+            *photo, spec.identity, stamp, **_written(spec, photo),
+            seconds=round(time.perf_counter() - begun, 3),
+            cpu_seconds=round(time.process_time() - cpu_begun, 3),
+        )  # fmt: skip
+        mark = json.dumps({"run": spec.run, **record._asdict()})
+        write(spec.root, photo[1] + MARK, mark.encode(), sync=False)
         return record
     except Exception as error:  # a fault of ours or of a library costs no other photo
         number = getattr(error.__cause__, "errno", None)

@@ -40,8 +40,9 @@ def batch_command(
         Photos, folders, patterns such as photos/*.jpg, lists of them (.txt, or - for standard
         input), or URLs of any of these.
     output
-        Folder or URL for the SVGs. The same command continues an interrupted batch and skips the
-        photos that are done.
+        Folder or URL for the SVGs. The same command continues an interrupted batch, skips the
+        photos that are done, and tries those again that changed or failed. The exit status is 1 if
+        some failed.
     options
         TOML file of options, such as quality = "draft". An option given here as well replaces the
         one in the file.
@@ -73,13 +74,13 @@ def batch_command(
                     streams.write_output(json.dumps(record._asdict()).encode() + b"\n")
                 update(summary.state(count), summary.total, count)
     except KeyboardInterrupt:
-        say(f"see {', '.join(made.finish())}")  # of what is done
+        made.finish()  # of what is done
+        say(f"see {', '.join(made.tables)}")
         raise
-    tables = made.finish()
     if not quiet:
         for line in summary.lines():
             say(line)
-        say(f"see {', '.join(tables)}")
+        say(f"see {', '.join(made.tables)}")
     elif summary.failed:
-        say(f"{summary.failed:,} failed; see {tables[0]}")
+        say(f"{summary.failed:,} failed; see {made.tables[0]}")
     return parameters.STATUS_SOME_FAILED if summary.failed else 0

@@ -23,15 +23,14 @@ from gauss2svg.photo.stored import Stored
 
 _COLORS = {"b-w": 1, "grey16": 1, "cmyk": INKS}  # channels by interpretation; 3 in others
 _MOST_EXTRA = 4  # samples besides colours: hostile files have thousands
-_START_OF_SCAN, _END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
+_END_OF_IMAGE = b"\xff\xd9"
 _NCLX = re.compile(rb"colrnclx(..)(..)", re.DOTALL)
 _AV1 = re.compile(rb"av1C..(.)", re.DOTALL)
 _GREY = 0x10  # bit of that byte
-_MM_PER_INCH = 25.4
 _MOST_PROFILE = 1 << 24  # bytes of a PNG's profile, unpacked
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
 _PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples of a TIFF
-_LAB = 8  # PhotometricInterpretation
+_INKS, _LAB = 5, 8  # PhotometricInterpretation
 _FAXES = (2, 3, 4)  # Compression
 _OLD_JPEG, _LZMA, _ZSTD = 6, 34925, 50000
 _SEPARATE, _FLOAT = 2, 3  # PlanarConfiguration, SampleFormat
@@ -45,9 +44,6 @@ def opened(file: bytes, loader: str) -> Stored:
         return by_pillow.opened(file, "Tiff")
     if loader == "heifload" and (av1 := _AV1.search(file)) and av1[1][0] & _GREY:
         return by_pillow.opened(file, "Avif")  # libheif does not widen greys of 16..235
-    lacks_end = loader == "jpegload" and file.rfind(_END_OF_IMAGE) < file.rfind(_START_OF_SCAN)
-    if lacks_end:
-        file += _END_OF_IMAGE
     # Of broken tiles and faxes libtiff only warns, as of a strip whose length is left out.
     is_strict = (Base.TileWidth in page or page.get(Base.Compression) in _FAXES) and (
         0 not in _numbers(page, Base.StripByteCounts)
@@ -83,18 +79,22 @@ def opened(file: bytes, loader: str) -> Stored:
     stored = Stored(
         header.width, header.height, colors, alpha, picture, _reduced_bytes(loader, header)
     )
-    stored.density = header.xres * _MM_PER_INCH, header.yres * _MM_PER_INCH
+    stored.density = header.xres * 25.4, header.yres * 25.4
     # 1 px per mm is what libvips has for a WebP, whose resolution it does not read.
     stored.is_per_inch = "resolution-unit" in fields and header.xres != 1.0
     stored.orientation = fields.get("orientation", 1)
     stored.space = ColorSpace(fields.get("icc-profile-data"))
     stored.note_frames(fields.get("n-pages", 1), "pages" if loader == "tiffload" else "frames")
-    if lacks_end:
-        stored.notes.append("its end marker is missing")
     # Warnings of a PNG are of what is read otherwise.
     stored.notes_warnings = loader in ("jpegload", "tiffload")
     if loader == "jpegload":
         stored.scales = (1, 2, 4, 8)
+        size = re.escape(struct.pack(">HH", header.height, header.width))
+        # By its size, for a preview in the EXIF data is a whole JPEG too.
+        frame = re.search(rb"\xff[\xc0-\xcf].{3}" + size, file, re.DOTALL)
+        if frame and file.find(_END_OF_IMAGE, frame.end()) == -1:
+            file += _END_OF_IMAGE
+            stored.notes.append("its end marker is missing")
     elif loader == "pngload":
         _add_chunks(stored, file)
     elif loader == "tiffload":
@@ -175,6 +175,9 @@ def _refuse_unread(page: dict[int, Any]) -> None:
         raise ValueError("it is a camera's raw file, or begins with a preview")
     if 0 in _numbers(page, Base.StripOffsets) + _numbers(page, Base.TileOffsets):
         raise ValueError("some of its strips or tiles have no data")
+    inks = page.get(Base.SamplesPerPixel, 1) - len(_numbers(page, Base.ExtraSamples))
+    if page.get(Base.PhotometricInterpretation) == _INKS and inks != INKS:
+        raise ValueError(f"it is in {inks} inks, which are not cyan, magenta, yellow and black")
     bits, kinds = _numbers(page, Base.BitsPerSample), _numbers(page, Base.SampleFormat)
     is_half = _FLOAT in kinds and 16 in bits
     is_grey = page.get(Base.PhotometricInterpretation) in (0, 1)

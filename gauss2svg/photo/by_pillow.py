@@ -14,12 +14,9 @@ from PIL.ExifTags import Base
 from gauss2svg.photo.srgb import INKS, ColorSpace
 from gauss2svg.photo.stored import Stored
 
-Box = tuple[int, int, int, int]  # left, top, right and bottom in px
-
 _COLORS = {"L": 1, "LA": 1, "RGB": 3, "RGBA": 3, "CMYK": INKS}  # channels by Pillow's mode
 _REDUCED_BYTES = 20  # for each pixel while a photo is reduced (docs/decisions/memory.md)
 _START_OF_DATA, _END = b"\xff\x93", b"\xff\xd9"  # markers of JPEG 2000
-_MOST_LEVEL = 65535  # of grey integers
 
 
 def opened(file: bytes, loader: str) -> Stored:
@@ -39,7 +36,7 @@ def of_image(image: Image.Image) -> Stored:
         image.load()
         array = np.asarray(_converted(image, mode))
         if array.dtype.kind in "iu" and array.dtype != np.uint8:  # grey, in which any value may be
-            array = array.astype(np.float32) / _MOST_LEVEL
+            array = array.astype(np.float32) / 65535
         return pyvips.Image.new_from_array(array)
 
     alpha = colors if mode.endswith("A") else None
@@ -73,10 +70,13 @@ def _mode(image: Image.Image) -> str:
     return image.mode if image.mode in _COLORS else "L" if image.mode == "1" else "RGB"
 
 
-def _frame(image: Image.Image) -> Box | None:
-    """Return the place of a GIF's frame on its screen; None where it fills the screen."""
+def _frame(image: Image.Image) -> tuple[int, int, int, int] | None:
+    """Return the place of a GIF's first frame on its screen, None if it fills the screen.
+
+    It is left, top, right and bottom in px. Pillow draws later frames over those before.
+    """
     box = getattr(image, "dispose_extent", None)
-    return None if box in (None, (0, 0, *image.size)) else box
+    return None if image.tell() or box in (None, (0, 0, *image.size)) else box
 
 
 def _converted(image: Image.Image, mode: str) -> Any:

@@ -5,6 +5,7 @@ import errno
 import json
 import os
 import re
+import sqlite3
 
 import pytest
 from batches import (
@@ -24,7 +25,8 @@ from gauss2svg.batch.stores import PARTS, STATE, write
 from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
 from gauss2svg.batch.worker import MARK, PhotoRecord
 from gauss2svg.cli.main import main
-from gauss2svg.errors import ClusterError, OutputError
+from gauss2svg.errors import ClusterError, InputError, OutputError
+from gauss2svg.pipeline import memory_budget
 from gauss2svg.pool import WorkerDiedError
 
 pytestmark = pytest.mark.usefixtures("pool_here")
@@ -90,7 +92,7 @@ def test_each_photo_has_a_row_and_each_svg_a_mark_with_all_that_is_asked_for(run
     assert bad["error_code"] == "InputError"
     assert outputs(out).keys() == marks(out).keys() == set(GOOD)
     for name, one in marks(out).items():
-        assert one.keys() == table[name].keys() == set(PhotoRecord._fields)
+        assert one.keys() == {*table[name], "run"} == {*PhotoRecord._fields, "run"}
         assert (out / STATE / f"options-{one['options']}.json").exists()
         assert one["error"] is one["error_code"] is None
         assert one["bytes"] == (out / name).stat().st_size
@@ -165,10 +167,12 @@ def test_what_changed_alone_is_done_again_and_what_failed(
 def test_fit_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, monkeypatch):
     photo = save_photo(tmp_path / "large.png", 1, 300)
     limit = 254_000_000  # between the estimates of a fit of the preset's size and of one pixel
-    monkeypatch.setattr(many, "free_bytes", lambda: int(limit / many.SHARE))
+    monkeypatch.setattr(memory_budget, "free_bytes", lambda: int(limit / many.SHARE))
+    monkeypatch.setattr(memory_budget, "held_bytes", lambda: 0)
     assert run(photo)["failed"] == ["large.svg"]
     assert rows(tmp_path / "out")["large.svg"]["error"].startswith("memory must be at least ")
     assert run(photo, max_memory=limit)["done"] == ["large.svg"]
+    assert run(photo, max_memory=10 * limit)["done"] == ["large.svg"]  # whose picture is larger
 
 
 def test_fault_of_a_library_costs_its_photo_alone(run, photos, tmp_path, monkeypatch):
@@ -358,7 +362,7 @@ def test_two_runs_at_once_make_each_file_whole_and_the_same_table(photos, tmp_pa
     first, second = one.run(), other.run()
     found = [next(first), next(second), *first, *second]
     assert sorted(record.output for record in found) == sorted(GOOD * 2)
-    assert one.finish() == other.finish()
+    assert one.tables == other.tables
     assert rows(out).keys() == set(GOOD)
     assert left_parts(out) == []
 
@@ -372,8 +376,24 @@ def test_the_table_of_an_interrupted_run_has_what_is_known(photos, tmp_path):
     assert rows(tmp_path / "out").keys() == known
 
 
+def test_svg_of_somebody_beside_a_photo_is_not_overwritten(photos):
+    (photos / "a.svg").write_text("drawn by hand")
+    before = {path: path.read_bytes() for path in photos.iterdir() if path.is_file()}
+    with pytest.raises(InputError, match=r"output must be a folder without .*a\.svg\. Try "):
+        vectorize_many([photos], photos, tiny())
+    assert {path: path.read_bytes() for path in photos.iterdir() if path.is_file()} == before
+
+
+def test_full_temporary_folder_is_told_in_a_line(photos, tmp_path, monkeypatch):
+    database = sqlite3.connect("", check_same_thread=False)
+    database.execute("PRAGMA max_page_count = 1")
+    monkeypatch.setattr(sqlite3, "connect", lambda *_, **__: database)
+    with pytest.raises(OutputError, match=r"cannot write a temporary file: .* full\. Try TMPDIR="):
+        Batch([photos], tmp_path / "out", tiny())
+
+
 def test_photo_is_not_overwritten_by_its_output(run, photos, tmp_path, monkeypatch):
-    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / STATE).mkdir(parents=True)
     os.symlink(tmp_path / "out/a.svg", photos / "f.png")
     listed = tmp_path / "list.txt"
     photo = save_photo(tmp_path / "x.png", 1).rename(tmp_path / "out/x.svg")

@@ -83,8 +83,10 @@ def test_progressive_jpeg_that_omits_its_last_scans_is_read():
 @pytest.mark.parametrize("name", ["JPEG", "progressive JPEG", "grey JPEG"])
 def test_whole_jpeg_is_read_whatever_follows_it(name):
     expected = load_image(FILES[name]).pixels
-    for more in (b"\xff\xd9", b"\xff\xd0\xff\xd8\xff\xc0", bytes(RNG.bytes(200)), bytes(999)):
-        np.testing.assert_array_equal(load_image(FILES[name] + more).pixels, expected)
+    for more in (b"\xff\xd9", b"\xff\xd0\xff\xd8\xff\xda", bytes(RNG.bytes(200)), bytes(999)):
+        photo = load_image(FILES[name] + more)
+        np.testing.assert_array_equal(photo.pixels, expected)
+        assert not photo.notes
 
 
 @pytest.mark.parametrize("interlaced", [False, True])

@@ -1,5 +1,6 @@
 """What each format can hold arrives as it was stored."""
 
+import io
 import struct
 from pathlib import Path
 
@@ -119,6 +120,17 @@ def test_gif_is_clear_where_its_first_frame_is_not():
     expected[1:4, 2:4] = 1
     np.testing.assert_array_equal(photo.alpha, expected)
     np.testing.assert_allclose(photo.pixels[2, 2:4] * 255, [[220, 30, 30], [30, 30, 220]], atol=1)
+
+
+def test_later_frame_of_a_gif_that_is_open_covers_those_before():
+    red, blue = Image.new("RGB", (6, 5), (220, 30, 30)), Image.new("RGB", (6, 5), (220, 30, 30))
+    blue.paste((30, 30, 220), (2, 1, 4, 4))
+    file = encoded(red, "GIF", save_all=True, append_images=[blue], disposal=1)
+    with Image.open(io.BytesIO(file)) as image:
+        image.seek(1)
+        photo = load_image(image)
+    assert photo.alpha is None
+    np.testing.assert_allclose(photo.pixels * 255, np.asarray(blue), atol=1)
 
 
 QUARTERS = np.uint8([[[220, 30, 30], [30, 160, 30]], [[30, 30, 220], [240, 220, 40]]])

@@ -154,6 +154,9 @@ UNREAD = {
     "a thousand samples": tiff(
         np.zeros((8, 8, 1000), np.uint8), photometric="minisblack", planarconfig="contig"
     ),
+    "three inks": tiff_file(
+        bytes(192), t256=8, t257=8, t258=[8] * 3, t259=1, t262=5, t277=3, t278=8, t332=2
+    ),
     "a preview": tiff(np.uint8(GREY), photometric="minisblack", subfiletype=1),
     "a camera's raw file": tiff(
         np.uint8(GREY), photometric="minisblack", extratags=[(50706, "B", 4, b"\1\4\0\0", True)]
