@@ -20,18 +20,18 @@ MANIFESTS = (".txt", ".lst")
 PATTERN = re.compile(r"[*?\[]")  # what makes a name that of many files
 
 
-def photos_of(sources: Iterable[str]) -> Iterator[tuple[str, str]]:
+def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:
     """Yield the path or URL of all photos of folders, globs, lists and names, and an output's name.
 
     A folder gives all pictures in and under it, except hidden ones, by their suffix; their outputs
     keep the names relative to it. So does a glob, relative to its part without wildcards. A list
     (.txt, .lst, or - for standard input) has a path or a URL on each line, whose outputs keep the
     whole name. Anything else is a photo, whose output keeps its last part. Names have no suffix.
-    Raise InputError for what does not exist or gives no photo.
+    Raise InputError for what gives no photo and, if it must exist, for what does not.
     """
     for source in sources:
         photo = None
-        for photo in _photos(source):
+        for photo in _photos(source, must_exist):
             path, name = photo
             yield path, posixpath.splitext(name.replace(os.sep, "/"))[0]
         if photo is None:
@@ -51,8 +51,11 @@ def expanded(names: Iterable[str]) -> list[str]:
 
 
 def local_photos(sources: Iterable[str]) -> list[str]:
-    """Return the paths of `photos_of`, for commands that read files alone."""
-    return [path for path, _ in photos_of(sources)]
+    """Return the paths of `photos_of`, for commands that read files alone.
+
+    Reading reports names of no file, and URLs.
+    """
+    return [path for path, _ in photos_of(sources, must_exist=False)]
 
 
 def is_picture(name: str) -> bool:
@@ -60,7 +63,7 @@ def is_picture(name: str) -> bool:
     return name.lower().endswith(SUFFIXES) and not name.startswith(".")
 
 
-def _photos(source: str) -> Iterator[tuple[str, str]]:
+def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
     """Yield paths or URLs, and names of outputs with suffixes."""
     if source == STANDARD_STREAM:
         if sys.stdin is None:
@@ -77,11 +80,12 @@ def _photos(source: str) -> Iterator[tuple[str, str]]:
             for path in _pictures(source):
                 yield path, os.path.relpath(path, source)
         elif _is_pattern(source):
-            for path in glob.iglob(source, recursive=True):
+            for path in sorted(glob.glob(source, recursive=True)):
                 if not os.path.isdir(path):
                     yield path, os.path.relpath(path, _base(source) or ".")
         else:
-            os.lstat(source)  # raises for none
+            if must_exist:
+                os.lstat(source)  # raises for none
             yield source, os.path.basename(source)
 
 
@@ -121,8 +125,7 @@ def _remote(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
     """Yield the photo of a URL, or all that are under it or match it."""
     host, is_whole, _ = url.partition(path.rstrip("/"))  # fsspec leaves out the host
     is_pattern = PATTERN.search(url) is not None
-    find = fs.glob if is_pattern else fs.find
-    names = [path] if url.startswith("http") else find(path)
+    names = [path] if url.startswith("http") else (fs.glob if is_pattern else fs.find)(path)
     base = (_base(path) if is_pattern else path).rstrip("/")
     for name in names:
         inside = name.removeprefix(base).lstrip("/") or os.path.basename(name)
