@@ -26,13 +26,9 @@ _MOST_EXTRA = 4  # samples besides colours: hostile files have thousands
 _END_OF_IMAGE = b"\xff\xd9"
 _NCLX = re.compile(rb"colrnclx(..)(..)", re.DOTALL)
 _AV1 = re.compile(rb"av1C..(.)", re.DOTALL)
-_GREY = 0x10  # bit of that byte
 _MOST_PROFILE = 1 << 24  # bytes of a PNG's profile, unpacked
-_REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
-_PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples of a TIFF
-_INKS, _LAB = 5, 8  # PhotometricInterpretation
-_FAXES = (2, 3, 4)  # Compression
-_OLD_JPEG, _LZMA, _ZSTD = 6, 34925, 50000
+_INKS, _YCBCR, _LAB = 5, 6, 8  # PhotometricInterpretation of a TIFF
+_OLD_JPEG, _JPEG, _LZMA, _ZSTD = 6, 7, 34925, 50000  # Compression; 2 to 4 are faxes
 _SEPARATE, _FLOAT = 2, 3  # PlanarConfiguration, SampleFormat
 
 
@@ -42,10 +38,10 @@ def opened(file: bytes, loader: str) -> Stored:
     _refuse_unread(page)
     if _is_of_pillow(page):
         return by_pillow.opened(file, "Tiff")
-    if loader == "heifload" and (av1 := _AV1.search(file)) and av1[1][0] & _GREY:
+    if loader == "heifload" and (av1 := _AV1.search(file)) and av1[1][0] & 0x10:
         return by_pillow.opened(file, "Avif")  # libheif does not widen greys of 16..235
     # Of broken tiles and faxes libtiff only warns, as of a strip whose length is left out.
-    is_strict = (Base.TileWidth in page or page.get(Base.Compression) in _FAXES) and (
+    is_strict = (Base.TileWidth in page or page.get(Base.Compression) in (2, 3, 4)) and (
         0 not in _numbers(page, Base.StripByteCounts)
     )
 
@@ -99,7 +95,7 @@ def opened(file: bytes, loader: str) -> Stored:
         _add_chunks(stored, file)
     elif loader == "tiffload":
         if stored.alpha is not None and (extra := _numbers(page, Base.ExtraSamples)):
-            kinds = [kind in (_PREMULTIPLIED, _STRAIGHT) for kind in extra]
+            kinds = [kind in (1, 2) for kind in extra]  # premultiplied or straight alpha
             stored.alpha = colors + kinds.index(True) if True in kinds else None
     elif loader == "heifload":
         if file[8:12] == b"avis":
@@ -162,16 +158,21 @@ def _numbers(tags: dict[int, Any], tag: int) -> tuple[int, ...]:
 
 def _is_of_pillow(page: dict[int, Any]) -> bool:
     """Whether libvips lacks a kind of TIFF that Pillow has, which is of up to 8 bits."""
+    color, packing = page.get(Base.PhotometricInterpretation), page.get(Base.Compression)
+    is_separate = page.get(Base.PlanarConfiguration) == _SEPARATE
+    # Luma and chroma of as many pixels, which libvips takes for red, green and blue.
+    is_whole_ycbcr = is_separate or _numbers(page, Base.YCbCrSubSampling) == (1, 1)
     return max(_numbers(page, Base.BitsPerSample), default=1) <= 8 and (
-        page.get(Base.PhotometricInterpretation) == _LAB
-        or page.get(Base.Compression) in (_OLD_JPEG, _LZMA, _ZSTD)
-        or (page.get(Base.PlanarConfiguration) == _SEPARATE and Base.TileWidth in page)
+        color == _LAB
+        or packing in (_OLD_JPEG, _LZMA, _ZSTD)
+        or (is_separate and Base.TileWidth in page)
+        or (color == _YCBCR and packing != _JPEG and is_whole_ycbcr)
     )
 
 
 def _refuse_unread(page: dict[int, Any]) -> None:
     """Raise ValueError for a TIFF of which another picture would be read, by its tags."""
-    if page.get(Base.NewSubfileType, 0) == _REDUCED_RESOLUTION or Base.DNGVersion in page:
+    if page.get(Base.NewSubfileType) == 1 or Base.DNGVersion in page:
         raise ValueError("it is a camera's raw file, or begins with a preview")
     if 0 in _numbers(page, Base.StripOffsets) + _numbers(page, Base.TileOffsets):
         raise ValueError("some of its strips or tiles have no data")
