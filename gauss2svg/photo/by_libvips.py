@@ -70,11 +70,12 @@ def opened(file: bytes, loader: str) -> Stored:
     colors = min(_COLORS.get(header.interpretation, 3), header.bands)
     if header.format not in libvips.TYPES or header.bands > colors + _MOST_EXTRA or colors == 2:
         raise ValueError(f"samples of type {header.format}, {header.bands} for each pixel")
-    fields = {name: header.get(name) for name in header.get_fields()}
+    # Not all of them, whose texts need not be Unicode.
+    names = ("resolution-unit", "orientation", "icc-profile-data", "n-pages")
+    fields = {name: header.get(name) for name in names if header.get_typeof(name)}
     alpha = colors if header.hasalpha() else None
-    stored = Stored(
-        header.width, header.height, colors, alpha, picture, _reduced_bytes(loader, header)
-    )
+    size = header.width, header.height
+    stored = Stored(*size, colors, alpha, picture, _reduced_bytes(loader, header))
     stored.density = header.xres * 25.4, header.yres * 25.4
     # 1 px per mm is what libvips has for a WebP, whose resolution it does not read.
     stored.is_per_inch = "resolution-unit" in fields and header.xres != 1.0
@@ -85,9 +86,9 @@ def opened(file: bytes, loader: str) -> Stored:
     stored.notes_warnings = loader in ("jpegload", "tiffload")
     if loader == "jpegload":
         stored.scales = (1, 2, 4, 8)
-        size = re.escape(struct.pack(">HH", header.height, header.width))
+        sides = re.escape(struct.pack(">HH", *size[::-1]))
         # By its size, for a preview in the EXIF data is a whole JPEG too.
-        frame = re.search(rb"\xff[\xc0-\xcf].{3}" + size, file, re.DOTALL)
+        frame = re.search(rb"\xff[\xc0-\xcf].{3}" + sides, file, re.DOTALL)
         if frame and file.find(_END_OF_IMAGE, frame.end()) == -1:
             file += _END_OF_IMAGE
             stored.notes.append("its end marker is missing")

@@ -89,6 +89,11 @@ def test_whole_jpeg_is_read_whatever_follows_it(name):
         assert not photo.notes
 
 
+def test_png_with_text_that_is_no_unicode_is_read():
+    text = chunk(b"tEXt", b"\x93key\x94\0\x94") + chunk(b"iTXt", b"a\0\0\0\0\0\x94")
+    assert not refuses(png(RNG.integers(0, 255, (5, 4, 3)), text))
+
+
 @pytest.mark.parametrize("interlaced", [False, True])
 @pytest.mark.parametrize(("channels", "bits"), [(1, 1), (1, 4), (1, 16), (3, 8), (4, 16)])
 def test_png_whose_rows_end_early_is_refused(channels, bits, interlaced):
