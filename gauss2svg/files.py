@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
-from gauss2svg.errors import InputError, OutputError, refusal
+from gauss2svg.errors import InputError, OutputError, on_one_line, refusal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,7 +46,7 @@ def reading(path: FileName, advice: str) -> Iterator[BinaryIO]:
     except (OSError, ValueError) as error:
         # Windows, which opens no folder, says that permission was denied.
         is_folder = os.path.isdir(path)
-        reason = "it is a folder, not a regular file" if is_folder else _reason_of(error)
+        reason = "it is a folder, not a regular file" if is_folder else reason_of(error)
         raise _cannot_read(path, reason, advice) from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
@@ -81,7 +81,7 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        message = f"cannot create {folder}: {_reason_of(error)}. Try another folder"
+        message = f"cannot create {folder}: {reason_of(error)}. Try another folder"
         raise OutputError(message) from error
 
 
@@ -206,11 +206,13 @@ def folds_case(folder: FileName) -> bool:
 
 
 def _cannot_write(target: Path, error: Exception) -> OutputError:
-    return OutputError(f"cannot write {target}: {_reason_of(error)}. Try another folder")
+    return OutputError(f"cannot write {target}: {reason_of(error)}. Try another folder")
 
 
-def _reason_of(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)
+def reason_of(error: BaseException) -> str:
+    """Return why a file cannot be read or written, on one line."""
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return on_one_line(text).strip().rstrip(".")[:300]
 
 
 def _cannot_read(path: FileName, reason: str, advice: str) -> InputError:

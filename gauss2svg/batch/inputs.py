@@ -27,7 +27,7 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
     keep the names relative to it. So does a glob, relative to its part without wildcards. A list
     (.txt, .lst, or - for standard input) has a path or a URL on each line, whose outputs keep the
     whole name. Anything else is a photo, whose output keeps its last part. Names have no suffix.
-    Raise InputError for what gives no photo and, if it must exist, for what does not.
+    Raise InputError for a source that has no photo or, if it must exist, is no file.
     """
     for source in sources:
         photo = None
@@ -53,9 +53,12 @@ def expanded(names: Iterable[str]) -> list[str]:
 def local_photos(sources: Iterable[str]) -> list[str]:
     """Return the paths of `photos_of`, for commands that read files alone.
 
-    Reading reports names of no file, and URLs.
+    URLs and names of no file stay, because reading reports them.
     """
-    return [path for path, _ in photos_of(sources, must_exist=False)]
+    paths: list[str] = []
+    for source in sources:
+        paths += [source] if is_url(source) else [path for path, _ in photos_of([source], False)]
+    return paths
 
 
 def is_picture(name: str) -> bool:

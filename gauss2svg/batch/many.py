@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from gauss2svg.batch import BatchOptions
 from gauss2svg.batch.inputs import photos_of
-from gauss2svg.batch.stores import PARTS_OF, STATE, is_url, prepare, reason_of, write
+from gauss2svg.batch.stores import PARTS_OF, STATE, is_url, prepare, write
 from gauss2svg.batch.table import write_table
 from gauss2svg.batch.worker import BatchSpec, Photo, PhotoRecord, kept, versions, work
 from gauss2svg.errors import (
@@ -30,7 +30,7 @@ from gauss2svg.errors import (
     quoted,
     refusal,
 )
-from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
+from gauss2svg.files import STANDARD_STREAM, as_json, folds_case, reason_of
 from gauss2svg.measure.memory import SHARE
 from gauss2svg.options import file_name
 from gauss2svg.photo.photo import Header
@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
-_SINGLE = 50_000  # photos up to which each is a job of its own
-_JOBS = 5000  # of more photos
+_SINGLE = 50_000  # photos below which each is a job of its own
 _DIED = "its workers died; was there enough memory? Try --max-size, or fewer --workers"
 
 
@@ -75,6 +74,16 @@ def vectorize_many(
 # Those who do jobs: `submit` of an executor of concurrent.futures, a function that returns how many
 # jobs are worth submitting at once, what a job raises whose worker died, and the options of a job.
 _Engine = tuple[Callable[..., Future[Any]], Callable[[], int], Any, Options]
+
+
+@contextmanager
+def _temporary_file() -> Iterator[None]:
+    """Raise OutputError for what SQLite cannot write."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        message = f"cannot write a temporary file: {error}. Try TMPDIR=another folder"
+        raise OutputError(message) from error
 
 
 class Batch:
@@ -108,13 +117,13 @@ class Batch:
         # A temporary file, so that a million photos take little memory.
         self._db = sqlite3.connect("", check_same_thread=False)
         weakref.finalize(self, self._db.close)
-        with _temporary_file():
-            self.count = self._listed(named)
+        self.count = self._listed(named)
         if not self.count:
             searched = brief(f"none in {', '.join(named) or 'no folder'}")
             raise refusal("photos", "one or more", searched, "gauss2svg batch photos/")
         prepare(self.root)
 
+    @_temporary_file()
     def _listed(self, sources: list[str]) -> int:
         """List photos, each once, and return their number.
 
@@ -124,7 +133,6 @@ class Batch:
         while not (is_url(folder) or os.path.isdir(folder)):  # a new one is as its parent
             folder = os.path.dirname(folder)
         key_of = str.casefold if not is_url(folder) and folds_case(folder) else str
-        is_first = not (is_url(folder) or os.path.isdir(f"{folder}/{STATE}"))
 
         def rows() -> Iterator[tuple[bytes, bytes]]:
             for path, name in photos_of(sources):
@@ -133,8 +141,6 @@ class Batch:
                 if not {"", ".", ".."}.isdisjoint(parts) or parts[0] == STATE or ":" in parts[0]:
                     needed = f"in the output folder and outside of its {STATE}"
                     raise refusal("output", needed, f"{output}, of {path}", "another folder")
-                if is_first and os.path.lexists(svg := f"{self.root}/{output}"):
-                    raise refusal("output", "a folder without SVGs of others", svg, "-o svgs/")
                 # Workers may have another current folder.
                 photo = path if is_url(path) else os.path.abspath(path), output
                 yield os.fsencode(key_of(output)), pickle.dumps(photo)
@@ -152,8 +158,7 @@ class Batch:
         if two is not None:
             (one, output), (other, _) = map(pickle.loads, two)
             got = f"{one} and {other}, which would both write {output}"
-            advice = "a run and a folder for each"
-            raise refusal("photos", "with outputs of their own", got, advice)
+            raise refusal("photos", "with outputs of their own", got, "a run and a folder for each")
         return self._db.execute("SELECT count(*) FROM photos").fetchone()[0]
 
     def run(self, client: Client | None = None) -> Generator[PhotoRecord]:
@@ -170,6 +175,7 @@ class Batch:
         self._db.execute("INSERT INTO records VALUES (?)", (pickle.dumps(record),))
         return record
 
+    @_temporary_file()
     def finish(self) -> None:
         """Write the tables of all photos of which it is known what became."""
         records = self._db.execute("SELECT record FROM records")
@@ -193,7 +199,7 @@ class Batch:
             engine = _on_this_machine(self.options, self.batch.workers, count)
         else:
             engine = _on_cluster(self.options, self.batch.scheduler, client)
-        size = 1 if count <= _SINGLE else count // _JOBS
+        size = 1 + count // _SINGLE
         rows = self._db.execute("SELECT photo FROM photos")
         jobs = iter(lambda: [pickle.loads(photo) for (photo,) in rows.fetchmany(size)], [])
         suspects: list[Photo] = []
@@ -215,16 +221,6 @@ class Batch:
 
 
 @contextmanager
-def _temporary_file() -> Iterator[None]:
-    """Raise OutputError for what SQLite cannot write."""
-    try:
-        yield
-    except sqlite3.Error as error:
-        message = f"cannot write a temporary file: {error}. Try TMPDIR=another folder"
-        raise OutputError(message) from error
-
-
-@contextmanager
 def _on_this_machine(options: Options, workers: int | None, most: int) -> Iterator[_Engine]:
     """Yield processes of this machine.
 
@@ -238,11 +234,11 @@ def _on_this_machine(options: Options, workers: int | None, most: int) -> Iterat
     usual = Header(4000, 3000, has_alpha=False)  # a photo of a camera
     cores, needed = thread_count(None), load_of(Plan(options), usual).bytes
     threads, memory = options.run.threads, options.run.max_memory
-    fitting = min(cores // (threads or 1), allowed(None) // needed, most)
-    workers = workers or max(1, fitting)
-    memory = allowed(memory) // (workers if memory is None else 1)
-    threads = threads or max(1, cores // workers)
-    with Pool(workers, int(memory / SHARE)) as pool:
+    needed = max(needed, allowed(memory) if memory else 0)
+    workers = workers or max(1, min(cores // (threads or 1), allowed(None) // needed, most))
+    share = allowed(None) // workers
+    memory, threads = allowed(memory or share), threads or max(1, cores // workers)
+    with Pool(workers, int(max(share, memory) / SHARE)) as pool:
         # A job for each process, and one that waits.
         of_job = options.changed(threads=threads, max_memory=memory)
         yield pool.submit, lambda: 2 * workers, WorkerDiedError, of_job
@@ -254,9 +250,8 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
     try:
         from distributed import Client, KilledWorker
     except ImportError as error:
-        advice = 'pip install "gauss2svg[cluster]"'
-        message = f"distributed must be installed for --scheduler. Try {advice}"
-        raise InputError(message) from error
+        advice = 'Try pip install "gauss2svg[cluster]"'
+        raise InputError(f"distributed must be installed for --scheduler. {advice}") from error
     try:
         given = {"timeout": _CONNECT_S, "set_as_default": False}
         with nullcontext(client) if client else Client(scheduler, **given) as used:
@@ -277,5 +272,4 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
     except Exception as error:  # of addresses, sockets, handshakes; or a worker lacks gauss2svg
         got = f"{quoted(scheduler or client)} ({type(error).__name__}: {reason_of(error)[:200]})"
         needed = "the address of a Dask scheduler whose workers have gauss2svg"
-        advice = "the same command once it runs, which goes on where this one ended"
-        raise ClusterError(f"scheduler must be {needed}; got {got}. Try {advice}") from error
+        raise ClusterError(f"scheduler must be {needed}; got {got}. Try it once it runs") from error

@@ -12,8 +12,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, on_one_line, refusal
-from gauss2svg.files import check_writable, make_folder, replace, write_whole
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, refusal
+from gauss2svg.files import check_writable, make_folder, reason_of, replace, write_whole
 
 STATE = "gauss2svg-batch"  # the folder, beside the outputs, of the table and of unfinished files
 PARTS = f"{STATE}/parts"
@@ -27,6 +27,7 @@ class _Here:
 
     open = staticmethod(open)
     put_file = staticmethod(replace)
+    exists = staticmethod(os.path.exists)
     size = staticmethod(os.path.getsize)
 
     def cat_file(self, path: str) -> bytes:
@@ -44,12 +45,6 @@ _HERE = _Here()
 def is_url(path: str) -> bool:
     """Whether a name is a URL, such as s3://bucket/photo.jpg."""
     return "://" in path
-
-
-def reason_of(error: BaseException) -> str:
-    """Return why a file cannot be read or written, on one line."""
-    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return on_one_line(text).strip().rstrip(".")[:300]
 
 
 @contextmanager

@@ -87,8 +87,8 @@ def opened(file: bytes, loader: str) -> Stored:
     if loader == "jpegload":
         stored.scales = (1, 2, 4, 8)
         sides = re.escape(struct.pack(">HH", *size[::-1]))
-        # By its size, for a preview in the EXIF data is a whole JPEG too.
-        frame = re.search(rb"\xff[\xc0-\xcf].{3}" + sides, file, re.DOTALL)
+        # The last of its size, because a preview in the EXIF data is a JPEG with an end too.
+        frame = re.match(rb".*\xff[\xc0-\xcf].{3}" + sides, file, re.DOTALL)
         if frame and file.find(_END_OF_IMAGE, frame.end()) == -1:
             file += _END_OF_IMAGE
             stored.notes.append("its end marker is missing")
@@ -159,15 +159,10 @@ def _numbers(tags: dict[int, Any], tag: int) -> tuple[int, ...]:
 
 def _is_of_pillow(page: dict[int, Any]) -> bool:
     """Whether libvips lacks a kind of TIFF that Pillow has, which is of up to 8 bits."""
-    color, packing = page.get(Base.PhotometricInterpretation), page.get(Base.Compression)
-    is_separate = page.get(Base.PlanarConfiguration) == _SEPARATE
-    # Luma and chroma of as many pixels, which libvips takes for red, green and blue.
-    is_whole_ycbcr = is_separate or _numbers(page, Base.YCbCrSubSampling) == (1, 1)
     return max(_numbers(page, Base.BitsPerSample), default=1) <= 8 and (
-        color == _LAB
-        or packing in (_OLD_JPEG, _LZMA, _ZSTD)
-        or (is_separate and Base.TileWidth in page)
-        or (color == _YCBCR and packing != _JPEG and is_whole_ycbcr)
+        page.get(Base.PhotometricInterpretation) == _LAB
+        or page.get(Base.Compression) in (_OLD_JPEG, _LZMA, _ZSTD)
+        or (page.get(Base.PlanarConfiguration) == _SEPARATE and Base.TileWidth in page)
     )
 
 
@@ -177,13 +172,16 @@ def _refuse_unread(page: dict[int, Any]) -> None:
         raise ValueError("it is a camera's raw file, or begins with a preview")
     if 0 in _numbers(page, Base.StripOffsets) + _numbers(page, Base.TileOffsets):
         raise ValueError("some of its strips or tiles have no data")
-    inks = page.get(Base.SamplesPerPixel, 1) - len(_numbers(page, Base.ExtraSamples))
-    if page.get(Base.PhotometricInterpretation) == _INKS and inks != INKS:
-        raise ValueError(f"it is in {inks} inks, which are not cyan, magenta, yellow and black")
+    color = page.get(Base.PhotometricInterpretation)
+    is_separate = page.get(Base.PlanarConfiguration) == _SEPARATE
+    if color == _INKS and page.get(Base.SamplesPerPixel) in (1, 2, 3):
+        raise ValueError("its inks are not cyan, magenta, yellow and black")
+    is_whole = is_separate or _numbers(page, Base.YCbCrSubSampling) == (1, 1)
+    if color == _YCBCR and is_whole and page.get(Base.Compression) not in (_OLD_JPEG, _JPEG):
+        raise ValueError("its luma has no more pixels than its chroma, or they are in planes")
     bits, kinds = _numbers(page, Base.BitsPerSample), _numbers(page, Base.SampleFormat)
-    is_half = _FLOAT in kinds and 16 in bits
-    is_grey = page.get(Base.PhotometricInterpretation) in (0, 1)
-    if page.get(Base.PlanarConfiguration) == _SEPARATE and (
+    is_half, is_grey = _FLOAT in kinds and 16 in bits, color in (0, 1)
+    if is_separate and (
         is_half or (is_grey and page.get(Base.SamplesPerPixel, 1) > 1)
     ):  # which libvips reads as if they were not in planes
         raise ValueError("its grey and alpha, or its floats of 16 bits, are in planes")

@@ -44,7 +44,7 @@ def of_image(image: Image.Image) -> Stored:
     if image.mode == "LAB":
         stored.notes.append("converted from CIELAB to sRGB")
     try:
-        if image.format == "GIF":
+        if image.format == "GIF" and not image.tell():
             stored.note_frames(getattr(image, "n_frames", 1))
         if dpi := info.get("dpi"):  # of TIFFs as fractions
             stored.density = float(dpi[0]), float(dpi[1])

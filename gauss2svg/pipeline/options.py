@@ -203,8 +203,8 @@ def unknown_option(name: str) -> TypeError:
     return TypeError(f"option must be one of vectorize or of its classes; got {quoted(name)}")
 
 
-# Options that change no picture. A limit of memory changes that of a photo too large for it.
-NOT_OF_PICTURE = frozenset({"threads", "max_pixels", "scores"})
+# Options that change no picture; max_memory only where there is too little of it.
+NOT_OF_PICTURE = frozenset({"threads", "max_memory", "max_pixels", "scores"})
 # In the order in which the help lists the groups.
 GROUP_TITLES = {
     "goal": "Goal",

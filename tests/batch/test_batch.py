@@ -25,7 +25,7 @@ from gauss2svg.batch.stores import PARTS, STATE, write
 from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
 from gauss2svg.batch.worker import MARK, PhotoRecord
 from gauss2svg.cli.main import main
-from gauss2svg.errors import ClusterError, InputError, OutputError
+from gauss2svg.errors import ClusterError, OutputError
 from gauss2svg.pipeline import memory_budget
 from gauss2svg.pool import WorkerDiedError
 
@@ -172,7 +172,6 @@ def test_fit_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, monke
     assert run(photo)["failed"] == ["large.svg"]
     assert rows(tmp_path / "out")["large.svg"]["error"].startswith("memory must be at least ")
     assert run(photo, max_memory=limit)["done"] == ["large.svg"]
-    assert run(photo, max_memory=10 * limit)["done"] == ["large.svg"]  # whose picture is larger
 
 
 def test_fault_of_a_library_costs_its_photo_alone(run, photos, tmp_path, monkeypatch):
@@ -233,7 +232,7 @@ def test_name_that_cannot_be_written_costs_its_photo_alone(run, photos, tmp_path
     assert not left_parts(tmp_path / "out")
 
 
-@pytest.mark.parametrize("single", [0, 50_000])
+@pytest.mark.parametrize("single", [3, 50_000])
 def test_photo_that_kills_its_workers_is_found_and_costs_no_other(
     single, run, tmp_path, monkeypatch
 ):
@@ -248,7 +247,6 @@ def test_photo_that_kills_its_workers_is_found_and_costs_no_other(
 
     monkeypatch.setattr(worker, "vectorized", deadly)
     monkeypatch.setattr(many, "_SINGLE", single)
-    monkeypatch.setattr(many, "_JOBS", 2)
     found = run(photos)
     assert found["failed"] == ["3.svg", "7.svg"]
     others = [f"{number}.svg" for number in range(10) if number not in (3, 7)]
@@ -376,12 +374,16 @@ def test_the_table_of_an_interrupted_run_has_what_is_known(photos, tmp_path):
     assert rows(tmp_path / "out").keys() == known
 
 
-def test_svg_of_somebody_beside_a_photo_is_not_overwritten(photos):
-    (photos / "a.svg").write_text("drawn by hand")
-    before = {path: path.read_bytes() for path in photos.iterdir() if path.is_file()}
-    with pytest.raises(InputError, match=r"output must be a folder without .*a\.svg\. Try "):
-        vectorize_many([photos], photos, tiny())
-    assert {path: path.read_bytes() for path in photos.iterdir() if path.is_file()} == before
+def test_only_an_svg_with_a_mark_or_of_a_killed_run_is_replaced(run, photos, tmp_path):
+    run(photos)
+    out = tmp_path / "out"
+    (out / f"e.svg{MARK}").unlink()  # as if the run had been killed between both
+    (out / "a.svg").write_text("drawn by hand")
+    (out / f"a.svg{MARK}").unlink()
+    found = run(photos)
+    assert (found["done"], found["failed"]) == (["e.svg"], ["a.svg"])
+    assert (out / "a.svg").read_text() == "drawn by hand"
+    assert "a.svg" in rows(out)["a.svg"]["error"]
 
 
 def test_full_temporary_folder_is_told_in_a_line(photos, tmp_path, monkeypatch):

@@ -69,6 +69,8 @@ def test_jpeg_without_its_end_marker_is_read_with_a_note(name):
         photo = load_image(FILES[name][:-cut])
         np.testing.assert_array_equal(photo.pixels, whole.pixels)
         assert photo.notes == (*whole.notes, "its end marker is missing")
+        preview = b"\xff\xef" + (len(FILES[name]) + 2).to_bytes(2, "big") + FILES[name]
+        assert load_image(FILES[name][:2] + preview + FILES[name][2:-cut]).notes == photo.notes
     assert refuses(FILES[name][:-100])
     assert refuses(FILES[name][:-100] + b"\xff\xd9")  # complete in itself
     assert refuses(FILES[name][:-2][: len(FILES[name]) // 2] + b"\xff\xd9")
