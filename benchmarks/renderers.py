@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from skimage import data
 
 from gauss2svg import RendererError, Result, __version__
-from gauss2svg.compare.machine import machine
+from gauss2svg.compare.records import machine
 from gauss2svg.measure import metrics
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.presets import PRESETS

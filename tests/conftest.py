@@ -10,7 +10,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 # Two threads also on one core, so that the tests of thread counts have two to compare;
@@ -266,18 +266,18 @@ def asked(monkeypatch):
     """The requests of a gallery, answered in this process: SVGs by `galleries.canned`."""
     import galleries
 
+    from gauss2svg.compare import run
     from gauss2svg.compare.pages import build
-    from gauss2svg.compare.pages.artifacts import answer_to
 
-    found = galleries.Asked()
+    found, make_photo = galleries.Asked(), run.make_photo
 
-    def answer(request):
-        kind = "variant" if request["tool"] else "photo"
+    def answer(kind, make, request):
         found.append((kind, request["folder"].rpartition("/photos/")[2]))
-        return (galleries.canned if request["tool"] else answer_to)(request)
+        return make(request)
 
     monkeypatch.setattr(build, "Pool", PoolHere)
-    monkeypatch.setattr(build, "answer_to", answer)
+    monkeypatch.setattr(run, "make_photo", partial(answer, "photo", make_photo))
+    monkeypatch.setattr(run, "make_svg", partial(answer, "variant", lambda r: galleries.canned(r)))
     return found
 
 

@@ -17,8 +17,7 @@ import torch
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from gauss2svg import __version__
-from gauss2svg.compare.machine import machine
-from gauss2svg.compare.records import finite
+from gauss2svg.compare.records import finite, machine
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.run import compile_kernels
 

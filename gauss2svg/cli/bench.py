@@ -38,14 +38,16 @@ def bench_command(
         Folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. The same command
         continues an interrupted benchmark and keeps the finished runs.
     axis
-        Option to vary, as NAME or NAME=VALUE,VALUE. NAME is an option of the main command that
-        changes the file, such as gaussians, iterations, quality, loss or palette, or a constant of
-        the code, such as pipeline.search.correction.FULL. Several axes give all combinations.
+        Option to vary, as NAME=VALUE,VALUE, or as NAME for all values of an option that has only a
+        few. NAME is an option of the main command that changes the file, such as gaussians,
+        iterations, quality, loss or palette, or a constant of the code, such as
+        pipeline.search.correction.FULL. Several axes give all combinations.
         Without any, the presets and some counts are run. Separate lists of inks by semicolons:
         "inks=6;#f7c306,#17324d".
     peers
         Other tools to measure if they are installed, separated by commas: vtracer, splatthis,
-        primitive, jpeg, webp, avif. Their SVGs are rasterised by resvg.
+        primitive, jpeg, webp, avif. One setting of a tool follows a colon, such as jpeg:30. Their
+        SVGs are rasterised by resvg.
     peer_timeout
         Maximum time (s) that another tool may take for a photo.
     references
@@ -61,13 +63,12 @@ def bench_command(
         Show neither progress nor summary.
 
     """
-    from gauss2svg.compare.peers import check_peers
     from gauss2svg.compare.table import run_bench
-    from gauss2svg.compare.variants import parse_axes
+    from gauss2svg.compare.variants import of_peers, parse_axes
     from gauss2svg.measure.perceptual import packages_missing
 
     names, axes = words(peers), parse_axes(axis or ())
-    if absent := check_peers(names)[1]:
+    if absent := of_peers(names)[1]:
         say(f"skipped, not installed: {', '.join(absent)}")
     for line in packages_missing():
         say(line)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from decimal import ROUND_HALF_UP, Decimal
 from itertools import count
-from typing import Any
+from types import SimpleNamespace as Frame
+from typing import Any, NamedTuple
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
@@ -15,35 +15,34 @@ from gauss2svg.measure.scores import NONE, PSNR, SPACE, Score
 
 
 def whole(value: float | None) -> str:
-    """A whole number with thousands separated."""
+    """Return a whole number with thousands separated."""
     return NONE if value is None else f"{round(value):,}".replace(",", SPACE)
 
 
-def size(count: float | None) -> str:
-    """Bytes to three digits: 940 B, 58.3 kB, 1.68 MB."""
-    return NONE if count is None else _in_bytes(count, _three_digits, "{:.0f}".format)
-
-
-def short_size(count: float) -> str:
-    """Bytes at a tick: 5 kB, 20 kB, 0.5 B."""
-    return _in_bytes(count, "{:g}".format, "{:g}".format)
-
-
-def _in_bytes(count: float, large: Callable[[float], str], small: Callable[[float], str]) -> str:
-    for unit, name in ((1e6, "MB"), (1e3, "kB")):
-        if count >= 0.9995 * unit:
-            return f"{large(count / unit)}{SPACE}{name}"
-    return f"{small(count)}{SPACE}B"
-
-
-def short_seconds(value: float) -> str:
-    """Seconds at a tick: 0.5 s, 20 s."""
-    return f"{value:g}{SPACE}s"
+def size(number: float | None) -> str:
+    """Return bytes to three digits: 940 B, 58.3 kB, 1.68 MB."""
+    if number is None:
+        return NONE
+    value, unit = _in_bytes(number)
+    return f"{value:.0f}{SPACE}B" if unit == "B" else f"{_three_digits(value)}{SPACE}{unit}"
 
 
 def seconds(value: float | None) -> str:
-    """Seconds to at most three digits: 0.84 s, 12.3 s, 401 s."""
+    """Return seconds to at most three digits: 0.84 s, 12.3 s, 401 s."""
     return NONE if value is None else f"{_three_digits(value)}{SPACE}s"
+
+
+def tick(value: float, unit: str) -> str:
+    """Return bytes or seconds as at a tick: 5 kB, 0.5 B, 20 s."""
+    value, name = _in_bytes(value) if unit == "bytes" else (value, "s")
+    return f"{value:g}{SPACE}{name}"
+
+
+def _in_bytes(number: float) -> tuple[float, str]:
+    for factor, name in ((1e6, "MB"), (1e3, "kB")):
+        if number >= 0.9995 * factor:
+            return number / factor, name
+    return number, "B"
 
 
 def _three_digits(value: float) -> str:
@@ -53,108 +52,58 @@ def _three_digits(value: float) -> str:
     return f"{rounded:,}".replace(",", SPACE)
 
 
-def counted(number: int, thing: str) -> str:
-    """A number of things: 1 core, 2 cores."""
-    return f"{number} {thing}" + ("" if number == 1 else "s")
-
-
 def machine_text(machine: Mapping[str, Any]) -> str:
-    """A machine on one line."""
-    return f"{machine['cpu']}, {counted(machine['cores'], 'core')}, {machine['platform']}"
+    """Return a machine on one line."""
+    cores = f"{machine['cores']} core{'s' * (machine['cores'] != 1)}"
+    return f"{machine['cpu']}, {cores}, {machine['platform']}"
 
 
-# (key of a report, unit, title of the axis, its text on a page, its text at a tick)
+class Cost(NamedTuple):
+    """What is paid for a score: its name in a record, "bytes" or "seconds", a title of its axis."""
+
+    key: str
+    unit: str
+    title: str
+
+    def text(self, value: float) -> str:
+        """Return a cost with its unit."""
+        return size(value) if self.unit == "bytes" else seconds(value)
+
+
 COSTS = (
-    ("svg_bytes", "bytes", "size of the SVG", size, short_size),
-    ("total_s", "seconds", "time, photo to measured SVG", seconds, short_seconds),
+    Cost("svg_bytes", "bytes", "size of the SVG"),
+    Cost("total_s", "seconds", "time, photo to measured SVG"),
 )
 _MARGIN = 1.25  # factor by which the cost axis extends beyond the outermost points
 _MOST_DECADES = 2.5  # of the cost axis; a longer one has ticks at powers of ten alone
 
 
-@dataclass(frozen=True)
-class Frame:
-    """Where the axes of a chart lie, in user units; a narrow one has fewer ticks."""
-
-    width: float
-    height: float
-    left: float
-    right: float
-    top: float
-    bottom: float
-    is_narrow: bool = False
-
-
-PAGE = Frame(720, 440, left=52, right=700, top=34, bottom=394)
-BESIDE = Frame(340, 270, left=42, right=326, top=30, bottom=226, is_narrow=True)  # a picture
-
-
-@dataclass(frozen=True)
-class Point:
-    """A point of a chart.
-
-    cost    > 0
-    score   of the chart's axis; None where the PSNR is infinite
-    series  index of its series, which decides its colour and shape
-    group   the points of a group are joined by a line, in order of cost; None: not joined
-    text    tooltip
-    href    address that a click opens; "": none
-    """
-
-    cost: float
-    score: float | None
-    series: int
-    group: int | None
-    text: str
-    href: str = ""
-
-
-@dataclass(frozen=True)
-class Placed:
-    """A point and its place in the chart."""
-
-    x: float
-    y: float
-    point: Point
-
-
-@dataclass(frozen=True)
-class Chart:
-    """What the template draws, in user units.
-
-    x_ticks, y_ticks  (place, text)
-    lines             the points attribute of each polyline
-    equal_y           where points of exact SVGs lie; None without such points
-    score             title of the vertical axis
-    """
-
-    x_ticks: list[tuple[float, str]]
-    y_ticks: list[tuple[float, str]]
-    lines: list[str]
-    points: list[Placed]
-    equal_y: float | None
-    score: str
-    frame: Frame
+# Where the axes of a chart lie, in user units; a narrow one has fewer ticks.
+PAGE = Frame(width=720, height=440, left=52, right=700, top=34, bottom=394, is_narrow=False)
+BESIDE = Frame(width=340, height=270, left=42, right=326, top=30, bottom=226, is_narrow=True)
 
 
 def scatter(
-    points: Sequence[Point],
-    format_cost: Callable[[float], str],
-    axis: Score = PSNR,
-    frame: Frame = PAGE,
-) -> Chart | None:
-    """A chart of a score over cost, on a logarithmic axis; None without points.
+    points: Sequence[Mapping[str, Any]], cost: Cost, axis: Score = PSNR, frame: Frame = PAGE
+) -> dict[str, Any] | None:
+    """Return the chart of a score over the logarithm of a cost, which chart.jinja draws.
 
-    Better is higher: an axis of scores that fall is upside down. SVGs that equal their photo have
-    an infinite PSNR and get a row of their own at the top.
+    points  each with cost (> 0); score, None where the PSNR is infinite; series, its index, which
+            decides colour and shape; group, whose points are joined by a line, None for no line;
+            text, the tooltip; href, an address that a click opens, perhaps
+
+    The chart has the frame, the titles of its axes, its ticks (place, text), the points with their
+    places x and y, and equal_y, where points of exact SVGs lie: their PSNR is infinite, and they
+    have a row of their own at the top. Better is higher: an axis of scores that fall is upside
+    down. Return None without points.
     """
     if not points:
         return None
-    costs = [point.cost for point in points]
+    scores = [point["score"] for point in points]
+    costs = [point["cost"] for point in points]
     low, high = min(costs) / _MARGIN, max(costs) * _MARGIN
-    sign = axis.sign
-    finite = [sign * point.score for point in points if point.score is not None] or [0.0]
-    some_equal = any(point.score is None for point in points)
+    finite = [axis.sign * one for one in scores if one is not None] or [0.0]
+    some_equal = None in scores
     step = _step(max(finite) - min(finite), axis.least_step)
     bottom = math.floor(min(finite) / step) * step
     # The highest mark stays clear of the frame.
@@ -165,57 +114,38 @@ def scatter(
         share = math.log(cost / low) / math.log(high / low)
         return round(frame.left + share * (frame.right - frame.left), 1)
 
-    def y_of(height: float) -> float:
+    def y_of(score: float | None) -> float:
+        height = ceiling if score is None else axis.sign * score
         share = (height - bottom) / (ceiling - bottom)
         return round(frame.bottom - share * (frame.bottom - frame.top), 1)
 
-    placed = [
-        Placed(
-            x_of(point.cost), y_of(ceiling if point.score is None else sign * point.score), point
-        )
-        for point in points
-    ]
-    groups: dict[int, list[Placed]] = {}
-    for one in placed:
-        if one.point.group is not None:
-            groups.setdefault(one.point.group, []).append(one)
-    heights = [bottom + k * step for k in range(round((top - bottom) / step) + 1)]
-    highest = math.inf if axis.best is None else sign * axis.best + step / 2
-    return Chart(
-        x_ticks=[(x_of(value), format_cost(value)) for value in _ticks(low, high, frame.is_narrow)],
-        y_ticks=[(y_of(at), _tick(sign * at)) for at in heights if at < highest],
-        lines=[
-            " ".join(f"{one.x},{one.y}" for one in sorted(group, key=lambda one: one.x))
-            for group in groups.values()
-        ],
-        points=placed,
-        equal_y=y_of(ceiling) if some_equal else None,
-        score=axis.title,
-        frame=frame,
-    )
+    levels = [axis.sign * (bottom + k * step) for k in range(round((top - bottom) / step) + 1)]
+    best = math.inf if axis.best is None else axis.sign * axis.best + step / 2
+    return {
+        "frame": frame,
+        "titles": (cost.title, axis.title),
+        "x_ticks": [(x_of(at), tick(at, cost.unit)) for at in _ticks(low, high, frame.is_narrow)],
+        # A tick's number is without the digits and the sign that rounding adds to zero.
+        "y_ticks": [(y_of(y), f"{round(y, 6) + 0.0:g}") for y in levels if axis.sign * y < best],
+        "points": [{**p, "x": x_of(p["cost"]), "y": y_of(p["score"])} for p in points],
+        "equal_y": y_of(None) if some_equal else None,
+    }
 
 
 def template_environment(*packages: str) -> Environment:
-    """The templates of charts and of further packages; text is escaped."""
-    return Environment(
-        loader=ChoiceLoader([PackageLoader(name) for name in ("gauss2svg.compare", *packages)]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    """Return the templates of charts and of further packages; text is escaped."""
+    loader = ChoiceLoader([PackageLoader(name) for name in ("gauss2svg.compare", *packages)])
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
+    environment.trim_blocks = environment.lstrip_blocks = True
+    environment.keep_trailing_newline = True
+    environment.filters |= {"whole": whole, "size": size, "seconds": seconds}
+    return environment
 
 
 def _step(span: float, least: float) -> float:
     """Distance of ticks, for six ticks or fewer: least, or 2, 5, 10, 20, .. times as much."""
     steps = (least * factor * 10**power for power in count() for factor in (1, 2, 5))
     return next(step for step in steps if span / step <= 6)
-
-
-def _tick(value: float) -> str:
-    """A tick's number, without the digits and the sign that rounding adds to zero."""
-    return f"{round(value, 6) + 0.0:g}"
 
 
 def _ticks(low: float, high: float, is_narrow: bool) -> list[float]:

@@ -6,26 +6,29 @@ has ended.
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from gauss2svg.compare.machine import machine
-from gauss2svg.compare.records import Row, add_row, rows_in
+from gauss2svg.batch.table import as_cell
+from gauss2svg.compare.records import Row, answered, machine
 from gauss2svg.compare.variants import Variant
-from gauss2svg.errors import OutputError, on_one_line
-from gauss2svg.files import check_writable, make_folder
+from gauss2svg.errors import OutputError
+from gauss2svg.files import check_writable, make_folder, reading
 from gauss2svg.measure.perceptual import packages
 from gauss2svg.options import file_name
 from gauss2svg.pipeline.listing import ListedPhoto
-from gauss2svg.pool import WorkerDiedError, completed
+from gauss2svg.pool import Pool, WorkerDiedError, completed
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
 
@@ -33,39 +36,41 @@ from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 def code_digest() -> str:
     """Return the SHA-256 of the package's source files: runs of other code are other runs."""
     package = Path(__file__).parent.parent
-    digest = hashlib.sha256()
-    for source in sorted(package.rglob("*.py")):
-        digest.update(str(source.relative_to(package)).encode() + source.read_bytes())
-    return digest.hexdigest()
+    sources = sorted(package.rglob("*.py"))
+    parts = (str(one.relative_to(package)).encode() + one.read_bytes() for one in sources)
+    return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Task:
     """A run of a photo.
 
     variant  None prepares the photo itself
+    given    what its request has beside the photo and the variant
     others   what the result depends on beside photo, variant, code, renderer and scores
-    about    further columns of its record, among them the folder of its files
-    files    without which it is not finished
+    about    further columns of its record
+    file     in a folder of its own, without which it is not finished; None: it makes no file
     """
 
     photo: ListedPhoto
     variant: Variant | None
-    others: tuple[Any, ...] = ()
-    about: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    files: tuple[Path, ...] = ()
+    given: Mapping[str, Any]
+    others: tuple[Any, ...]
+    about: Mapping[str, Any]
+    file: Path | None = None
 
     @property
-    def label(self) -> str:
-        """The task's name in a progress bar."""
-        return self.photo.name + (f", {self.variant.name}" if self.variant else "")
+    def request(self) -> dict[str, Any]:
+        """What the function is called with that makes the record."""
+        one = self.variant
+        about = {"tool": one.tool, "settings": dict(one.settings)} if one else {}
+        return {"source": self.photo.path, **about, **self.given}
 
     @cached_property
     def key(self) -> str:
         """A hash of all that the record depends on, but no path."""
-        one = self.variant
-        parts = [self.photo.digest, code_digest(), renderer_version(DEFAULT_RENDERER), packages()]
-        parts += [*self.others, *((one.tool, one.version, one.settings) if one else ())]
+        made_by = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
+        parts = [self.photo.digest, *made_by, self.variant, *self.others]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
     def record(self, answer: Mapping[str, Any]) -> Row:
@@ -82,8 +87,7 @@ class Task:
         }
 
 
-@dataclass(frozen=True)
-class Progress:
+class Progress(NamedTuple):
     """Progress of a grid: finished and total runs, SVGs that were kept, the current runs."""
 
     done: int
@@ -96,7 +100,8 @@ class Grid:
     """The records of a grid in progress.
 
     path     the file of all records
-    records  of the tasks that have ended; of one that failed it has "error", one line
+    records  of all tasks in their order, empty until a task has ended; one that failed has "error",
+             one line
     kept     number of files that were made before
     total    number of tasks that will have a record
     """
@@ -104,60 +109,104 @@ class Grid:
     def __init__(
         self, path: Path, tasks: Iterable[Task], progress: Callable[[Progress], None] | None
     ) -> None:
-        self._path, self._progress = path, progress
-        self.tasks = list(tasks)
-        self.total = len(self.tasks)
-        self.records: dict[Task, Row] = {}
-        self._now: list[str] = []
+        self._path, self._progress = path, progress or (lambda _: None)
+        self.records: dict[Task, Row] = {task: {} for task in tasks}
+        self.total = len(self.records)
+        self._now: list[Task] = []
         known = rows_in(path)
-        for task in self.tasks:
+        for task in self.records:
             row = known.get(task.about.get("folder", task.key), {"key": ""})
-            is_whole = "error" not in row and all(file.exists() for file in task.files)
+            is_whole = "error" not in row and (task.file is None or task.file.exists())
             if is_whole and row["key"] == task.key:
                 self.records[task] = row | {"image": task.photo.name}  # which it may not have had
-        self.kept = sum(task.variant is not None for task in self.records)
+        self.kept = sum(1 for task, row in self.records.items() if row and task.variant)
 
-    @property
-    def rows(self) -> list[Row]:
-        """The records in the order of their tasks."""
-        return [self.records[task] for task in self.tasks if task in self.records]
+    def is_made(self, task: Task) -> bool:
+        """Whether a task has ended, and not failed."""
+        return "error" not in (self.records[task] or {"error": "not run yet"})
 
     def run(
-        self, tasks: Iterable[Task], submit: Callable[[Task], Future[Row]], width: int
+        self, tasks: Iterable[Task], pool: Pool, make: Callable[[Mapping[str, Any]], Row]
     ) -> Iterator[Row]:
-        """Run those of the tasks that have no record, `width` at once; yield each record.
+        """Have processes make the records that are missing, by a function; yield each record.
 
-        Raise OutputError if no other can be run.
+        Raise OutputError if no other can be made.
         """
 
         def submitted(task: Task) -> Future[Row]:
-            self._now.append(task.label)
+            self._now.append(task)
             self._report()
-            if any(file.exists() for file in task.files):  # of a run whose row counts no more
+            if task.file is not None and task.file.exists():  # of a run whose row counts no more
                 add_row(self._path, task.record({"error": "it was interrupted"}))
-            return submit(task)
+            return pool.submit(answered, make, task.request)
 
         self._report()
-        missing = [task for task in tasks if task not in self.records]
-        for task, job in completed(submitted, iter(missing), lambda: width):
+        missing = (task for task in tasks if not self.records[task])
+        for task, job in completed(submitted, missing, lambda: pool.workers):
             try:
                 answer = job.result()
             except WorkerDiedError as error:
                 answer = {"error": f"its worker died: {error}"}
-            self._now.remove(task.label)
+            self._now.remove(task)
             if "fatal" in answer:
                 raise OutputError(answer["error"])
-            if "error" in answer:
-                answer = {"error": on_one_line(answer["error"])}
-            self.records[task] = task.record(answer)
-            add_row(self._path, self.records[task])
-            yield self.records[task]
+            self.records[task] = record = task.record(answer)
+            add_row(self._path, record)
+            yield record
             self._report()
 
     def _report(self) -> None:
-        if self._progress is not None:
-            done = len(self.records)
-            self._progress(Progress(done, self.total, self.kept, tuple(self._now)))
+        done = sum(map(bool, self.records.values()))
+        now = (t.photo.name + (f", {t.variant.name}" if t.variant else "") for t in self._now)
+        self._progress(Progress(done, self.total, self.kept, tuple(now)))
+
+
+def rows_in(path: Path) -> dict[str, Row]:
+    """Return the last row of each folder, or else key, in a file of JSON lines.
+
+    Damaged lines are left out. Raise InputError if the file cannot be read.
+    """
+    rows: dict[str, Row] = {}
+    if path.exists():
+        with reading(path, "another folder") as file:
+            for line in file:
+                with suppress(ValueError, TypeError, KeyError, AttributeError):
+                    row = json.loads(line)
+                    rows[row.get("folder", row["key"])] = row
+    return rows
+
+
+def add_row(path: Path, row: Row) -> None:
+    """Append a row to such a file, and flush it to the disk; raise OutputError if that fails."""
+    try:
+        with path.open("a+b", buffering=0) as stream:
+            if stream.tell():
+                stream.seek(-1, os.SEEK_END)  # an interruption may have left half a line
+                stream.write(b"" if stream.read(1) == b"\n" else b"\n")
+            stream.write(json.dumps(row, allow_nan=False).encode() + b"\n")
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Join nested names by dots: {"a": {"b": 1}} is {"a.b": 1}."""
+    cells: dict[str, Any] = {}
+    for name, value in row.items():
+        is_nested, name = isinstance(value, dict), prefix + name
+        cells |= flat(value, f"{name}.") if is_nested else {name: value}
+    return cells
+
+
+def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Return CSV with a column for every name in any row; null is an empty cell."""
+    flattened = [flat(row) for row in rows]
+    columns = list(dict.fromkeys(name for row in flattened for name in row))
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: as_cell(value) for name, value in row.items()} for row in flattened)
+    return stream.getvalue()
 
 
 def output_folder(directory: str | os.PathLike[str], outputs: Iterable[str]) -> Path:

@@ -9,36 +9,17 @@ import hashlib
 import io
 import os
 import shutil
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from gauss2svg.compare.machine import Stopwatch, peak_bytes
-from gauss2svg.compare.records import answered
-from gauss2svg.errors import InputError, PeerError, quoted
+from gauss2svg.compare.records import started_watch
+from gauss2svg.errors import PeerError
 from gauss2svg.processes import end_of, run
 
 Conversion = Callable[[], object]
-
-
-@dataclass(frozen=True)
-class Peer:
-    """Another tool.
-
-    version   installed version; None where the tool is not installed
-    prepare   imports the tool, reads the PNG, and returns the function whose time is measured:
-              it writes the file
-    suffix    of the file; an .svg is rasterised to be scored, others are read as images
-    settings  keywords of prepare that the benchmark tries
-    """
-
-    version: Callable[[], str | None]
-    prepare: Callable[..., Conversion]
-    suffix: str
-    settings: tuple[dict[str, Any], ...]
 
 
 def _version(package: str) -> str | None:
@@ -48,14 +29,30 @@ def _version(package: str) -> str | None:
         return None
 
 
+class Peer(NamedTuple):
+    """Another tool.
+
+    prepare   imports the tool, reads the PNG, and returns the function whose time is measured:
+              it writes the file
+    suffix    of the file; an .svg is rasterised to be scored, others are read as images
+    settings  keywords of prepare that the benchmark tries, first what a gallery has by default
+    version   installed version; None where the tool is not installed
+    """
+
+    prepare: Callable[..., Conversion]
+    suffix: str
+    settings: tuple[dict[str, Any], ...]
+    version: Callable[[], str | None] = partial(_version, "Pillow")
+
+
 def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Conversion:
     import vtracer  # pyright: ignore[reportMissingImports]
 
-    options = _VTRACER_STYLES[style] | changes
-    return lambda: vtracer.convert_image_to_svg_py(str(png), str(output), **options)
+    paths = str(png), str(output)
+    return lambda: vtracer.convert_image_to_svg_py(*paths, **_VTRACER[style] | changes)
 
 
-_VTRACER_STYLES: dict[str, dict[str, Any]] = {
+_VTRACER: dict[str, dict[str, Any]] = {
     "default": {},
     "polygon": {
         "mode": "polygon", "path_precision": 0, "filter_speckle": 4, "layer_difference": 16,
@@ -68,22 +65,22 @@ def _splatthis(png: Path, output: Path, style: str) -> Conversion:
     from PIL import Image
     from splatthis import SplatConverter  # pyright: ignore[reportMissingImports]
 
-    options = dict(_SPLATTHIS_STYLES[style])
+    options = dict(_SPLATTHIS[style])
     if side := options.pop("side", None):
         with Image.open(png) as image:
-            shrunk = min(1.0, side / max(image.size))
-            options["target_size"] = tuple(max(1, round(s * shrunk)) for s in image.size)
+            image.thumbnail((side, side))
+        options["target_size"] = image.size
     converter = SplatConverter(device="cpu", seed=0, **options)
     return lambda: converter.convert(str(png), str(output), output_format="svg")
 
 
-_SPLATTHIS_STYLES: dict[str, dict[str, Any]] = {
-    # 160 px took 125 CPU seconds: larger images would only time out.
-    "fast": {"max_splats": 500, "stages": [60, 40], "quality_profile": "fast", "side": 128},
+_SPLATTHIS: dict[str, dict[str, Any]] = {
     # The defaults of its command line.
     "default": {
         "max_splats": 2000, "stages": [200, 150, 100, 50], "quality_profile": "max-fidelity",
     },
+    # 160 px took 125 CPU seconds: larger images would only time out.
+    "fast": {"max_splats": 500, "stages": [60, 40], "quality_profile": "fast", "side": 128},
 }  # fmt: skip
 
 
@@ -99,8 +96,8 @@ def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
     with Image.open(png) as image:
         side = max(image.size)
     # Mode 7 is rotated ellipses; without -s the output is scaled to 1024 px.
-    command = ["primitive", "-i", str(png), "-o", str(output), "-n", str(shapes), "-m", "7"]
-    command += ["-s", str(side)]
+    numbers = ["-n", str(shapes), "-m", "7", "-s", str(side)]
+    command = ["primitive", "-i", str(png), "-o", str(output), *numbers]
 
     def convert() -> None:
         ended = run(command)
@@ -120,55 +117,37 @@ def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Conversi
 
 
 def _avif_version() -> str | None:
-    """That of the codec, which Pillow has from 11.3 on where it was built with it."""
+    """Return the version of the codec, which Pillow may be built without."""
     from PIL import features
 
-    return features.version("avif") if "avif" in features.get_supported() else None
+    return features.version("avif")
 
 
-_PILLOW = partial(_version, "Pillow")
-_RASTER_QUALITIES = tuple({"quality": quality} for quality in (10, 30, 60, 90))
+def _each(name: str, values: Iterable[Any]) -> tuple[dict[str, Any], ...]:
+    return tuple({name: value} for value in values)
+
+
+_QUALITIES = _each("quality", (10, 30, 60, 90))
+
 
 PEERS: dict[str, Peer] = {
-    "vtracer": Peer(
-        partial(_version, "vtracer"), _vtracer, ".svg", tuple({"style": s} for s in _VTRACER_STYLES)
-    ),
+    "vtracer": Peer(_vtracer, ".svg", _each("style", _VTRACER), partial(_version, "vtracer")),
     "splatthis": Peer(
-        partial(_version, "splatthis"),
-        _splatthis,
-        ".svg",
-        tuple({"style": s} for s in _SPLATTHIS_STYLES),
+        _splatthis, ".svg", _each("style", _SPLATTHIS), partial(_version, "splatthis")
     ),
-    "primitive": Peer(_primitive_version, _primitive, ".svg", ({"shapes": 100}, {"shapes": 500})),
-    "jpeg": Peer(_PILLOW, partial(_pillow, "JPEG"), ".jpg", _RASTER_QUALITIES),
-    "webp": Peer(_PILLOW, partial(_pillow, "WEBP"), ".webp", _RASTER_QUALITIES),
-    "avif": Peer(_avif_version, partial(_pillow, "AVIF"), ".avif", _RASTER_QUALITIES),
+    "primitive": Peer(_primitive, ".svg", _each("shapes", (100, 500)), _primitive_version),
+    "jpeg": Peer(partial(_pillow, "JPEG"), ".jpg", _QUALITIES),
+    "webp": Peer(partial(_pillow, "WEBP"), ".webp", _QUALITIES),
+    "avif": Peer(partial(_pillow, "AVIF"), ".avif", _QUALITIES, _avif_version),
 }
 
 
-def check_peers(names: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Installed and absent ones of these peers, each once; InputError for an unknown one."""
-    wanted = list(dict.fromkeys(names))
-    for name in wanted:
-        if name not in PEERS:
-            raise InputError(f"peer must be one of {', '.join(PEERS)}; got {quoted(name)}")
-    absent = [name for name in wanted if PEERS[name].version() is None]
-    return [name for name in wanted if name not in absent], absent
-
-
 def converted(tool: str, settings: dict[str, Any], png: Path, output: Path) -> dict[str, Any]:
-    """Write the file of a tool and return what it took, or {"error": line}.
-
-    It is called in a process of its own.
-    """
+    """Write the file of a tool and return what it took, in a process of its own."""
     null = os.open(os.devnull, os.O_RDWR)
     for stream in (1, 2):  # of the tool, which may print
         os.dup2(null, stream)
-    return answered(_converted, {"tool": tool, "paths": (png, output), "settings": settings})
-
-
-def _converted(request: Mapping[str, Any]) -> dict[str, Any]:
-    convert = PEERS[request["tool"]].prepare(*request["paths"], **request["settings"])
-    watch = Stopwatch()
+    convert = PEERS[tool].prepare(png, output, **settings)
+    cost = started_watch()
     convert()
-    return watch.read() | {"peak_bytes": peak_bytes()}
+    return cost()

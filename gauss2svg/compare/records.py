@@ -1,101 +1,100 @@
-"""Records of runs: what a worker answers, and rows as one JSON object per line and as CSV."""
+"""What a process tells of a run: its record, its cost, and the machine. Imports nothing heavy."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-import math
 import os
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+import platform
+import re
+import sys
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.errors import Gauss2SvgError, OutputError, error_line
+import psutil
+
+from gauss2svg.errors import Gauss2SvgError, OutputError, error_line, on_one_line
 
 Row = dict[str, Any]
 TOOL = "gauss2svg"  # the tool of all rows that are not a peer's
 
 
-def answered(
-    make: Callable[[Mapping[str, Any]], dict[str, Any]], request: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return the record, or {"error": one line}, so that a request that fails stops no other.
+def answered(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:
+    """Return the record that a function makes, or {"error": one line} of what it raises.
 
-    It has "fatal" where no other request can succeed, as with a full disk.
+    A request that fails so stops no other. The record has "fatal" where no other request can
+    succeed, as with a full disk. What is infinite or no number is None.
     """
     try:
-        return make(request)
+        return finite(make(*arguments))
     except OutputError as error:
         return {"error": error_line(str(error)), "fatal": True}
-    except Gauss2SvgError as error:
-        return {"error": error_line(str(error))}
     except MemoryError as error:
-        return {"error": f"out of memory ({error}). Try smaller photos or fewer Gaussians"}
+        line = f"out of memory ({error}). Try smaller photos or fewer Gaussians"
     except Exception as error:  # a peer may raise anything; a bug of ours is shown with its type
-        return {"error": error_line(f"{type(error).__name__}: {error}")}
-
-
-def rows_in(path: Path) -> dict[str, Row]:
-    """Return the last row of each folder, or else key, in a file of JSON lines.
-
-    Damaged lines are left out.
-    Raise OutputError if the file cannot be read.
-    """
-    rows: dict[str, Row] = {}
-    try:
-        lines = path.read_bytes().splitlines() if path.exists() else []
-    except OSError as error:
-        raise OutputError(f"cannot read {path}: {error.strerror or error}") from error
-    for line in lines:
-        with suppress(ValueError, TypeError, KeyError, AttributeError):
-            row = json.loads(line)
-            rows[row.get("folder", row["key"])] = row
-    return rows
-
-
-def add_row(path: Path, row: Row) -> None:
-    """Append a row to such a file, and flush it to the disk; raise OutputError if that fails."""
-    try:
-        with path.open("a+b") as stream:
-            if stream.tell():
-                stream.seek(-1, os.SEEK_END)  # an interruption may have left half a line
-                stream.write(b"" if stream.read(1) == b"\n" else b"\n")
-            stream.write(json.dumps(row, allow_nan=False).encode() + b"\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
-
-
-def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Join nested names by dots: {"a": {"b": 1}} is {"a.b": 1}."""
-    cells: dict[str, Any] = {}
-    for name, value in row.items():
-        cells |= (
-            flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
-        )
-    return cells
-
-
-def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return CSV with a column for every name in any row; null is an empty cell."""
-    from gauss2svg.batch.table import as_cell  # what it loads would count as a peer's memory
-
-    flattened = [flat(row) for row in rows]
-    columns = list(dict.fromkeys(name for row in flattened for name in row))
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: as_cell(value) for name, value in row.items()} for row in flattened)
-    return stream.getvalue()
+        line = f"{type(error).__name__}: " * (not isinstance(error, Gauss2SvgError)) + str(error)
+    return {"error": error_line(on_one_line(line))}
 
 
 def finite(value: Any) -> Any:
-    """Return the value with None for every infinity and NaN, which JSON does not have."""
-    if isinstance(value, dict):
-        return {name: finite(item) for name, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    """Return what JSON has of a value, with None for every infinity and NaN, which it has not."""
+    return json.loads(json.dumps(value), parse_constant=lambda _: None)
+
+
+def started_watch() -> Callable[[], dict[str, Any]]:
+    """Start a watch; the function that is returned reads what a run has cost since.
+
+    total_s      wall-clock seconds
+    cpu_s        CPU seconds of this process and its children
+    other_cpu_s  CPU seconds of everything else on the machine: threads that wait for each other
+                 take much longer where other programs occupy their cores
+    peak_bytes   peak memory of this process or a child that it waited for; None if unknown
+    """
+    begun = _seconds()
+
+    def read() -> dict[str, Any]:
+        wall, own, busy = (now - then for now, then in zip(_seconds(), begun, strict=True))
+        others = max(0.0, busy - own)
+        return {"total_s": wall, "cpu_s": own, "other_cpu_s": others, "peak_bytes": _peak_bytes()}
+
+    return read
+
+
+def _seconds() -> tuple[float, float, float]:
+    """Return seconds of a clock, of CPU of this process and its children, and of all CPU."""
+    own, busy = os.times(), psutil.cpu_times()._asdict()
+    kinds = ("user", "nice", "system", "irq", "softirq", "steal")
+    children = own.children_user + own.children_system
+    all_cpu = sum(busy.get(kind, 0.0) for kind in kinds)
+    return time.perf_counter(), time.process_time() + children, all_cpu
+
+
+def _peak_bytes() -> int | None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    unit = 1 if sys.platform == "darwin" else 1024
+    children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * unit
+    if peak := _of_linux("self/status", "VmHWM").removesuffix(" kB"):
+        return max(int(peak) * 1024, children)  # ru_maxrss includes the parent's peak on Linux
+    return max(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit, children)
+
+
+def machine() -> dict[str, Any]:
+    """CPU model, number of usable cores, platform."""
+    affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
+    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
+    cpu = _of_linux("cpuinfo", "model name") or platform.processor() or platform.machine()
+    return {"cpu": cpu, "cores": cores, "platform": platform.platform()}
+
+
+def _of_linux(file: str, name: str) -> str:
+    """Return the first value of a name in a file of /proc; "" if there is none."""
+    try:
+        text = Path("/proc", file).read_text(encoding="utf-8")
+    except OSError:
+        return ""
+    values = re.findall(rf"^{name}[\t ]*:[\t ]*(.*?)[\t ]*$", text, re.MULTILINE)
+    return values[0] if values else ""

@@ -7,44 +7,36 @@ fronts. Plots are SVG: each score over CPU seconds and over gzipped bytes.
 from __future__ import annotations
 
 import hashlib
-import json
-import math
+import itertools
 import operator
 import os
 import platform
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.compare import chart
-from gauss2svg.compare.chart import Point, counted, machine_text, scatter, template_environment
-from gauss2svg.compare.grid import Grid, Progress, Task, output_folder
-from gauss2svg.compare.peers import PEERS, check_peers
-from gauss2svg.compare.records import TOOL, Row, csv_text, finite
+from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
+from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
+from gauss2svg.compare.records import TOOL, Row
 from gauss2svg.compare.run import measured_alone
-from gauss2svg.compare.variants import Variant, of_peer, settings_of
-from gauss2svg.errors import InputError, number_within, whole_number
+from gauss2svg.compare.variants import Variant, of_peers, settings_of
+from gauss2svg.errors import number_within, refusal, whole_number
 from gauss2svg.files import as_json, write_all_atomically
-from gauss2svg.measure.scores import SCORES
+from gauss2svg.measure.scores import PSNR, SCORES, Score
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.run import thread_count
+from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
 TOLERANCE = 0.1  # dB below a Pareto front that still count as on it
-SECONDS = "cpu_s"
-BYTES = "svgz_bytes"  # what a web server sends; a raster image has no smaller form
 _MEANS = (
     *(axis.key for axis in SCORES), "psnr_svg_enlarged", "psnr_model", "cpu_s", "total_s",
     "svg_bytes", "svgz_bytes", "gaussians",
 )  # fmt: skip
-_DISTANCES = {
-    "below_seconds_dB": (SECONDS,),
-    "below_bytes_dB": (BYTES,),
-    "below_both_dB": (SECONDS, BYTES),
-}
+_BELOW = {"seconds": ("cpu_s",), "bytes": ("svgz_bytes",), "both": ("cpu_s", "svgz_bytes")}
 # (heading, key, format, factor)
 _COLUMNS = (
     *((axis.title, axis.key, axis.form, 1) for axis in SCORES),
@@ -54,94 +46,51 @@ _COLUMNS = (
     ("kB raw", "svg_bytes", ".1f", 1e-3),
     ("kB gzipped", "svgz_bytes", ".1f", 1e-3),
     ("peak MB", "peak_bytes", ".0f", 1e-6),
-    ("below by seconds, dB", "below_seconds_dB", ".2f", 1),
-    ("below by bytes, dB", "below_bytes_dB", ".2f", 1),
-    ("below by both, dB", "below_both_dB", ".2f", 1),
+    *((f"below by {word}, dB", f"below_{word}_dB", ".2f", 1) for word in _BELOW),
 )
 _COSTS = (
-    (SECONDS, "seconds", "CPU seconds, after a warm-up", chart.seconds, chart.short_seconds),
-    (BYTES, "bytes", "bytes, gzipped", chart.size, chart.short_size),
+    Cost("cpu_s", "seconds", "CPU seconds, after a warm-up"),
+    # What a web server sends; a raster image has no smaller form.
+    Cost("svgz_bytes", "bytes", "bytes, gzipped"),
 )
 _LEAST_COST = 1e-4  # drawn on the logarithmic axis, which has no 0
-NAMES = tuple(f"{axis.slug}_{cost[1]}.svg" for axis in SCORES for cost in _COSTS)
-_OTHERS = "other settings"
+NAMES = tuple(f"{axis.slug}_{cost.unit}.svg" for axis in SCORES for cost in _COSTS)
 _MOST_SERIES = 8  # of other settings, each with a name and a colour of its own
 
 
 def summarise(rows: Iterable[Row], images: int) -> list[Row]:
-    """One row per setting that has finished for all photos.
+    """Return one row per setting that has finished for all photos.
 
-    Values are means over the photos; peak_bytes is the largest. below_*_dB is how far the mean
-    PSNR is below the best setting of gauss2svg that costs no more in CPU seconds, in gzipped
-    bytes, and in both at once; None for peers, which have no front.
+    Values are means over the photos, None where one of them is None: an infinite PSNR, or one that
+    a peer lacks. peak_bytes is the largest. below_*_dB is how far the mean PSNR is below the best
+    setting of gauss2svg that costs no more in CPU seconds, in gzipped bytes, and in both at once;
+    None for peers, which have no front.
     """
-    groups: dict[str, list[Row]] = {}
-    for row in rows:
-        if "error" not in row:
-            name = json.dumps([row["tool"], row["tool_version"], row["settings"]], sort_keys=True)
-            groups.setdefault(name, []).append(row)
-    summary = [_mean(group) for group in groups.values() if len(group) == images]
+    finished = (row for row in rows if "error" not in row)
+    summary = []
+    for _, group in itertools.groupby(finished, operator.itemgetter("label")):
+        runs = list(group)
+        values: dict[str, list[Any]] = {name: [row.get(name) for row in runs] for name in _MEANS}
+        names = ("label", "tool", "tool_version", "preset", "settings")
+        mean = {
+            **{name: runs[0][name] for name in names},
+            "images": len(runs),
+            **{n: None if None in v else statistics.fmean(v) for n, v in values.items()},
+            "peak_bytes": max(filter(None, (row["peak_bytes"] for row in runs)), default=None),
+            **{f"below_{word}_dB": None for word in _BELOW},
+        }
+        summary += [mean] * (len(runs) == images)
     # With one exact result the mean PSNR is infinite and says nothing.
     own = [row for row in summary if row["tool"] == TOOL and row["psnr_svg"] is not None]
-    for name, costs in _DISTANCES.items():
-        columns = [[row[cost] for row in own] for cost in costs]
-        distances = distance_below([row["psnr_svg"] for row in own], *columns)
-        for row, distance in zip(own, distances, strict=True):
-            row[name] = finite(distance)
+    for row in own:
+        row |= {f"below_{word}_dB": below(row, own, PSNR, *costs) for word, costs in _BELOW.items()}
     return summary
 
 
-def _mean(group: Sequence[Row]) -> Row:
-    first = group[0]
-    peaks = [row["peak_bytes"] for row in group if row["peak_bytes"] is not None]
-    return {
-        **{name: first[name] for name in ("label", "tool", "tool_version", "preset", "settings")},
-        "images": len(group),
-        **{name: _mean_of([row.get(name) for row in group]) for name in _MEANS},
-        "peak_bytes": max(peaks, default=None),
-        **dict.fromkeys(_DISTANCES),
-    }
-
-
-def _mean_of(values: Sequence[float | None]) -> float | None:
-    # None among the values, an infinite PSNR or one that a peer lacks, makes the mean None.
-    known = [value for value in values if value is not None]
-    return statistics.fmean(known) if len(known) == len(values) else None
-
-
-def markdown(summary: Sequence[Row], rows: Sequence[Row], images: Sequence[str]) -> str:
-    """Return the summary as Markdown, with the photos, the machines and the failed runs."""
-    enlarged = any(row["psnr_svg_enlarged"] is not None for row in summary)
-    template = template_environment().overlay(autoescape=False).get_template("summary.md.jinja")
-    return template.render(
-        photos=counted(len(images), "photo"),
-        images=images,
-        machines=dict.fromkeys(machine_text(row["machine"]) for row in rows),
-        columns=[one for one in _COLUMNS if enlarged or one[1] != "psnr_svg_enlarged"],
-        summary=summary,
-        tolerance=TOLERANCE,
-        failed=[row for row in rows if "error" in row],
-    )
-
-
-def front(psnr: Sequence[float], cost: Sequence[float]) -> list[int]:
-    """The Pareto front as indices, from the cheapest on; of equal entries the first."""
-    best, found = -math.inf, []
-    for index in sorted(range(len(psnr)), key=lambda i: (cost[i], -psnr[i], i)):
-        if psnr[index] > best:
-            best = psnr[index]
-            found.append(index)
-    return found
-
-
-def distance_below(psnr: Sequence[float], *costs: Sequence[float]) -> list[float]:
-    """Distance (dB, >= 0) of each below the best that costs no more in any respect."""
-    known = list(zip(psnr, zip(*costs, strict=True), strict=True))
-    found = []
-    for mine, own in known:
-        best = max(p for p, price in known if all(map(operator.le, price, own)))
-        found.append(0.0 if best == mine else best - mine)  # infinite PSNRs have no difference
-    return found
+def below(row: Row, rows: Iterable[Row], axis: Score, *costs: str) -> float:
+    """Return how far (>= 0) a row is below the best of rows that cost no more in any respect."""
+    affordable = [one for one in rows if all(one[cost] <= row[cost] for cost in costs)]
+    return max(axis.sign * (one[axis.key] - row[axis.key]) for one in affordable)
 
 
 def plots_of(summary: Sequence[Row]) -> dict[str, str]:
@@ -151,42 +100,31 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
     Each tool and each preset is a series, and each other setting where these are few. A line joins
     the Pareto front of gauss2svg. The label and the numbers of a point are its tooltip.
     """
-    plain = {row["label"] for row in summary if _series_name(row) == row["label"] != row["preset"]}
-    others = plain if len(plain) > _MOST_SERIES else set()
-    names = [_OTHERS if row["label"] in others else _series_name(row) for row in summary]
-    series = list(dict.fromkeys(names))
+    plain = [row["label"] for row in summary if row["tool"] == TOOL and not row["preset"]]
+    names = {row["label"]: row["label" if row["tool"] == TOOL else "tool"] for row in summary}
+    names |= dict.fromkeys(plain, "other settings") if len(plain) > _MOST_SERIES else {}
+    series = list(dict.fromkeys(names.values()))
     template = template_environment().get_template("plot.svg.jinja")
     plots = {}
     for axis in SCORES:
-        known = [at for at, row in enumerate(summary) if row[axis.key] is not None]
-        shown = {names[at] for at in known}
-        own = [at for at in known if summary[at]["tool"] == TOOL]
-        heights = [axis.sign * summary[at][axis.key] for at in own]
-        for key, word, title, in_tooltip, at_tick in _COSTS if known else ():
-            best = front(heights, [summary[at][key] for at in own])
-            on_front = {own[at] for at in best} if len(best) > 1 else ()
+        known = [row for row in summary if row[axis.key] is not None]
+        own = [row for row in known if row["tool"] == TOOL]
+        for cost in _COSTS if known else ():
+            front = [row["label"] for row in own if below(row, own, axis, cost.key) == 0]
             points = [
-                Point(
-                    cost=max(row[key], _LEAST_COST),
-                    score=row[axis.key],
-                    series=series.index(names[at]),
-                    group=0 if at in on_front else None,
-                    text=f"{row['label']}: {axis.text(row[axis.key])}, {in_tooltip(row[key])}",
-                )
-                for at in known
-                for row in [summary[at]]
+                {
+                    "cost": max(price := row[cost.key], _LEAST_COST),
+                    "score": (score := row[axis.key]),
+                    "series": series.index(names[row["label"]]),
+                    "group": 0 if row["label"] in front and len(front) > 1 else None,
+                    "text": f"{row['label']}: {axis.text(score)}, {cost.text(price)}",
+                }
+                for row in known
             ]
-            plots[f"{axis.slug}_{word}.svg"] = template.render(
-                chart=scatter(points, at_tick, axis),
-                score=axis.name,
-                cost=title,
-                key=[(at, name) for at, name in enumerate(series) if name in shown],
+            plots[f"{axis.slug}_{cost.unit}.svg"] = template.render(
+                chart=scatter(points, cost, axis), score=axis.name, series=series
             )
     return plots
-
-
-def _series_name(row: Row) -> str:
-    return row["tool"] if row["tool"] != TOOL else row["preset"] or row["label"]
 
 
 _ROWS = "rows.jsonl"
@@ -228,84 +166,70 @@ def run_bench(
     thread_count(threads)
     # The system's calls take no more than 24 days.
     number_within("peer_timeout", peer_timeout, 1e-3, 1e6)
-    present, absent = check_peers(peers)
-    variants = [Variant(settings) for settings in settings_of(axes)]
-    variants += [of_peer(peer, settings) for peer in present for settings in PEERS[peer].settings]
     number_within("reference_scale", reference_scale, 1e-3, 1000.0)
+    others, absent = of_peers(peers)
+    variants = [*map(Variant, settings_of(axes)), *others]
     photos = listed_photos(images, "images")
     for photo in photos:
         load_image(photo.path)  # a bad photo is reported now, not after hours of runs
-    sources = {} if references is None else _sources(photos, references)
-    plan = [
-        _task(photo, variant, seed, threads, (sources[photo], reference_scale) if sources else ())
-        for variant in variants
-        for photo in photos
-    ]
+    sources = {} if references is None else _sources(photos, Path(references))
+    versions = {"gauss2svg": __version__, "python": platform.python_version()}
+
+    options = {"seed": seed, "threads": threads, "max_pixels": DEFAULT_MAX_PIXELS}
+
+    def task_of(photo: ListedPhoto, variant: Variant) -> Task:
+        # Other tools are given neither seed nor threads.
+        others = [seed, threads] if variant.is_own else []
+        request = {"options": options, "peer_timeout": peer_timeout}
+        if source := sources.get(photo):
+            request["reference"] = source, reference_scale
+            others += [hashlib.sha256(source.read_bytes()).hexdigest(), reference_scale]
+        about = {"seed": seed, "versions": versions | {variant.tool: variant.version}}
+        return Task(photo, variant, request, tuple(others), about)
+
+    plan = [task_of(photo, variant) for variant in variants for photo in photos]
     folder = output_folder(directory, _OUTPUTS)
     grid = Grid(folder / _ROWS, plan, progress)
-
-    def alone(task: Task) -> Future[Row]:
-        assert task.variant is not None
-        request = {
-            "source": task.photo.path,
-            "tool": task.variant.tool,
-            "settings": dict(task.variant.settings),
-            "options": {"seed": seed, "threads": threads},
-            "peer_timeout": peer_timeout,
-            "reference": sources.get(task.photo),
-            "reference_scale": reference_scale,
-        }
-        job = Future[Row]()
-        job.set_result(measured_alone(request))
-        return job
-
-    for _ in grid.run(plan, alone, 1):
-        _write_tables(folder, grid.rows, photos, absent)
-    _write_tables(folder, grid.rows, photos, absent)  # of a plan whose runs are all kept
-    return grid.rows
+    with Pool(1) as pool:
+        for _ in grid.run(plan, pool, measured_alone):
+            _write_tables(folder, grid, absent)
+    return _write_tables(folder, grid, absent)  # of a plan whose runs are all kept
 
 
-def _sources(
-    photos: Sequence[ListedPhoto], folder: str | os.PathLike[str]
-) -> dict[ListedPhoto, str]:
+def _sources(photos: Sequence[ListedPhoto], folder: Path) -> dict[ListedPhoto, Path]:
     """Return the SVG of each photo in a folder; raise InputError where one is missing."""
-    sources = {photo: f"{Path(folder) / Path(photo.path).stem}.svg" for photo in photos}
+    sources = {photo: folder / f"{Path(photo.path).stem}.svg" for photo in photos}
     for source in sources.values():
-        if not Path(source).is_file():
-            raise InputError(
-                f"references must have an SVG for each photo; got no {source}. Try another folder"
-            )
+        if not source.is_file():
+            needed = "a folder with an SVG for each photo"
+            raise refusal("references", needed, f"no {source}", "another folder")
     return sources
 
 
-def _task(
-    photo: ListedPhoto, variant: Variant, seed: int, threads: int | None, reference: Sequence[Any]
-) -> Task:
-    """Return a run; reference: path of the source and scale, or nothing."""
-    # Other tools are given neither seed nor threads.
-    others: tuple[Any, ...] = (seed, threads) if variant.is_own else ()
-    for source, scale in [reference] if reference else []:
-        others += hashlib.sha256(Path(source).read_bytes()).hexdigest(), scale
-    versions = {"gauss2svg": __version__, "python": platform.python_version()}
-    versions |= {variant.tool: variant.version}
-    return Task(photo, variant, others, {"seed": seed, "versions": versions})
-
-
-def _write_tables(
-    folder: Path, rows: Sequence[Row], photos: Sequence[ListedPhoto], absent: Sequence[str]
-) -> None:
-    names = [photo.name for photo in photos]
-    summary = summarise(rows, len(names))
+def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
+    """Write the tables and plots of the runs that have ended, and return their rows."""
+    images = list(dict.fromkeys(task.photo.name for task in grid.records))
+    rows = [record for record in grid.records.values() if record]
+    summary = summarise(rows, len(images))
     document = {
         "gauss2svg": __version__,
-        "images": names,
+        "images": images,
         "peers_absent": absent,
         "summary": summary,
         "rows": rows,
     }
+    template = template_environment().overlay(autoescape=False).get_template("summary.md.jinja")
+    enlarged = any(row["psnr_svg_enlarged"] is not None for row in summary)
+    text = template.render(
+        **document,
+        machines=dict.fromkeys(machine_text(row["machine"]) for row in rows),
+        columns=[one for one in _COLUMNS if enlarged or one[1] != "psnr_svg_enlarged"],
+        tolerance=TOLERANCE,
+    )
     plots = plots_of(summary)
-    texts = {"bench.csv": csv_text(rows), "summary.md": markdown(summary, rows, names), **plots}
+    texts = {"bench.csv": csv_text(rows), "summary.md": text, **plots}
     tables = {"bench.json": as_json(document)} | {name: t.encode() for name, t in texts.items()}
     write_all_atomically({folder / name: data for name, data in tables.items()})
     for name in set(NAMES) - plots.keys():  # of an earlier benchmark that had this score
         (folder / name).unlink(missing_ok=True)
+    return rows

@@ -8,40 +8,31 @@ gauss2svg.pipeline.search.correction. Axes span the settings of a grid.
 from __future__ import annotations
 
 import itertools
-import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
-from gauss2svg.compare.peers import PEERS, check_peers
+from gauss2svg.compare.peers import PEERS
 from gauss2svg.compare.records import TOOL
-from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal, whole_number
+from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
 from gauss2svg.fit.options import MOST_GAUSSIANS
-from gauss2svg.measure.scores import TARGETS
-from gauss2svg.options import Field, fields_of
+from gauss2svg.options import Field, Number, OneOf, OptionGroup, Whole, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
 from gauss2svg.version import __version__
 
-# An option in the advice of an error, and its value, which an axis has after an equals sign.
-_ADVISED = re.compile(r"--([\w-]+)(?: (?!and\b|or\b|without\b)(\w[\w+]*))?")
-
 Settings = tuple[tuple[str, Any], ...]  # names and values, sorted by name
 
-DEFAULT_VARIANTS = ("draft", "balanced", "high")
-_DEFAULT_STYLE = "default"  # a peer without options
-SVG_PEERS = tuple(name for name, peer in PEERS.items() if peer.suffix == ".svg")
 
-
-@dataclass(frozen=True)
-class Variant:
+class Variant(NamedTuple):
     """One way to make a file of a photo.
 
     settings  options and values of `vectorize` or of another tool, sorted by name
-    tool      gauss2svg or a peer; version: of the tool
+    tool      gauss2svg or a peer
+    version   of the tool; "" if it is not installed
     """
 
     settings: Settings
@@ -56,8 +47,8 @@ class Variant:
     @property
     def preset(self) -> str | None:
         """The preset of a variant that sets nothing else, or None."""
-        settings = dict(self.settings)
-        return settings["quality"] if self.is_own and settings.keys() == {"quality"} else None
+        only = dict(self.settings) if self.is_own and len(self.settings) == 1 else {}
+        return only.get("quality")
 
     @property
     def label(self) -> str:
@@ -69,10 +60,9 @@ class Variant:
     @property
     def name(self) -> str:
         """The variant in words, as pages have it: "draft", "500 Gaussians", "vtracer"."""
-        if self.is_own and len(self.settings) == 1 and self.settings[0][0] == "gaussians":
-            count = self.settings[0][1]
-            return "1 Gaussian" if count == 1 else f"{count} Gaussians"
-        return self.label if self.is_own else self.label.removesuffix(f" {_DEFAULT_STYLE}")
+        count = dict(self.settings).get("gaussians") if len(self.settings) == 1 else None
+        name = f"{count} Gaussian{'s' * (count != 1)}"
+        return self.label.removesuffix(" default") if count is None else name
 
     @property
     def slug(self) -> str:
@@ -86,9 +76,26 @@ class Variant:
         return about | {"tool_version": self.version, "settings": dict(self.settings)}
 
 
-def of_peer(tool: str, settings: dict[str, Any]) -> Variant:
-    """A variant of another tool that is installed."""
-    return Variant(tuple(sorted(settings.items())), tool, PEERS[tool].version() or "")
+def of_peers(
+    texts: Iterable[str], most: int | None = None, suffixes: str = ""
+) -> tuple[list[Variant], list[str]]:
+    """Return variants of other tools, each once, and the names of tools that are not installed.
+
+    texts     "vtracer" for its settings, or "vtracer:detailed" for one of them
+    most      how many settings "vtracer" stands for, None: all
+    suffixes  of the files of the tools that may be named, "" for any
+    Raise InputError for another text.
+    """
+    known: dict[str, list[Variant]] = {}
+    for tool, peer in PEERS.items():
+        for settings in peer.settings if peer.suffix.endswith(suffixes) else ():
+            one = Variant(tuple(sorted(settings.items())), tool, peer.version() or "")
+            known.setdefault(tool, []).append(one)
+            known[one.label.replace(" ", ":")] = [one]
+    names = [OneOf(tuple(known))("peer", text) for text in _sequence("peers", texts)]
+    wanted = dict.fromkeys(one for name in names for one in known[name][:most])
+    absent = dict.fromkeys(one.tool for one in wanted if not one.version)
+    return [one for one in wanted if one.version], list(absent)
 
 
 def variants_of(
@@ -96,90 +103,47 @@ def variants_of(
     counts: Iterable[int] | None = None,
     peers: Iterable[str] = (),
 ) -> tuple[list[Variant], list[str]]:
-    """The variants, each once and in this order, and the peers that are not installed.
+    """Return the variants, each once and in this order, and the peers that are not installed.
 
     presets  names of PRESETS
-    counts   numbers of Gaussians, 0..MOST_GAUSSIANS; if neither is given: DEFAULT_VARIANTS
-    peers    of SVG_PEERS: "vtracer" for its defaults, "vtracer:detailed" for another style of
-             gauss2svg.compare.peers
-    Raises InputError for anything else.
+    counts   numbers of Gaussians, 0..MOST_GAUSSIANS; if neither is given: draft, balanced and high
+    peers    tools that write SVGs: "vtracer" for its first style in gauss2svg.compare.peers,
+             "vtracer:detailed" for another
+    Raise InputError for anything else.
     """
     if presets is None and counts is None:
-        presets = DEFAULT_VARIANTS
-    found = [_preset(name) for name in _items("variants", presets)]
-    found += [_counted(count) for count in _items("counts", counts)]
-    wanted = [_peer(text) for text in _items("peers", peers)]
-    absent = check_peers(variant.tool for variant in wanted)[1]
-    found += [variant for variant in wanted if variant.tool not in absent]
-    if not found:
+        presets = ("draft", "balanced", "high")
+    preset, count = OneOf(tuple(PRESETS)), Whole(0, MOST_GAUSSIANS)
+    own = [("quality", preset("variant", one)) for one in _sequence("variants", presets)]
+    own += [("gaussians", count("count", one)) for one in _sequence("counts", counts)]
+    others, absent = of_peers(peers, 1, ".svg")
+    variants = [*(Variant((setting,)) for setting in dict.fromkeys(own)), *others]
+    if not variants:
         got = f"only peers that are not installed: {', '.join(absent)}" if absent else "none"
         raise InputError(f"variants must be at least one preset, count or peer; got {got}")
-    return list(dict.fromkeys(found)), absent
+    return variants, absent
 
 
-def main_variant(variants: Iterable[Variant]) -> Variant:
-    """The variant that pages show first: the default preset, or the middle one of our own."""
-    known = list(variants)
-    own = [variant for variant in known if variant.is_own] or known
-    by_name = {variant.name: variant for variant in own}
-    return by_name.get(DEFAULT_PRESET, own[len(own) // 2])
+def main_variant(variants: Sequence[Variant]) -> Variant:
+    """Return what pages show first: the default preset, or the middle variant of our own."""
+    own = [variant for variant in variants if variant.is_own] or variants
+    return next((v for v in own if v.preset == DEFAULT_PRESET), own[len(own) // 2])
 
 
-def _items(name: str, values: Any) -> list[Any]:
-    if isinstance(values, (str, bytes)):
-        raise InputError(f"{name} must be a sequence; got {quoted(values)}. Try [{values!r}]")
-    try:
-        return [] if values is None else list(values)
-    except TypeError as error:
-        raise InputError(f"{name} must be a sequence; got {quoted(values)}") from error
-
-
-def _preset(name: Any) -> Variant:
-    if not isinstance(name, str) or name not in PRESETS:
-        raise InputError(f"variant must be one of {', '.join(PRESETS)}; got {quoted(name)}")
-    return Variant((("quality", name),))
-
-
-def _counted(count: Any) -> Variant:
-    return Variant((("gaussians", whole_number("count", count, 0, MOST_GAUSSIANS)),))
-
-
-def _peer(text: Any) -> Variant:
-    tool, named, style = str(text).partition(":")
-    if tool not in SVG_PEERS:
-        raise InputError(f"peer must be one of {', '.join(SVG_PEERS)}; got {quoted(text)}")
-    styles = {str(value): one for one in PEERS[tool].settings for value in one.values()}
-    if not named:
-        style = _DEFAULT_STYLE if _DEFAULT_STYLE in styles else next(iter(styles))
-    if style not in styles:
-        known = ", ".join(f"{tool}:{style}" for style in styles)
-        raise InputError(f"peer must be {tool}, or one of {known}; got {quoted(text)}")
-    return of_peer(tool, styles[style])
+def _sequence(name: str, values: Any) -> list[Any]:
+    """Return the values of an argument, none of None. Raise InputError for what is no sequence."""
+    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable | None):
+        raise refusal(name, "a sequence", quoted(values), f"[{quoted(values)}]")
+    return [] if values is None else list(values)
 
 
 # All options of four groups but the seed, which is one of the command itself, and two of others.
 AXES: dict[str, Field] = {
-    field.name: field
+    field.name: replace(field, name=f"axis {field.name}")  # as errors have it
     for key, group in GROUPS.items()
     for field in fields_of(group)
     if (key in ("goal", "fit", "densify", "svg") and field.name != "seed")
     or field.name in ("renderer", "max_size")
-}
-# Default values of axes other than those with a few choices.
-VALUES: dict[str, tuple[Any, ...]] = {
-    "gaussians": (500, 1000, 2000, 4000, 8000),
-    "iterations": (50, 100, 200, 400),
-    "learning_rate": (0.5, 1.0, 2.0),
-    "per_round": (16, 64, 256),
-    "round_iterations": (10, 20),
-    "ssim_weight": (0.1, 0.2, 0.4),
-    "precision": (0.01, 0.02, 0.05, 0.1),
-    "palette": (64, 256, 1024, 0),
-    "max_size": (256, 512, 1024),
-    "max_bytes": (20_000, 100_000, 500_000),
-    **{score.option: score.targets for score in TARGETS},
-    "form": ("gradient",),  # the only one that the default renderer supports
-    "renderer": ("resvg", "cairo"),  # the others may not be installed
 }
 
 # Without any axis: the presets, then counts and iterations with the default preset. It takes
@@ -190,39 +154,8 @@ DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
 )
 
 
-class Constant:
-    """A number that a module has in capitals, as an axis. Raise InputError for another name.
-
-    The modules read it whenever they need it, so it may be replaced. What is compiled into kernels,
-    a default value of a parameter, or imported by name keeps its value.
-    """
-
-    choices = ()
-
-    def __init__(self, name: str) -> None:
-        path, _, self.constant = name.rpartition(".")
-        try:
-            self.module, self.name = import_module(f"gauss2svg.{path}"), name
-            self._kind = type(vars(self.module)[self.constant])
-            if not self.constant.isupper() or self._kind not in (int, float):
-                raise KeyError(self.constant)
-        except (ImportError, KeyError) as error:
-            needed = "an option, or a number that a module has in capitals"
-            advice = "pipeline.search.correction.FULL"
-            raise refusal("axis", needed, quoted(name), advice) from error
-
-    def parsed(self, value: Any) -> int | float:
-        """Return a value, or the value of a text, of the constant's type."""
-        try:
-            number = float(value)
-            if not math.isfinite(number) or self._kind(number) != number:
-                raise ValueError(value)
-        except (TypeError, ValueError) as error:
-            needed = "a whole number" if self._kind is int else "a finite number"
-            raise InputError(f"{self.name} must be {needed}; got {value}") from error
-        return self._kind(number)
-
-    normalized = parsed
+# What a constant of a module may be replaced by, by its type.
+_CONSTANTS = {int: Whole(-(2**63), 2**63 - 1), float: Number(-1e300, 1e300)}
 
 
 def options_in(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -231,41 +164,37 @@ def options_in(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def apply_constants(settings: Mapping[str, Any]) -> None:
-    """Replace the constants among the settings in this process, which makes no other run."""
+    """Replace the constants among the settings in this process, which makes no other run.
+
+    The modules read them whenever they need them. What is compiled into kernels, a default value of
+    a parameter, or imported by name keeps its value.
+    """
     for name in settings.keys() - options_in(settings):
-        constant = Constant(name)
-        setattr(constant.module, constant.constant, settings[name])
+        module, _, constant = name.rpartition(".")
+        setattr(import_module(f"gauss2svg.{module}"), constant, settings[name])
 
 
 def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     """Return values by option, of the texts NAME or NAME=v1,v2 of a command line.
 
     Values that have commas themselves, as lists of inks, stand alone or between semicolons. Raise
-    InputError for an unknown or repeated axis.
+    InputError for an unknown axis. One that is repeated has the values of all.
     """
     axes: dict[str, tuple[Any, ...]] = {}
     for text in texts:
         name, given, listed = text.partition("=")
-        axis = _axis(name.strip())
-        advice = f"Try --axis {axis.name}=VALUE,VALUE"
-        if axis.name in axes:
-            raise InputError(f"axis {axis.name} must be given once; got two. {advice}")
-        values = _parsed(axis, listed) if given else VALUES.get(axis.name, axis.choices)
-        if not values:
-            raise InputError(f"axis {axis.name} must be given with values; got none. {advice}")
-        axes[axis.name] = values
+        axis = _axis(name := name.strip().replace("-", "_"))
+        values = _parsed(axis, listed) if given else axis.choices
+        axes[name] = axes.get(name, ()) + values
     return axes
 
 
-def _parsed(axis: Field | Constant, text: str) -> tuple[Any, ...]:
-    separator = ";" if ";" in text else ","
+def _parsed(axis: Field, text: str) -> tuple[Any, ...]:
     try:
-        return tuple(_checked(axis.parsed, value.strip()) for value in text.split(separator))
-    except InputError as error:
-        try:
-            return (_checked(axis.parsed, text),)  # one list of inks
-        except InputError:
-            raise error from None
+        return (axis.parsed(text.strip()),)
+    except InputError:  # it is not one list of inks
+        values = text.split(";" if ";" in text else ",")
+        return tuple(axis.parsed(value.strip()) for value in values)
 
 
 def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
@@ -278,33 +207,33 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
     for grid in [axes] if axes else DEFAULT_GRID:
         columns = []
         for name, values in grid.items():
-            axis = _axis(name)
-            if isinstance(values, str) or not values:
-                raise InputError(f"axis {name} must be a sequence of values; got {quoted(values)}")
-            columns.append([(axis.name, _checked(axis.normalized, v)) for v in values])
+            axis = _axis(name := name.replace("-", "_"))
+            columns.append([(name, axis.normalized(one)) for one in _sequence(axis.name, values)])
+            if not columns[-1]:
+                raise refusal(axis.name, "given with values", "none", f"--axis {name}=VALUE,VALUE")
         combinations |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
     for settings in combinations:
         try:
             Plan(Options.from_flat(options_in(dict(settings))))
         except Gauss2SvgError as error:  # as every run with them would
-            advised = _ADVISED.sub(
-                lambda found: "--axis " + "=".join(filter(None, found.groups())), str(error)
-            )
-            raise InputError(f"axes: {advised}") from error
+            # An axis has its value after an equals sign.
+            line = re.sub(r"(--[\w-]+) (?!and\b|or\b|without\b)(?=\w)", r"\1=", str(error))
+            raise InputError(f"axes: {line.replace('--', '--axis ')}") from error
     return list(combinations)
 
 
-def _checked(check: Callable[[Any], Any], value: Any) -> Any:
+def _axis(name: str) -> Field:
+    """Return an option, or a constant as one. Raise InputError for another name."""
+    if "." not in name:
+        if name not in AXES:
+            raise InputError(f"axis must be one of {', '.join(AXES)}; got {quoted(name)}")
+        return AXES[name]
+    module, _, constant = name.rpartition(".")
     try:
-        return check(value)
-    except InputError as error:
-        raise InputError(f"axis {error}") from error
-
-
-def _axis(name: str) -> Field | Constant:
-    if "." in name:
-        return Constant(name)
-    option = name.replace("-", "_")
-    if option not in AXES:
-        raise InputError(f"axis must be one of {', '.join(AXES)}; got {quoted(name)}")
-    return AXES[option]
+        kind = type(vars(import_module(f"gauss2svg.{module}"))[constant])
+    except (ImportError, KeyError):
+        kind = None
+    if kind not in _CONSTANTS or not constant.isupper():
+        needed = "an option, or a number that a module has in capitals"
+        raise refusal("axis", needed, quoted(name), "pipeline.search.correction.FULL")
+    return Field(f"axis {name}", OptionGroup, (_CONSTANTS[kind],), (), may_be_none=False)

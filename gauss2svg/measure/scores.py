@@ -56,7 +56,6 @@ class Score:
     least_side   of a picture, in px
     pixel_bytes  of memory that it takes a pixel, measured with a tenth added
     search       of the option target_SLUG; None: it is no target
-    targets      of a benchmark
     """
 
     slug: str
@@ -75,7 +74,6 @@ class Score:
     least_side: int = 1
     pixel_bytes: int = 0
     search: Search | None = None
-    targets: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", self.title or self.name)
@@ -139,7 +137,6 @@ PSNR = Score(
     search=Search(
         tolerance=0.05, over=0.12, too_little=0.02, too_good=0.35, slope=None, slopes=(1.5, 12.0)
     ),
-    targets=(28.0, 32.0, 36.0),
 )
 SSIM = Score(
     slug="ssim", name="SSIM", home="metrics", form=".3f", least_step=0.01, best=1.0, always=True
@@ -160,7 +157,6 @@ SSIMULACRA2 = Score(
     search=Search(
         tolerance=0.3, over=0.8, too_little=0.2, too_good=2.5, slope=18.0, slopes=(4.0, 60.0)
     ),
-    targets=(30.0, 50.0, 70.0),
 )
 FLIP = Score(
     slug="flip",

@@ -21,7 +21,7 @@ from pydantic import BaseModel, Field, Json
 from starlette.datastructures import State
 from starlette.exceptions import HTTPException
 
-from gauss2svg.compare.chart import BESIDE, COSTS, Point, scatter, template_environment
+from gauss2svg.compare.chart import BESIDE, COSTS, scatter, template_environment
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_png
 from gauss2svg.measure.heatmap import MOST, legend
@@ -37,7 +37,7 @@ from gauss2svg.version import __version__
 router = APIRouter()
 _TEMPLATES = template_environment("gauss2svg.compare.pages", "gauss2svg.studio")
 _AXES = {axis.key: axis for axis in SCORES}
-_COSTS = {key: (title, at_tick) for key, _, title, _, at_tick in COSTS}
+_COSTS = {cost.key: cost for cost in COSTS}
 _FIGURES = ("gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s", "stop_reason")
 _FILES = ("photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz")
 Markup = Literal["editable", "minimal"] | None
@@ -144,14 +144,9 @@ class ChartAsked(BaseModel):
 @router.post("/api/chart", response_class=Response)
 def draw_chart(asked: ChartAsked) -> Response:
     """A chart of a score over a cost as SVG, its points in their order."""
-    axis, (title, at_tick) = _AXES[asked.score], _COSTS[asked.cost]
-    points = [
-        Point(one.cost, one.score, one.series, group=one.series, text=one.text)
-        for one in asked.points
-    ]
-    svg = _TEMPLATES.get_template("chart.svg.jinja").render(
-        chart=scatter(points, at_tick, axis, BESIDE), axis=axis, cost=title
-    )
+    points = [one.model_dump() | {"group": one.series} for one in asked.points]
+    chart = scatter(points, _COSTS[asked.cost], _AXES[asked.score], BESIDE)
+    svg = _TEMPLATES.get_template("chart.svg.jinja").render(chart=chart)
     return Response(svg, media_type="image/svg+xml")
 
 

@@ -22,7 +22,7 @@ from starlette.requests import Request
 from starlette.staticfiles import StaticFiles
 from uvicorn.server import HANDLED_SIGNALS
 
-from gauss2svg.compare.machine import machine
+from gauss2svg.compare.records import machine
 from gauss2svg.errors import Gauss2SvgError, on_one_line, quoted, refusal, whole_number
 from gauss2svg.studio.guard import Bounded, Guard
 from gauss2svg.studio.jobs import Jobs

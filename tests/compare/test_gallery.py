@@ -14,10 +14,9 @@ from galleries import Page, Table, cells_expected, cells_of, save
 from PIL import Image, PngImagePlugin
 
 from gauss2svg.cli.main import main
-from gauss2svg.compare import chart
+from gauss2svg.compare import chart, run
 from gauss2svg.compare.pages import build
-from gauss2svg.compare.pages.artifacts import answer_to
-from gauss2svg.compare.pages.pages import NUMBERS
+from gauss2svg.compare.pages.build import NUMBERS
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.alpha import pixels_of
@@ -256,16 +255,17 @@ def test_flat_photo_is_shown_as_equal(site):
 
 
 def test_second_build_makes_nothing_and_says_the_same(site, monkeypatch, capsys):
-    asked = []
+    asked, make_photo = [], run.make_photo
 
     def answer(request):
-        asked.append(request["tool"])
-        return answer_to(request)
+        asked.append(request["source"])
+        return make_photo(request)
 
     monkeypatch.setattr(build, "Pool", PoolHere)
-    monkeypatch.setattr(build, "answer_to", answer)
+    monkeypatch.setattr(run, "make_photo", answer)
+    monkeypatch.setattr(run, "make_svg", None)
     assert main(site.arguments) == 1
-    assert asked == [None] * 3  # bad photos are read again
+    assert asked == site.paths[4:]  # bad photos are read again
     assert "8 SVGs, 8 of them kept from before; 3 failed" in capsys.readouterr().err
     again = json.loads((site.out / "gallery.json").read_text())
     for name in ("rows", "summary", "failures"):

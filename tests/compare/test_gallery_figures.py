@@ -1,6 +1,8 @@
 """Crops, charts and numbers of a gallery, against exhaustive searches and tables."""
 
 import math
+import re
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -9,8 +11,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gauss2svg.compare import chart
-from gauss2svg.compare.chart import BESIDE, PAGE, Point, scatter
-from gauss2svg.compare.pages.artifacts import crops_of
+from gauss2svg.compare.chart import BESIDE, COSTS, PAGE, scatter, template_environment
+from gauss2svg.compare.run import crops_of
 from gauss2svg.measure.scores import PSNR, SSIM
 
 
@@ -31,14 +33,16 @@ def test_crops_are_the_worst_window_and_one_of_the_median_error(height, width, s
     assert crops_of(image, image, side)["worst"]["psnr"] == math.inf
 
 
+def point(cost, score, group=None):
+    return {"cost": cost, "score": score, "group": group}
+
+
 points = st.lists(
     st.builds(
-        Point,
+        point,
         cost=st.floats(1e-2, 1e7) | st.sampled_from([1.27, 3.0, 3.0, 7.0]),
         score=st.none() | st.floats(-5, 120, allow_subnormal=False) | st.sampled_from([30.0, 35.0]),
-        series=st.integers(0, 3),
         group=st.none() | st.integers(0, 2),
-        text=st.just(""),
     ),
     min_size=1,
     max_size=10,
@@ -47,67 +51,66 @@ points = st.lists(
 
 @pytest.mark.parametrize("frame", [PAGE, BESIDE])
 @given(points)
-@example([Point(1.27, 30.0, 0, None, "")])
-@example([Point(7.0, None, 0, 0, "")] * 2)
-@example([Point(1.0, 30.0, 0, 0, ""), Point(1.0, 30.0, 1, 0, "")])
+@example([point(1.27, 30.0)])
+@example([point(7.0, None, 0)] * 2)
+@example([point(1.0, 30.0, 0), point(1.0, 30.0, 0)])
 def test_points_and_ticks_lie_in_the_frame_in_their_order(frame, given_points):
-    chart = scatter(given_points, lambda cost: f"{cost:g}", frame=frame)
-    assert chart.frame == frame
-    assert [placed.point for placed in chart.points] == given_points
-    for placed in chart.points:
-        assert frame.left < placed.x < frame.right
-        assert frame.top <= placed.y <= frame.bottom
-        assert (placed.y == chart.equal_y) == (placed.point.score is None)
-    assert (chart.equal_y is None) == all(point.score is not None for point in given_points)
-    by_cost = sorted(chart.points, key=lambda placed: placed.point.cost)
-    assert all(one.x <= other.x for one, other in pairwise(by_cost))
-    finite = sorted(
-        (placed for placed in chart.points if placed.point.score is not None),
-        key=lambda placed: placed.point.score,
-    )
-    assert all(one.y >= other.y for one, other in pairwise(finite))
-    if chart.equal_y is not None:
-        assert all(placed.y > chart.equal_y for placed in finite)
+    chart = scatter(given_points, COSTS[0], frame=frame)
+    placed, equal_y = chart["points"], chart["equal_y"]
+    assert chart["frame"] == frame
+    assert [{name: one[name] for name in point(0, 0)} for one in placed] == given_points
+    for one in placed:
+        assert frame.left < one["x"] < frame.right
+        assert frame.top <= one["y"] <= frame.bottom
+        assert (one["y"] == equal_y) == (one["score"] is None)
+    assert (equal_y is None) == all(one["score"] is not None for one in given_points)
+    by_cost = sorted(placed, key=lambda one: one["cost"])
+    assert all(one["x"] <= other["x"] for one, other in pairwise(by_cost))
+    finite = [one for one in placed if one["score"] is not None]
+    finite.sort(key=lambda one: one["score"])
+    assert all(one["y"] >= other["y"] for one, other in pairwise(finite))
+    if equal_y is not None:
+        assert all(one["y"] > equal_y for one in finite)
 
-    assert chart.x_ticks
-    assert len(chart.x_ticks) < 12
-    places = [x for x, _ in chart.x_ticks]
+    places = [x for x, _ in chart["x_ticks"]]
+    assert 0 < len(places) < 12
     assert places == sorted(set(places))
     assert all(frame.left <= x <= frame.right for x in places)
     assert all(other - one >= 28 for one, other in pairwise(places))  # so that texts fit
-    assert 2 <= len(chart.y_ticks) <= 9
-    assert all(frame.top <= y <= frame.bottom for y, _ in chart.y_ticks)
-    levels = [float(text) for _, text in chart.y_ticks]
+    assert 2 <= len(chart["y_ticks"]) <= 9
+    assert all(frame.top <= y <= frame.bottom for y, _ in chart["y_ticks"])
+    levels = [float(text) for _, text in chart["y_ticks"]]
     assert levels == sorted(set(levels))
-    for placed in finite:
-        assert levels[0] <= placed.point.score <= levels[-1]
+    for one in finite:
+        assert levels[0] <= one["score"] <= levels[-1]
 
 
 @given(points)
 def test_points_of_a_group_are_joined_by_their_cost(given_points):
-    chart = scatter(given_points, str)
-    joined = [[tuple(map(float, pair.split(","))) for pair in line.split()] for line in chart.lines]
-    groups = {}
-    for placed in chart.points:
-        if placed.point.group is not None:
-            groups.setdefault(placed.point.group, []).append((placed.x, placed.y))
-    for one in groups.values():
-        one.sort(key=lambda at: at[0])
-    assert joined == list(groups.values())
+    chart = scatter([one | {"series": 0, "text": ""} for one in given_points], COSTS[0])
+    plot = template_environment().get_template("chart.jinja").module.plot(chart)
+    lines = [
+        re.findall(r"([\d.-]+),([\d.-]+)", line) for line in re.findall('points="(.*?)"', plot)
+    ]
+    joined = [[(float(x), float(y)) for x, y in line] for line in lines]
+    groups = {one["group"]: [] for one in chart["points"] if one["group"] is not None}
+    for one in chart["points"]:
+        if one["group"] is not None:
+            groups[one["group"]].append((one["x"], one["y"]))
+    assert joined == [sorted(groups[group], key=lambda at: at[0]) for group in sorted(groups)]
 
 
 def test_point_lies_at_the_tick_of_its_value():
-    given_points = [Point(cost, psnr, 0, None, "") for cost, psnr in ((10, 30), (1000, 36))]
-    chart = scatter(given_points, lambda cost: f"{cost:g}")
-    by_text = {text: x for x, text in chart.x_ticks}
-    assert [placed.x for placed in chart.points] == [by_text["10"], by_text["1000"]]
-    by_text = {text: y for y, text in chart.y_ticks}
-    assert [placed.y for placed in chart.points] == [by_text["30"], by_text["36"]]
-    assert scatter([], str) is None
+    chart = scatter([point(10, 30), point(1000, 36)], COSTS[0])
+    by_text = {text: x for x, text in chart["x_ticks"]} | {text: y for y, text in chart["y_ticks"]}
+    places = [at for one in chart["points"] for at in (one["x"], one["y"])]
+    assert places == [by_text[text] for text in (f"10{NARROW}B", "30", f"1{NARROW}kB", "36")]
+    assert scatter([], COSTS[0]) is None
 
 
 NOTHING = "\N{EN DASH}"
 NARROW = "\N{NARROW NO-BREAK SPACE}"
+in_bytes, in_seconds = partial(chart.tick, unit="bytes"), partial(chart.tick, unit="seconds")
 
 
 @pytest.mark.parametrize(
@@ -129,9 +132,9 @@ NARROW = "\N{NARROW NO-BREAK SPACE}"
         (SSIM.text, 1.0, "1.000"), (SSIM.text, 0.6666, "0.667"), (SSIM.text, None, NOTHING),
         (chart.whole, 0, "0"), (chart.whole, 1_234_567, "1 234 567"),
         (chart.whole, None, NOTHING),
-        (chart.short_size, 500, "500 B"), (chart.short_size, 5e4, "50 kB"),
-        (chart.short_size, 2e6, "2 MB"), (chart.short_size, 0.5, "0.5 B"),
-        (chart.short_seconds, 0.5, "0.5 s"), (chart.short_seconds, 20.0, "20 s"),
+        (in_bytes, 500, "500 B"), (in_bytes, 5e4, "50 kB"),
+        (in_bytes, 2e6, "2 MB"), (in_bytes, 0.5, "0.5 B"),
+        (in_seconds, 0.5, "0.5 s"), (in_seconds, 20.0, "20 s"),
     ],
 )  # fmt: skip
 def test_numbers_are_shown_so(show, value, text):

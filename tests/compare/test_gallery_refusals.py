@@ -11,9 +11,9 @@ from galleries import BLANK, Page, Table, program, save
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare.pages import build
-from gauss2svg.compare.pages.artifacts import answer_to
-from gauss2svg.compare.pages.pages import write_pages
+from gauss2svg.compare.pages.build import write_pages
 from gauss2svg.compare.records import answered
+from gauss2svg.compare.run import make_photo, make_svg
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError
 from gauss2svg.photo.load import load_image
 
@@ -34,22 +34,16 @@ def test_nothing_of_a_name_is_rendered_as_html(text, two, tmp_path, asked, monke
         "rows": [], "summary": [], "failures": []
     })  # fmt: skip
     build_gallery([*two, "none.png"], tmp_path / "out", counts=[5, 7, 13])
-    root, made, variants, grid = given
-    tasks, records = grid.tasks, grid.records
+    root, made, plan, grid = given
+    records = grid.records.copy()
 
     def pages(word):
-        renamed = [
-            dataclasses.replace(task, photo=dataclasses.replace(task.photo, name=word))
-            for task in tasks
-        ]
-        grid.tasks, grid.records = renamed, {}
-        for task, new in zip(tasks, renamed, strict=True):
-            if task in records:
-                odd = {"error": word} if "error" in records[task] else {"notes": [word]}
-                grid.records[new] = records[task] | odd
-        write_pages(
-            root, made | {"title": word, "command": word, "peers_absent": [word]}, variants, grid
-        )
+        for task, record in records.items():
+            task.photo = dataclasses.replace(task.photo, name=word)
+            odd = {"error": word} if "error" in record else {"notes": [word], "image": word}
+            grid.records[task] = record and record | odd
+        named = made | {"title": word, "command": word, "peers_absent": [word]}
+        write_pages(root, named, plan, grid)
         return {path: Page(path) for path in sorted(root.rglob("*.html"))}
 
     plain, odd = pages("plainword"), pages(text)
@@ -69,7 +63,7 @@ def test_nothing_of_a_name_is_rendered_as_html(text, two, tmp_path, asked, monke
 def test_peer_is_measured_or_fails_or_is_stopped_on_one_line(
     photo, tmp_path, monkeypatch, capsys, asked
 ):
-    monkeypatch.setattr("galleries.canned", answer_to)
+    monkeypatch.setattr("galleries.canned", make_svg)
     program(
         tmp_path / "bin" / "primitive",
         f"[ -e {tmp_path}/slow ] && exec sleep 600\n"
@@ -158,18 +152,37 @@ def test_read_only_folder_is_an_error_before_any_work(two, tmp_path, asked, refu
     assert asked == []
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"photos": "a.png"}, {"photos": []}, {"photos": [None]}, {"variants": "draft"},
-        {"counts": 5}, {"counts": "5"}, {"peers": "vtracer"}, {"jobs": True}, {"jobs": 1.5},
-        {"title": None}, {"peer_timeout": "5"}, {"photo_size": 2.5}, {"directory": "a\0b"},
-    ],
-)  # fmt: skip
-def test_wrong_arguments_are_refused_on_one_line(wrong, two, tmp_path, asked):
+WRONG = [
+    *(({"photos": bad}, "photos must be a sequence of paths; ") for bad in ("a.png", b"a", os, 5)),
+    *(({"photos": bad}, "photos must be the paths of one or more photos; ") for bad in ([], None)),
+    *(({"photos": [bad]}, "photos must be a sequence of paths; ") for bad in (None, 1.5)),
+    ({"variants": ["quick"]}, "variant must be one of draft, fast, balanced, high, max; got"),
+    ({"variants": [["draft"]]}, "variant must be one of "),
+    ({"variants": "draft"}, "variants must be a sequence; got 'draft'. Try ['draft']"),
+    ({"variants": []}, "variants must be at least one preset, count or peer; got none"),
+    ({"counts": []}, "variants must be at least one preset, count or peer; got none"),
+    *(({"counts": bad}, "counts must be a sequence; got ") for bad in (5, "500")),
+    *(({"counts": [bad]}, "count must be a whole number in 0..") for bad in (-1, 2.5, True, 10**9)),
+    ({"peers": "vtracer"}, "peers must be a sequence; got 'vtracer'"),
+    *(({"peers": [bad]}, "peer must be one of vtracer, vtracer:default, ")
+      for bad in ("jpeg", "vtracer:", "vtracer:fine", None)),
+    ({"variants": [], "peers": ["primitive"]}, "variants must be at least one preset, count or peer"
+     "; got only peers that are not installed: primitive"),
+    *(({"title": bad}, "title must be text") for bad in (" ", None, 5, b"x", "\udcff", "a\nb")),
+    *(({"jobs": bad}, "jobs must be a whole number") for bad in (True, 1.5)),
+    ({"peer_timeout": "5"}, "peer_timeout must be a number"),
+    ({"photo_size": 2.5}, "photo_size must be a whole number"),
+    ({"directory": "a\0b"}, "cannot create a"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("wrong", "line"), WRONG)
+def test_wrong_arguments_are_refused_on_one_line(wrong, line, two, tmp_path, asked, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
     arguments = {"photos": two, "directory": tmp_path / "out"} | wrong
     with pytest.raises(Gauss2SvgError) as error:
         build_gallery(arguments.pop("photos"), arguments.pop("directory"), **arguments)
+    assert str(error.value).startswith(line)
     assert "\n" not in str(error.value)
     assert not (tmp_path / "out").exists()
 
@@ -237,4 +250,4 @@ def test_every_error_of_a_request_is_one_line(error, line, more):
         raise error
 
     assert answered(fail, {}) == {"error": line, **more}
-    assert "KeyError" in answer_to({"tool": None})["error"]
+    assert answered(make_photo, {})["error"].startswith("KeyError: ")

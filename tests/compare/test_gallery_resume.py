@@ -15,8 +15,8 @@ from flat import build_gallery
 from galleries import Page, all_requests, save
 
 from gauss2svg.cli.main import main
-from gauss2svg.compare import grid
-from gauss2svg.compare.pages import build
+from gauss2svg.compare import grid, run
+from gauss2svg.errors import OutputError
 
 pytestmark = pytest.mark.process
 
@@ -152,16 +152,16 @@ def test_gallery_interrupted_at_a_new_photo_still_shows_the_old_ones(
 
 def test_svg_that_an_interrupted_gallery_overwrote_is_made_again(two, tmp_path, asked, monkeypatch):
     first = build_gallery(two, tmp_path / "out", counts=[5])
-    answer = build.answer_to
+    answer = run.make_svg
 
     def interrupt(request):
         answer(request)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(build, "answer_to", interrupt)
+    monkeypatch.setattr(run, "make_svg", interrupt)
     with pytest.raises(KeyboardInterrupt):
         build_gallery(two, tmp_path / "out", counts=[5], seed=1)
-    monkeypatch.setattr(build, "answer_to", answer)
+    monkeypatch.setattr(run, "make_svg", answer)
     asked.clear()
     assert build_gallery(two, tmp_path / "out", counts=[5]).rows == first.rows
     assert asked == [("variant", "a/gaussians-5")]
@@ -198,9 +198,9 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(phot
 
 def test_full_disk_ends_all_at_once(two, tmp_path, asked, monkeypatch, refusal):
     def fill(request):
-        asked.append(request["tool"])
-        return {"error": "cannot write x: No space left on device", "fatal": True}
+        asked.append(request["source"])
+        raise OutputError("cannot write x: No space left on device")
 
-    monkeypatch.setattr("gauss2svg.compare.pages.build.answer_to", fill)
+    monkeypatch.setattr(run, "make_photo", fill)
     assert "No space left" in refusal("gallery", *two, "-o", tmp_path / "out", "--counts", "5")
-    assert asked == [None]
+    assert asked == [str(two[0])]

@@ -15,7 +15,7 @@ from skimage import data
 
 import gauss2svg
 from gauss2svg.cli.main import main
-from gauss2svg.compare.chart import Point, scatter
+from gauss2svg.compare.chart import COSTS, scatter
 from gauss2svg.errors import InputError
 from gauss2svg.measure import perceptual as module
 from gauss2svg.measure.perceptual import (
@@ -180,15 +180,16 @@ def test_a_run_measures_them_where_asked_as_check_does(photo):
 def test_better_is_higher_in_a_chart_and_no_tick_is_better_than_equal(axis):
     ends = {"psnr": (20, 41), "ssim": (0.2, 1), "ssimulacra2": (-300, 100), "flip": (0.31, 0)}
     worse, better = ends[axis.slug]
-    chart = scatter([Point(1, worse, 0, None, ""), Point(9, better, 0, None, "")], str, axis)
-    assert chart.points[0].y > chart.points[1].y
-    assert chart.frame.top <= chart.points[1].y < chart.points[0].y <= chart.frame.bottom
-    ticks = [(y, float(text)) for y, text in chart.y_ticks]
+    points = [{"cost": cost, "score": score} for cost, score in ((1, worse), (9, better))]
+    chart = scatter(points, COSTS[0], axis)
+    high, low = (point["y"] for point in chart["points"])
+    assert chart["frame"].top <= low < high <= chart["frame"].bottom
+    ticks = [(y, float(text)) for y, text in chart["y_ticks"]]
     assert 3 <= len(ticks) <= 8
     assert [value for _, value in ticks] == sorted({v for _, v in ticks}, reverse=axis.falls)
     if axis.best is not None:
         assert axis.best == ticks[-1][1]
-        assert ticks[-1][0] == chart.points[1].y
+        assert ticks[-1][0] == low
 
 
 def test_a_broken_package_costs_its_own_score_alone(monkeypatch):

@@ -146,7 +146,7 @@ def test_goals_may_be_given_by_name_or_together(photo):
 
 @pytest.mark.parametrize("score", TARGETS, ids=lambda score: score.slug)
 def test_a_number_of_gaussians_beside_any_target_is_a_cap(score):
-    goal = Goal(gaussians=50, **{score.option: score.targets[0]})
+    goal = Goal(gaussians=50, **{score.option: 50.0})
     assert goal.target is score
     assert goal.count_adapts
     assert not Goal(gaussians=50).count_adapts

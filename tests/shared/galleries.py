@@ -6,16 +6,9 @@ from html.parser import HTMLParser
 import numpy as np
 from PIL import Image
 
-from gauss2svg.compare.pages.artifacts import (
-    ERRORS,
-    OUTLINES,
-    PICTURE,
-    REPORT,
-    SCENE,
-    THUMBNAIL,
-    _write,
-)
-from gauss2svg.compare.records import flat
+from gauss2svg.compare.grid import flat
+from gauss2svg.compare.run import ERRORS, OUTLINES, PICTURE, REPORT, SCENE, THUMBNAIL, _write
+from gauss2svg.errors import RendererError
 from gauss2svg.files import as_json
 
 
@@ -105,7 +98,7 @@ def canned(request):
     """Stands in for make_svg: files without content, at once."""
     count = request["settings"].get("gaussians", 100)
     if count == 13:
-        return {"error": "un\nlucky \udcff"}
+        raise RendererError("un\nlucky \udcff")
     seed = request["options"]["seed"]
     report = {
         "gaussians": count, "svg_bytes": 100 * count, "svgz_bytes": 10 * count, "fit_s": 0.1,

@@ -54,6 +54,18 @@ def start_long(page):
     page.wait_for_selector("#stop:not([disabled])")
 
 
+def after_a_run(visit, *complaints, **options):
+    """A page with a finished draft of the small photo; its browser may complain so."""
+    one = visit(**options)
+    one.expected += complaints
+    page = one.open()
+    draft(page)
+    pick(page, PLAIN)
+    await_run(page, 1)
+    expect(page.locator("#slider")).to_have_attribute("aria-valuenow", "50")
+    return page
+
+
 def asked_of(request):
     """The options in the body of a request for a run."""
     text = request.post_data_buffer.split(b'name="options"\r\n\r\n')[1].split(b"\r\n--")[0]
@@ -96,10 +108,7 @@ def test_a_photo_comes_in(visit, photos, way):
 
 
 def test_the_svg_is_that_of_the_service_and_its_figures_are_the_report_s(visit, server):
-    page = visit().open()
-    draft(page)
-    pick(page, PLAIN)
-    await_run(page, 1)
+    page = after_a_run(visit)
     job = job_of(page)
     report = json.loads(server.get(f"api/jobs/{job}/report.json"))
     svg = server.get(f"api/jobs/{job}/picture.svg").decode()
@@ -137,7 +146,7 @@ def test_the_page_s_own_numbers_are_those_of_all_pages(visit):
     }"""
     sizes, shorts, wholes, seconds = visit().open().evaluate(asked, [counts, times])
     assert sizes == [chart.size(value) for value in (*counts, None)]
-    assert shorts == [chart.short_size(value) for value in counts]
+    assert shorts == [chart.tick(value, "bytes") for value in counts]
     assert wholes == [chart.whole(value) for value in (*counts, None)]
     assert seconds == [chart.seconds(value) for value in (*times, None)]
 
@@ -310,12 +319,7 @@ def test_changed_options_are_sent_and_reset(visit):
 
 
 def test_a_bad_option_is_told_at_its_field(visit):
-    one = visit()
-    one.expected.append("422")
-    page = one.open()
-    draft(page)
-    pick(page, PLAIN)
-    await_run(page, 1)
+    page = after_a_run(visit, "422")
     page.locator("#more > summary").click()
     page.locator("#groups").get_by_text("SVG", exact=True).click()
     page.locator("#option-matte").fill("no colour")
@@ -371,10 +375,7 @@ def test_files_are_those_of_the_service(visit, server):
 
 
 def test_the_clipboard_gets_what_the_buttons_say(visit, server):
-    page = visit(permissions=["clipboard-read", "clipboard-write"]).open()
-    draft(page)
-    pick(page, PLAIN)
-    await_run(page, 1)
+    page = after_a_run(visit, permissions=["clipboard-read", "clipboard-write"])
     job = job_of(page)
     lines = json.loads(server.get(f"api/jobs/{job}"))["lines"]
     assert page.locator("#command").text_content() == lines["command"]
@@ -438,30 +439,14 @@ IS_SEEN = """() => {
 }"""
 
 
-@pytest.fixture
-def done(visit):
-    """Opens the page with one run of the small photo."""
-
-    def open_one(**options):
-        one = visit(**({"viewport": SCREEN} | options))
-        page = one.open()
-        draft(page)
-        pick(page, PLAIN)
-        await_run(page, 1)
-        expect(page.locator("#slider")).to_have_attribute("aria-valuenow", "50")
-        return one
-
-    return open_one
-
-
 def run(page, number, count):
     aim(page, "Shapes", count)
     page.locator("#run").click()
     await_run(page, number)
 
 
-def test_divider_shows_the_photo_on_its_left_and_the_svg_on_its_right(done):
-    page = done().page
+def test_divider_shows_the_photo_on_its_left_and_the_svg_on_its_right(visit):
+    page = after_a_run(visit, viewport=SCREEN)
     stage = box(page, "#stage")
     slider = page.locator("#slider")
     slider.focus()
@@ -477,8 +462,8 @@ def test_divider_shows_the_photo_on_its_left_and_the_svg_on_its_right(done):
     assert "% SVG" in slider.get_attribute("aria-valuetext")
 
 
-def test_rounds_show_what_was_there_after_each(done):
-    page = done().page
+def test_rounds_show_what_was_there_after_each(visit):
+    page = after_a_run(visit, viewport=SCREEN)
     rounds, words = page.locator("#rounds"), page.locator("#round")
     many = int(rounds.get_attribute("max"))
     assert many > 2
@@ -501,8 +486,8 @@ def test_rounds_show_what_was_there_after_each(done):
     assert distances[-1] == 0
 
 
-def test_outlines_and_error_map_are_those_of_the_service(done):
-    page = done().page
+def test_outlines_and_error_map_are_those_of_the_service(visit):
+    page = after_a_run(visit, viewport=SCREEN)
     job = job_of(page)
     for strokes in ("#outlines-left", "#outlines-right"):
         expect(page.locator(strokes)).to_be_hidden()
@@ -524,8 +509,8 @@ def test_outlines_and_error_map_are_those_of_the_service(done):
     assert difference(page, f"api/jobs/{job}/picture.svg") == 0
 
 
-def test_every_run_is_a_point_that_brings_its_picture_back(done, server):
-    page = done().page
+def test_every_run_is_a_point_that_brings_its_picture_back(visit, server):
+    page = after_a_run(visit, viewport=SCREEN)
     run(page, 2, 20)
     run(page, 3, 60)
     expect(page.locator("#chart .point")).to_have_count(3)
@@ -563,8 +548,8 @@ def test_every_run_is_a_point_that_brings_its_picture_back(done, server):
     expect(page.locator("#figures")).to_contain_text(PSNR.text(reports[1]["psnr_svg"]))
 
 
-def test_two_runs_stand_side_by_side_by_the_chart_the_table_or_the_list(done):
-    page = done().page
+def test_two_runs_stand_side_by_side_by_the_chart_the_table_or_the_list(visit):
+    page = after_a_run(visit, viewport=SCREEN)
     first = job_of(page)
     run(page, 2, 15)
     second = job_of(page)
@@ -617,8 +602,8 @@ def test_no_grave_accessibility_fault_in_the_empty_page(visit):
     check_access(page)
 
 
-def test_nor_while_it_shows_all_it_can(done, photos):
-    page = done().page
+def test_nor_while_it_shows_all_it_can(visit, photos):
+    page = after_a_run(visit, viewport=SCREEN)
     page.locator("#files").set_input_files(list(photos.values())[:2])
     for number in (2, 3):
         await_run(page, number)
@@ -671,16 +656,16 @@ def test_everything_is_done_by_keys_and_the_focus_is_seen(visit):
     expect(page.locator("#badge-right")).to_contain_text("SVG, draft")
 
 
-def test_controls_are_large_enough_and_named(done):
-    page = done(viewport=PHONE).page
+def test_controls_are_large_enough_and_named(visit):
+    page = after_a_run(visit, viewport=PHONE)
     for one in page.locator("button, select, input[type=number]").all():
         assert not one.is_visible() or one.bounding_box()["height"] >= 24, one.inner_html()
     expect(page.get_by_role("button", name="Zoom in")).to_be_visible()
     expect(page.get_by_role("slider", name="Divider")).to_be_visible()
 
 
-def test_points_are_seen_by_day_and_by_night(done):
-    page = done(color_scheme="light").page
+def test_points_are_seen_by_day_and_by_night(visit):
+    page = after_a_run(visit, viewport=SCREEN, color_scheme="light")
     for number, count in ((2, 15), (3, 60)):
         run(page, number, count)
     expect(page.locator("#chart .point")).to_have_count(3)
@@ -729,12 +714,7 @@ def test_a_photo_is_sent_once_and_again_when_the_server_has_lost_it(visit, serve
 
 
 def test_a_picture_that_fails_is_asked_for_again_before_its_run_is_called_forgotten(visit):
-    one = visit()
-    one.expected.extend(["503", "404"])
-    page = one.open()
-    draft(page)
-    pick(page, PLAIN)
-    await_run(page, 1)
+    page = after_a_run(visit, "503", "404")
     job = job_of(page)
     answers = iter([503])
 
@@ -756,12 +736,7 @@ def test_a_picture_that_fails_is_asked_for_again_before_its_run_is_called_forgot
 
 
 def test_an_error_map_that_is_not_there_yet_holds_nothing_up(visit):
-    one = visit()
-    one.expected.append("ERR_ABORTED")
-    page = one.open()
-    draft(page)
-    pick(page, PLAIN)
-    await_run(page, 1)
+    page = after_a_run(visit, "ERR_ABORTED")
     waiting = []
     page.route("**/errors.png", lambda route: waiting.append(route))
     picture = page.locator("#svg")

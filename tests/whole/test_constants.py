@@ -1,9 +1,11 @@
 """Constants that ablations chose: each varies by its name, and changes a result."""
 
+from pkgutil import resolve_name
+
 import pytest
 from flat import fit_config
 
-from gauss2svg.compare.variants import Constant, apply_constants
+from gauss2svg.compare.variants import apply_constants
 from gauss2svg.fit.fit import fit
 
 
@@ -20,9 +22,8 @@ from gauss2svg.fit.fit import fit
     ],
 )
 def test_a_constant_of_the_fit_changes_it_and_its_default_no_bit(photo, monkeypatch, name, value):
-    constant = Constant(name)
-    default = getattr(constant.module, constant.constant)
-    monkeypatch.setattr(constant.module, constant.constant, default)  # restores it at the end
+    default = resolve_name(f"gauss2svg.{name}")
+    monkeypatch.setattr(f"gauss2svg.{name}", default)  # restores it at the end
     pixels, config = photo[:48, :64], fit_config(40, 20)
 
     def means():

@@ -6,6 +6,7 @@ import json
 import signal
 
 import pytest
+from batches import PoolHere
 from PIL import Image
 from skimage import data
 
@@ -145,6 +146,7 @@ def test_signal_that_a_callback_loses_ends_a_benchmark_before_its_next_run(
         lose(number)
         return {"error": "unlucky"}
 
+    monkeypatch.setattr("gauss2svg.compare.table.Pool", PoolHere)
     monkeypatch.setattr("gauss2svg.compare.table.measured_alone", answer)
     axes = ["--axis", "gaussians=5,6", "--quiet"]
     assert main(["bench", command[0], "-o", str(tmp_path / "out"), *axes]) == STATUS[number]

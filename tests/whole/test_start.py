@@ -44,7 +44,7 @@ def test_help_and_version_load_neither_numpy_nor_numba(arguments):
         ("import gauss2svg as g; g.vectorize; g.vectorize_many", "dask distributed fsspec"),
         ("import gauss2svg.studio, gauss2svg.cli.main as m; m.build_app()", "fastapi starlette"),
         (COMMAND, "jinja2 uvicorn gauss2svg.compare"),
-        ("import gauss2svg.compare.pages.artifacts", "jinja2 gauss2svg.compare.pages.pages"),
+        ("import gauss2svg.compare.run", "jinja2 gauss2svg.compare.pages"),
     ],
     ids=["package", "its names", "studio", "command", "worker of a gallery"],
 )

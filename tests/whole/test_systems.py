@@ -72,8 +72,8 @@ def test_a_process_ends_with_what_it_has_started():
 RUNS_PEER = """
 import sys
 from gauss2svg.compare.run import measured
-measured({"tool": "primitive", "settings": {"shapes": 3}, "source": sys.argv[1], "options": {},
-          "peer_timeout": 600})
+measured({"tool": "primitive", "settings": {"shapes": 3}, "source": sys.argv[1],
+          "options": {"max_pixels": 10**6}, "peer_timeout": 600})
 """
 
 

@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
-from gauss2svg.errors import InputError, quoted
 from gauss2svg.options import Number, OptionGroup, Whole
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
-
-
-def encodable_title(name: str, title: Any) -> str:
-    """A title that UTF-8 can encode; raises InputError for an empty one and for other types."""
-    if not isinstance(title, str) or not title.strip():
-        raise InputError(f"{name} must be a text that is not empty; got {quoted(title)}")
-    return title.encode(errors="backslashreplace").decode()
+from gauss2svg.svg.document import check_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,5 +32,5 @@ class GalleryOptions(OptionGroup):
     peer_timeout: Annotated[float, Number(1e-3, 1e6)] = 3600.0
     """Maximum time (s) that another tool may take for a photo."""
 
-    title: Annotated[str, encodable_title] = "Photos as Gaussians"
+    title: Annotated[str, check_text] = "Photos as Gaussians"
     """Title of the pages."""

@@ -1,30 +1,47 @@
-"""Building a gallery: make what is missing in worker processes, then write the pages."""
+"""Building a gallery: make what is missing in worker processes, then write its pages and data."""
 
 from __future__ import annotations
 
 import os
+import statistics
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
+from importlib.resources import files
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.compare.grid import Grid, Progress, Task, output_folder
+from gauss2svg.compare import chart, run
+from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.pages import GalleryOptions
-from gauss2svg.compare.pages.artifacts import PHOTO, PICTURE, answer_to
-from gauss2svg.compare.pages.pages import ASSETS, INDEX, OUTPUTS, PHOTOS, folder_of, write_pages
-from gauss2svg.compare.records import Row
-from gauss2svg.compare.variants import variants_of
+from gauss2svg.compare.records import TOOL, Row
+from gauss2svg.compare.variants import Variant, main_variant, variants_of
 from gauss2svg.errors import OutputError, on_one_line
-from gauss2svg.files import make_folder
-from gauss2svg.pipeline.listing import listed_photos
+from gauss2svg.files import as_json, make_folder, write_all_atomically
+from gauss2svg.measure import heatmap
+from gauss2svg.measure.scores import ON_REQUEST, PSNR, SCORES, Score
+from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.memory_budget import allowed
-from gauss2svg.pipeline.run import compile_kernels, thread_count
+from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
+from gauss2svg.version import __version__
 
 GalleryProgress = Progress
-_RECORDS = "gallery.jsonl"
+# Keys of a report; a peer's report lacks some.
+NUMBERS = (
+    "gaussians", "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
+    *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
+)  # fmt: skip
+_MEDIANS = ("gaussians", "svg_bytes", "svgz_bytes", "total_s", *(score.key for score in SCORES))
+_TOTALS = ("svg_bytes", "total_s")
+
+_RECORDS, _DATA, _TABLE = "gallery.jsonl", "gallery.json", "gallery.csv"
+_INDEX, _PAGES = "index.html", ("index", "trade-off", "how")
+_OUTPUTS = (_DATA, _TABLE, *(f"{page}.html" for page in _PAGES))
+_PHOTOS, _ASSETS = "photos", "assets"
 
 
 @dataclass(frozen=True)
@@ -47,7 +64,7 @@ class Gallery:
     @property
     def index(self) -> Path:
         """The first page."""
-        return self.directory / INDEX
+        return self.directory / _INDEX
 
 
 def build_gallery(
@@ -83,94 +100,214 @@ def build_gallery(
     listed = listed_photos(photos)
     wanted, absent = variants_of(variants, counts, peers)
     options = options or GalleryOptions()
-    jobs, size = options.jobs, options.photo_size
-    threads = max(1, thread_count(None) // jobs)
-    if options.threads is not None:
-        threads = thread_count(options.threads)
+    jobs, size, seed = options.jobs, options.photo_size, options.seed
+    # By default the processes share the cores.
+    threads = thread_count(options.threads) // (jobs if options.threads is None else 1) or 1
     root = _folder(directory)
-
-    def svg_task(photo: Any, variant: Any) -> Task:
-        # Processes, threads, memory and time limits change no image, other tools take no seed.
-        others = (size, options.seed) if variant.is_own else (size,)
-        about = {"seed": options.seed, "jobs": jobs, "threads": threads}
-        folder = folder_of(photo, variant)
-        return Task(photo, variant, others, about | {"folder": folder}, (root / folder / PICTURE,))
-
-    prepared = {
-        photo: Task(photo, None, (size,), {"folder": folder}, (root / folder / PHOTO,))
-        for photo in listed
-        for folder in [folder_of(photo)]
-    }
-    svgs = [svg_task(photo, variant) for photo in listed for variant in wanted]
-    grid = Grid(root / _RECORDS, [*prepared.values(), *svgs], progress)
     # The processes share the free memory: each would take most of it otherwise.
     run_options = {
-        "seed": options.seed, "threads": threads, "max_memory": allowed(None) // jobs,
+        "seed": seed, "threads": threads, "max_memory": allowed(None) // jobs,
         "max_pixels": options.max_pixels, "fragments": True,
     }  # fmt: skip
-    made = {
-        "title": options.title,
-        "command": on_one_line(
-            command or f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
-        ),
-        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        "seed": options.seed,
-        "photo_size": size,
-        "peers_absent": absent,
-    }
 
-    def write() -> Gallery:
-        document = write_pages(root, made, wanted, grid)
-        rows, summary, failures = (document[name] for name in ("rows", "summary", "failures"))
-        return Gallery(root, rows, summary, failures, grid.kept, absent)
-
-    def request_of(task: Task) -> Mapping[str, Any]:
-        photo, variant = task.photo, task.variant
-        request = {"source": photo.path, "folder": str(root / task.about["folder"])}
-        if variant is None:
-            limits = {"photo_size": size, "max_pixels": options.max_pixels}
-            return {**request, **limits, "tool": None}
-        # A reduced photo is the 8-bit one of the page; others are read as by the command line.
-        if grid.records[prepared[photo]]["is_reduced"]:
-            request["source"] = str(root / folder_of(photo) / PHOTO)
-        return {
-            **request, "tool": variant.tool, "settings": dict(variant.settings),
+    def task_of(photo: ListedPhoto, variant: Variant | None = None) -> Task:
+        page = f"{_PHOTOS}/{photo.slug}"
+        folder = f"{page}/{variant.slug}" if variant else page
+        shown = root / page / run.PHOTO
+        request = {
+            "folder": str(root / folder), "shown": str(shown), "photo_size": size,
             "options": run_options, "peer_timeout": options.peer_timeout,
         }  # fmt: skip
+        # Processes, threads, memory and time limits change no image, other tools take no seed.
+        others = (size, seed) if variant and variant.is_own else (size,)
+        about = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
+        file = root / folder / run.PICTURE if variant else shown
+        return Task(photo, variant, request, others, about, file)
+
+    plan = {task_of(photo): [task_of(photo, variant) for variant in wanted] for photo in listed}
+    grid = Grid(root / _RECORDS, [*plan, *chain(*plan.values())], progress)
+
+    def write() -> Gallery:
+        shown = f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
+        made = {
+            "gauss2svg": __version__,
+            "title": options.title,
+            "command": on_one_line(command or shown),
+            "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            "seed": seed,
+            "photo_size": size,
+            "peers_absent": absent,
+        }
+        document = write_pages(root, made, plan, grid)
+        data = {name: document[name] for name in ("rows", "summary", "failures")}
+        return Gallery(root, **data, kept=grid.kept, absent=absent)
 
     try:
         with Pool(jobs) as pool:
-
-            def submit(task: Task) -> Future[Row]:
-                return pool.submit(answer_to, request_of(task))
-
-            if jobs > 1 and any(variant.is_own for variant in wanted):
-                # Once, by one process: workers that start together would each compile them.
-                compile_kernels()
-            for record in grid.run(prepared.values(), submit, jobs):  # bad ones are known early
-                if "error" in record:
-                    grid.total -= len(wanted)
-            readable = [t for t in svgs if "error" not in grid.records[prepared[t.photo]]]
-            for _ in grid.run(readable, submit, jobs):
+            for record in grid.run(plan, pool, run.make_photo):  # bad ones are known early
+                grid.total -= len(wanted) * ("error" in record)
+            svgs = [task for photo in plan if grid.is_made(photo) for task in plan[photo]]
+            for _ in grid.run(svgs, pool, run.make_svg):
                 pass
-    except KeyboardInterrupt:
-        write()
-        raise
-    return write()
+    finally:  # also after an interruption
+        gallery = write()
+    return gallery
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:
     """Return the folder, created if missing; refuse to overwrite files of others."""
     root = output_folder(directory, ())
-    if not (root / _RECORDS).exists():
-        for name in (*OUTPUTS, PHOTOS, ASSETS):
-            if os.path.lexists(root / name):
-                raise OutputError(
-                    f"{root / name} exists and is not part of a gallery, so it is kept. "
-                    "Try another folder"
-                )
-    output_folder(root, (_RECORDS, *OUTPUTS))
+    is_ours = (root / _RECORDS).exists()
+    for name in (*_OUTPUTS, _PHOTOS, _ASSETS):
+        if not is_ours and os.path.lexists(root / name):
+            line = "exists and is not part of a gallery, so it is kept. Try another folder"
+            raise OutputError(f"{root / name} {line}")
+    output_folder(root, (_RECORDS, *_OUTPUTS))
     (root / _RECORDS).touch()
-    for name in (PHOTOS, ASSETS):
+    for name in (_PHOTOS, _ASSETS):
         make_folder(root / name)
     return root
+
+
+def write_pages(
+    root: Path, made: Mapping[str, Any], plan: Mapping[Task, Sequence[Task]], grid: Grid
+) -> dict[str, Any]:
+    """Write all pages, the data and the static files, or none of them; return the data.
+
+    made  how the gallery was made
+    plan  the tasks of the SVGs of each photo
+    Raise OutputError where a file cannot be written.
+    """
+    variants = list(dict.fromkeys(t.variant for svgs in plan.values() for t in svgs if t.variant))
+    results: list[Row] = []
+    for photo in filter(grid.is_made, plan):
+        record, tasks = grid.records[photo], filter(grid.is_made, plan[photo])
+        svgs = [_svg(record, grid.records[task], task.variant) for task in tasks if task.variant]
+        results.append({**record, "photo": photo.photo, "svgs": svgs})
+    svgs = [svg for result in results for svg in result["svgs"]]
+    rows, reports = [svg["row"] for svg in svgs], [svg["report"] for svg in svgs]
+    failed = {task: row["error"] for task, row in grid.records.items() if "error" in row}
+    unfinished = [t for photo in plan.keys() - failed for t in plan[photo] if not grid.records[t]]
+    document = {
+        **made,
+        "renderers": sorted({row["renderer"] for row in rows}),
+        "missing": len(unfinished),  # by an interruption
+        "summary": summary_of(rows, variants),
+        "rows": rows,
+        "failures": [
+            {"photo": t.photo.name, "variant": t.variant and t.variant.name, "error": error}
+            for t, error in failed.items()
+        ],
+    }
+    scores = [s for s in SCORES if s.always or any(row[s.key] is not None for row in rows)]
+    versions = {version for one in reports for version in one.get("versions", {}).items()}
+    versions |= {(row["tool"], row["tool_version"]) for row in rows if row["tool"] != TOOL}
+    origins = Counter(
+        (row["date"], chart.machine_text(row["machine"]), row["jobs"], row["threads"])
+        for row in rows
+    )
+    environment = chart.template_environment("gauss2svg.compare.pages")
+    environment.globals |= {
+        **document,
+        "variants": variants,
+        "main": main_variant(variants),
+        "results": results,
+        "reports": reports,
+        "scores": scores,
+        "explained": ON_REQUEST,
+        "costs": chart.COSTS,
+        "chart_of": partial(chart_of, results, variants),
+        "versions": sorted(versions),
+        "origins": origins,
+        "heatmap": heatmap,
+        "files": run,
+    }
+
+    def page(template: str, folder: str = "", **more: Any) -> bytes:
+        found = environment.get_template(f"{template}.html.jinja")
+        return found.render(page=template, root=folder, **more).encode()
+
+    static = files("gauss2svg.compare.pages") / "static"
+    written: dict[str | os.PathLike[str], bytes] = {
+        root / _DATA: as_json(document),
+        root / _TABLE: csv_text(rows).encode(),
+        **{root / f"{name}.html": page(name) for name in _PAGES},
+        **{root / _ASSETS / file.name: file.read_bytes() for file in static.iterdir()},
+    }
+    for before, one, after in zip([None, *results], results, [*results[1:], None], strict=False):
+        path = root / one["folder"] / _INDEX
+        written[path] = page("photo", "../../", result=one, previous=before, next=after)
+    write_all_atomically(written)
+    return document
+
+
+def _svg(photo: Row, record: Row, variant: Variant) -> Row:
+    """Return the record of an SVG with its row in the data, and with what scripts need of it."""
+    report, folder = record["report"], record["folder"]
+    names = {"SVG": run.PICTURE, "report": run.REPORT}
+    names |= {"scene": run.SCENE, "outlines": run.OUTLINES} if variant.is_own else {}
+    numbers = {name: report.get(name) for name in NUMBERS}
+    row = {
+        "photo": photo["image"],
+        "page": f"{photo['folder']}/{_INDEX}",
+        "variant": variant.name,
+        "tool": variant.tool,
+        "tool_version": variant.version,
+        "width": photo["width"],
+        "height": photo["height"],
+        **numbers,
+        "cpu_s": record["cpu_s"],
+        "renderer": report["renderer"],
+        "seed": report.get("seed"),
+        "date": record["date"][:10],
+        **{name: record[name] for name in ("machine", "jobs", "threads")},
+        "files": {kind: f"{folder}/{name}" for kind, name in names.items()},
+    }
+    shapes = chart.whole(report["gaussians" if variant.is_own else "elements"])
+    texts = {
+        "shapes": shapes if variant.is_own else f"{shapes} elements",
+        "svg_bytes": chart.size(report["svg_bytes"]),
+        "total_s": chart.seconds(report["total_s"]),
+        **{axis.key: axis.text(numbers[axis.key]) for axis in SCORES},
+    }
+    about = {"slug": variant.slug, "name": variant.name, "folder": folder, "isOwn": variant.is_own}
+    rounds = [(number, chart.whole(count)) for number, count in record["rounds"]]
+    crops = {k: crop | {"psnr": PSNR.text(crop["psnr"])} for k, crop in record["crops"].items()}
+    script = about | numbers | {"texts": texts, "rounds": rounds} | crops
+    title = f"{photo['image']}, {variant.name}"
+    return {**record, "title": title, "variant": variant, "row": row, "script": script}
+
+
+def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
+    """Return one row per variant: number of photos, medians and totals.
+
+    Missing numbers, the infinite PSNR of an exact SVG among them, do not count.
+    """
+    summary = []
+    for variant in variants:
+        own = [row for row in rows if row["variant"] == variant.name]
+        known = {name: [row[name] for row in own if row[name] is not None] for name in _MEDIANS}
+        medians = {f"median_{n}": statistics.median(v) if v else None for n, v in known.items()}
+        totals = {f"total_{name}": sum(known[name]) for name in _TOTALS}
+        summary += [{"variant": variant.name, "photos": len(own), **medians, **totals}] * bool(own)
+    return summary
+
+
+def chart_of(
+    results: Sequence[Row], variants: Sequence[Variant], axis: Score, cost: chart.Cost
+) -> dict[str, Any] | None:
+    """Return the chart of a score over a cost; each point links to its page."""
+    points = [
+        {
+            "cost": svg["report"][cost.key],
+            "score": score,
+            "series": variants.index(svg["variant"]),
+            "group": at if svg["variant"].is_own else None,
+            "text": f"{svg['title']}: {axis.text(score)}, {cost.text(svg['report'][cost.key])}",
+            "href": f"{svg['row']['page']}#{svg['variant'].slug}",
+        }
+        for at, result in enumerate(results)
+        for svg in result["svgs"]
+        if axis.has(score := svg["report"].get(axis.key))
+    ]
+    return chart.scatter(points, cost, axis)
