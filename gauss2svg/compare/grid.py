@@ -179,11 +179,12 @@ def rows_in(path: Path) -> dict[str, Row]:
 def add_row(path: Path, row: Row) -> None:
     """Append a row to such a file, and flush it to the disk; raise OutputError if that fails."""
     try:
-        with path.open("a+b", buffering=0) as stream:
+        with path.open("a+b") as stream:
             if stream.tell():
                 stream.seek(-1, os.SEEK_END)  # an interruption may have left half a line
                 stream.write(b"" if stream.read(1) == b"\n" else b"\n")
             stream.write(json.dumps(row, allow_nan=False).encode() + b"\n")
+            stream.flush()
             os.fsync(stream.fileno())
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error

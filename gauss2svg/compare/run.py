@@ -6,8 +6,10 @@ What is measured has a process of its own: a run of the benchmark, and each run 
 from __future__ import annotations
 
 import gzip
+import json
 import tempfile
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -83,13 +85,12 @@ def measured_alone(request: Request) -> dict[str, Any]:
 
     The run has a process of its own. Of another tool that is its call.
     """
-    if request["tool"] != TOOL:
-        return measured(request)
-    return in_own_process(measured, request)
+    is_own = request["tool"] == TOOL
+    return in_own_process(measured, request) if is_own else measured(request)
 
 
 def measured(request: Request) -> dict[str, Any]:
-    """Return the same of a run in this process."""
+    """Return what the benchmark keeps of a run that this process makes."""
     made, is_own = run(request), request["tool"] == TOOL
     names = _OF_A_FILE + _OF_A_FIT * is_own
     used = {name: made.report[name] for name in AXES if is_own and name in made.report}
@@ -109,12 +110,16 @@ def in_own_process(function: Callable[..., Any], *arguments: Any, timeout_s: flo
         return pool.submit(answered, function, *arguments, timeout=timeout_s).result()
 
 
+# Once for all runs with the same settings in a process. It is no part of their time.
+_warmed_up = cache(lambda given: warm_up(json.loads(given)))
+
+
 def _own(request: Request) -> Run:
     apply_constants(request["settings"])
     settings = options_in(request["settings"])
     options = Options.from_flat({**settings, **request["options"], "full_size": True})
     read = started_watch()
-    warm_up({**settings, "threads": options.run.threads})  # which is no part of a run's time
+    _warmed_up(json.dumps({**settings, "threads": options.run.threads}))
     warmup_s = read()["total_s"]
     read = started_watch()
     result = vectorize_by(options, request["source"])

@@ -59,7 +59,7 @@ _MOST_SERIES = 8  # of other settings, each with a name and a colour of its own
 
 
 def summarise(rows: Iterable[Row], images: int) -> list[Row]:
-    """Return one row per setting that has finished for all photos.
+    """Return one row per setting that has finished for all photos; its rows stand together.
 
     Values are means over the photos, None where one of them is None: an infinite PSNR, or one that
     a peer lacks. peak_bytes is the largest. below_*_dB is how far the mean PSNR is below the best
@@ -110,7 +110,10 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
         known = [row for row in summary if row[axis.key] is not None]
         own = [row for row in known if row["tool"] == TOOL]
         for cost in _COSTS if known else ():
-            front = [row["label"] for row in own if below(row, own, axis, cost.key) == 0]
+            # Of settings with one score, the cheapest.
+            own.sort(key=operator.itemgetter(cost.key), reverse=True)
+            cheapest = {row[axis.key]: row for row in own}.values()
+            front = [row["label"] for row in cheapest if not below(row, own, axis, cost.key)]
             points = [
                 {
                     "cost": max(price := row[cost.key], _LEAST_COST),
@@ -212,12 +215,9 @@ def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
     rows = [record for record in grid.records.values() if record]
     summary = summarise(rows, len(images))
     document = {
-        "gauss2svg": __version__,
-        "images": images,
-        "peers_absent": absent,
-        "summary": summary,
-        "rows": rows,
-    }
+        "gauss2svg": __version__, "images": images, "peers_absent": absent,
+        "summary": summary, "rows": rows,
+    }  # fmt: skip
     template = template_environment().overlay(autoescape=False).get_template("summary.md.jinja")
     enlarged = any(row["psnr_svg_enlarged"] is not None for row in summary)
     text = template.render(

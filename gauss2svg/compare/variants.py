@@ -32,7 +32,7 @@ class Variant(NamedTuple):
 
     settings  options and values of `vectorize` or of another tool, sorted by name
     tool      gauss2svg or a peer
-    version   of the tool; "" if it is not installed
+    version   of the tool
     """
 
     settings: Settings
@@ -83,19 +83,20 @@ def of_peers(
 
     texts     "vtracer" for its settings, or "vtracer:detailed" for one of them
     most      how many settings "vtracer" stands for, None: all
-    suffixes  of the files of the tools that may be named, "" for any
+    suffixes  end of the name of the files that a tool must write to be named, "" for any
     Raise InputError for another text.
     """
     known: dict[str, list[Variant]] = {}
     for tool, peer in PEERS.items():
         for settings in peer.settings if peer.suffix.endswith(suffixes) else ():
-            one = Variant(tuple(sorted(settings.items())), tool, peer.version() or "")
+            one = Variant(tuple(sorted(settings.items())), tool)
             known.setdefault(tool, []).append(one)
             known[one.label.replace(" ", ":")] = [one]
     names = [OneOf(tuple(known))("peer", text) for text in _sequence("peers", texts)]
     wanted = dict.fromkeys(one for name in names for one in known[name][:most])
-    absent = dict.fromkeys(one.tool for one in wanted if not one.version)
-    return [one for one in wanted if one.version], list(absent)
+    versions = {tool: PEERS[tool].version() for tool in dict.fromkeys(one.tool for one in wanted)}
+    made = [one._replace(version=version) for one in wanted if (version := versions[one.tool])]
+    return made, [tool for tool, version in versions.items() if not version]
 
 
 def variants_of(
@@ -146,6 +147,9 @@ AXES: dict[str, Field] = {
     or field.name in ("renderer", "max_size")
 }
 
+# Values of an axis without any: those that need no other program or renderer.
+_USUAL = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
+
 # Without any axis: the presets, then counts and iterations with the default preset. It takes
 # about a minute for a photo of half a megapixel on two cores.
 DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
@@ -155,7 +159,7 @@ DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
 
 
 # What a constant of a module may be replaced by, by its type.
-_CONSTANTS = {int: Whole(-(2**63), 2**63 - 1), float: Number(-1e300, 1e300)}
+_CONSTANTS = {int: Whole(0, 2**63 - 1), float: Number(-1e300, 1e300)}
 
 
 def options_in(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -184,7 +188,7 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     for text in texts:
         name, given, listed = text.partition("=")
         axis = _axis(name := name.strip().replace("-", "_"))
-        values = _parsed(axis, listed) if given else axis.choices
+        values = _parsed(axis, listed) if given else _USUAL.get(name, axis.choices)
         axes[name] = axes.get(name, ()) + values
     return axes
 

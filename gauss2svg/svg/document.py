@@ -28,7 +28,7 @@ def check_text(name: str, text: Any) -> str:
         raise refusal(name, "text that is not empty", quoted(text))
     # Control characters, lone surrogates, and what XML 1.0 has no place for.
     if any(unicodedata.category(c) in ("Cc", "Cs") or c in "\ufffe\uffff" for c in text):
-        raise refusal(name, "text without control characters", quoted(text))
+        raise refusal(name, "text of UTF-8 without control characters", quoted(text))
     return text
 
 

@@ -1,5 +1,6 @@
 """The benchmark as a whole: its runs, tables and plots; few runs are real, for they are slow."""
 
+import re
 import json
 import math
 import os
@@ -273,6 +274,13 @@ def test_plots_have_a_point_a_tooltip_and_a_mark_for_each_setting(picture, tmp_p
         assert "other settings" not in texts
     assert plots_of(summary) == {name: (tmp_path / name).read_text() for name in NAMES}
     assert plots_of([]) == {}
+    # A line joins the front, of which an equal score at a higher price is no part.
+    row = summary[0]
+    rows = [{**row, "label": str(n), "cpu_s": n, "psnr_svg": 30 + n // 3} for n in range(1, 6)]
+        {**summary[0], "label": f"{n}", "cpu_s": n, "psnr_svg": 30 + n // 3} for n in range(1, 6)
+    ]
+    (line,) = re.findall('<polyline[^>]*points="([^"]*)"', plots_of(rows)["psnr_seconds.svg"])
+    assert line.count(",") == 2
 
 
 @pytest.mark.parametrize(("count", "is_named"), [(8, True), (9, False)])

@@ -57,9 +57,8 @@ def test_default_grid_is_the_presets_and_counts_by_iterations():
 def test_an_axis_of_a_few_values_has_all_of_them_by_default(name):
     values = parse_axes([name])[name]
     assert parse_axes([f"{name}={','.join(map(str, values))}"]) == {name: values}
-    some = values[:1] if name in ("form", "renderer") else values  # not all go with resvg
     beside = {key: (value,) for key, value in BESIDE.get(name, {}).items()}
-    assert [dict(s)[name] for s in settings_of({name: some} | beside)] == list(some)
+    assert [dict(s)[name] for s in settings_of({name: values} | beside)] == list(values)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Laws of a gallery's pages in a browser: complete, accessible, and true to the files.
 
-One file, though it is long: all of them share one gallery and one browser.
+The file is long because all of them share one gallery and one browser.
 """
 
 import json

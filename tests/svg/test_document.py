@@ -112,10 +112,10 @@ def test_a_responsive_file_has_proportions_and_no_size(markup):
     ("change", "message"),
     [
         ({"title": ""}, "title must be text that is not empty; got ''"),
-        ({"title": "a\x0bb"}, "title must be text without control characters"),
-        ({"title": "\udcff"}, "title must be text without control characters"),
+        ({"title": "a\x0bb"}, "title must be text of UTF-8 without control characters"),
+        ({"title": "\udcff"}, "title must be text of UTF-8 without control characters"),
         ({"alt": " "}, "alt must be .*; got ' '"),
-        ({"alt": "a\nb"}, "alt must be text without control characters"),
+        ({"alt": "a\nb"}, "alt must be text of UTF-8 without control characters"),
         ({"size": "120"}, "size must be .*; got '120'"),
         ({"size": "0mm"}, "size must be .*; got '0mm'"),
         ({"size": "-3in"}, "size must be .*; got '-3in'"),

@@ -25,7 +25,7 @@ from gauss2svg.measure import heatmap
 from gauss2svg.measure.scores import ON_REQUEST, PSNR, SCORES, Score
 from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.memory_budget import allowed
-from gauss2svg.pipeline.run import thread_count
+from gauss2svg.pipeline.run import compile_kernels, thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
@@ -129,29 +129,29 @@ def build_gallery(
 
     def write() -> Gallery:
         shown = f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
+        date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
         made = {
-            "gauss2svg": __version__,
-            "title": options.title,
-            "command": on_one_line(command or shown),
-            "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            "seed": seed,
-            "photo_size": size,
-            "peers_absent": absent,
-        }
+            "gauss2svg": __version__, "title": options.title,
+            "command": on_one_line(command or shown), "date": date,
+            "seed": seed, "photo_size": size, "peers_absent": absent,
+        }  # fmt: skip
         document = write_pages(root, made, plan, grid)
         data = {name: document[name] for name in ("rows", "summary", "failures")}
         return Gallery(root, **data, kept=grid.kept, absent=absent)
 
     try:
+        if jobs > 1:
+            compile_kernels()  # once, because processes that start together would each do it
         with Pool(jobs) as pool:
             for record in grid.run(plan, pool, run.make_photo):  # bad ones are known early
                 grid.total -= len(wanted) * ("error" in record)
             svgs = [task for photo in plan if grid.is_made(photo) for task in plan[photo]]
             for _ in grid.run(svgs, pool, run.make_svg):
                 pass
-    finally:  # also after an interruption
-        gallery = write()
-    return gallery
+    except KeyboardInterrupt:
+        write()
+        raise
+    return write()
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:
@@ -209,19 +209,11 @@ def write_pages(
     environment = chart.template_environment("gauss2svg.compare.pages")
     environment.globals |= {
         **document,
-        "variants": variants,
-        "main": main_variant(variants),
-        "results": results,
-        "reports": reports,
-        "scores": scores,
-        "explained": ON_REQUEST,
-        "costs": chart.COSTS,
-        "chart_of": partial(chart_of, results, variants),
-        "versions": sorted(versions),
-        "origins": origins,
-        "heatmap": heatmap,
-        "files": run,
-    }
+        "variants": variants, "main": main_variant(variants), "results": results,
+        "reports": reports, "scores": scores, "explained": ON_REQUEST, "costs": chart.COSTS,
+        "chart_of": partial(chart_of, results, variants), "versions": sorted(versions),
+        "origins": origins, "heatmap": heatmap, "files": run,
+    }  # fmt: skip
 
     def page(template: str, folder: str = "", **more: Any) -> bytes:
         found = environment.get_template(f"{template}.html.jinja")
