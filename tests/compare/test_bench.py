@@ -1,9 +1,9 @@
 """The benchmark as a whole: its runs, tables and plots; few runs are real, for they are slow."""
 
-import re
 import json
 import math
 import os
+import re
 from xml.etree import ElementTree
 
 import numpy as np
@@ -277,8 +277,6 @@ def test_plots_have_a_point_a_tooltip_and_a_mark_for_each_setting(picture, tmp_p
     # A line joins the front, of which an equal score at a higher price is no part.
     row = summary[0]
     rows = [{**row, "label": str(n), "cpu_s": n, "psnr_svg": 30 + n // 3} for n in range(1, 6)]
-        {**summary[0], "label": f"{n}", "cpu_s": n, "psnr_svg": 30 + n // 3} for n in range(1, 6)
-    ]
     (line,) = re.findall('<polyline[^>]*points="([^"]*)"', plots_of(rows)["psnr_seconds.svg"])
     assert line.count(",") == 2
 
