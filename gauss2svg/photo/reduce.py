@@ -30,13 +30,13 @@ def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | N
 def resized(picture: Any, size: Size, has_alpha: bool) -> Any:
     """Return a smaller picture; one with alpha as floating point in 0..1.
 
-    Opaque pictures by Lanczos' filter. Others by a triangle, because Lanczos' filter would leave
-    faint rings around edges of alpha (docs/decisions/photo.md).
+    Opaque pictures by the cubic filter of Catmull and Rom. Others by a triangle, because a filter
+    with negative weights would leave faint rings around edges of alpha (docs/decisions/photo.md).
     """
     across, down = (
         small / side for small, side in zip(size, (picture.width, picture.height), strict=True)
     )
     if has_alpha:
         picture = (picture / _OPAQUE[picture.format]).premultiply(max_alpha=1)
-    picture = picture.resize(across, vscale=down, kernel="linear" if has_alpha else "lanczos3")
+    picture = picture.resize(across, vscale=down, kernel="linear" if has_alpha else "cubic")
     return picture.unpremultiply(max_alpha=1) if has_alpha else picture
