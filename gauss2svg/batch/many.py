@@ -199,7 +199,7 @@ class Batch:
             engine = _on_this_machine(self.options, self.batch.workers, count)
         else:
             engine = _on_cluster(self.options, self.batch.scheduler, client)
-        size = 1 + count // _SINGLE
+        size = 1 + 10 * (count // _SINGLE)  # a million are 5000 jobs
         rows = self._db.execute("SELECT photo FROM photos")
         jobs = iter(lambda: [pickle.loads(photo) for (photo,) in rows.fetchmany(size)], [])
         suspects: list[Photo] = []
@@ -261,7 +261,7 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
                 if set(threads.values()) - {1}:  # numba's kernels are for one thread of a process
                     got, advice = quoted(threads), "dask worker --nthreads 1"
                     raise ClusterError(f"threads of workers must be 1; got {got}. Try {advice}")
-                return max(1, len(threads))
+                return max(1, 2 * len(threads))  # for each worker one, and one that waits
 
             submit = used.get_executor(pure=False).submit
             # Dask's executor raises ValueError for a result that is lost as it is fetched.
