@@ -251,7 +251,8 @@ def test_photo_that_kills_its_workers_is_found_and_costs_no_other(
     assert found["failed"] == ["3.svg", "7.svg"]
     others = [f"{number}.svg" for number in range(10) if number not in (3, 7)]
     assert sorted(found["done"] + found["skipped"]) == others
-    assert sorted(deaths) == ["3.svg"] * 2 + ["7.svg"] * 2
+    assert sorted(set(deaths)) == found["failed"]
+    assert max(map(deaths.count, deaths)) == 2
     killed = rows(tmp_path / "out")["3.svg"]
     assert killed["error_code"] == "WorkerDied"
     assert killed["error"].startswith("its workers died; was there enough memory? Try")
