@@ -12,21 +12,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import refusal
 from gauss2svg.measure import CheckOptions, metrics
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
+from gauss2svg.options import fields_of
 from gauss2svg.photo.alpha import WHITE, has_alpha, matte_color, over, pixels_of, shrunk
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
-from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, refuse_unsupported, renderer_version
+from gauss2svg.photo.photo import Photo
+from gauss2svg.raster import BROWSERS, refuse_unsupported, renderer_version
 from gauss2svg.raster.isolated import draw
 from gauss2svg.svg.canvas import Frame, frame_of
-from gauss2svg.svg.source import BLANKS, MOST_BYTES, SvgSource, from_root, read_source, stretched
-from gauss2svg.svg.untrusted import MOST_ELEMENTS, Survey
+from gauss2svg.svg.source import BLANKS, SvgSource, from_root, read_source, stretched
+from gauss2svg.svg.untrusted import Survey
 
-DRAW_TIMEOUT_S = 300.0
 REFERENCE_SCALE = 4.0
 # Elements that have an effect in a web page and none on the raster. Browsers never draw animation
 # here, because gauss2svg.raster refuses it.
@@ -137,15 +138,8 @@ def check(
     photo: ImageSource,
     svg: SvgSource,
     *,
-    renderer: str = DEFAULT_RENDERER,
-    max_svg_bytes: int | str = MOST_BYTES,
-    max_elements: int = MOST_ELEMENTS,
-    draw_timeout: float = DRAW_TIMEOUT_S,
-    max_pixels: int = DEFAULT_MAX_PIXELS,
-    max_size: int | None = None,
-    matte: str | None = None,
     reference: ImageSource | SvgSource | None = None,
-    reference_scale: float | None = None,
+    **options: Any,
 ) -> CheckResult:
     """Rasterise an SVG at the size of a photo, or max_size, and measure how closely it matches.
 
@@ -154,74 +148,54 @@ def check(
 
     photo          any image that `vectorize` takes
     svg            a path, text that begins with <, bytes or a binary file; gzipped or not
-    renderer       one of RENDERERS
-    max_svg_bytes  limit of its size, gunzipped: 256000000, "256M"
-    max_elements   limit of its elements, >= 1
-    draw_timeout   time limit of the drawing in s, > 0
-    max_pixels     limit of the photo, as of `vectorize`
-    max_size       longest side in px to which a larger photo is reduced first; None: its own size
-    matte          colour, such as white or #fa0, over which the photo is composited first; None:
-                   its alpha is compared too
     reference      what the photo was made from: an SVG as for svg, or a picture of at least
                    reference_scale times as many px a side; the SVG is compared with it too
-    reference_scale  times the photo's size at which it is, > 0; None: 4
+    options        fields of gauss2svg.measure.CheckOptions:
+      renderer         one of RENDERERS
+      max_svg_bytes    limit of the SVG's size, gunzipped: 256000000, "256M"
+      max_elements     limit of its elements, >= 1
+      draw_timeout     time limit of the drawing in s, > 0
+      max_pixels       limit of the photo, as of `vectorize`
+      max_size         longest side in px to which a larger photo is reduced first
+      matte            colour, such as white or #fa0, over which the photo is composited first; its
+                       alpha is compared otherwise
+      reference_scale  times the photo's size at which the reference is compared, > 0; 4 if None
 
     The SVG is not trusted: entities, references to anything outside of it and files beyond the
     limits are refused, and it is drawn in a separate process, whose memory is limited on Linux.
     Raises InputError for a photo or an SVG that cannot be used, RendererError for an SVG that
-    cannot be drawn and for a renderer that is missing.
+    cannot be drawn and for a renderer that is missing, TypeError for another option.
     """
-    options = CheckOptions(
-        renderer=renderer,  # pyright: ignore[reportArgumentType] (text that is checked there)
-        max_svg_bytes=max_svg_bytes,
-        max_elements=max_elements,
-        draw_timeout=draw_timeout,
-        max_pixels=max_pixels,
-        max_size=max_size,
-        matte=matte,
-        reference_scale=reference_scale,
-    )
-    drawn_by = renderer_version(options.renderer)
-    matted = None if options.matte is None else matte_color(options.matte)
-    if options.reference_scale is not None and reference is None:
-        raise InputError(
-            "reference must be given for reference_scale; got none. Try --reference with the "
-            "photo's source"
-        )
-    picture = load_image(photo, max_pixels=max_pixels, matte=matted, needed=options.max_size)
-    wanted = pixels_of(picture)
-    data, text = read_source(svg, int(options.max_svg_bytes))
-    size = picture.width, picture.height
-    larger = None
+    unknown = options.keys() - {field.name for field in fields_of(CheckOptions)}
+    if unknown:
+        raise TypeError(f"option of check must be a field of CheckOptions; got {min(unknown)}")
+    asked = CheckOptions(**options)
+    renderer = renderer_version(asked.renderer)
+    matte = None if asked.matte is None else matte_color(asked.matte)
+    if asked.reference_scale is not None and reference is None:
+        advice = "--reference with the photo's source"
+        raise refusal("reference", "given for reference_scale", "none", advice)
+    picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
+    wanted, size = pixels_of(picture), (picture.width, picture.height)
+    data, text = read_source(svg, int(asked.max_svg_bytes))
+    larger, scale = None, asked.reference_scale or REFERENCE_SCALE
     if reference is not None:
-        larger = enlarged(
-            text, reference, size, options.reference_scale or REFERENCE_SCALE, options,
-            WHITE if matted is None else matted,
-        )  # fmt: skip
-    surveyed, frame, sized = sized_svg(text, *size, options.renderer, options.max_elements)
-    raster = draw(sized, *size, options.renderer, options.draw_timeout, wanted.shape[2])
-    measured = measure_pixels(raster, wanted)
-    measurable = min(picture.width, picture.height) >= metrics.LEAST_SIDE_FOR_MS_SSIM
+        larger = enlarged(text, reference, size, scale, asked, WHITE if matte is None else matte)
+    surveyed, frame, sized = sized_svg(text, *size, asked.renderer, asked.max_elements)
+    raster = draw(sized, *size, asked.renderer, asked.draw_timeout, wanted.shape[2])
+    is_measurable = min(size) >= metrics.LEAST_SIDE_FOR_MS_SSIM
     return CheckResult(
-        psnr=measured["psnr_svg"],
-        ssim=measured["ssim_svg"],
-        ms_ssim=metrics.ms_ssim(over(raster), over(wanted)) if measurable else None,
-        largest_error=measured["largest_error_svg"],
-        bias=measured["bias_svg"],
+        **{name.replace("_svg", ""): v for name, v in measure_pixels(raster, wanted).items()},
+        ms_ssim=metrics.ms_ssim(over(raster), over(wanted)) if is_measurable else None,
         svg_bytes=len(data),
         svgz_bytes=len(gzip.compress(data, compresslevel=9, mtime=0)),
         survey=surveyed,
         frame=frame,
-        renderer=drawn_by,
+        renderer=renderer,
         raster=raster,
         photo=wanted,
-        notes=(
-            *(f"photo {note}" for note in picture.notes),
-            *_notes(surveyed, frame, picture.width, picture.height, renderer),
-        ),
+        notes=tuple(_notes(surveyed, frame, picture, asked.renderer)),
         scores=perceptual_scores(raster, wanted),
-        psnr_black=measured["psnr_svg_black"],
-        psnr_alpha=measured["psnr_svg_alpha"],
         enlarged=larger,
     )
 
@@ -242,46 +216,29 @@ def enlarged(
     and RendererError as `check`.
     """
     width, height = (max(1, round(scale * side)) for side in size)
+    shown, advice = f"{width}x{height}", "a smaller --reference-scale or --max-size"
     if width * height > MOST_PIXELS:
-        raise InputError(
-            f"photo times reference_scale must have at most {MOST_PIXELS} px; got "
-            f"{width}x{height}. Try a smaller --reference-scale or --max-size"
-        )
+        needed = f"a size of at most {MOST_PIXELS} px"
+        raise refusal("photo times reference_scale", needed, shown, advice)
+
+    def drawn_over(svg: str, color: float | tuple[float, float, float]) -> NDArray[np.float32]:
+        sized = sized_svg(svg, width, height, options.renderer, options.max_elements)[2]
+        channels = 3 if color == WHITE else 4  # browsers draw over white twice as fast
+        raster = draw(sized, width, height, options.renderer, options.draw_timeout, channels)
+        return over(raster, color)
+
     if _is_svg(reference):
-        source = read_source(reference, int(options.max_svg_bytes))[1]
-        drawn = _raster(source, width, height, matte, options)
+        drawn = drawn_over(read_source(reference, int(options.max_svg_bytes))[1], matte)
     else:
         picture = load_image(reference, max_pixels=options.max_pixels)
         if picture.width < width or picture.height < height:
             most = min(picture.width / size[0], picture.height / size[1])
-            raise InputError(
-                f"reference must have at least {width}x{height} px, {scale:g} times the photo's; "
-                f"got {picture.width}x{picture.height}. Try an SVG, or --reference-scale {most:.3g}"
-            )
+            needed = f"at least {shown} px, {scale:g} times the photo's"
+            got, advice = f"{picture.width}x{picture.height}", f"--reference-scale {most:.3g}"
+            raise refusal("size of the reference", needed, got, f"an SVG, or {advice}")
         drawn = shrunk(over(pixels_of(picture), matte), height, width)
-    raster = _raster(text, width, height, WHITE, options)
-    measurable = min(width, height) >= metrics.LEAST_SIDE_FOR_SSIM
-    return Enlarged(
-        scale=float(scale),
-        width=width,
-        height=height,
-        psnr=metrics.psnr(raster, drawn),
-        ssim=metrics.ssim(raster, drawn) if measurable else None,
-    )
-
-
-def _raster(
-    text: str,
-    width: int,
-    height: int,
-    background: float | tuple[float, float, float],
-    options: CheckOptions,
-) -> NDArray[np.float32]:
-    """Return the raster (height, width, 3) of an untrusted SVG over a colour in 0..1."""
-    sized = sized_svg(text, width, height, options.renderer, options.max_elements)[2]
-    channels = 3 if background == WHITE else 4  # browsers draw over white twice as fast
-    raster = draw(sized, width, height, options.renderer, options.draw_timeout, channels)
-    return over(raster, background)
+    measured = measure_pixels(drawn_over(text, WHITE), drawn)
+    return Enlarged(float(scale), width, height, measured["psnr_svg"], measured["ssim_svg"])
 
 
 def _is_svg(source: ImageSource | SvgSource) -> bool:
@@ -290,9 +247,8 @@ def _is_svg(source: ImageSource | SvgSource) -> bool:
         return source.lstrip(BLANKS.encode()).startswith((b"<", b"\x1f\x8b"))
     if not isinstance(source, (str, os.PathLike)):
         return False
-    name = os.fspath(source)
-    is_text = isinstance(source, str) and source.lstrip(BLANKS).startswith("<")
-    return is_text or str(name).lower().endswith((".svg", ".svgz"))
+    name = os.fsdecode(source)
+    return name.lstrip(BLANKS).startswith("<") or name.lower().endswith((".svg", ".svgz"))
 
 
 def sized_svg(
@@ -315,29 +271,25 @@ def _finite(psnr: float | None) -> float | None:
     return None if psnr is None or math.isinf(psnr) else psnr
 
 
-def _notes(surveyed: Survey, frame: Frame, width: int, height: int, renderer: str) -> list[str]:
-    notes = []
+def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[str]:
+    notes, tags = [f"photo {note}" for note in photo.notes], surveyed.tags
     for name, own in (("SVG", (frame.width, frame.height)), ("viewBox", frame.view_box[2:])):
-        if not _fits(own, (width, height)):
+        if not _fits(own, (photo.width, photo.height)):
             notes.append(
                 f"{name} is {own[0]:g}x{own[1]:g}, not in the photo's proportions, and was "
-                f"stretched to {width}x{height} px"
+                f"stretched to {photo.width}x{photo.height} px"
             )
             break  # one distortion is reported once
-    if texts := surveyed.tags.get("text", 0):
-        if renderer == "resvg":
-            notes.append(f"text ({texts}) is not drawn, because resvg gets no fonts. Try paths")
-        else:
-            notes.append(f"text ({texts}) is drawn in the fonts of this machine")
-    if pictures := surveyed.tags.get("image", 0) + surveyed.tags.get("feImage", 0):
+    if texts := tags.get("text", 0):
+        no_fonts = "not drawn, because resvg gets no fonts. Try paths"
+        how = no_fonts if renderer == "resvg" else "drawn in the fonts of this machine"
+        notes.append(f"text ({texts}) is {how}")
+    if pictures := tags.get("image", 0) + tags.get("feImage", 0):
         notes.append(f"embedded images ({pictures}) are measured along with the shapes")
-    notes += [
-        f"{tag} ({surveyed.tags[tag]}) is left out by the renderer"
-        for tag in _LEFT_OUT
-        if tag in surveyed.tags
-    ]
-    if pages := surveyed.tags.get("foreignObject", 0):
-        how = "drawn only by browsers" if renderer in BROWSERS else "left out by the renderer"
+    left_out = "left out by the renderer"
+    notes += [f"{tag} ({tags[tag]}) is {left_out}" for tag in _LEFT_OUT if tag in tags]
+    if pages := tags.get("foreignObject", 0):
+        how = "drawn only by browsers" if renderer in BROWSERS else left_out
         notes.append(f"foreignObject ({pages}) is {how}")
     if not surveyed.qualified:
         notes.append("the root element has no xmlns of SVG, so browsers do not show the file")

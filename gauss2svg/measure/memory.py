@@ -23,47 +23,36 @@ def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = Path("/sys/fs
 def _cgroup_rooms(process: Path, cgroups: Path) -> list[int]:
     """Bytes that each control group of this process leaves, version 1 and 2; only on Linux."""
     try:
-        rows = [
-            line.split(":", 2)
-            for line in (process / "cgroup").read_text(encoding="utf-8").splitlines()
-        ]
+        lines = (process / "cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:
         return []
-    rooms = []
-    for _, controllers, path in rows:
-        if controllers == "":
-            names = "memory.max", "memory.current", "inactive_file"
-            root = cgroups
-        elif "memory" in controllers.split(","):
-            names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+    rooms: list[int | None] = []
+    for _, controllers, path in (line.split(":", 2) for line in lines):
+        root = cgroups
+        names = "memory.max", "memory.current", "inactive_file"
+        if "memory" in controllers.split(","):
             root = cgroups / "memory"
-        else:
+            names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+        elif controllers:
             continue
         # In a container the path may be the host's, of which only the root is mounted.
-        folder = root / path.strip("/")
-        for group in (folder, *folder.parents):
-            room = _room(group, *names)
-            if room is not None:
-                rooms.append(room)
-            if group == root:
-                break
-    return rooms
+        groups = [root / path.strip("/"), *(root / path.strip("/")).parents]
+        rooms += [_room(group, *names) for group in groups[: groups.index(root) + 1]]
+    return [room for room in rooms if room is not None]
 
 
 def _room(group: Path, most: str, used: str, cached: str) -> int | None:
     """Bytes that a control group leaves; None if it has no limit or does not exist."""
     try:
-        limit = (group / most).read_text(encoding="utf-8").strip()
-        # cgroup v1 without a limit reports more than any machine has.
-        if limit == "max" or int(limit) >= 1 << 60:
-            return None
-        rows = (
-            line.split()
-            for line in (group / "memory.stat").read_text(encoding="utf-8").splitlines()
+        limit, taken, stat = (
+            (group / name).read_text(encoding="utf-8") for name in (most, used, "memory.stat")
         )
+        # cgroup v1 without a limit reports more than any machine has.
+        if limit.strip() == "max" or int(limit) >= 1 << 60:
+            return None
         # Cached files count as used, and are dropped when memory is short.
-        idle = int(dict(rows).get(cached, 0))
-        return int(limit) - max(int((group / used).read_text(encoding="utf-8")) - idle, 0)
+        idle = int(dict(line.split() for line in stat.splitlines()).get(cached, 0))
+        return int(limit) - max(int(taken) - idle, 0)
     except (OSError, ValueError):
         return None
 
@@ -75,9 +64,6 @@ def _rlimit_rooms() -> list[int]:
     except ImportError:  # Windows
         return []
     held = psutil.Process().memory_info()
-    rooms = []
-    for kind, taken in ((resource.RLIMIT_AS, held.vms), (resource.RLIMIT_DATA, held.rss)):
-        soft = resource.getrlimit(kind)[0]
-        if soft != resource.RLIM_INFINITY:
-            rooms.append(soft - taken)
-    return rooms
+    limited = (resource.RLIMIT_AS, held.vms), (resource.RLIMIT_DATA, held.rss)
+    limits = [(resource.getrlimit(kind)[0], taken) for kind, taken in limited]
+    return [soft - taken for soft, taken in limits if soft != resource.RLIM_INFINITY]

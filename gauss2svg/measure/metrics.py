@@ -45,11 +45,6 @@ def _bands(
         yield a.reshape(len(a), -1), b.reshape(len(b), -1)
 
 
-def _squares(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.float64]:
-    difference = np.subtract(a, b, dtype=np.float64)
-    return np.multiply(difference, difference, out=difference)
-
-
 def _mean(
     difference: Callable[..., NDArray[np.floating]],
     image: NDArray[np.floating],
@@ -66,7 +61,7 @@ def _mean(
 
 def mean_squared_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Mean over pixels and channels of the squared difference, summed in float64."""
-    return _mean(_squares, image, other)
+    return _mean(lambda a, b: np.square(np.subtract(a, b, dtype=np.float64)), image, other)
 
 
 def psnr(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:

@@ -78,14 +78,11 @@ def perceptual_scores(
     for score in ON_REQUEST:
         if score.slug in found or not score.is_installed:
             continue
-        reason = _refusal(score, photo.shape[0], photo.shape[1], spare)
-        if not reason:
-            try:
-                found[score.slug] = measured(score, raster, photo)
-            except (ChildProcessError, ScoresMissingError) as error:
-                reason = str(error)
-        if reason:
-            missing.append(f"{score.name} is not measured: {reason}")
+        try:
+            _check_size(score, photo.shape[0], photo.shape[1], spare)
+            found[score.slug] = measured(score, raster, photo)
+        except (ChildProcessError, InputError) as error:
+            missing.append(f"{score.name} is not measured: {error}")
     return Scores(found, tuple(missing))
 
 
@@ -95,19 +92,18 @@ def measured(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float3
     return score.worst([score.function(*pair) for pair in pairs])
 
 
-def _refusal(score: Score, height: int, width: int, spare: int) -> str:
-    """Why a picture of this size cannot be measured in so much memory; "" if it can."""
+def _check_size(score: Score, height: int, width: int, spare: int) -> None:
+    """Raise InputError for a picture that cannot be measured in so much memory."""
     if min(height, width) < score.least_side:
-        return f"it needs at least {score.least_side} px a side"
+        raise InputError(f"it needs at least {score.least_side} px a side")
     if height * width > DEFAULT_MAX_PIXELS:
-        return f"it is limited to {DEFAULT_MAX_PIXELS} px"
+        raise InputError(f"it is limited to {DEFAULT_MAX_PIXELS} px")
     needed = score.pixel_bytes * height * width
     if needed > spare:
-        return (
+        raise InputError(
             f"it needs {needed / 1e9:.2g} GB of memory for {width}x{height} px, and "
             f"{max(spare, 0) / 1e9:.2g} GB are left"
         )
-    return ""
 
 
 def packages_missing() -> tuple[str, ...]:

@@ -47,8 +47,7 @@ scale (docs/decisions/svg.md).
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,24 +59,29 @@ from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.document import SvgFormat
 from gauss2svg.svg.element import (
     Element,
-    check_canvas,
     hex_color,
     number,
     radial_gradient,
     short_id,
-    writable,
 )
-from gauss2svg.svg.encode import Drawing, layer, matrix_text, view_of
-from gauss2svg.svg.headroom import add_all, order_of, range_of, samples_of
+from gauss2svg.svg.encode import Drawing, layer, matrices_of, view_of
+from gauss2svg.svg.headroom import order_of, range_of, samples_of
 from gauss2svg.svg.stops import whole_stops
 
+Ramp = Sequence[tuple[str, str]]  # the offset and the colour of each stop of a gradient
 _TRANSFER_DECIMALS = 5
-
-
+_EQUAL = 1e-3
+_GRAY = np.array([k ^ (k >> 1) for k in range(8)])
+WHITE = 255
+# Levels of 255 that are added in the end: resvg and Chromium truncate a filter's result to whole
+# levels (bias -0.5 levels), the others round.
+HALF_WAY = 0.25
 # Levels of the canvas for partial sums (docs/decisions/svg.md).
 MARGIN = 0.01  # share of the span that is left at either end for the rounding of layers
 # Least span of partial sums. A smaller one only magnifies the rounding of renderers.
 LEAST_SPAN = 0.1
+# Share of a channel that is spared at either end, so that fewer Gaussians wait for each other.
+SPARE = 0.02
 
 
 def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
@@ -87,7 +91,6 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     the canvas whose numbers are too large (gauss2svg.svg.element.writable, which raises SceneError
     for others). Raise InputError for a form other than gradients.
     """
-    check_canvas(scene)
     if svg_format.form != GRADIENT:
         needed = f"{GRADIENT!r} for an additive scene, whose blurs cannot be added exactly"
         raise refusal("form", needed, quoted(svg_format.form))
@@ -96,25 +99,29 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     span = np.maximum((1 + 2 * MARGIN) * (high - low), np.maximum(largest, LEAST_SPAN))
     scale = WHITE / span  # levels of the canvas for 1 of the picture
     begin = np.round(scale * (scene.background - 0.5 * (low + high) + 0.5 * span))
-    circles = _Circles(scene, scale, svg_format)
 
-    groups, count = list[Element](), 0
-    first = inverted = np.zeros(3, bool)
+    ramps, reach = _ramps(scene, scale, svg_format.stops)
+    matrices = matrices_of(scene, float(cut_radius(1.0)) * reach, svg_format.precision)
+    ids: dict[Ramp, str] = {}
+    drawn = list[tuple[NDArray[np.bool_], list[Element]]]()  # of each phase, and what it adds to
     for phase in phases:
-        discs = circles.of(phase)
-        if not discs:
-            continue
-        needed = ~phase.takes
-        if not count:
-            first = inverted = needed
-        turn = needed ^ inverted
-        if turn.any():  # beside the layers, so that one can be hidden without the other
-            groups.append(_cover(hex_color(np.where(turn, WHITE, 0))))
-        number_of = 1 + sum(group.tag == "g" for group in groups)
-        label = _label(number_of, len(discs), phase)
-        groups.append(layer(label, discs, id=f"phase-{number_of}"))
-        inverted, count = needed, count + len(discs)
+        discs = []
+        for i in phase.tolist():
+            if ramps[i] and matrices[i]:
+                key = ids.setdefault(ramps[i], short_id(len(ids)))
+                shown = {"fill": f"url(#{key})", "r": "1", "transform": matrices[i]}
+                discs.append(Element("circle", shown))
+        if discs:
+            drawn.append((scene.color[phase[0]] >= 0, discs))
 
+    inverted = first = drawn[0][0] if drawn else np.zeros(3, bool)
+    groups = list[Element]()
+    for index, (adds, discs) in enumerate(drawn, 1):
+        if (turn := adds ^ inverted).any():
+            # Beside the layers, so that one can be hidden without the other.
+            groups.append(_cover(hex_color(np.where(turn, WHITE, 0))))
+        groups.append(layer(_label(index, len(discs), adds), discs, id=f"phase-{index}"))
+        inverted = adds
     slope = np.where(inverted, -1, 1) * span
     level = np.where(inverted, WHITE - begin, begin) / WHITE
     intercept = scene.background - slope * level + HALF_WAY / WHITE
@@ -130,104 +137,21 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     inside = [_cover(background, {"id": "background"}), *groups]
     return Drawing(
         view=view_of(scene, svg_format.precision),
-        gaussians=count,
-        definitions=[_transfer_filter(transfer, f"transfer-{key}"), *circles.gradients()],
+        gaussians=sum(len(discs) for _, discs in drawn),
+        definitions=[_transfer_filter(transfer, f"transfer-{key}"), *map(_gradient, ids.items())],
         body=[layer("Additive", inside, id=group, filter=f"url(#transfer-{key})")],
         # Under its first rectangle the group is transparent, where a difference draws its source.
         sheet=f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}",
     )
 
 
-class _Circles:
-    """The Gaussians of a scene as circles, and their gradients, those with the same stops as one.
-
-    A gradient and its circle end at the first of the trailing black stops, which saves a sixth of
-    the area of 8000 Gaussians.
-    """
-
-    def __init__(self, scene: Scene, scale: NDArray[np.float64], svg_format: SvgFormat) -> None:
-        color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
-        offsets, levels = whole_stops(scale * color, svg_format.stops)
-        # Number of stops before the trailing black ones.
-        count = np.arange(1, svg_format.stops + 1)
-        before = np.where(levels.any(axis=2), count, 0).max(axis=1)
-        reach = offsets[np.arange(len(color)), before]
-        self._entry = entry.reshape(-1)
-        self._stops = [
-            _stops_text(offsets[k, : count + 1] / reach[k], levels[k]) if count else ()
-            for k, count in enumerate(before.tolist())
-        ]
-        radius = float(cut_radius(1.0)) * reach[self._entry]
-        fits = writable(scene, radius, svg_format.precision)
-        discs = zip(fits, radius[:, None, None] * scene.factor, scene.mean, strict=True)
-        self._matrices = [
-            matrix_text(factor, mean, svg_format.precision) if fit else ""
-            for fit, factor, mean in discs
-        ]
-        self._ids: dict[tuple[tuple[str, str], ...], str] = {}
-
-    def of(self, phase: Phase) -> list[Element]:
-        """Return the circles of a phase; Gaussians of no extent or colour are none."""
-        circles = []
-        for i in phase.indices.tolist():
-            stops, matrix = self._stops[self._entry[i]], self._matrices[i]
-            if stops and matrix:
-                name = self._ids.setdefault(stops, short_id(len(self._ids)))
-                attributes = {"fill": f"url(#{name})", "r": "1", "transform": matrix}
-                circles.append(Element("circle", attributes))
-        return circles
-
-    def gradients(self) -> list[Element]:
-        """Return the gradients of all that was drawn."""
-        gradients = []
-        for stops, name in self._ids.items():
-            inside = [Element("stop", {"offset": at, "stop-color": c}) for at, c in stops]
-            gradients.append(radial_gradient(name, inside))
-        return gradients
-
-
-def _stops_text(
-    offsets: NDArray[np.float64], levels: NDArray[np.intp]
-) -> tuple[tuple[str, str], ...]:
-    return tuple(
-        (number(offset, 3), hex_color(level))
-        for offset, level in zip(offsets, levels, strict=False)
-    )
-
-
-def _label(number: int, count: int, phase: Phase) -> str:
-    """Label of a phase, such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
-    signs = tuple(zip(("red", "green", "blue"), phase.takes, strict=True))
-    adds = ", ".join(name for name, taken in signs if not taken)
-    takes = ", ".join(name for name, taken in signs if taken)
-    one = count == 1
-    verbs = ("adds" if one else "add", adds), ("takes" if one else "take", takes)
-    does = " and ".join(f"{verb} {names}" for verb, names in verbs if names)
-    return f"Phase {number}: {count} Gaussian{'' if one else 's'} that {does}"
-
-
-_EQUAL = 1e-3
-_GRAY = np.array([k ^ (k >> 1) for k in range(8)])
-
-
-# The order of additive Gaussians (docs/decisions/svg.md).
-# Share of a channel that is spared at either end, so that fewer Gaussians wait for each other.
-SPARE = 0.02
-
-
-class Phase(NamedTuple):
-    """Gaussians drawn one after the other: the channels they subtract from, and their indices."""
-
-    takes: NDArray[np.bool_]
-    indices: NDArray[np.intp]
-
-
 def phases_of(
     scene: Scene,
-) -> tuple[tuple[Phase, ...], NDArray[np.float64], NDArray[np.float64]]:
-    """Phases of an additive scene in drawing order, and lowest and highest value (3,) of a channel.
+) -> tuple[list[NDArray[np.intp]], NDArray[np.float64], NDArray[np.float64]]:
+    """Indices of an additive scene's phases in drawing order, and the range (3,) of each channel.
 
-    Each Gaussian is in one phase. The canvas must hold these values: they include the image
+    Gaussians of a phase have the same signs, and each is in one phase. The canvas must hold the
+    lowest and the highest value of a channel: they include the image
     (gauss2svg.svg.headroom.range_of) and all partial sums between and within phases,
     except values of a sample that equal its image.
     """
@@ -235,28 +159,51 @@ def phases_of(
     picture, low, high = range_of(samples, scene.background)
     pattern = (scene.color < 0) @ [1, 2, 4]
     mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
-    by_mass = np.argsort(-mass, kind="stable")
+    total = np.tile(scene.background.astype(np.float32), (len(samples.place), 1))
+    lowest, highest = total.copy(), total.copy()
     order = order_of(
-        samples, picture, low - SPARE, high + SPARE, scene.background.copy(),
-        pattern, _GRAY, by_mass,
+        samples, picture, low - SPARE, high + SPARE, total, lowest, highest,
+        pattern, _GRAY, np.argsort(-mass, kind="stable"),
     )  # fmt: skip
-    ends = np.flatnonzero(np.diff(pattern[order])) + 1
-    runs = [run for run in np.split(order, ends) if run.size]
-    phases = tuple(Phase(scene.color[run[0]] < 0, run) for run in runs)
-    lowest = np.tile(scene.background.astype(np.float32), (len(samples.place), 1))
-    total, highest = lowest.copy(), lowest.copy()
-    for phase in phases:
-        add_all(samples, phase.indices, total, lowest, highest)
     lowest[lowest > picture - _EQUAL] = np.inf
     highest[highest < picture + _EQUAL] = -np.inf
     low, high = np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
-    return phases, low, high
+    return np.split(order, np.flatnonzero(np.diff(pattern[order])) + 1), low, high
 
 
-WHITE = 255
-# Levels of 255 that are added in the end: resvg and Chromium truncate a filter's result to whole
-# levels (bias -0.5 levels), the others round.
-HALF_WAY = 0.25
+def _ramps(
+    scene: Scene, scale: NDArray[np.float64], count: int
+) -> tuple[list[Ramp], NDArray[np.float64]]:
+    """Return the stops of each Gaussian, none for black, and where they end (n,), in 0..1.
+
+    A gradient and its circle end at the first of the trailing black stops, which saves a sixth of
+    the area of 8000 Gaussians.
+    """
+    color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
+    offsets, levels = whole_stops(scale * color, count)
+    # Number of stops before the trailing black ones.
+    before = np.where(levels.any(axis=2), np.arange(1, count + 1), 0).max(axis=1)
+    reach = offsets[np.arange(len(color)), before]
+    ramps = []
+    for at, shades, last, end in zip(offsets, levels, before, reach, strict=True):
+        stops = zip(at[: last + 1] / end, shades, strict=False)
+        ramps.append(tuple((number(o, 3), hex_color(c)) for o, c in stops) if last else ())
+    entry = entry.reshape(-1)
+    return [ramps[k] for k in entry], reach[entry]
+
+
+def _gradient(named: tuple[Ramp, str]) -> Element:
+    stops, name = named
+    inside = [Element("stop", {"offset": at, "stop-color": color}) for at, color in stops]
+    return radial_gradient(name, inside)
+
+
+def _label(index: int, count: int, adds: NDArray[np.bool_]) -> str:
+    """Label of a phase, such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
+    verbs = ("adds", "takes") if count == 1 else ("add", "take")
+    channels = [np.array(["red", "green", "blue"])[which] for which in (adds, ~adds)]
+    does = [f"{verb} {', '.join(c)}" for verb, c in zip(verbs, channels, strict=True) if len(c)]
+    return f"Phase {index}: {count} Gaussian{'s' * (count > 1)} that {' and '.join(does)}"
 
 
 def _cover(fill: str, more: Mapping[str, str] | None = None) -> Element:

@@ -62,11 +62,6 @@ class Blur:
     radius: float
     peak: float
 
-    @property
-    def margin(self) -> float:
-        """Radii around the disc that the blur fills."""
-        return CLEAR * self.deviation
-
 
 # The blurs of files, the softest first: those of discs of 1.4, 2, 2.6, 3.4, 5, 8 and 12 deviations'
 # radius, as tests/svg/test_blur.py fits them.

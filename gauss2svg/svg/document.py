@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from gauss2svg.errors import quoted, refusal
+from gauss2svg.errors import InputError, quoted, refusal
 from gauss2svg.options import Number, OneOf, OptionGroup, Whole
 from gauss2svg.svg.canvas import MM
 
@@ -79,6 +79,11 @@ class Document(OptionGroup):
         given = {"animate": self.animate is not None, "fragments": self.fragments}
         return [name for name, is_given in given.items() if is_given]
 
+    def check_without_layers(self, name: str, reason: str, advice: str) -> None:
+        """Raise InputError for an option that needs layers of rounds, which `name` lacks."""
+        for option in self.layered:
+            raise InputError(f"{option} must not be given with {name}, {reason}. Try {advice}")
+
     @property
     def is_responsive(self) -> bool:
         """Whether the file has no size of its own, only proportions."""
@@ -105,8 +110,8 @@ class Document(OptionGroup):
         across, unit = (width, "px") if given is None else _width_of("size", given)
         return across * MM[unit] / width
 
-    def style(self, rounds: Sequence[int]) -> str | None:
-        """Style sheet of the groups of these rounds; None where it needs none.
+    def style(self, rounds: Sequence[int]) -> str:
+        """Return the style sheet of the groups of these rounds, "" where they need none.
 
         With fragments the groups after the one that the address names are hidden; without one in
         the address, or where no group has it for its id, none is.
@@ -116,24 +121,16 @@ class Document(OptionGroup):
         is left of the animation in the end; whoever wants less motion, or has no CSS, sees the end
         at once.
         """
-        if not rounds:
-            return None
-        up_to_target = UP_TO_TARGET if self.fragments else ""
-        return up_to_target + self._fading(rounds) or None
-
-    def _fading(self, rounds: Sequence[int]) -> str:
-        """The animation's rules, "" for a still picture."""
-        if self.animate is None:
-            return ""
-        step = self.animate / (len(rounds) + 1)
-        rules = "".join(
-            f"#{round_id(index)}{{animation:fade-in {2 * step:.4g}s {at * step:.4g}s backwards}}"
-            for at, index in enumerate(rounds)
-        )
-        return (
-            "@media (prefers-reduced-motion:no-preference)"
-            f"{{@keyframes fade-in{{from{{opacity:0}}}}{rules}}}"
-        )
+        sheet = UP_TO_TARGET if self.fragments and rounds else ""
+        if self.animate is not None and rounds:
+            step = self.animate / (len(rounds) + 1)
+            sheet += "@media (prefers-reduced-motion:no-preference){"
+            sheet += "@keyframes fade-in{from{opacity:0}}"
+            for at, index in enumerate(rounds):
+                seconds = f"{2 * step:.4g}s {at * step:.4g}s"
+                sheet += f"#{round_id(index)}{{animation:fade-in {seconds} backwards}}"
+            sheet += "}"
+        return sheet
 
 
 def round_id(index: int) -> str:

@@ -8,7 +8,7 @@ Numbers of a file are limited, because renderers compute in float32 and some cra
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,21 +82,15 @@ def number(value: float, decimals: int) -> str:
     text = f"{value:.{decimals}f}"
     if "." in text:
         text = text.rstrip("0").rstrip(".")
-    if text in ("-0", ""):
-        return "0"
-    if text.startswith("0."):
-        return text[1:]
-    if text.startswith("-0."):
-        return "-" + text[2:]
-    return text
+    if text.startswith(("0.", "-0.")):
+        return text.replace("0.", ".", 1)
+    return "0" if text == "-0" else text
 
 
-def hex_color(color: NDArray[np.integer], short: bool = True) -> str:
+def hex_color(color: Iterable[int], short: bool = True) -> str:
     """#rrggbb of three levels 0..255, or where it may be short #rgb if that is the same."""
     text = "#" + "".join(f"{int(v):02x}" for v in color)
-    if short and text[1] == text[2] and text[3] == text[4] and text[5] == text[6]:
-        return "#" + text[1] + text[3] + text[5]
-    return text
+    return "#" + text[1::2] if short and text[1::2] == text[2::2] else text
 
 
 def short_id(index: int) -> str:

@@ -34,18 +34,17 @@ Crisp rims need two more things (docs/decisions/svg.md, benchmarks/rims.py):
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
-from gauss2svg.svg.blur import BLURS, GRADIENT, Blur, drawn_blurs, snapped
+from gauss2svg.svg.blur import BLURS, CLEAR, Blur, drawn_blurs, snapped
 from gauss2svg.svg.document import INKS, Document, SvgFormat, round_id
 from gauss2svg.svg.element import (
     Element,
@@ -61,6 +60,7 @@ from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
 from gauss2svg.svg.stops import gradient_stops
 
 _LARGE = 100  # radius of gradients of large exponents
+Round = tuple[int, list[Element]]  # its index, and the elements of its shapes
 # fx of a gradient of radius 1: resvg draws 0 less accurately (docs/decisions/svg.md).
 _FOCUS = 0.001
 
@@ -71,13 +71,6 @@ SOFT_RIM = 1.0  # px of rim across the minor axis above which the circle's edge 
 CLEAR_OF_THE_RIM = 0.7  # px from a gradient's end to the circle's edge for crisper rims
 # Multiple of the gradient's radius. Shapes that need more are too thin to be drawn.
 MOST_MARGIN = 20.0
-
-
-class Drawn(NamedTuple):
-    """One element that is drawn, and the index of its shape in the scene."""
-
-    shape: int
-    element: Element
 
 
 class Drawing(NamedTuple):
@@ -106,69 +99,76 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     off the canvas whose numbers are too large for a file (gauss2svg.svg.element.writable). Raise
     SceneError for other Gaussians with such numbers, and for such a canvas.
     """
-    check_canvas(scene)
     scene = snapped(scene, svg_format.form)
     # Each shape is one of three: a plain ellipse, a blurred disc, or shaded by a gradient.
     plain, blur = is_plain(scene), drawn_blurs(scene)
-    blurred = ~plain & (blur >= 0) & (svg_format.form != GRADIENT)
+    blurred = ~plain & (blur >= 0)
     shaded = ~plain & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
-    keys = np.column_stack([nearest_class(scene.beta), color])
-    shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
+    # Shapes of one exponent and colour share a gradient, those of one blur a filter.
+    kind = np.where(blurred, len(BETA_CLASSES) + blur, nearest_class(scene.beta))
+    keys = np.column_stack([kind, np.where(blurred[:, None], 0, color)])[~plain]
+    shared, entry, uses = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     # The shortest ids go to those that are used most; argsort of argsort is the rank.
-    uses = np.append(uses, np.bincount(blur[blurred], minlength=len(BLURS)))
     ids = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
+    links = np.full(len(scene), "", dtype=object)
+    links[~plain] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
 
-    fills = np.array([hex_color(c) for c in color], dtype=object)
-    fills[shaded] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
-    filters = np.full(len(scene), "", dtype=object)
-    filters[blurred] = [f"url(#{ids[len(shared) + k]})" for k in blur[blurred]]
     radius, opacity = cut_radius(scene.beta), scene.opacity.copy()
     radius[plain] = plain_radius(scene.beta[plain])
     radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
     opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
     unit = np.where((scene.beta >= LARGE_FROM) & shaded, _LARGE, 1)
-    circle, factor = unit * _widened(scene, shaded), scene.factor * radius[:, None, None]
+    circle = unit * _widened(scene, shaded)
     shapes = []
-    for i in np.flatnonzero(writable(scene, radius, svg_format.precision, unit)).tolist():
-        matrix = matrix_text(factor[i], scene.mean[i], svg_format.precision, int(unit[i]))
+    for i, matrix in enumerate(matrices_of(scene, radius, svg_format.precision, unit)):
         shown = number(min(opacity[i], 1.0), svg_format.opacity_decimals)
-        if shown != "0" and matrix:
-            attributes = {"fill": fills[i], **with_default("fill-opacity", shown, "1")}
-            attributes |= with_default("filter", filters[i], "")
-            attributes |= {"r": number(circle[i], 1), "transform": matrix}
-            shapes.append(Drawn(i, Element("circle", attributes)))
-    definitions = [
-        *(
-            _gradient(k, BETA_CLASSES[v[0]], v[1:], svg_format.stops)
-            for k, v in zip(ids, shared, strict=False)
-        ),
-        *(_filter(k, blur) for k, blur in zip(ids[len(shared) :], BLURS, strict=True)),
-    ]
+        if shown == "0" or not matrix:
+            continue
+        attributes = {"fill": links[i] if shaded[i] else hex_color(color[i])}
+        attributes |= with_default("fill-opacity", shown, "1")
+        attributes |= {"filter": links[i]} if blurred[i] else {}
+        attributes |= {"r": number(circle[i], 1), "transform": matrix}
+        shapes.append((i, Element("circle", attributes)))
     # What only shapes without extent or opacity would refer to is not written.
-    used = {one.element.attributes.get(name) for one in shapes for name in ("fill", "filter")}
-    in_layers = ink_layers if svg_format.layers == INKS else round_layers
+    used, definitions = set(links[[i for i, _ in shapes]].tolist()), []
+    for name, (which, *shade) in zip(ids, shared, strict=True):
+        if f"url(#{name})" in used:
+            if which < len(BETA_CLASSES):
+                gradient = _gradient(name, BETA_CLASSES[which], shade, svg_format.stops)
+                definitions.append(gradient)
+            else:
+                definitions.append(_filter(name, BLURS[which - len(BETA_CLASSES)]))
+    rounds = rounds_of(shapes, scene)
+    layers = ink_layers(rounds) if svg_format.layers == INKS else round_layers(rounds)
     return Drawing(
         view=view_of(scene, svg_format.precision),
         gaussians=len(shapes),
-        definitions=[one for one in definitions if f"url(#{one.attributes['id']})" in used],
-        body=[*_background(scene), *in_layers(shapes, scene)],
-        sheet=sheet_of(shapes, scene, document),
+        definitions=definitions,
+        body=[*_background(scene), *layers],
+        sheet=document.style([index for index, _ in rounds]),
     )
 
 
-def round_layers(shapes: Sequence[Drawn], scene: Scene) -> list[Element]:
+def rounds_of(drawn: Sequence[tuple[int, Element]], scene: Scene) -> list[Round]:
+    """Return the elements of shapes by rounds, from the index of each shape and its element."""
+    rounds = scene.round_index.tolist()
+    runs = groupby(drawn, lambda one: rounds[one[0]])
+    return [(index, [element for _, element in run]) for index, run in runs]
+
+
+def round_layers(rounds: Sequence[Round]) -> list[Element]:
     """Return shapes in groups, each of one round, which Inkscape shows as layers."""
     return [
         layer(f"Round {index + 1}: {len(inside)} Gaussians", inside, id=round_id(index))
-        for index, inside in _rounds(shapes, scene)
+        for index, inside in rounds
     ]
 
 
-def ink_layers(shapes: Sequence[Drawn], scene: Scene) -> list[Element]:
+def ink_layers(rounds: Sequence[Round]) -> list[Element]:
     """Return shapes in groups, each of one ink, which has the fill."""
     layers = []
-    for index, inside in _rounds(shapes, scene):
+    for index, inside in rounds:
         fill = inside[0].attributes["fill"]
         name = fill if len(fill) == 7 else "#" + "".join(2 * digit for digit in fill[1:])
         plain = [one.without("fill") for one in inside]
@@ -181,18 +181,6 @@ def layer(label: str, inside: Sequence[Element], **attributes: str) -> Element:
     """Return a group that Inkscape shows as a layer."""
     shown = {"inkscape:groupmode": "layer", "inkscape:label": label, **attributes}
     return Element("g", dict(sorted(shown.items())), inside)
-
-
-def sheet_of(shapes: Sequence[Drawn], scene: Scene, document: Document) -> str:
-    """Return the style sheet of the rounds that are drawn, "" where they need none."""
-    return document.style([index for index, _ in _rounds(shapes, scene)]) or ""
-
-
-def _rounds(shapes: Sequence[Drawn], scene: Scene) -> list[tuple[int, list[Element]]]:
-    """Return each round, as Scene.round_index has it, with its elements."""
-    rounds = scene.round_index.tolist()
-    runs = groupby(shapes, lambda one: rounds[one.shape])
-    return [(index, [one.element for one in run]) for index, run in runs]
 
 
 def view_of(scene: Scene, precision: float) -> tuple[str, str]:
@@ -208,21 +196,31 @@ def _background(scene: Scene) -> list[Element]:
     return [Element("rect", {"fill": fill, "height": "100%", "id": "background", **size})]
 
 
-def matrix_text(
-    factor: NDArray[np.float64], mean: NDArray[np.float64], precision: float, unit: int = 1
-) -> str:
-    """Transform of a circle of radius `unit`, a power of ten; "" where an extent is written as 0.
+def matrices_of(
+    scene: Scene, radius: NDArray[np.float64], precision: float, unit: ArrayLike = 1
+) -> list[str]:
+    """Return the transform of each shape's circle, "" for a shape that is not drawn.
 
-    factor  (2, 2) in px, of that circle; mean (2,) in px
+    radius  (n,) in sigmas, of the ellipse that is drawn
+    unit    (n,) radius of the circle, a power of ten
+    A shape without an extent in the file is not drawn, nor is one off the canvas whose numbers are
+    too large. Raise SceneError for any other with such numbers (gauss2svg.svg.element.writable),
+    and for a canvas that is too small.
     """
-    decimals = round(math.log10(unit))
-    a, b, c, d = (number(v / (unit * precision), decimals) for v in factor.T.ravel())
-    e, f = (number(v / precision, 0) for v in mean)
-    flat = float(a) * float(d) == float(b) * float(c)
-    return "" if flat else f"matrix({a} {b} {c} {d} {e} {f})"
+    check_canvas(scene)
+    unit = np.broadcast_to(unit, len(scene))
+    factor, mean = scene.factor * radius[:, None, None], scene.mean / precision
+    factor = factor.transpose(0, 2, 1).reshape(-1, 4) / (unit * precision)[:, None]
+    decimals = np.round(np.log10(unit)).astype(int).tolist()
+    texts = [""] * len(scene)
+    for i in np.flatnonzero(writable(scene, radius, precision, unit)).tolist():
+        a, b, c, d = (number(v, decimals[i]) for v in factor[i])
+        if float(a) * float(d) != float(b) * float(c):
+            texts[i] = f"matrix({a} {b} {c} {d} {number(mean[i, 0], 0)} {number(mean[i, 1], 0)})"
+    return texts
 
 
-def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) -> Element:
+def _gradient(name: str, beta: float, color: Sequence[int], count: int) -> Element:
     """Return the gradient of an exponent and a colour, with `count` stops."""
     shade, unit, stops = hex_color(color), _LARGE if beta >= LARGE_FROM else 1, []
     for offset, value in zip(*gradient_stops(count, beta), strict=True):
@@ -233,8 +231,8 @@ def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) ->
 
 
 def _filter(name: str, blur: Blur) -> Element:
-    """A blur of a circle of radius 1, in a region of the circle's box with a margin around it."""
-    margin = number(blur.margin / 2, 2)  # in diameters
+    """Return a blur of a circle of radius 1, in a region of its box with a margin around it."""
+    margin = number(CLEAR * blur.deviation / 2, 2)  # in diameters
     start, size = f"-{margin}", number(1 + 2 * float(margin), 2)
     # The default, linearRGB, rounds colours once more.
     attributes = {"color-interpolation-filters": "sRGB", "height": size, "id": name}

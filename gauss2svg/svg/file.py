@@ -66,11 +66,8 @@ def bytes_by_part(svg: str) -> dict[str, int]:
     gradients = len(found[0]) if found else 0
     # Text and attributes contain no < or > themselves, as both are written as entities.
     geometry = sum(len(tag) for tag in _SHAPES.findall(data))
-    return {
-        "gradients": gradients,
-        "geometry": geometry,
-        "overhead": len(data) - gradients - geometry,
-    }
+    overhead = len(data) - gradients - geometry
+    return {"gradients": gradients, "geometry": geometry, "overhead": overhead}
 
 
 def image(data: bytes, media_type: str, alt: str) -> str:

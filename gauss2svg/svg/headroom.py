@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.kernel_cache import cached
-from gauss2svg.scene import Scene, narrowing_of, whitening_of
+from gauss2svg.scene import Scene, whitening_of
 from gauss2svg.scene.falloff import cut_radius, profile
 
 _kernel = cached()
@@ -34,9 +34,9 @@ _LEAST_ADDED = 1e-3
 # Equal values of a colour channel: the rounding of float32 is smaller.
 _EQUAL = 1e-4
 _RADIUS = float(cut_radius(1.0))
-_TABLE = 4096  # steps of the falloff by squared radius
-_STEPS_EACH = _TABLE / _RADIUS**2
-_NOWHERE = -1
+_STEPS = 4096  # of the falloff by squared radius
+_FALLOFF = profile(_RADIUS * np.sqrt(np.arange(_STEPS + 1) / _STEPS), 1.0)
+_DRAWN = -1
 
 
 # Grid on which partial sums are sampled (docs/decisions/svg.md).
@@ -50,51 +50,38 @@ TOUCHED = 3e7
 class Samples(NamedTuple):
     """Positions of samples, and the Gaussians in the same units, those of the grid.
 
-    place    (m, 2) x, y
-    start    (rows + 1,) of each row's samples
-    shape    (n, 9) mean x, y, whitening w11, w21, w22, reach in x and y, d x / d y of the ridge on
-             which rows peak, and the half width of a row through the mean
-    color    (n, 3)
-    falloff  by the squared radius, from 0 to the cut
+    place      (m, 2) x, y
+    start      (rows + 1,) of each row's samples
+    mean       (n, 2)
+    whitening  (n, 3) w11, w21, w22
+    reach      (n, 2) from the mean, in x and y
+    color      (n, 3)
     """
 
     place: NDArray[np.float32]
     start: NDArray[np.intp]
-    shape: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    whitening: NDArray[np.float64]
+    reach: NDArray[np.float64]
     color: NDArray[np.float64]
-    falloff: NDArray[np.float64]
 
 
 def samples_of(scene: Scene) -> Samples:
-    """Samples of an additive scene; they depend only on the scene."""
+    """Return the samples of an additive scene; they depend only on the scene."""
     canvas = np.array([scene.width, scene.height])
-    sides = np.minimum(2 * _RADIUS * scene.sigma, canvas)
-    touched = max(1.0, float(sides.prod(axis=1).sum()))
-    coarse = float(np.sqrt(TOUCHED / touched))
-    factor = min(FINEST, SIDE / canvas.max(), coarse)
+    touched = float(np.minimum(2 * _RADIUS * scene.sigma, canvas).prod(axis=1).sum())
+    factor = min(FINEST, SIDE / canvas.max(), np.sqrt(TOUCHED / max(1.0, touched)))
     size = np.maximum(1, np.ceil(factor * canvas)).astype(int)
     mean, sigma = scene.mean * (size / canvas), scene.sigma * (size / canvas)
     y, x = np.mgrid[: size[1], : size[0]] + 0.5
-    grid = np.stack([x, y], axis=-1).reshape(-1, 2)
-    means = mean[((mean >= 0) & (mean < size)).all(axis=1)]
-    # Two sorted runs, which a stable sort only merges.
-    keys = [size[0] * np.floor(part[:, 1]) + part[:, 0] for part in (grid, means)]
-    means, keys[1] = means[np.argsort(keys[1])], np.sort(keys[1])
-    order = np.argsort(np.concatenate(keys), kind="stable")
-    place = np.concatenate([grid, means])[order].astype(np.float32)
-    start = np.searchsorted(np.concatenate(keys)[order], size[0] * np.arange(size[1] + 1))
-    shape = np.column_stack(
-        [
-            mean, whitening_of(sigma, scene.rho), _RADIUS * sigma,
-            scene.rho * sigma[:, 0] / sigma[:, 1],
-            _RADIUS * narrowing_of(scene.rho) * sigma[:, 0],
-        ]
-    )  # fmt: skip
-    falloff = profile(_RADIUS * np.sqrt(np.arange(_TABLE + 1) / _TABLE), 1.0)
-    return Samples(
-        place, start.astype(np.intp), shape, scene.color.copy(),
-        np.ascontiguousarray(falloff, np.float64),
-    )  # fmt: skip
+    within = ((mean >= 0) & (mean < size)).all(axis=1)
+    place = np.concatenate([np.stack([x, y], axis=-1).reshape(-1, 2), mean[within]])
+    key = size[0] * np.floor(place[:, 1]) + place[:, 0]
+    order = np.argsort(key, kind="stable")
+    start = np.searchsorted(key[order], size[0] * np.arange(size[1] + 1))
+    place = place[order].astype(np.float32)
+    whitening = whitening_of(sigma, scene.rho)
+    return Samples(place, start, mean, whitening, _RADIUS * sigma, scene.color.copy())
 
 
 def range_of(
@@ -121,87 +108,56 @@ def add_all(samples, order, total, lowest, highest):
 
 
 @_kernel
-def order_of(samples, picture, low, high, background, pattern, patterns, by_mass):
+def order_of(samples, picture, low, high, total, lowest, highest, pattern, patterns, by_mass):
     """All Gaussians, each once, in the order in which to draw them on a canvas of low..high.
 
-    A sample may also reach its own value of the image: wherever the canvas folds, the final error
-    is then no larger than that of the image. Tours through the patterns draw what has room, in the
-    order by_mass; where nothing has, the one that lacks least is drawn.
+    They are added to total (m, 3) one by one; lowest and highest (m, 3) follow it. A sample may
+    also reach its own value of the image: wherever the canvas folds, the final error is then no
+    larger than that of the image. Tours through the patterns draw what has room, in the order
+    by_mass; where nothing has, the one that lacks least is drawn.
     """
-    count = by_mass.size
-    total = np.empty_like(picture)
-    total[:] = background
-    order = np.empty(count, np.intp)
-    waiting = by_mass.copy()
-    # Where each Gaussian lacked room last, and a lower bound of how much it lacks.
-    seen, lacks = np.full(count, _NOWHERE), np.zeros(count)
-    done = 0
-    backwards = False
-    while done < count:
+    order = np.empty(by_mass.size, np.intp)
+    waiting, done = by_mass, 0
+    seen = np.zeros(by_mass.size, np.intp)  # a sample where each Gaussian lacked room last
+    while waiting.size:
         before = done
-        for k in range(patterns.size):
-            signs = patterns[patterns.size - 1 - k if backwards else k]
-            left = 0
-            for i in waiting:
-                fits = False
-                if pattern[i] == signs:
-                    lacks[i], seen[i] = _lacking(
-                        samples, i, total, picture, low, high, seen[i], True
-                    )
-                    fits = lacks[i] <= _EQUAL
-                if fits:
-                    _add(samples, i, total, total, total)
+        for signs in patterns:
+            for i in waiting[pattern[waiting] == signs]:
+                lack, seen[i] = _lacking(samples, i, total, picture, low, high, seen[i], _EQUAL)
+                if lack < _EQUAL:
                     order[done] = i
                     done += 1
-                else:
-                    waiting[left] = i
-                    left += 1
-            waiting = waiting[:left]
-        # Back through the patterns: the first of a tour is the last of the one before.
-        backwards = not backwards
-        if done == before:  # the canvas is as it was when each lack was found
-            i = _least(samples, waiting, total, picture, low, high, seen, lacks)
-            _add(samples, i, total, total, total)
-            order[done] = i
+                    _add(samples, i, total, lowest, highest)
+        if done == before:
+            least = np.inf
+            for i in waiting:
+                lack, seen[i] = _lacking(samples, i, total, picture, low, high, seen[i], least)
+                if lack < least:
+                    least, order[done] = lack, i
+            _add(samples, order[done], total, lowest, highest)
             done += 1
-            waiting = waiting[waiting != i]
+        for i in order[before:done]:
+            seen[i] = _DRAWN
+        waiting = waiting[seen[waiting] != _DRAWN]
+        # Back through the patterns: the first of a tour is the last of the one before.
+        patterns = patterns[::-1].copy()
     return order
 
 
 @_kernel
-def _least(samples, waiting, total, picture, low, high, seen, lacks):
-    """The waiting Gaussian that lacks least; lower bounds in lacks are made exact on the way.
-
-    All samples of a Gaussian are walked for the few whose bound is below the least exact lack.
-    """
-    exact = np.zeros(lacks.size, np.bool_)
-    while True:
-        i = waiting[np.argmin(lacks[waiting])]
-        if exact[i]:
-            return i
-        lacks[i], seen[i] = _lacking(samples, i, total, picture, low, high, seen[i], False)
-        exact[i] = True
-
-
-@_kernel
-def _lacking(samples, i, total, picture, low, high, seen, any_will_do):
+def _lacking(samples, i, total, picture, low, high, seen, enough):
     """How far beyond low..high the i-th Gaussian would lead, and at which sample.
 
-    With any_will_do it is that of the first sample found to lack room, beginning with `seen`.
+    What lacks `enough` will do, beginning with the sample `seen`.
     """
-    if any_will_do and seen != _NOWHERE:
-        lack = _beyond(samples, i, seen, total, picture, low, high)
-        if lack > _EQUAL:
-            return lack, seen
-    most, worst = 0.0, seen
+    most, worst = _beyond(samples, i, seen, total, picture, low, high), seen
     for row in range(*_rows(samples, i)):
-        first, last = _interval(samples, i, row)
-        for at in range(first, last):
+        if most >= enough:
+            break
+        for at in range(*_of_row(samples, i, row)):
             lack = _beyond(samples, i, at, total, picture, low, high)
             if lack > most:
                 most, worst = lack, at
-        if any_will_do and most > _EQUAL:
-            break
     return most, worst
 
 
@@ -222,8 +178,7 @@ def _beyond(samples, i, at, total, picture, low, high):
 @_kernel
 def _add(samples, i, total, lowest, highest):
     for row in range(*_rows(samples, i)):
-        first, last = _interval(samples, i, row)
-        for at in range(first, last):
+        for at in range(*_of_row(samples, i, row)):
             alpha = _alpha(samples, i, at)
             for c in range(3):
                 after = np.float32(total[at, c] + alpha * samples.color[i, c])
@@ -234,44 +189,38 @@ def _add(samples, i, total, lowest, highest):
 
 @_kernel
 def _rows(samples, i):
-    shape = samples.shape
-    rows = samples.start.size - 1
-    first = np.floor(min(max(shape[i, 1] - shape[i, 6], 0.0), float(rows)))
-    last = np.ceil(min(max(shape[i, 1] + shape[i, 6], 0.0), float(rows)))
-    return int(first), int(last)
+    """First and last of the rows that the i-th Gaussian may reach."""
+    y, reach, rows = samples.mean[i, 1], samples.reach[i, 1], float(samples.start.size - 1)
+    first, last = max(0.0, min(rows, y - reach)), max(0.0, min(rows, y + reach))
+    return int(np.floor(first)), int(np.ceil(last))
 
 
 @_kernel
-def _interval(samples, i, row):
-    """First and last of a row's samples that the i-th Gaussian may reach."""
-    shape = samples.shape
+def _of_row(samples, i, row):
+    """First and last of a row's samples, which are sorted, that the i-th Gaussian may reach."""
+    mean, reach, whitening = samples.mean, samples.reach, samples.whitening
+    w11, w21, w22 = whitening[i, 0], whitening[i, 1], whitening[i, 2]
     # Samples lie anywhere in their row: the interval is that of its edge nearest to the mean, and
-    # as much wider as the ridge moves within half a row.
-    v = row + 0.5 - shape[i, 1]
-    near = min(1.0, max(0.0, abs(v) - 0.5) / shape[i, 6])
-    middle = shape[i, 0] + shape[i, 7] * v
-    half = shape[i, 8] * np.sqrt(1 - near * near) + 0.5 * abs(shape[i, 7])
-    left = max(middle - half, shape[i, 0] - shape[i, 5])
-    right = min(middle + half, shape[i, 0] + shape[i, 5])
-    first = _left_of(samples, row, left)
-    return first, max(first, _left_of(samples, row, right))
-
-
-@_kernel
-def _left_of(samples, row, x):
-    """The first of a row's samples, all sorted, that does not lie left of x."""
-    low, high = samples.start[row], samples.start[row + 1]
-    return low + np.searchsorted(samples.place[low:high, 0], x)
+    # as much wider as the ridge on which rows peak moves within half a row.
+    across, v = w11 * w11 + w21 * w21, row + 0.5 - mean[i, 1]
+    ridge, near = -w21 * w22 / across, min(1.0, max(0.0, abs(v) - 0.5) / reach[i, 1])
+    half = _RADIUS * np.sqrt((1 - near * near) / across) + 0.5 * abs(ridge)
+    left = mean[i, 0] + max(ridge * v - half, -reach[i, 0])
+    right = mean[i, 0] + min(ridge * v + half, reach[i, 0])
+    begin, end = samples.start[row], samples.start[row + 1]
+    first = np.searchsorted(samples.place[begin:end, 0], left)
+    last = np.searchsorted(samples.place[begin:end, 0], right)
+    return begin + first, begin + max(first, last)
 
 
 @_kernel
 def _alpha(samples, i, at):
     """The falloff of the i-th Gaussian at a sample, by linear interpolation."""
-    shape, falloff = samples.shape, samples.falloff
-    u, v = samples.place[at, 0] - shape[i, 0], samples.place[at, 1] - shape[i, 1]
-    across, along = shape[i, 2] * u, shape[i, 3] * u + shape[i, 4] * v
-    step = (across * across + along * along) * _STEPS_EACH
-    if step >= _TABLE:
+    mean, whitening, place = samples.mean, samples.whitening, samples.place
+    u, v = place[at, 0] - mean[i, 0], place[at, 1] - mean[i, 1]
+    across, along = whitening[i, 0] * u, whitening[i, 1] * u + whitening[i, 2] * v
+    step = (across * across + along * along) * (_STEPS / _RADIUS**2)
+    if step >= _STEPS:
         return 0.0
     k = int(step)
-    return falloff[k] + (step - k) * (falloff[k + 1] - falloff[k])
+    return _FALLOFF[k] + (step - k) * (_FALLOFF[k + 1] - _FALLOFF[k])

@@ -41,7 +41,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, instance
+from gauss2svg.errors import instance
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.document import DEFAULT_TITLE, STOP_COUNTS, Document
@@ -86,7 +86,7 @@ def minimal_svg(
 ) -> str:
     """The shortest SVG of a scene, of which coordinates are whole numbers of units.
 
-    unit    px of the canvas, LEAST_UNIT..MOST_UNIT
+    unit    px of the canvas, .001..1e6
     digits  of colours, 3 or 6
     stops   of a gradient, one of STOP_COUNTS
     masked  whether soft shapes are drawn under masks, not by gradients. None: as many as
@@ -99,9 +99,7 @@ def minimal_svg(
     fragments, which need layers.
     """
     document = instance(document, "document", Document)
-    for name in document.layered:
-        needed = f"{name} must not be given with minimal markup, which has no layers"
-        raise InputError(f"{needed}. Try --markup editable")
+    document.check_without_layers("minimal markup", "which has no layers", "--markup editable")
     shapes = shapes_of(scene, unit, digits, opacity_decimals, masked)
     width, height = (_view(side, unit) for side in (scene.width, scene.height))
     cover = []
@@ -173,37 +171,31 @@ def _drawing(
     shapes: Shapes, opacity_decimals: int, stops: int
 ) -> tuple[list[Element], list[Element]]:
     """Return definitions, and all shapes; stops is the number of a gradient's."""
-    soft = shapes.falloff >= 0
-    masked, by_gradient = np.flatnonzero(shapes.masked), np.flatnonzero(soft & ~shapes.masked)
-    names = np.where(shapes.masked | (len(by_gradient) == 0), "opacity", "fill-opacity").tolist()
-    opacity = [
-        with_default(name, number(o, opacity_decimals), "1")
-        for name, o in zip(names, shapes.opacity, strict=True)
-    ]
+    by_gradient = np.flatnonzero((shapes.falloff >= 0) & ~shapes.masked)
     fills = [_fill(levels) for levels in shapes.levels]
-    definitions, uses = _masked(shapes.falloff[masked])
+    definitions, uses = _masked(shapes.falloff[shapes.masked])
     circles: dict[int, Element] = {}
     if len(by_gradient):
         more, circles = _gradients(shapes, by_gradient, fills, stops, 3 * len(uses))
         definitions = more + definitions
     used = sum("id" in definition.attributes for definition in definitions)
     # Opaque ellipses of one colour are one path; of others each is blended by itself.
-    path_of: list[object] = [
-        i if falloff >= 0 or opacity[i] else fills[i].get("fill", "")
-        for i, falloff in enumerate(shapes.falloff.tolist())
-    ]
+    opaque = (shapes.falloff < 0) & (np.round(shapes.opacity, opacity_decimals) == 1)
+    path_of = [fills[i].get("fill", "") if opaque[i] else i for i in range(len(fills))]
     elements = []
-    for _, run in groupby(range(len(path_of)), lambda i: path_of[i]):
+    for _, run in groupby(range(len(fills)), lambda i: path_of[i]):
         index = list(run)
-        i = index[0]
-        color = {**fills[i], **opacity[i]}
-        if shapes.falloff[i] < 0:
-            elements.append(Element("path", {**color, "d": path_data(shapes.numbers[index])}))
+        i, kind = index[0], int(shapes.falloff[index[0]])
+        name = "opacity" if shapes.masked[i] or not circles else "fill-opacity"
+        opacity = with_default(name, number(shapes.opacity[i], opacity_decimals), "1")
+        if kind < 0:
+            shape = Element("path", {**fills[i], **opacity, "d": path_data(shapes.numbers[index])})
         else:
-            soft = (uses if shapes.masked[i] else circles)[int(shapes.falloff[i])]
+            soft = (uses if shapes.masked[i] else circles)[kind]
             place = {"transform": _matrix(shapes.numbers[i])}
-            elements.append(Element(soft.tag, {**soft.attributes, **color, **place}))
-    if len(masked):
+            shape = Element(soft.tag, {**soft.attributes, **fills[i], **opacity, **place})
+        elements.append(shape)
+    if uses:
         templates, elements = _shared(elements, used)
         definitions += templates
     return definitions, _grouped(elements)

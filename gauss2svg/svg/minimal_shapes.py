@@ -38,7 +38,6 @@ from gauss2svg.svg.plain_ellipse import (
 )
 
 HEX_DIGITS = (3, 6)
-LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px
 OPACITY_DECIMALS = 2
 
 
@@ -61,6 +60,7 @@ class Shapes:
     falloff  (n,) index into BETA_CLASSES, -1 for a plain ellipse
     numbers  (n, 5) whole a b d e f: matrix(a b 0 d e f) of the circle of radius 1; of a plain
              ellipse those of `arc_numbers`
+    mean     (n, 2) centres, factor: (n, 3) l11 l21 l22 of the ellipses that are drawn, in units
     masked   (n,) whether a shape is soft and drawn under a mask, not by a gradient
     levels   (n, 3) of colour, in 0..255
     opacity  (n,) in 0..1
@@ -69,6 +69,8 @@ class Shapes:
     index: NDArray[np.intp]
     falloff: NDArray[np.intp]
     numbers: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    factor: NDArray[np.float64]
     levels: NDArray[np.intp]
     opacity: NDArray[np.float64]
     masked: NDArray[np.bool_]
@@ -84,7 +86,7 @@ def shapes_of(
     Raises InputError for a unit out of range, other digits than 3 or 6, and an additive scene;
     SceneError for shapes whose numbers do not fit into a file.
     """
-    unit = number_within("unit", unit, LEAST_UNIT, MOST_UNIT)
+    unit = number_within("unit", unit, 0.001, 1e6)
     if digits not in HEX_DIGITS:
         raise refusal("digits", "3 or 6", quoted(digits))
     if scene.blend == ADD:
@@ -92,38 +94,42 @@ def shapes_of(
         raise refusal("blend in minimal markup", "'over'", quoted(scene.blend), advice)
     check_canvas(scene)
     kind = nearest_class(scene.beta)
-    classes = np.array(BETA_CLASSES)[kind]
     plain = (scene.drawn == PLAIN) | _is_arc(scene.ellipse_axes[0], scene.beta)
     opacity = np.round(scene.opacity, opacity_decimals)
+    more = np.zeros(0, np.intp)
     while True:
-        snapped = with_falloffs(scene, np.where(plain, scene.beta, classes))
+        plain[more] = True
+        snapped = with_falloffs(scene, np.where(plain, scene.beta, np.array(BETA_CLASSES)[kind]))
         radius = _radius(snapped.beta, plain)
-        numbers = _matrix(snapped, radius, unit)
+        factor = snapped.factor * radius[:, None, None]
+        entries = [factor[:, 0, 0], factor[:, 1], snapped.mean]
+        numbers = np.round(np.column_stack(entries) / unit) + 0.0  # no -0
         numbers[plain] = arc_numbers(snapped.select(plain), radius[plain], unit)
         extent = np.where(plain, numbers[:, :2].min(axis=1), numbers[:, 0] * numbers[:, 2])
         drawn = writable(snapped, radius, unit) & (extent > 0) & (opacity > 0)
         # Shapes that are plain only as they are rounded, so that a rounded scene stays as it is.
         soft = np.flatnonzero(drawn & ~plain)
-        placed = _placed(snapped.select(soft), numbers[soft], radius[soft], unit)
+        mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
+        placed = _placed(snapped.select(soft), mean[soft], factor[soft], radius[soft], unit)
         more = soft[_is_arc(placed.ellipse_axes[0], placed.beta)]
         if not len(more):
             break
-        plain[more] = True
+    arcs = drawn & plain
+    mean[arcs], factor[arcs] = arc_geometry(numbers[arcs])
+    levels, falloff = color_levels(scene.color, digits), np.where(plain, -1, kind)
     index = np.flatnonzero(drawn)
-    levels = color_levels(scene.color[index], digits)
-    falloff = np.where(plain, -1, kind)[index]
-    order = np.arange(len(index))
-    if not (falloff >= 0).all():
-        mean, factor = _geometry(numbers[index], falloff < 0)
-        keys = np.stack([mean[:, 0], mean[:, 1], falloff])
-        order = colors_together(mean, factor, levels, keys, 1 / unit)
-    index, falloff, levels = index[order], falloff[order], levels[order]
-    soft = np.flatnonzero(falloff >= 0)
+    if plain[index].any():
+        keys = np.stack([mean[:, 0], mean[:, 1], falloff])[:, index]
+        index = index[colors_together(mean[index], factor[index], levels[index], keys, 1 / unit)]
+    soft = np.flatnonzero(~plain[index])
     count = masked_count(len(soft)) if masked is None else int(masked) * len(soft)
     under = np.zeros(len(index), bool)
     # The upper ones, which are smaller and quicker to paint.
     under[soft[len(soft) - count :]] = True
-    return Shapes(index, falloff, numbers[index], levels, opacity[index], under)
+    return Shapes(
+        index, falloff[index], numbers[index], mean[index], factor[index], levels[index],
+        opacity[index], under,
+    )  # fmt: skip
 
 
 def masked_count(soft: int) -> int:
@@ -146,7 +152,7 @@ def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Sce
         beta=beta,
         drawn=np.where(plain, PLAIN, SOFT),
     )
-    return _placed(rounded, shapes.numbers, _radius(beta, plain), unit, plain)
+    return _placed(rounded, shapes.mean, shapes.factor, _radius(beta, plain), unit)
 
 
 def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -180,38 +186,18 @@ def _radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.f
     return radius
 
 
-def _matrix(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
-    """(n, 5) whole numbers of units a b d e f, for circles of radius (n,) sigmas."""
-    factor = scene.factor * radius[:, None, None]
-    entries = [factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1], *scene.mean.T]
-    return np.round(np.column_stack(entries) / unit) + 0.0  # no -0
-
-
-def _geometry(
-    numbers: NDArray[np.float64], plain: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centres (n, 2) and factors (n, 3) of what is drawn, in units."""
-    mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
-    mean[plain], factor[plain] = arc_geometry(numbers[plain])
-    return mean, factor
-
-
 def _placed(
     scene: Scene,
-    numbers: NDArray[np.float64],
+    mean: NDArray[np.float64],
+    factor: NDArray[np.float64],
     radius: NDArray[np.float64],
     unit: float,
-    plain: NDArray[np.bool_] | None = None,
 ) -> Scene:
-    """The scene with the geometry of such numbers; plain is where they are of arcs."""
-    mean, factor = _geometry(numbers, np.zeros(len(scene), bool) if plain is None else plain)
+    """The scene with ellipses of these centres (n, 2) and factors (n, 3), in units."""
     a, b, d = unit * factor.T
     sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
-    return scene.replace(
-        mean=unit * mean,
-        sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA),
-        rho=np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT),
-    )
+    rho = np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT)
+    return scene.replace(mean=unit * mean, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA), rho=rho)
 
 
 _TILT_DECIMALS = 1  # of long ellipses; of the others none
@@ -287,38 +273,39 @@ def _from_start(
     return chord / 2 + np.einsum("nij,nj->ni", onto, center), chord
 
 
-_DIRECTIONS = 12  # along which the projections of two ellipses are compared
-_ROWS = 256  # of all pairs at a time, which else take eight bytes each
+_DIRECTIONS = np.arange(12) * np.pi / 12  # along which the projections of ellipses are compared
+_FIRST = 0, 6  # the two along the sides of a picture, after which few pairs are left
+_ROWS = 64  # of all pairs at a time, a multiple of the 8 bits of a byte
 
 
 def overlaps(
-    mean: NDArray[np.float64], factor: NDArray[np.float64], margin: float
-) -> NDArray[np.bool_]:
-    """(n, n) whether the shape of a row lies below that of a column and is not apart from it.
+    mean: NDArray[np.float64],
+    factor: NDArray[np.float64],
+    kind: NDArray[np.generic],
+    margin: float,
+) -> NDArray[np.uint8]:
+    """(n, n / 8) bits: whether the shape of a row lies below that of a column and is not apart.
 
-    Arguments are those of `colors_together`.
+    kind  (n,) shapes of one kind have no bits; other arguments are those of `colors_together`
+    Of 20000 shapes they are 50 MB, however many overlap. A row is np.unpackbits(row, count=n).
     """
-    count = len(mean)
-    below = np.triu(np.ones((count, count), bool), 1)
-    # First the two along the sides of a picture, after which few pairs are left.
-    steps = sorted(range(_DIRECTIONS), key=lambda k: k % (_DIRECTIONS // 2))
-    at, reach = [], []
-    for angle_rad in np.array(steps) * np.pi / _DIRECTIONS:
-        x, y = np.cos(angle_rad), np.sin(angle_rad)
-        at.append(mean @ [x, y])
-        reach.append(np.hypot(factor[:, 0] * x + factor[:, 1] * y, factor[:, 2] * y))
-    for begin in range(0, count, _ROWS):
+    x, y = np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)
+    at = mean[:, :1] * x + mean[:, 1:] * y
+    reach = np.hypot(factor[:, :1] * x + factor[:, 1:2] * y, factor[:, 2:] * y)
+    below = np.zeros((len(mean), -(-len(mean) // 8)), np.uint8)
+    for begin in range(0, len(mean), _ROWS):
         rows = slice(begin, begin + _ROWS)
-        block = below[rows, begin:]
-        for a, r in zip(at[:2], reach[:2], strict=True):
-            block &= np.abs(a[rows, None] - a[begin:]) < r[rows, None] + r[begin:] + margin
-        row, column = np.nonzero(block)
-        for a, r in zip(at[2:], reach[2:], strict=True):
-            a, r = a[begin:], r[begin:]
-            near = np.abs(a[row] - a[column]) < r[row] + r[column] + margin
-            row, column = row[near], column[near]
-        block[:] = False
-        block[row, column] = True
+        near = np.triu(kind[rows, None] != kind[begin:], 1)
+        for k in _FIRST:
+            limit = reach[rows, None, k] + reach[begin:, k] + margin
+            near &= np.abs(at[rows, None, k] - at[begin:, k]) < limit
+        row, column = np.nonzero(near)
+        near[:] = False
+        for a, r in zip(at[begin:].T, reach[begin:].T, strict=True):
+            kept = np.abs(a[row] - a[column]) < r[row] + r[column] + margin
+            row, column = row[kept], column[kept]
+        near[row, column] = True
+        below[rows, begin // 8 :] = np.packbits(near, axis=1)
     return below
 
 
@@ -338,14 +325,17 @@ def colors_together(
     From below: a colour all of whose shapes can be drawn, else the one of the largest share.
     """
     kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
-    below = overlaps(mean, factor, margin) & (kind[:, None] != kind)
-    waiting, left = below.sum(axis=0), np.ones(len(mean), bool)
-    order = []
+    below, left = overlaps(mean, factor, kind, margin), np.ones(len(mean), bool)
+    waiting = np.zeros(len(mean), np.intp)  # number of shapes below that are not drawn yet
+    for row in below:
+        waiting += np.unpackbits(row, count=len(mean))
+    order = [np.zeros(0, np.intp)]
     while left.any():
         ready = np.bincount(kind[left & (waiting == 0)], minlength=kind.max() + 1)
         share = ready / np.maximum(np.bincount(kind[left], minlength=len(ready)), 1)
         chosen = np.flatnonzero(left & (waiting == 0) & (kind == share.argmax()))
         order.append(chosen[np.lexsort(key[:, chosen])])
         left[chosen] = False
-        waiting -= below[chosen].sum(axis=0)
-    return np.concatenate(order) if order else np.zeros(0, np.intp)
+        for row in below[chosen]:
+            waiting -= np.unpackbits(row, count=len(mean))
+    return np.concatenate(order)

@@ -9,7 +9,6 @@ With pens the strokes end at the page, and each is drawn by the pen whose colour
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from gauss2svg.scene.falloff import half_radius
 from gauss2svg.scene.inks import MOST_INKS, ink_colors, inks_of
 from gauss2svg.scene.nearest import nearest_entry
 from gauss2svg.svg.element import Element, hex_color, number, writable
-from gauss2svg.svg.encode import Drawn
 
 OUTLINE_WIDTH = 0.5  # px
 STROKE_WIDTHS = 0.01, 100.0
@@ -29,47 +27,39 @@ MOST_PENS = MOST_INKS
 _PIECE_RAD = 0.5 * math.pi
 
 
-def outlines(scene: Scene) -> list[Drawn]:
-    """An <ellipse> for each shape of a scene, in its order, with the colour as its stroke.
+def outlines(scene: Scene) -> list[tuple[int, Element]]:
+    """Return the index of each shape and an <ellipse> with the shape's colour as its stroke.
 
     Shapes whose extent or opacity is written as 0 are left out, as are those off the canvas whose
     numbers are too large (gauss2svg.svg.element.writable).
     """
+    radius = half_radius(scene.beta)
     axes, angle_rad = scene.ellipse_axes
-    radii = axes * half_radius(scene.beta)[:, None]
+    radii, angles = axes * radius[:, None], np.degrees(angle_rad)
     levels = np.round(scene.color * 255).astype(int)
-    center = scene.mean
     drawn = []
-    for i in np.flatnonzero(writable(scene, half_radius(scene.beta), 1.0)).tolist():
-        rx, ry = (number(v, STROKE_DECIMALS) for v in radii[i])
-        # A fainter shape is hardly visible.
-        if "0" in (rx, ry) or scene.opacity[i] < 0.005:
+    # A fainter shape is hardly visible.
+    for i in np.flatnonzero(writable(scene, radius, 1.0) & (scene.opacity >= 0.005)).tolist():
+        numbers = *radii[i], *scene.mean[i], angles[i]
+        rx, ry, x, y, angle = (number(v, STROKE_DECIMALS) for v in numbers)
+        if "0" in (rx, ry):
             continue
-        x, y = (number(v, STROKE_DECIMALS) for v in center[i])
-        angle = number(math.degrees(angle_rad[i]), STROKE_DECIMALS)
         turned = {} if angle == "0" or rx == ry else {"transform": f"rotate({angle} {x} {y})"}
         attributes = {"cx": x, "cy": y, "rx": rx, "ry": ry, "stroke": hex_color(levels[i])}
-        drawn.append(Drawn(i, Element("ellipse", {**attributes, **turned})))
+        drawn.append((i, Element("ellipse", {**attributes, **turned})))
     return drawn
 
 
-@dataclass(frozen=True)
-class Pen:
-    """A pen: its colour as #rrggbb, and the strokes that it draws, those below first."""
+def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
+    """Return at most `count` pens as #rrggbb, lightest first, and what each draws on the page.
 
-    color: str
-    strokes: tuple[Element, ...]
-
-
-def pen_strokes(scene: Scene, count: int) -> list[Pen]:
-    """At most `count` pens, lightest first, with what `outlines` draws as far as it is on the page.
-
-    Their colours are those of gauss2svg.scene.inks.inks_of for the colours of the shapes.
+    Their colours are those of gauss2svg.scene.inks.inks_of for the colours of the shapes. The
+    strokes are those of `outlines` as far as they are on the page, those below first.
     """
     drawn = outlines(scene)
     if not drawn:
         return []
-    index = [one.shape for one in drawn]
+    index = [i for i, _ in drawn]
     color = scene.color[index]
     distinct = len(np.unique(np.round(color * 255), axis=0))
     if distinct == 1:
@@ -79,71 +69,47 @@ def pen_strokes(scene: Scene, count: int) -> list[Pen]:
         sorted_by_color = color[np.lexsort(color.T)][None].astype(np.float32)
         pens = inks_of(sorted_by_color, min(count, distinct))
     entry = nearest_entry(ink_colors(pens), color)[1]
-    strokes: list[list[Element]] = [[] for _ in pens.split(",")]
-    matrices = scene.factor[index] * half_radius(scene.beta[index])[:, None, None]
-    centers = scene.mean[index]
-    for one, pen, matrix, center in zip(drawn, entry.tolist(), matrices, centers, strict=True):
-        element = _on_page(one.element.without("stroke"), matrix, center, scene)
-        if element is not None:
-            strokes[pen].append(element)
-    found = zip(pens.split(","), strokes, strict=True)
-    return [Pen(name, tuple(of_it)) for name, of_it in found if of_it]
+    pens = pens.split(",")
+    strokes: list[list[Element]] = [[] for _ in pens]
+    matrices = scene.factor * half_radius(scene.beta)[:, None, None]
+    for (i, ellipse), pen in zip(drawn, entry.tolist(), strict=True):
+        strokes[pen] += _on_page(ellipse.without("stroke"), matrices[i], scene.mean[i], scene)
+    return [(pen, inside) for pen, inside in zip(pens, strokes, strict=True) if inside]
 
 
 def _on_page(
     ellipse: Element, matrix: NDArray[np.float64], center: NDArray[np.float64], scene: Scene
-) -> Element | None:
-    """The part on the page of the ellipse center + matrix (cos t, sin t); None where none is."""
-    spans = _spans(matrix, center, (scene.width, scene.height))
-    if spans is None:
-        return ellipse
-    if not spans:
-        return None
-    attributes = ellipse.attributes
-    turn = attributes.get("transform", "rotate(0").removeprefix("rotate(").split()[0]
-    arc = f"A{attributes['rx']} {attributes['ry']} {turn} 0 1"
-    data = ""
-    for begin, end in spans:
-        pieces = math.ceil((end - begin) / _PIECE_RAD)
-        angles = np.linspace(begin, end, pieces + 1)
-        ends = center + np.stack([np.cos(angles), np.sin(angles)], axis=1) @ matrix.T
-        ends = np.clip(ends, 0, [scene.width, scene.height])
-        texts = [" ".join(number(v, STROKE_DECIMALS) for v in point) for point in ends]
-        data += f"M{texts[0]}" + "".join(f"{arc} {text}" for text in texts[1:])
-    return Element("path", {"d": data})
-
-
-def _spans(
-    matrix: NDArray[np.float64], center: NDArray[np.float64], page: tuple[float, float]
-) -> list[tuple[float, float]] | None:
-    """Intervals of t in which center + matrix (cos t, sin t) is on the page; None for all of it.
+) -> list[Element]:
+    """Return the part on the page of the ellipse center + matrix (cos t, sin t), if there is one.
 
     It crosses a side x = k where m11 cos t + m12 sin t = k - x, at atan2(m12, m11) +- acos(..).
     """
+    page = np.array([scene.width, scene.height])
     crossings: list[float] = []
     for (along, across), at, side in zip(matrix, center, page, strict=True):
-        reach = math.hypot(along, across)
+        reach, middle = math.hypot(along, across), math.atan2(across, along)
         for wall in (0.0, side):
             if abs(wall - at) < reach:
-                middle, half = math.atan2(across, along), math.acos((wall - at) / reach)
+                half = math.acos((wall - at) / reach)
                 crossings += [(middle - half) % (2 * math.pi), (middle + half) % (2 * math.pi)]
     ends = np.sort(crossings) if crossings else np.zeros(1)
     ends = np.append(ends, ends[0] + 2 * math.pi)
-    middles = 0.5 * (ends[1:] + ends[:-1])
-    at = center + np.stack([np.cos(middles), np.sin(middles)], axis=1) @ matrix.T
-    inside: NDArray[np.bool_] = np.all((at >= 0) & (at <= np.array(page)), axis=1)
+    middles = _points(0.5 * (ends[1:] + ends[:-1]), matrix, center)
+    inside: NDArray[np.bool_] = np.all((middles >= 0) & (middles <= page), axis=1)
     if inside.all():
-        return None
-    # Begin after a part that is off the page, so that none wraps round.
-    first = int(np.flatnonzero(~inside)[0]) + 1
-    spans: list[tuple[float, float]] = []
-    for k in range(len(inside)):
-        at_k = (first + k) % len(inside)
-        if not inside[at_k]:
-            continue
-        begin, end = float(ends[at_k]), float(ends[at_k + 1])
-        if spans and abs((spans[-1][1] - begin) % (2 * math.pi)) < 1e-12:
-            spans[-1] = spans[-1][0], spans[-1][1] + end - begin
-        else:
-            spans.append((begin, end))
-    return spans
+        return [ellipse]
+    turn = ellipse.attributes.get("transform", "rotate(0").removeprefix("rotate(").split()[0]
+    arc, data = f"A{ellipse.attributes['rx']} {ellipse.attributes['ry']} {turn} 0 1", ""
+    for k in np.roll(np.arange(len(inside)), -1)[np.roll(inside, -1)]:
+        pieces = math.ceil((ends[k + 1] - ends[k]) / _PIECE_RAD)
+        angles = np.linspace(ends[k], ends[k + 1], pieces + 1)
+        places = np.clip(_points(angles, matrix, center), 0, page)
+        texts = [" ".join(number(v, STROKE_DECIMALS) for v in place) for place in places]
+        data += f"M{texts[0]}" + "".join(f"{arc} {text}" for text in texts[1:])
+    return [Element("path", {"d": data})] if data else []
+
+
+def _points(
+    t: NDArray[np.float64], matrix: NDArray[np.float64], center: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return center + np.stack([np.cos(t), np.sin(t)], axis=1) @ matrix.T

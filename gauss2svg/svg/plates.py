@@ -15,8 +15,6 @@ from gauss2svg.svg.element import hex_color
 from gauss2svg.svg.minimal_shapes import colors_together, overlaps
 from gauss2svg.svg.plain_ellipse import plain_radius
 
-# Shapes of which all pairs are compared: those of 4000 take some 50 MB.
-_COMPARED = 4000
 _MARGIN = 1.0  # px from which two ellipses count as apart, for edges are antialiased
 
 
@@ -38,14 +36,10 @@ def grouped_by_ink(scene: Scene) -> Scene:
     Each run of an ink is a round of its own. Raises InputError for a scene that is not in inks.
     """
     inks_of_scene(scene)
-    (mean, factor), levels = _ellipses(scene), _levels(scene.color)
-    keys, order = np.stack([mean[:, 0], mean[:, 1], scene.beta]), []
-    for begin in range(0, len(scene), _COMPARED):
-        some = slice(begin, begin + _COMPARED)
-        within = colors_together(mean[some], factor[some], levels[some], keys[:, some], _MARGIN)
-        order.append(begin + within)
-    together = np.concatenate(order) if order else slice(None)
-    scene = scene.replace(round_index=np.zeros(len(scene), np.int32)).select(together)
+    mean, factor = _ellipses(scene)
+    keys = np.stack([mean[:, 0], mean[:, 1], scene.beta])
+    order = colors_together(mean, factor, _levels(scene.color), keys, _MARGIN)
+    scene = scene.replace(round_index=np.zeros(len(scene), np.int32)).select(order)
     changes = (np.diff(_levels(scene.color), axis=0) != 0).any(axis=1)
     index = np.concatenate([[0], np.cumsum(changes)])[: len(scene)]
     return scene.replace(round_index=index)
@@ -64,11 +58,9 @@ def plate_of(scene: Scene, ink: str) -> Scene:
     printed = (_levels(scene.color) == wanted).all(axis=1)
     ground = not scene.transparent and bool((_levels(scene.background) == wanted).all())
     shows = printed != ground
-    if len(scene) <= _COMPARED:
-        # What has the colour of the ground shows where it covers something else.
-        shows |= (overlaps(*_ellipses(scene), _MARGIN) & shows[:, None]).any(axis=0)
-    else:
-        shows[:] = True
+    # What has the colour of the ground shows where it covers something else.
+    below = overlaps(*_ellipses(scene), shows, _MARGIN)[shows]
+    shows |= np.unpackbits(np.bitwise_or.reduce(below), count=len(scene)).astype(bool)
     black = np.where(printed, 0.0, 1.0)[:, None]
     plate = scene.replace(
         color=np.broadcast_to(black, (len(scene), 3)),

@@ -23,38 +23,29 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
-from gauss2svg.scene import PLAIN, RHO_LIMIT
+from gauss2svg.scene import BLURRED, PLAIN, RHO_LIMIT, SOFT
+from gauss2svg.scene.falloff import cut_radius
+from gauss2svg.svg import read_shapes
 from gauss2svg.svg.canvas import CANVAS, NUMBER, frame_of, numbers
 from gauss2svg.svg.file import Scene
 from gauss2svg.svg.minimal_shapes import arc_beta
-from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
-from gauss2svg.svg.read_shapes import (
-    FILTERS,
-    Affine,
-    Fill,
-    Fills,
-    color_of,
-    compose,
-    link_of,
-    open_arcs,
-    outline_of,
-    share_of,
-    styled,
-    target_of,
-    transform_of,
-)
+from gauss2svg.svg.plain_ellipse import plain_radius
+from gauss2svg.svg.read_shapes import Affine, Fill, color_of, compose, share_of, styled, target_of
 from gauss2svg.svg.source import INKSCAPE, MOST_BYTES, SVG, from_root, parse, read_source
 
 MOST_ELEMENTS = 4_000_000  # their tree takes about 3 GB
 _DEEPEST = 100
+_LONGEST_CHAIN = 9  # of gradients: Inkscape makes chains of two
 _LABEL = INKSCAPE + "label"
-_ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
+_ROUND_LABEL = re.compile(r"Round ([1-9]\d{0,8})\b")
+_ROUND_ID = re.compile(r"round-([1-9]\d{0,8})")
 _GROUPS = {"svg", "g", "use"}
 _DRAWN = {*_GROUPS, "circle", "ellipse", "path", "rect"}
 # Elements that draw nothing themselves.
@@ -62,15 +53,10 @@ _SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "filter", "mas
 # Attributes and properties that change a shape and are not read unless they are switched off.
 _EFFECTS = {
     "stroke", "clip-path", "mix-blend-mode", "transform-origin", "transform-box", "rotate", "all",
-    "translate", "scale", "offset-path", "zoom", "systemLanguage", "animation", *FILTERS,
+    "translate", "scale", "offset-path", "zoom", "systemLanguage", "animation", "filter", "mask",
 }  # fmt: skip
 _READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
 _OFF = {"none", "normal", "inherit"}
-_ADVICE = {
-    "use": ", or to unlink the clone",
-    "text": ", or to draw it as part of the photo",
-    "image": ", or to vectorise it with the photo",
-}
 _COVER = re.compile(r"M0 0h(\d+)v(\d+)H0")  # the background of gauss2svg.svg.minimal
 _STOP_RULE = re.compile(
     rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
@@ -141,15 +127,13 @@ class _State(NamedTuple):
 
 
 class _Shape(NamedTuple):
-    """One shape: the ellipse `edge` shows a fill that ends at `disc`, both in canvas px."""
+    """One shape, whose fill ends at `disc`, in canvas px."""
 
     element: Any
-    edge: Affine
     disc: Affine
     fill: Fill
     opacity: float
     round: int
-    is_arc: bool
 
 
 class _Reader:
@@ -159,8 +143,8 @@ class _Reader:
         self._skip_hidden = skip_hidden
         self._by_id = {e.get("id"): e for e in root.iter() if e.get("id")}
         self._opacities: dict[str, list[str]] = {}
-        self._fills = Fills(self._by_id, self._opacities)
-        self._arcs = open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
+        self._gradient = cache(self._read_gradient)
+        self._arcs = read_shapes.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
         self._shapes: list[_Shape] = []
         self._background = None if background is None else np.asarray(background, np.float64)
         for sheet in root.iter(SVG + "style"):
@@ -178,15 +162,10 @@ class _Reader:
         rules = list(_STOP_RULE.finditer(text))
         for rule in rules:
             self._opacities.setdefault(rule[1], []).append(rule[2])
-        if text == "".join(rule[0] for rule in rules) or _SHEET.fullmatch(text):
-            return
-        if "mix-blend-mode" in text:
-            raise InputError(
-                "blend must be 'over' in an SVG that is read; got an additive one, whose levels "
-                "are too few. Try the scene that --save-scene keeps, by Scene.load"
-            )
-        advice = "to write what it sets into the elements"
-        raise refusal("the style sheet", "one that write_svg writes", quoted(sheet.strip()), advice)
+        if text != "".join(rule[0] for rule in rules) and not _SHEET.fullmatch(text):
+            needed = "one that write_svg writes for a scene whose blend is 'over'"
+            advice = "to write what it sets into the elements, or the scene of --save-scene"
+            raise refusal("the style sheet", needed, quoted(sheet.strip()), advice)
 
     def _visit(self, element: Any, parent: _State) -> None:
         """Add what an element draws."""
@@ -196,7 +175,8 @@ class _Reader:
         with _naming(element):
             if tag not in _DRAWN or parent.depth > _DEEPEST:
                 needed = f"ellipses alone, in groups of at most {_DEEPEST}"
-                raise refusal("elements", needed, brief(tag), f"to delete it{_ADVICE.get(tag, '')}")
+                advice = "to delete it, or to vectorise it with the photo"
+                raise refusal("elements", needed, brief(tag), advice)
             attributes = styled(element)
             state = _inherited(attributes, parent, tag)
             hidden = tag not in _GROUPS and state.visibility != "visible"
@@ -212,7 +192,7 @@ class _Reader:
             if tag == "use":
                 x, y = (numbers(attributes.get(name, "0"), name, 1)[0] for name in ("x", "y"))
                 state = state._replace(onto=compose(state.onto, (1.0, 0.0, 0.0, 1.0, x, y)))
-                children = [target_of(self._by_id, link_of(element), "circle", "use")]
+                children = [target_of(self._by_id, read_shapes.link_of(element), "circle", "use")]
             elif tag in ("svg", "g"):
                 number = _round_of(element)
                 # A group of nothing but a fill is minimal markup's, which has no rounds.
@@ -237,18 +217,44 @@ class _Reader:
             return
         number = max(self._shapes[-1].round if self._shapes else 0, state.round)
         arcs = self._arcs.get(attributes.get("d", "")) if tag == "path" else None
-        edges = arcs or [outline_of(tag, attributes)]
+        edges = arcs or [read_shapes.outline_of(tag, attributes)]
         for edge in edges:
-            fill = self._fills.of(state.fill, attributes, edge)
+            fill = self._fill_of(state.fill, attributes, edge)
             if len(edges) > 1 and (alpha < 1 or fill.drawn != PLAIN):
                 raise refusal("ellipses of one path", "opaque and of one colour", "another fill")
-            onto = compose(state.onto, edge)
-            disc = onto if fill.disc in (None, edge) else compose(state.onto, fill.disc)
-            # A blurred disc may be slightly less opaque than its profile, never more.
-            opacity = min(1.0, alpha * fill.peak)
-            self._shapes.append(
-                _Shape(element, onto, disc, fill, opacity, number, arcs is not None)
-            )
+            if not read_shapes.shows(edge, fill.disc or edge, state.onto):
+                needed = "an ellipse with an extent that shows all of its gradient"
+                raise refusal("it", needed, "another", "to undo what changed it, or to delete it")
+            disc, opacity = compose(state.onto, fill.disc or edge), min(1.0, alpha * fill.peak)
+            self._shapes.append(_Shape(element, disc, fill, opacity, number))
+
+    def _fill_of(self, fill: str, attributes: Mapping[str, str], edge: Affine) -> Fill:
+        """Return the fill of a shape with an outline; raise InputError for one of another file."""
+        said = fill, attributes.get("filter", ""), attributes.get("mask", "")
+        key, blur, mask = map(read_shapes.reference_of, said)
+        if mask is not None:
+            inside = read_shapes.mask_key(target_of(self._by_id, mask, "mask"), edge)
+            return self._gradient(inside, True)._replace(color=color_of(fill, "fill"))
+        if key is not None and blur is None:
+            return self._gradient(key, False)
+        color = color_of(fill, "fill")
+        if blur is None:
+            return Fill(color)
+        known = read_shapes.blur_of(target_of(self._by_id, blur, "filter"), edge)
+        # A blurred disc may be slightly less opaque than its profile.
+        return Fill(color, BLURRED, 1 / known.peak, known.beta, known.radius)
+
+    def _read_gradient(self, key: str, in_mask: bool) -> Fill:
+        chain, name = list[Any](), key
+        while name and len(chain) < _LONGEST_CHAIN:
+            chain.append(target_of(self._by_id, name, "radialGradient"))
+            name = read_shapes.link_of(chain[-1])
+        said = {name: value for e in reversed(chain) for name, value in e.attrib.items()}
+        owner = next((e for e in chain if len(e)), chain[-1])
+        sheet = self._opacities.get(read_shapes.link_of(owner), ())
+        color, beta = read_shapes.stops_of(owner, sheet, in_mask)
+        disc = read_shapes.disc_of(said)
+        return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), disc)
 
     def _cover(self, sides: Mapping[str, str], state: _State, free: float) -> None:
         """Raise InputError unless a rectangle is upright over all of the canvas, under all shapes.
@@ -272,26 +278,20 @@ class _Reader:
     def scene(self) -> Scene:
         """Return the scene of all shapes; raise InputError for those that it cannot hold."""
         shapes = self._shapes
-        edge, disc = (
-            np.array(maps).reshape(-1, 3, 2).swapaxes(1, 2)  # (n, 2, 3)
-            for maps in ([shape.edge for shape in shapes], [shape.disc for shape in shapes])
-        )
-        rows = disc[:, :, :2]  # M
+        disc = np.array([shape.disc for shape in shapes]).reshape(-1, 3, 2).swapaxes(1, 2)
+        rows = disc[:, :, :2]  # M, (n, 2, 2)
         with np.errstate(all="ignore"):
             extent = np.hypot(rows[:, :, 0], rows[:, :, 1])
             unit = rows / extent[:, :, None]
             rho = np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -RHO_LIMIT, RHO_LIMIT)
-            bad = ~(np.isfinite(rho) & (np.linalg.det(rows) != 0) & _shows(edge, disc))
+            bad = ~(np.isfinite(rho) & (np.linalg.det(rows) != 0))
         if bad.any():
             with _naming(shapes[int(bad.argmax())].element):
-                needed = "an ellipse with an extent that shows all of its gradient"
-                raise refusal("it", needed, "another", "to undo what changed it, or to delete it")
+                raise refusal("it", "an ellipse with an extent", "another", "to delete it")
         beta = np.array([shape.fill.beta for shape in shapes])
         radius = np.array([shape.fill.radius for shape in shapes])
         plain = beta == 0
-        arcs = np.array([shape.is_arc for shape in shapes], bool)
-        for which, best in ((plain & ~arcs, plain_beta), (plain & arcs, arc_beta)):
-            beta[which] = best(np.linalg.svd(rows[which], compute_uv=False))
+        beta[plain] = arc_beta(np.linalg.svd(rows[plain], compute_uv=False))
         radius[plain] = plain_radius(beta[plain])
         try:
             return Scene(
@@ -335,7 +335,7 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
         if name in ("fill", "fill-opacity", "visibility") and value != "inherit":
             changes[name.replace("-", "_")] = value
         elif name == "transform":
-            changes["onto"] = compose(parent.onto, transform_of(value))
+            changes["onto"] = compose(parent.onto, read_shapes.transform_of(value))
         elif name == "opacity":
             changes["opacity"] = parent.opacity * share_of(value, "opacity")
             if tag in ("svg", "g") and changes["opacity"] < 1:
@@ -352,34 +352,11 @@ def _side(text: str, name: str, whole: float) -> float:
     return scale * numbers(text.removesuffix("%"), name, 1)[0]
 
 
-def _shows(edge: NDArray[np.float64], disc: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) whether an ellipse shows its gradient's disc, but for .05 px, which is rounding.
-
-    False of one without an extent, and of numbers that overflow.
-    """
-    (a, c, _), (b, d, _) = edge.transpose(1, 2, 0)
-    (p, r, t), (q, s, u) = (disc - [[[0, 0, 1]]] * edge).transpose(1, 2, 0)
-    size = a * d - b * c
-    # The disc where the ellipse is the unit circle: its larger axis, and its centre's distance.
-    k, m, n, o = d * p - c * q, a * q - b * p, d * r - c * s, a * s - b * r
-    larger = 0.5 * (np.hypot(k + o, m - n) + np.hypot(k - o, m + n))
-    farthest = (larger + np.hypot(d * t - c * u, a * u - b * t)) / np.abs(size)
-    minor = 0.5 * np.abs(np.hypot(a + d, b - c) - np.hypot(a - d, b + c))
-    return (farthest - 1) * minor <= 0.05
-
-
 def _round_of(group: Any) -> int | None:
-    """Return the round, from 0, of a group's label or id; the label is first, as users edit it.
-
-    Raise InputError for round 0.
-    """
+    """Return the round, from 0, of a group's label or id; the label is first, as users edit it."""
     label = _ROUND_LABEL.match(group.get(_LABEL, ""))
     match = label or _ROUND_ID.fullmatch(group.get("id", ""))
-    if match is None:
-        return None
-    if int(match[1]) < 1:
-        raise refusal("its round", "1 or more", match[1], "to rename it")
-    return int(match[1]) - 1
+    return int(match[1]) - 1 if match else None
 
 
 @contextmanager

@@ -16,7 +16,8 @@ import zlib
 from typing import Any
 from xml.etree import ElementTree
 
-from gauss2svg.errors import InputError, brief, quoted, refusal
+from gauss2svg.errors import brief, quoted, refusal
+from gauss2svg.files import reading
 from gauss2svg.options import file_name
 
 SvgSource = Any  # a path, text that begins with <, bytes or a binary file
@@ -48,12 +49,8 @@ def read_source(
         data = source.encode("utf-8", "surrogatepass")
     elif isinstance(source, (str, os.PathLike)):
         name = file_name(argument, source)
-        try:
-            with open(name, "rb") as file:
-                data = file.read(most_bytes + 1)
-        except (OSError, ValueError) as error:  # ValueError: a null character in the path
-            reason = getattr(error, "strerror", None) or error
-            raise InputError(f"cannot read {name}: {reason}. Try the path of an SVG") from error
+        with reading(name, "the path of an SVG") as file:
+            data = file.read(most_bytes + 1)
     elif hasattr(source, "read"):
         data = source.read(most_bytes + 1)
     if not isinstance(data, bytes):
@@ -84,15 +81,20 @@ def _decoded(data: bytes, name: str) -> str:
 
 
 def from_root(text: str) -> str:
-    """Return the text from the root on; raise InputError for a document type of its own."""
+    """Return the text from the root on.
+
+    Raise InputError for null characters, and for a document type with declarations or a style sheet
+    of another file before the root.
+    """
     before = _BEFORE_ROOT.match(text)
     begin = before.end() if before else 0
     # expat takes null characters for UTF-16, and would see elements that no renderer does.
-    if "\0" in text or text.startswith("<!DOCTYPE", begin):
-        needed = "without null characters and a document type of its own"
-        raise refusal(
-            "the SVG", needed, quoted(text[begin : begin + 60]), "to save it as plain SVG"
-        )
+    if "\0" in text:
+        raise refusal("the SVG", "without null characters", "some", "to save it as UTF-8")
+    if text.startswith(("<!DOCTYPE", "<?xml-stylesheet"), begin):
+        needed = "without a document type of its own or a style sheet of another file"
+        got, advice = quoted(text[begin : begin + 60]), "to save it as plain SVG"
+        raise refusal("the SVG", needed, got, advice)
     return text[begin:]
 
 

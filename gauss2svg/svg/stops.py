@@ -32,61 +32,30 @@ from numpy.typing import NDArray
 from gauss2svg.scene.falloff import cut_radius, profile
 
 FEWEST_STOPS = 3
-_SAMPLES = 2000
+LENIENCE = 1.2  # ratio of another exponent's allowed error to that of beta = 1
 # Exponent from which offsets have four decimals, for a thousandth of the radius shifts a crisp rim
 # of sigma 100 px by 0.14 px.
 CRISP = 8.0
-
-
-# Number of stops of a gradient (docs/decisions/svg.md).
-LENIENCE = 1.2  # ratio of another exponent's allowed error to that of beta = 1
-Stops = tuple[tuple[float, ...], tuple[float, ...]]
+Stops = tuple[list[float], list[float]]
 
 
 def gradient_stops(count: int, beta: float = 1.0) -> Stops:
-    """Offsets (0..1, as shares of cut_radius(beta)) and opacities (0..1) of gradient stops.
+    """Return offsets (0..1, as shares of cut_radius(beta)) and opacities (0..1) of gradient stops.
 
-    At beta = 1 there are `count`; another beta has the fewest with at most lenience times the
+    At beta = 1 there are `count`; another beta has the fewest with at most LENIENCE times the
     error at beta = 1, or `count`. Both are those of files: in STOP_COUNTS and BETA_CLASSES.
     """
-    if beta != 1:
-        allowed = LENIENCE * _best(count, 1.0)[1]
-        for fewer in range(FEWEST_STOPS, count):
-            stops, error = _best(fewer, float(beta))
-            if error <= allowed:
-                return stops
-    return best_stops(count, float(beta))
-
-
-def best_stops(count: int, beta: float) -> Stops:
-    """Offsets and opacities of exactly so many stops, 3 or more, of the least error."""
-    return _best(count, beta)[0]
-
-
-@lru_cache(maxsize=256)
-def _best(count: int, beta: float) -> tuple[Stops, float]:
-    """The best stops, and the integral of their squared error in px^2 at sigma 1 px."""
-    stops = known_stops()[count, beta]
-    x, weight, target = sampled(beta)
-    drawn = np.interp(x, *stops) - target
-    return stops, float(np.sum(weight * np.square(drawn)))
+    known = known_stops()
+    allowed = LENIENCE * known[count, 1.0][1] if beta != 1 else 0.0
+    fewer = (n for n in range(FEWEST_STOPS, count) if known[n, beta][1] <= allowed)
+    return known[next(fewer, count), beta][0]
 
 
 @lru_cache(maxsize=1)
-def known_stops() -> dict[tuple[int, float], Stops]:
-    """The stops of stops.json, whose rows are a count, an exponent, offsets and opacities."""
+def known_stops() -> dict[tuple[int, float], tuple[Stops, float]]:
+    """Return the best stops by their number and exponent, and their squared error in px^2."""
     rows = json.loads(files("gauss2svg.svg").joinpath("stops.json").read_text(encoding="utf-8"))
-    return {(count, beta): (tuple(at), tuple(values)) for count, beta, at, values in rows}
-
-
-def sampled(
-    beta: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.floating]]:
-    """Offsets (n,), their weight in the integral over the disc, and the profile there."""
-    radius = float(cut_radius(beta))
-    x = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    weight = 2 * np.pi * radius * radius / _SAMPLES * x
-    return x, weight, profile(x * radius, beta)
+    return {(count, beta): ((at, values), error) for count, beta, at, values, error in rows}
 
 
 MOST_GREY = 15
@@ -119,7 +88,7 @@ def grey_stops(count: int, beta: float) -> tuple[NDArray[np.float64], NDArray[np
     """
     levels = np.full((1, 3), float(MOST_GREY))
     step = 1 if beta > CRISP else _STEP
-    offsets, colors = _moved(levels, best_stops(count, beta), beta, MOST_GREY, step)
+    offsets, colors = _moved(levels, known_stops()[count, beta][0], beta, MOST_GREY, step)
     return offsets[0], colors[0, :, 0]
 
 

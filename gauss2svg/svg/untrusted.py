@@ -33,6 +33,7 @@ _LOADING = re.compile(
 class Survey:
     """The number of an SVG's elements by name, of its layers in Inkscape, and its root.
 
+    elements   their number
     tags       the commonest first; SVG's own by their local name, others as {namespace}name
     layers     groups that Inkscape shows as layers
     root       attributes of the root
@@ -44,16 +45,11 @@ class Survey:
 
     def __init__(self, text: str, most_elements: int = MOST_ELEMENTS) -> None:
         self.tags: dict[str, int] = Counter()
-        self.layers, self.root, self.qualified = 0, dict[str, str](), False
-        self._most, self._left = most_elements, most_elements
+        self.elements, self.layers, self.root, self.qualified = 0, 0, dict[str, str](), False
+        self._most = most_elements
         self._in_sheet, self._sheet, self._pixels = False, list[str](), 0
         parse(text, self)
         self.tags = dict(Counter(self.tags).most_common())
-
-    @property
-    def elements(self) -> int:
-        """Number of elements."""
-        return sum(self.tags.values())
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         """Count an element, and check what it refers to."""
@@ -62,8 +58,8 @@ class Survey:
             if name != "svg":
                 raise refusal("root element", "<svg>", f"<{name[:80]}>")
             self.root, self.qualified = attributes, tag != name
-        self._left -= 1
-        if self._left < 0:
+        self.elements += 1
+        if self.elements > self._most:
             advice = "to raise --max-elements if you trust it"
             raise refusal("the SVG", f"of at most {self._most} elements", "more", advice)
         if self._in_sheet:  # renderers disagree on which of its texts are the sheet
@@ -96,7 +92,7 @@ class Survey:
             self._sheet.append(text)
 
     def pi(self, target: str, _text: str) -> None:
-        """Refuse a style sheet of another file."""
+        """Refuse a style sheet of another file, wherever it stands."""
         if target == "xml-stylesheet":
             raise _outside("xml-stylesheet")
 

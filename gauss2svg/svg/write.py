@@ -15,22 +15,14 @@ import dataclasses
 import svgwrite
 from svgwrite.extensions import Inkscape
 
-from gauss2svg.errors import (
-    InputError,
-    instance,
-    number_within,
-    quoted,
-    refusal,
-    required,
-    whole_number,
-)
+from gauss2svg.errors import instance, number_within, quoted, refusal, required, whole_number
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.additive import encode_additive
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.canvas import CANVAS
 from gauss2svg.svg.document import INKS, MINIMAL, ROUNDS, Document, SvgFormat
 from gauss2svg.svg.element import Element, number
-from gauss2svg.svg.encode import Drawing, encode, layer, round_layers, sheet_of
+from gauss2svg.svg.encode import Drawing, encode, layer, round_layers, rounds_of
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 from gauss2svg.svg.outlines import (
@@ -43,6 +35,8 @@ from gauss2svg.svg.outlines import (
 )
 from gauss2svg.svg.plates import grouped_by_ink, plate_of
 from gauss2svg.version import __version__
+
+_PORTABLE = "the alpha-composited form (--portable)"
 
 
 def write_svg(
@@ -74,10 +68,7 @@ def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Sc
     """Return the scene in the order of its file: with layers by ink, each ink's runs as rounds."""
     if svg_format.layers != INKS:
         return scene
-    for name in document.layered:
-        raise InputError(
-            f"{name} must not be given with layers {INKS}, which are no rounds. Try layers {ROUNDS}"
-        )
+    document.check_without_layers(f"layers {INKS}", "which are no rounds", f"layers {ROUNDS}")
     return grouped_by_ink(scene)
 
 
@@ -90,12 +81,9 @@ def ordered_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
             scene, svg_format.precision, HEX_DIGITS[-1], document,
             opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops,
         )  # fmt: skip
-    if scene.blend != ADD or svg_format.layers == INKS:
+    if scene.blend != ADD:
         return _text(encode(scene, svg_format, document), scene, document)
-    if document.animate is not None:
-        raise _not_for_additive("animation", "it shows no image until all is drawn")
-    if document.fragments:
-        raise _not_for_additive("fragments", "its layers are phases of drawing, not rounds")
+    document.check_without_layers("additive blending", "whose layers are no rounds", _PORTABLE)
     return _text(encode_additive(scene, svg_format), scene, document)
 
 
@@ -132,50 +120,40 @@ def outline_svg(
     scene = required(scene, "scene", Scene)
     document = instance(document, "document", Document)
     if scene.blend == ADD:
-        raise _not_for_additive(
-            "outlines", "their colours are differences, which show nothing by themselves"
-        )
+        got = "'add', whose colours are differences and show nothing by themselves"
+        raise refusal("blend of a scene with outlines", "'over'", got, _PORTABLE)
     width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
     if pens is not None:
-        return _write_pens(scene, document, float(width), whole_number("pens", pens, 1, MOST_PENS))
+        return _pens_svg(scene, document, float(width), whole_number("pens", pens, 1, MOST_PENS))
     shapes = outlines(scene)
-    drawing = Drawing(
-        view=(number(scene.width, 3), number(scene.height, 3)),
-        gaussians=len(shapes),
-        definitions=[],
-        body=round_layers(shapes, scene),
-        sheet=sheet_of(shapes, scene, document),
-        root={"fill": "none", "stroke-width": width},
-    )
+    rounds, root = rounds_of(shapes, scene), {"fill": "none", "stroke-width": width}
+    sheet = document.style([index for index, _ in rounds])
+    drawing = Drawing(_sides(scene), len(shapes), [], round_layers(rounds), sheet, root)
     return _text(drawing, scene, document)
 
 
-def _write_pens(scene: Scene, document: Document, width: float, count: int) -> str:
-    for name in document.layered:
-        raise InputError(f"{name} must not be given with pens, whose layers are no rounds")
+def _pens_svg(scene: Scene, document: Document, width: float, count: int) -> str:
+    document.check_without_layers("pens", "whose layers are no rounds", "outlines without pens")
     each = document.mm_each(scene.width)
     on_paper = scene.scaled(each)
     pens = pen_strokes(on_paper, count)
-    view = number(on_paper.width, 3), number(on_paper.height, 3)
-    layers = []
-    for at, pen in enumerate(pens, start=1):
-        label = f"{at} {pen.color}: {len(pen.strokes)} strokes"
-        layers.append(layer(label, pen.strokes, id=f"pen-{at}", stroke=pen.color))
+    layers = [
+        layer(f"{at} {pen}: {len(inside)} strokes", inside, id=f"pen-{at}", stroke=pen)
+        for at, (pen, inside) in enumerate(pens, start=1)
+    ]
     root = {"fill": "none", "stroke-width": number(width * each, STROKE_DECIMALS + 1)}
-    drawing = Drawing(view, sum(len(pen.strokes) for pen in pens), [], layers, root=root)
-    return _text(drawing, scene, dataclasses.replace(document, size=f"{view[0]}mm"))
+    view, strokes = _sides(on_paper), sum(len(inside) for _, inside in pens)
+    document = dataclasses.replace(document, size=f"{view[0]}mm")
+    return _text(Drawing(view, strokes, [], layers, root=root), scene, document)
 
 
-def _not_for_additive(what: str, why: str) -> InputError:
-    return InputError(
-        f"blend of a scene with {what} must be 'over'; got 'add': {why}. Try the alpha-composited "
-        "form (--portable)"
-    )
+def _sides(scene: Scene) -> tuple[str, str]:
+    return number(scene.width, 3), number(scene.height, 3)
 
 
 def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
     """Return the file of a drawing: a root with size, title and description, and what is in it."""
-    canvas = number(scene.width, 3), number(scene.height, 3)
+    canvas = _sides(scene)
     sides = document.sides(scene.width, scene.height)
     # debug=True, svgwrite's default, triples the time and still lets NaN through;
     # the numbers are checked by number().

@@ -427,11 +427,14 @@ def test_photo_is_measured_as_without_a_reference(drawn_here):
     [
         ({"reference_scale": 2}, "reference must be given for reference_scale; got none. Try"),
         ({"reference": DISC.format(3), "reference_scale": 0}, "reference_scale must be"),
-        ({"reference": DISC.format(3), "reference_scale": 1e4}, "must have at most .* Try a small"),
+        (
+            {"reference": DISC.format(3), "reference_scale": 1e4},
+            "reference_scale must be a size of at most .* Try a small",
+        ),
         (
             {"reference": np.zeros((24, 48, 3))},
-            "reference must have at least 64x64 px, 4 times the photo's; got 48x24. Try an SVG, "
-            "or --reference-scale 1.5",
+            "size of the reference must be at least 64x64 px, 4 times the photo's; got 48x24. Try "
+            "an SVG, or --reference-scale 1.5",
         ),
         ({"reference": "missing.svg"}, "cannot read missing.svg"),
         ({"reference": "<svg/>"}, "SVG"),
@@ -440,6 +443,11 @@ def test_photo_is_measured_as_without_a_reference(drawn_here):
 def test_reference_that_cannot_be_used_is_refused(given, message, halves, drawn_here):
     with pytest.raises(InputError, match=message):
         gauss2svg.check(halves, DISC.format(3), **given)
+
+
+def test_another_option_is_named(halves):
+    with pytest.raises(TypeError, match="option of check must be a field of CheckOptions; got foo"):
+        gauss2svg.check(halves, DISC.format(3), foo=1)
 
 
 def test_command_reports_the_enlargement(tmp_path, capsys, drawn_here):

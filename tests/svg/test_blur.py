@@ -25,6 +25,7 @@ from gauss2svg.svg import blur as blurs
 from gauss2svg.svg.blur import (
     BLUR,
     BLURS,
+    CLEAR,
     Blur,
     blurred_disc,
     chosen_blurs,
@@ -104,7 +105,7 @@ def test_table_is_what_is_fitted(blur):
 
 def test_filters_end_where_less_than_half_a_level_is_left():
     for blur in BLURS:
-        end = np.array([1 + blur.margin])
+        end = np.array([1 + CLEAR * blur.deviation])
         assert blur.peak * blurred_disc(end, 1 / blur.deviation)[0] < 0.5 / 255
 
 

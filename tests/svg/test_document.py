@@ -133,13 +133,6 @@ def test_document_that_cannot_be_is_refused(change, message):
         Document(**change)
 
 
-def test_size_at_which_a_side_vanishes_is_refused():
-    with pytest.raises(InputError, match=r"size must be larger; .*3000x1 px 0\.1000 by 0\.0000mm"):
-        write_svg(Scene(3000, 1), document=Document(size="0.1mm"))
-    with pytest.raises(InputError, match="size must be larger"):
-        write_svg(Scene(40, 30), document=Document(size=".00001mm"))
-
-
 @pytest.mark.parametrize(
     "name", ["jfif.jpg", "jfif.cm", "exif.jpg", "phys.png", "tiff.tif", "turned.jpg"]
 )

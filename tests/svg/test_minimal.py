@@ -1,7 +1,6 @@
 """Laws of minimal markup: short, well-formed, and drawn as the scene that it is said to draw."""
 
 import io
-import math
 import re
 from xml.etree import ElementTree
 
@@ -274,25 +273,6 @@ def test_names_and_sizes_are_written_only_where_they_are_given():
 def test_a_transparent_scene_has_no_background():
     svg = minimal_svg(soft_scene(3).replace(transparent=True), 1.5)
     assert "<path" not in svg
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"unit": 0}, "unit must be"), ({"unit": math.nan}, "unit must be"),
-        ({"digits": 4}, "digits must be 3 or 6"),
-        ({"document": Document(animate=2.0)}, "animate must not be given"),
-        ({"document": Document(fragments=True)}, "fragments must not be given"),
-    ],
-)  # fmt: skip
-def test_what_a_minimal_file_cannot_be_is_refused(arguments, message):
-    with pytest.raises(InputError, match=message):
-        minimal_svg(Scene(8, 8), **{"unit": 1, **arguments})
-
-
-def test_an_additive_scene_is_refused():
-    with pytest.raises(InputError, match="blend in minimal markup must be 'over'"):
-        minimal_svg(soft_scene(3).replace(blend="add"), 1)
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,10 @@ from PIL import Image
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from gauss2svg.cli.main import main
-from gauss2svg.errors import InputError
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.inks import ink_colors
-from gauss2svg.svg.document import Document, SvgFormat
+from gauss2svg.svg.document import SvgFormat
 from gauss2svg.svg.minimal_shapes import overlaps
 from gauss2svg.svg.plates import grouped_by_ink, ink_name, plate_of
 from gauss2svg.svg.read import read_svg
@@ -106,27 +105,27 @@ def test_plate_leaves_out_what_changes_nothing():
     assert len(plate_of(rare, "#ff0000")) < 60
 
 
-def test_plate_of_another_ink_and_of_a_scene_without_is_refused():
-    with pytest.raises(
-        InputError, match="ink must be one of #17324d, #c0322c, #f7c306; got '#000'"
-    ):
-        plate_svg(scene_in_inks(), "#000")
-    soft = random_scene(5, seed=1)
-    for refused in (lambda: plate_svg(soft, "#000000"), lambda: write_svg(soft, BY_INK)):
-        with pytest.raises(InputError, match="of opaque plain ellipses alone"):
-            refused()
-    with pytest.raises(InputError, match="animate must not be given with layers inks"):
-        write_svg(scene_in_inks(), BY_INK, Document(animate=1.0))
-
-
 def test_shapes_overlap_where_their_ellipses_do():
     mean = np.array([[0.0, 0], [5, 0], [11, 0], [0, 30]])
     factor = np.array([[3.0, 0, 3], [3, 0, 3], [2, 0, 2], [1, 0, 1]])
-    found = overlaps(mean, factor, 0.0)
-    assert found.tolist() == [
-        [False, True, False, False], *[[False] * 4] * 3,
-    ]  # fmt: skip
-    assert overlaps(mean, factor, 1.5)[1, 2]
+    for kind, margin, pairs in (
+        (np.arange(4), 0.0, [[0, 1]]),
+        (np.arange(4), 1.5, [[0, 1], [1, 2]]),
+        (np.array([0, 0, 1, 1]), 1.5, [[1, 2]]),
+    ):
+        bits = np.unpackbits(overlaps(mean, factor, kind, margin), axis=1, count=4)
+        assert np.argwhere(bits).tolist() == pairs
+
+
+def test_overlaps_of_several_blocks_are_those_of_the_upper_triangle():
+    rng = np.random.default_rng(0)
+    mean, factor = rng.uniform(0, 300, (150, 2)), rng.uniform(1, 20, (150, 3))
+    whole = np.unpackbits(overlaps(mean, factor, np.arange(150), 0.0), axis=1, count=150)
+    assert 0 < whole.sum() == np.triu(whole, 1).sum()
+    for some in (slice(60, 70), slice(100, 150)):
+        part = overlaps(mean[some], factor[some], np.arange(150)[some], 0.0)
+        count = some.stop - some.start
+        np.testing.assert_array_equal(np.unpackbits(part, axis=1, count=count), whole[some, some])
 
 
 def test_separations_are_files_beside_the_picture(photo, tmp_path):

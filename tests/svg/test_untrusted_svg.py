@@ -86,7 +86,12 @@ REFUSED = {
     "escaped paint": ("<g style='fill:\\75r\\6c(x.svg)'/>", "without escapes"),
     "escaped attribute": ("<g fill='\\75r\\6c(x.svg)'/>", "without escapes"),
     "escaped import": ("<style>@\\69mport 'x.css';</style>", "without escapes"),
-    "instruction": (f'<?xml-stylesheet href="x.css"?>{ROOT}</svg>', "got 'xml-stylesheet'"),
+    "instruction": (
+        f'<!-- --><?xml-stylesheet href="x.css"?>{ROOT}</svg>',
+        "a style sheet of another file; got '<?xml-stylesheet href=",
+    ),
+    "instruction at the end": (f"{ROOT}</svg><?xml-stylesheet href='x'?>", "got 'xml-stylesheet'"),
+    "null": (f"{ROOT}<desc>\0</desc></svg>", "without null characters"),
     "style sheet of a page": ('<h:style>@import "x.css";</h:style>', "got '@import'"),
     "element in a style sheet": ('<style>@imp<g>x</g>ort "x";</style>', "of text alone; got <g>"),
     "set of images": ("<g style='fill:image-set(\"x.png\" 1x)'/>", "got 'image-set('"),
