@@ -1,6 +1,6 @@
 """Scenes at the limits of what a scene may hold: accuracy of renderers, gradients and files.
 
-    python benchmarks/extremes.py [-o OUT.md]
+    python benchmarks/extremes.py
 
 The script prints a Markdown table with a row for each case:
 
@@ -20,15 +20,14 @@ reference needs pip install "gauss2svg[torch]".
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from common import head, line
 from numpy.typing import NDArray
 
 from gauss2svg import Scene, SceneError, SvgFormat, quantize, write_svg
@@ -292,45 +291,23 @@ def drawn_file(scene: Scene) -> tuple[float, float] | SceneError:
     return metrics.psnr(raster, model), metrics.largest_error(raster, model)
 
 
-def _row(case: Case) -> str:
-    scene = case.scene
-    single, double, plain = picture_differences(scene)
-    exact = gradients(scene, False, torch.float64)
-    off = [
-        gradient_difference(gradients(scene, *how), exact)[0]
-        for how in ((True, torch.float32), (True, torch.float64), (False, torch.float32))
-    ]
-    file = drawn_file(scene)
+def row(case: Case) -> list[str]:
+    """Return the cells of a case."""
+    single, double, plain = picture_differences(case.scene)
+    exact = gradients(case.scene, False, torch.float64)
+    kinds = ((True, torch.float32), (True, torch.float64), (False, torch.float32))
+    off = [gradient_difference(gradients(case.scene, *kind), exact)[0] for kind in kinds]
+    file = drawn_file(case.scene)
     shown = "refused" if isinstance(file, SceneError) else f"{file[0]:.1f} dB, {file[1]:.1f}"
-    bounds = (case.single, case.double, case.gradient, case.levels or "refused")
-    cells = (
+    levels = "refused" if case.levels is None else f"{case.levels:g}"
+    return [
         case.name, f"{single:.1e} ({plain:.1e})", f"{double:.1e}",
         f"{off[0]:.1e}, {off[1]:.1e} ({off[2]:.1e})", shown,
-        ", ".join(b if isinstance(b, str) else f"{b:g}" for b in bounds), case.reason,
-    )  # fmt: skip
-    return "| " + " | ".join(cells) + " |"
-
-
-def table() -> Iterator[str]:
-    """Lines of the table."""
-    yield "| case | float32 | float64 | gradient | file | bounds | reason |"
-    yield "|---|---|---|---|---|---|---|"
-    for case in cases():
-        yield _row(case)
-
-
-def main() -> None:
-    """Parse the command line, print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("-o", type=Path, dest="out")
-    options = parser.parse_args()
-    lines = []
-    for line in table():
-        print(line, flush=True)
-        lines.append(line)
-    if options.out:
-        options.out.write_text("\n".join(lines) + "\n")
+        f"{case.single:g}, {case.double:g}, {case.gradient:g}, {levels}", case.reason,
+    ]  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    print(head(["case", "float32", "float64", "gradient", "file", "bounds", "reason"]))
+    for case in cases():
+        print(line(row(case)), flush=True)

@@ -2,141 +2,315 @@
 
     python benchmarks/figures.py docs/_static [start model progressive-fit ...]
 
-FOLDER/figures/NAME.webp, or NAME.svg, stands on the page that names it; guide_figures.py draws
-those of the guide. FOLDER/start has the pictures of the start page and start.inc, which shows them,
-and by the name results the six results that the start page and the guide link to.
+FOLDER/figures/NAME.webp, or NAME.svg, stands on the page that names it. FOLDER/start has the
+pictures of the start page and start.inc, which shows them, and by the name `results` the six
+results that the start page and the guide link to. The names `readme` and `gallery` make
+examples/showcase.jpg and examples/gallery.jpg.
 """
 
 from __future__ import annotations
 
-import io
 import re
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import scenes
-from common import eight_bits, encoded
-from guide_figures import FIGURES as OF_THE_GUIDE
+from common import (
+    COFFEE,
+    PICTURES,
+    ROOT,
+    Pixels,
+    coffee,
+    drawn,
+    eight_bits,
+    encoded,
+    shipped,
+    to_width,
+    vectorized,
+    webps,
+)
 from matplotlib.figure import Figure
-from panels import COFFEE, WIDTH_IN, coffee, tiles
+from panels import (
+    BICUBIC,
+    MOST_BYTES,
+    WIDTH_IN,
+    chart,
+    compared,
+    enlarged,
+    part,
+    png,
+    said,
+    small_webp,
+    table_of,
+    tiles,
+    upto,
+)
 from PIL import Image, ImageOps
-from screenshots import inkscape, studio
+from screenshots import gallery, studio
 from skimage import data
-from small import of_another_tool
 
 from gauss2svg import (
-    FitOptions,
+    Document,
+    Progress,
     Scene,
-    SvgOptions,
+    outline_svg,
     placeholder,
     quantize,
     vectorize,
     write_svg,
 )  # fmt: skip
 from gauss2svg.errors import RendererError
+from gauss2svg.measure.heatmap import colors_of, errors
 from gauss2svg.measure.metrics import psnr
+from gauss2svg.photo.alpha import over
 from gauss2svg.photo.load import load_image
-from gauss2svg.raster import RENDERERS, rasterize
+from gauss2svg.raster import RENDERERS, rasterize, rasterize_rgba
 from gauss2svg.render import render
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.stops import gradient_stops
 
-COUNTS = (8, 32, 128, 512, 2048, 8192)
-MOST_BYTES = 60_000
+COUNTS = (8, 32, 128, 512, 2048, 8192)  # shapes of the pictures of the start page
 WIDTH_PX = 1200
+INKS = "#ffffff,#e0a070,#a04818,#201008"
 
 
-def small_webp(image: Image.Image) -> bytes:
-    """An image as WebP of at most MOST_BYTES, as good as that allows; lines without loss."""
-    smaller = image.resize((image.width * 3 // 4, image.height * 3 // 4), Image.Resampling.LANCZOS)
-    exact = encoded(image, "WEBP", lossless=True, method=4)
-    for picture in (image, smaller):
-        for quality in (80, 72, 64, 56):
-            data = min(exact, encoded(picture, "WEBP", quality=quality, method=6), key=len)
-            if len(data) <= MOST_BYTES:
-                return data
-    raise SystemExit(f"a figure must have at most {MOST_BYTES} bytes; got {len(data)}")
+def sizes() -> Figure:
+    """Return one photo in files of four sizes."""
+    limits = [{"max_bytes": size} for size in (5000, 20_000, 60_000, 150_000)]
+    return compared(shipped("chelsea"), "{kB:.0f} kB, {psnr_svg:.1f} dB", limits, "")
 
 
-def start(folder: Path) -> None:
-    """The pictures of the start page's slider, and the lines that show them."""
-    folder.mkdir(parents=True, exist_ok=True)
-    photo = load_image(COFFEE).pixels
-    frames = []
-    for count in COUNTS:
-        result = vectorize(photo, gaussians=count)
-        report = result.report
-        (folder / f"{count}.webp").write_bytes(encoded(result.raster, "WEBP", quality=80, method=6))
-        frames.append(
-            f"<li>{len(result.scene)} shapes: "
-            f"{report['svg_bytes'] / 1000:.0f} kB, {report['svgz_bytes'] / 1000:.0f} kB gzipped, "
-            f"PSNR {report['psnr_svg']:.1f} dB</li>"
-        )
-        print(frames[-1])
-    height, width = photo.shape[:2]
-    (folder / "start.inc").write_text(
-        '<figure class="start" id="start">\n'
-        f'<img src="_static/start/{COUNTS[-1]}.webp" width="{width}" height="{height}" '
-        'alt="A cup of coffee on a wooden table, drawn by soft shapes">\n'
-        '<label hidden>Few to many shapes <input type="range" min="0" '
-        f'max="{len(COUNTS) - 1}" value="{len(COUNTS) - 1}"></label>\n'
-        f'<ol data-frames="{" ".join(map(str, COUNTS))}">\n' + "\n".join(frames) + "\n</ol>\n"
-        "</figure>\n"
-    )
+def decibels() -> Figure:
+    """Return one photo at four PSNRs."""
+    targets = [{"target_psnr": target} for target in (25, 30, 35, 40)]
+    return compared(coffee(360), "{psnr_svg:.0f} dB, {kB:.0f} kB", targets, "")
 
 
-def results(folder: Path) -> None:
-    """Write the six results that the start page and the guide link to, of 480x320 px each."""
-    cup, rocket = data.coffee(), data.rocket() / 255
-    height, width = rocket.shape[:2]
-    before = rasterize(placeholder(data.rocket(), max_bytes=1000).svg, width, height)
-    half = width // 2
-    logo = np.asarray(Image.fromarray(data.logo()).convert("RGB")) / np.float32(255)
-    inked = vectorize(cup, gaussians=300, fit=FitOptions(inks="#ffffff,#e0a070,#a04818,#201008"))
-    lines = re.sub(r'stroke-width="[^"]*"', 'stroke-width="1"', inked.outline())
-    rounds = [upto(vectorize(coffee(480), gaussians=600).scene, share) for share in (0, 0.5, 1)]
-    thirds = [render(scene, 480, 320)[:, 160 * k : 160 * (k + 1)] for k, scene in enumerate(rounds)]
-    pictures = {
-        "size": vectorize(data.chelsea(), max_bytes=60_000).raster,
-        "placeholder": np.hstack([before[:, :half], rocket[:, half:]]),
-        "logo": vectorize(logo, max_bytes=20_000).raster,
-        "poster": vectorize(cup, fit=FitOptions(inks=6), max_bytes=20_000).raster,
-        "plot": of_another_tool(lines, np.ones((400, 600, 3))),
-        "layers": np.hstack(thirds),
+def logos() -> Figure:
+    """Return a logo in files of some sizes, and the picture."""
+    limits: list[dict[str, Any]] = [{"max_bytes": 5000}, {"max_bytes": 20_000}, {}]
+    return compared(shipped("logo"), "{kB:.0f} kB: {psnr_svg:.1f} dB", limits, "the picture")
+
+
+def inks() -> Figure:
+    """Return a cup of coffee in few inks, and the picture."""
+    options = [{"inks": k, "max_bytes": 20_000, "markup": "minimal"} for k in (3, 6, 12)]
+    return compared(shipped("coffee"), "{inks} inks: {psnr_svg:.1f} dB", options, "the picture")
+
+
+def editors() -> Figure:
+    """Return a file in minimal markup as resvg and as Inkscape draw it, and an editable one."""
+    photo = coffee(480)
+    files = [vectorized(photo, max_bytes=20_000, markup=m) for m in ("minimal", "editable")]
+    by_inkscape = [rasterize(file.svg, 480, 320, "inkscape") for file in files]
+    titles = ["minimal, by resvg", "minimal, by Inkscape", "editable, by Inkscape", "the photo"]
+    return tiles([files[0].raster, *by_inkscape, photo], titles, columns=2)
+
+
+def presets() -> Figure:
+    """Return one photo by each preset, and a part of each at three times the size."""
+    photo = coffee(360)
+    names = ("draft", "fast", "balanced", "high", "max")
+    found = [vectorize(photo, quality=name) for name in names]
+    whole = [*(r.raster for r in found), photo]
+    left, top, width, height = 65, 125, 120, 80  # px of the part
+    moved = [r.scene.replace(mean=r.scene.mean - [left, top]) for r in found]
+    near = [render(s.replace(width=width, height=height), 3 * width, 3 * height) for s in moved]
+    near.append(enlarged(photo[top : top + height, left : left + width], 3, BICUBIC))
+    titles = [f"{name}: {said(r, '{kB:.0f} kB')}" for name, r in zip(names, found, strict=True)]
+    order = [*whole[:3], *near[:3], *whole[3:], *near[3:]]
+    return tiles(order, [*titles[:3], *[""] * 3, *titles[3:], "the photo", *[""] * 3], columns=3)
+
+
+def placeholders() -> Figure:
+    """Return what a page shows before the photo has come, by bytes, and after."""
+    photo = shipped("rocket")
+    svgs = [placeholder(photo, max_bytes=limit).svg for limit in (500, 1000, 2000)]
+    titles = [f"before: {len(svg)} bytes" for svg in svgs]
+    shown = [drawn(svg, *photo.shape[:2]) for svg in svgs]
+    return tiles([*shown, photo], [*titles, "after: the photo"], columns=2)
+
+
+def webp() -> Figure:
+    """Return a photo in 1500 bytes as WebP and as a placeholder, and the photo."""
+    photo, limit = shipped("chelsea"), 1500
+    best = max(webps(photo, limit), key=lambda shown: psnr(shown, photo))
+    ours = drawn(placeholder(photo, max_bytes=limit).svg, *photo.shape[:2])
+    names = (("WebP", best), ("gauss2svg", ours))
+    titles = [f"{name}: {psnr(shown, photo):.1f} dB" for name, shown in names]
+    return tiles([best, ours, photo], [*titles, "the photo"], columns=3)
+
+
+def drawings() -> Figure:
+    """Return FLIP by bytes of ten drawings and of vtracer's, from the table of the benchmarks."""
+    rows = table_of("drawings.md", "| drawing | bytes | PSNR, dB | FLIP")[1:]
+    by_name = {row[0]: [r for r in rows if r[0] == row[0]] for row in rows}
+    whole = [mine for mine in by_name.values() if all(row[6] != "-" for row in mine)]
+    ticks = {float(n): str(n) for n in (2, 5, 10, 20, 50)}
+    figure, axis = chart(3.4, "kB", "FLIP, lower is better", ticks, ylim=(0, 0.45))
+    for column, label, colour in ((3, "gauss2svg", "#1668c1"), (6, "vtracer", "#c8501e")):
+        values = np.array([[float(row[column]) for row in mine] for mine in whole])
+        for one in values:
+            axis.plot(list(ticks), one, color=colour, linewidth=0.6, alpha=0.35)
+        axis.plot(list(ticks), values.mean(axis=0), "o-", color=colour, label=label)
+    axis.legend(fontsize=12)
+    return figure
+
+
+def counts() -> Figure:
+    """Return PSNR on Kodak-24 by the number of shapes, from the table of the benchmarks."""
+    names, *rows = table_of("peers.md", "| method |")
+    numbers = [int(cell.replace(" ", "")) for cell in names[1:]]
+    ticks = {256.0: "256", 1e3: "1000", 5e3: "5000", 1e4: "10 000", 5e4: "50 000"}
+    figure, axis = chart(5, "shapes", "PSNR on Kodak-24, dB", ticks, ylim=(22, 52))
+    for name, *cells in rows:
+        points = [(n, float(c)) for n, c in zip(numbers, cells, strict=True) if c]
+        ours = name.startswith("gauss2svg")
+        style = "o-" if ours else "s--" if "curves" in name else "^:"
+        axis.plot(*zip(*points, strict=True), style, label=name, linewidth=2 if ours else 1,
+                  markersize=4, zorder=3 if ours else 2)  # fmt: skip
+    axis.legend(fontsize=10.5, loc="upper left", ncols=2)
+    return figure
+
+
+def progressive_fit() -> Figure:
+    """Return the rounds of one file, one after the other."""
+    scene = vectorize(coffee(300), gaussians=1000).scene
+    steps = [upto(scene, share) for share in np.linspace(0, 1, 5)]
+    titles = [f"round {s.round_index.max() + 1}: {len(s)} Gaussians" for s in steps]
+    return tiles([render(s, 600, 400) for s in steps], titles)
+
+
+def layers() -> Figure:
+    """Return layers of a file alone, and the picture as they come one after the other."""
+    scene = vectorize(coffee(300), gaussians=600).scene
+    steps = [upto(scene, share) for share in np.linspace(0, 1, 4)]
+    last = [int(s.round_index.max()) for s in steps]
+    alone = [scene.select(scene.round_index == k).replace(background=np.ones(3)) for k in last]
+    titles = [f"round {k + 1}: {len(s)}" for k, s in zip(last, alone, strict=True)]
+    titles += [f"up to {k + 1}: {len(s)}" for k, s in zip(last, steps, strict=True)]
+    return tiles([render(s, 480, 320) for s in (*alone, *steps)], titles, columns=4)
+
+
+def forming() -> str:
+    """Return a file whose rounds fade in."""
+    scene = vectorize(coffee(300), gaussians=190).scene
+    alt = "A cup of coffee that forms from large shapes to small ones within six seconds"
+    return write_svg(scene, document=Document(title="Coffee", alt=alt, animate=6))
+
+
+def scenes() -> Figure:
+    """Return a scene, edited as arrays: its large shapes, other colours, crisp rims."""
+    scene = vectorize(coffee(300), gaussians=600).scene
+    large = scene.select(scene.sigma.max(axis=1) > 4)
+    edited = {
+        "the scene": scene,
+        f"the {len(large)} large shapes": large,
+        "warmer": scene.replace(color=scene.color ** [0.75, 1, 1.3]),
+        "every rim crisp": scene.replace(beta=np.full(len(scene), 64.0)),
     }
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, pixels in pictures.items():
-        image = eight_bits(pixels)
-        if name == "logo":
-            framed = ImageOps.pad(image, (480, 320), color="white")
-        else:
-            framed = ImageOps.fit(image, (480, 320))
-        file = encoded(framed, "WEBP", quality=75, method=6)
-        (folder / f"{name}.webp").write_bytes(file)
-        print(f"{name}: {len(file)} bytes")
+    return tiles([render(s, 480, 320) for s in edited.values()], list(edited), columns=2)
 
 
-def upto(scene: Scene, share: float) -> Scene:
-    """The first rounds of a scene, up to a share of them and at least one."""
-    last = scene.round_index.max()
-    return scene.select(scene.round_index <= round(share * last))
+def printed() -> Figure:
+    """Return a small photo four times as large: by bicubic interpolation, by shapes, the photo."""
+    whole = shipped("astronaut")
+    small = to_width(whole, 128)
+    shapes = rasterize(vectorize(small, gaussians=2000).svg, 512, 512)
+    shown = {"bicubic": enlarged(small, 4, BICUBIC), "gauss2svg": shapes}
+    titles = [f"{name}: {psnr(one, whole):.1f} dB" for name, one in shown.items()]
+    crops = [part(one, 0.28, 0.02, 0.4) for one in (*shown.values(), whole)]
+    return tiles(crops, [*titles, "photo, 512 px"], columns=3)
+
+
+def traced() -> Figure:
+    """Return letters of a logo four times as large: by gauss2svg, by vtracer, and the truth."""
+    import vtracer  # pyright: ignore[reportMissingImports]
+
+    source = (PICTURES / "badge.svg").read_text()
+    logo, truth = (rasterize(source, side, side) for side in (512, 2048))
+    png = encoded(logo, "PNG")
+    theirs = vtracer.convert_raw_image_to_svg(png, img_format="png", path_precision=2)
+    svgs = {"gauss2svg": vectorize(logo).svg, "vtracer": theirs}
+    shown = [drawn(svg, 2048, 2048) for svg in svgs.values()]
+    titles = [f"{name}: {len(svg) / 1000:.0f} kB" for name, svg in svgs.items()]
+    crops = [part(one, 0.3, 0.34, 0.24) for one in (*shown, truth)]
+    return tiles(crops, [*titles, "the drawing"], columns=3)
+
+
+def plotters() -> Figure:
+    """Return a picture in inks, the lines of it that are seen, and those but for the white pen."""
+    result = vectorized(shipped("coffee"), gaussians=800, inks=INKS, size="200mm")
+    with tempfile.TemporaryDirectory() as folder:
+        lines, seen = Path(folder, "lines.svg"), Path(folder, "seen.svg")
+        lines.write_text(outline_svg(result.scene, result.document), encoding="utf-8")
+        subprocess.run(
+            ["vpype", "read", "--no-crop", lines, "occult", "-i", "crop", "0", "0", "200mm",
+             "133.33mm", "write", seen], check=True,
+        )  # fmt: skip
+        text = seen.read_text(encoding="utf-8")
+    # resvg takes no metadata of other name spaces, and lines are thin for a picture of this size
+    text = re.sub(r"<metadata>.*</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r'stroke-width="[^"]*"', 'stroke-width="1.2"', text)
+    white = re.compile(r'stroke="(#fff|#ffffff|white)"')
+    svgs = [white.sub(f'stroke="{colour}"', text) for colour in ("#3080e0", "none")]
+    titles = ["the picture", "lines, white as blue", "without white"]
+    return tiles([result.raster, *(drawn(svg, 400, 600) for svg in svgs)], titles, columns=3)
+
+
+def transparent() -> Figure:
+    """Return one transparent SVG over a light, a dark and a chequered page."""
+    y, x = np.mgrid[:512, :512]
+    ellipse = np.clip(4 - 4 * np.hypot((x - 230) / 210, (y - 200) / 230), 0, 1)
+    photo = np.dstack([data.astronaut() / 255, ellipse])
+    raster = rasterize_rgba(vectorize(to_width(photo, 256), gaussians=1500).svg, 512, 512)
+    checks = np.where((x // 32 + y // 32) % 2, 0.75, 1.0)[:, :, None] * np.ones(3)
+    pages = {
+        "on white": np.ones(3), "on a dark page": np.array([0.11, 0.15, 0.26]),
+        "on a pattern": checks,
+    }  # fmt: skip
+    return tiles([over(raster, page) for page in pages.values()], list(pages), columns=3)
+
+
+def errors_map() -> Figure:
+    """Return a photo, its SVG and the map of errors that check writes."""
+    photo = coffee(360)
+    result = vectorize(photo, quality="fast")
+    heat = colors_of(errors(result.raster, photo)) / 255
+    return tiles([photo, result.raster, heat], ["photo.jpg", "out.svg", "errors.png"], columns=3)
+
+
+def interrupted() -> Figure:
+    """Return what is left of a fit that ends early, and the whole one."""
+    rasters, titles = [], []
+    for share in (0.15, 0.4, 1.0):
+        done = [0.0]
+
+        def watch(progress: Progress, done: list[float] = done) -> None:
+            done[0] = progress.fit.done if progress.fit else done[0]
+
+        def ends(done: list[float] = done, share: float = share) -> bool:
+            return done[0] >= share
+
+        result = vectorize(coffee(300), gaussians=1000, progress=watch, stop=ends)
+        rasters.append(result.raster)
+        when = "whole" if share == 1 else f"ended at {share:.0%}"
+        titles.append(said(result, when + ": {psnr_svg:.1f} dB"))
+    return tiles(rasters, titles, columns=3)
 
 
 def model() -> Figure:
-    """The falloff of some exponents, and one ellipse with each."""
+    """Return the falloff of some exponents, and one ellipse with each."""
     figure, (left, right) = plt.subplots(
         1, 2, figsize=(WIDTH_IN, 2.3), layout="constrained", width_ratios=(1.25, 1)
     )
     r = np.linspace(0, 3.2, 400)
     betas = (1.0, 1.7, 3.0, 16.0)
-    for beta in betas:
-        left.plot(r, profile(r, beta), label=f"beta = {beta:g}")
-    left.set_xlabel("Mahalanobis distance r")
-    left.set_ylabel("falloff f(r)")
-    left.legend(fontsize=8)
     shapes = Scene(
         4, 1,
         mean=np.array([[k + 0.5, 0.5] for k in range(4)]), sigma=np.full((4, 2), 0.16),
@@ -146,49 +320,43 @@ def model() -> Figure:
     row = render(shapes, 800, 200)
     right.imshow(np.block([[[row[:, :400]]], [[row[:, 400:]]]]))
     for k, beta in enumerate(betas):
+        left.plot(r, profile(r, beta), label=f"beta = {beta:g}")
         right.text(200 * (k % 2) + 6, 200 * (k // 2) + 22, f"beta = {beta:g}", fontsize=8)
+    left.set(xlabel="Mahalanobis distance r", ylabel="falloff f(r)")
+    left.legend(fontsize=8)
     right.axis("off")
     return figure
 
 
-def progressive_fit() -> Figure:
-    """The rounds of one file, one after the other."""
-    photo = coffee(300)
-    result = vectorize(photo, gaussians=1000)
-    scene = result.scene
-    rounds = np.unique(scene.round_index)
-    chosen = rounds[np.round(np.linspace(0, len(rounds) - 1, 5)).astype(int)]
-    upto = [scene.select(scene.round_index <= k) for k in chosen]
-    names = [f"round {k + 1}: {len(s)} Gaussians" for k, s in zip(chosen, upto, strict=True)]
-    return tiles([render(s, 600, 400) for s in upto], names)
-
-
 def gaussian_count() -> Figure:
-    """Pictures and the numbers of Gaussians that they get."""
-    drawn, titles = [], []
-    for name, picture in scenes.pictures():
-        if name in ("flat", "linear ramp", "logo", "coins", "astronaut"):
-            side = min(picture.shape[:2])
-            result = vectorize(np.ascontiguousarray(picture[:side, :side]))
-            drawn.append(result.raster)
-            titles.append(f"{name}: {len(result.scene)}")
-    return tiles(drawn, titles)
+    """Return pictures and the numbers of Gaussians that they get."""
+    dark, light = np.array([0.10, 0.20, 0.50]), np.array([0.95, 0.75, 0.30])
+    ramp = np.linspace(0, 1, 256)[None, :, None] * np.ones((256, 1, 1))
+    squares: dict[str, Pixels] = {
+        name: np.round(255 * (dark + (light - dark) * share)) / 255
+        for name, share in (("flat", 0 * ramp), ("linear ramp", ramp))
+    }
+    for name in ("logo", "coins", "astronaut"):
+        side = min(shipped(name).shape[:2])
+        squares[name] = shipped(name)[:side, :side]
+    results = {name: vectorize(np.float32(pixels)) for name, pixels in squares.items()}
+    titles = [f"{name}: {len(result.scene)}" for name, result in results.items()]
+    return tiles([result.raster for result in results.values()], titles)
 
 
 def writing_svg() -> Figure:
-    """A gradient's stops beside the falloff, and what renderers make of one file."""
-    photo = coffee(240)
-    scene = quantize(vectorize(photo, gaussians=1500).scene, palette=300)
+    """Return a gradient's stops beside the falloff, and what renderers make of one file."""
+    scene = quantize(vectorize(coffee(240), gaussians=1500).scene, palette=300)
     svg, exact = write_svg(scene), render(scene)
-    names, pictures = [], []
+    pictures = {}
     for name in RENDERERS:
         try:
             raster = rasterize(svg, 240, 160, name)
         except RendererError as error:
             print(f"without {name}: {error}")
-            continue
-        names.append(f"{name}: {psnr(raster, exact):.1f} dB")
-        pictures.append(np.clip(0.5 + 16 * (raster - exact), 0, 1))
+        else:
+            title = f"{name}: {psnr(raster, exact):.1f} dB"
+            pictures[title] = np.clip(0.5 + 16 * (raster - exact), 0, 1)
     figure = plt.figure(figsize=(WIDTH_IN, 4.2), layout="constrained")
     upper, lower = np.ravel(np.array(figure.subfigures(2, 1, height_ratios=(1, 1.15))))
     for axis, beta in zip(upper.subplots(1, 3, sharey=True), BETA_CLASSES[:3], strict=True):
@@ -200,19 +368,18 @@ def writing_svg() -> Figure:
         axis.set_title(f"beta = {beta:g}", fontsize=8)
         axis.tick_params(labelsize=7)
     upper.axes[-1].legend(fontsize=7)
-    for axis, picture, name in zip(
-        lower.subplots(2, -(-len(names) // 2)).flat, pictures, names, strict=False
-    ):
+    axes = np.ravel(lower.subplots(2, -(-len(pictures) // 2)))
+    for axis, (title, picture) in zip(axes, pictures.items(), strict=False):
         axis.imshow(picture)
-        axis.set_title(name, fontsize=8)
-    for axis in lower.axes:
+        axis.set_title(title, fontsize=8)
+    for axis in axes:
         axis.axis("off")
     return figure
 
 
 def additive_blending() -> Figure:
-    """What an additive scene adds, what it takes away, and both."""
-    scene = vectorize(coffee(300), gaussians=400, fit=FitOptions(blend="add")).scene
+    """Return what an additive scene adds, what it takes away, and both."""
+    scene = vectorized(coffee(300), gaussians=400, blend="add").scene
     parts = [
         scene.replace(color=np.clip(scene.color, low, high), background=np.full(3, level))
         for low, high, level in ((0, 100, 0), (-100, 0, 1))
@@ -222,7 +389,7 @@ def additive_blending() -> Figure:
 
 
 def extremes() -> Figure:
-    """One scene at three zooms: a needle of aspect 1000, a crisp rim and a Gaussian."""
+    """Return one scene at three zooms: a needle of aspect 1000, a crisp rim and a Gaussian."""
     scene = Scene(
         80, 60,
         mean=np.array([[40, 30], [40, 30.4], [36, 29]]),
@@ -231,75 +398,102 @@ def extremes() -> Figure:
         color=np.array([[0.95, 0.75, 0.3], [0.1, 0.2, 0.5], [0.8, 0.1, 0.1]]),
         opacity=np.ones(3), beta=np.array([1, 1, 200]),
     )  # fmt: skip
-    zoomed = []
-    for zoom in (1, 10, 100):
-        moved = scene.replace(mean=scene.mean - [36.4, 29.4] + [40 / zoom, 30 / zoom])
-        near = moved.replace(width=80 / zoom, height=60 / zoom)
-        zoomed.append(render(near, 480, 360))
-    return tiles(zoomed, [f"{z} times" for z in (1, 10, 100)])
+    zooms = (1, 10, 100)
+    moved = [scene.replace(mean=scene.mean - [36.4, 29.4] + [40 / z, 30 / z]) for z in zooms]
+    near = [s.replace(width=80 / z, height=60 / z) for s, z in zip(moved, zooms, strict=True)]
+    return tiles([render(s, 480, 360) for s in near], [f"{z} times" for z in zooms])
 
 
-def logos() -> Figure:
-    """A logo in files of some sizes, and the picture."""
-    logo = np.asarray(Image.fromarray(data.logo()).convert("RGB")) / np.float32(255)
-    results = [vectorize(logo, max_bytes=limit) for limit in (5000, 20_000)] + [vectorize(logo)]
-    figures = [(r.report["svg_bytes"] / 1000, r.report["psnr_svg"]) for r in results]
-    titles = [f"{size:.0f} kB: {match:.1f} dB" for size, match in figures]
-    return tiles([*(r.raster for r in results), logo], [*titles, "the picture"], columns=2)
+def start(folder: Path) -> None:
+    """Write the pictures of the start page's slider, and the lines that show them."""
+    photo = load_image(COFFEE).pixels
+    results = [vectorize(photo, gaussians=count) for count in COUNTS]
+    pattern = "{gaussians} shapes: {kB:.0f} kB, {gz:.0f} kB gzipped, PSNR {psnr_svg:.1f} dB"
+    frames = "\n".join(f"<li>{said(result, pattern)}</li>" for result in results)
+    for count, result in zip(COUNTS, results, strict=True):
+        (folder / f"{count}.webp").write_bytes(encoded(result.raster, "WEBP", quality=80, method=6))
+    height, width = photo.shape[:2]
+    last = len(COUNTS) - 1
+    (folder / "start.inc").write_text(f"""<figure class="start" id="start">
+<img src="_static/start/{COUNTS[-1]}.webp" width="{width}" height="{height}" \
+alt="A cup of coffee on a wooden table, drawn by soft shapes">
+<label hidden>Few to many shapes <input type="range" min="0" max="{last}" value="{last}"></label>
+<ol data-frames="{" ".join(map(str, COUNTS))}">
+{frames}
+</ol>
+</figure>
+""")
 
 
-def inks() -> Figure:
-    """A cup of coffee in few inks, and the picture."""
-    picture = data.coffee() / np.float32(255)
-    counts = (3, 6, 12)
-    svg = SvgOptions(markup="minimal")
-    results = [
-        vectorize(picture, max_bytes=20_000, fit=FitOptions(inks=k), svg=svg) for k in counts
-    ]
-    titles = [
-        f"{k} inks: {r.report['psnr_svg']:.1f} dB" for k, r in zip(counts, results, strict=True)
-    ]
-    return tiles([*(r.raster for r in results), picture], [*titles, "the picture"], columns=2)
+def results(folder: Path) -> None:
+    """Write the six results that the start page and the guide link to, of 480x320 px each."""
+    cup, rocket = shipped("coffee"), shipped("rocket")
+    before = drawn(placeholder(rocket, max_bytes=1000).svg, *rocket.shape[:2])
+    half = rocket.shape[1] // 2
+    lines = vectorized(cup, gaussians=300, inks=INKS).outline()
+    scene = vectorize(coffee(480), gaussians=600).scene
+    thirds = [render(upto(scene, share), 480, 320) for share in (0, 0.5, 1)]
+    pictures = {
+        "size": vectorize(shipped("chelsea"), max_bytes=60_000).raster,
+        "placeholder": np.hstack([before[:, :half], rocket[:, half:]]),
+        "logo": vectorize(shipped("logo"), max_bytes=20_000).raster,
+        "poster": vectorized(cup, inks=6, max_bytes=20_000).raster,
+        "plot": drawn(re.sub(r'stroke-width="[^"]*"', 'stroke-width="1"', lines), 400, 600),
+        "layers": np.hstack([p[:, 160 * k : 160 * (k + 1)] for k, p in enumerate(thirds)]),
+    }
+    for name, pixels in pictures.items():
+        image, size = eight_bits(pixels), (480, 320)
+        whole = name == "logo"
+        framed = ImageOps.pad(image, size, color="white") if whole else ImageOps.fit(image, size)
+        (folder / f"{name}.webp").write_bytes(encoded(framed, "WEBP", quality=75, method=6))
 
 
+def readme(_: Path) -> None:
+    """Write the README's picture: few and many shapes, the photo, and a part of each at 4x."""
+    photo = load_image(COFFEE).pixels
+    height, width = photo.shape[:2]
+    found = [vectorize(photo, gaussians=count) for count in (200, 5000)]
+    large = [rasterize(r.svg, 4 * width, 4 * height) for r in found]
+    large.append(enlarged(photo, 4, Image.Resampling.NEAREST))
+    near = [part(one, 0.47, 0.5, 0.25) for one in large]
+    titles = [said(r, "{gaussians} shapes, {kB:.0f} kB ({gz:.0f} gzipped)") for r in found]
+    titles += ["the photo", *["4 times as large"] * 3]
+    figure = tiles([*(r.raster for r in found), photo, *near], titles, columns=3)
+    for axis in figure.axes:
+        axis.title.set_fontsize(9)
+    png(figure, 180).save(ROOT / "examples/showcase.jpg", quality=85)
+
+
+OF_START = {f.__name__: f for f in (start, results, readme, gallery)}
 FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
-    **OF_THE_GUIDE,
-    "studio": studio,
-    "inkscape": inkscape,
-    "model": model,
-    "progressive-fit": progressive_fit,
-    "gaussian-count": gaussian_count,
-    "writing-svg": writing_svg,
-    "additive-blending": additive_blending,
-    "extremes": extremes,
-    "logos": logos,
-    "inks": inks,
-}
+    **{f.__name__.replace("_", "-"): f for f in (
+        sizes, decibels, logos, inks, editors, presets, placeholders, webp, drawings, counts,
+        progressive_fit, layers, forming, scenes, printed, traced, plotters, transparent,
+        interrupted, model, gaussian_count, writing_svg, additive_blending, extremes, studio,
+    )},
+    "errors": errors_map,
+}  # fmt: skip
 
 
 def main() -> None:
     """Write the figures that are named, or all."""
-    of_start = {"start": start, "results": results}
-    folder, names = Path(sys.argv[1]), sys.argv[2:] or [*of_start, *FIGURES]
-    for name in [n for n in names if n in of_start]:
-        of_start[name](folder / "start")
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
-    for name in [n for n in names if n not in of_start]:
+    folder, names = Path(sys.argv[1]), sys.argv[2:] or [*OF_START, *FIGURES]
+    for sub in ("start", "figures"):
+        (folder / sub).mkdir(parents=True, exist_ok=True)
+    for name in names:
+        if name in OF_START:
+            OF_START[name](folder / "start")
+            continue
         figure, suffix = FIGURES[name](), "webp"
         if isinstance(figure, str):
-            data, suffix = figure.encode(), "svg"
-            if len(data) > MOST_BYTES:
-                raise SystemExit(f"a figure must have at most {MOST_BYTES} bytes; got {len(data)}")
-        elif isinstance(figure, Figure):
-            stream = io.BytesIO()
-            figure.savefig(stream, format="png", dpi=WIDTH_PX / WIDTH_IN)
-            plt.close(figure)
-            with Image.open(stream) as image:
-                data = small_webp(image.convert("RGB"))
+            file, suffix = figure.encode(), "svg"
         else:
-            data = small_webp(figure)
-        (folder / "figures" / f"{name}.{suffix}").write_bytes(data)
-        print(f"{name}: {len(data)} bytes")
+            image = png(figure, WIDTH_PX / WIDTH_IN) if isinstance(figure, Figure) else figure
+            file = small_webp(image)
+        if len(file) > MOST_BYTES:
+            raise SystemExit(f"{name} must have at most {MOST_BYTES} bytes; got {len(file)}")
+        (folder / "figures" / f"{name}.{suffix}").write_bytes(file)
+        print(f"{name}: {len(file)} bytes")
 
 
 if __name__ == "__main__":

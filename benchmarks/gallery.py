@@ -2,8 +2,7 @@
 
 python benchmarks/gallery.py site                        # 21 photos, 384 px, 1404 Gaussians
 python benchmarks/gallery.py site --peers splatthis coffee astronaut chelsea
-python benchmarks/gallery.py sample --sample             # two photos, and
-    --screenshot examples/gallery.jpg                  # an image of it, by Chromium: '.[browser]'
+python benchmarks/gallery.py sample --sample             # two photos
 
 Size and count are those of SplatThis' own gallery, whose medians are printed for comparison. The
 photos are the same except for clock_motion, which replaces one that scikit-image does not have.
@@ -12,10 +11,8 @@ photos are the same except for clock_motion, which replaces one that scikit-imag
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
 from pathlib import Path
-from typing import Any
 
 import skimage.data
 
@@ -33,7 +30,6 @@ SAMPLE_FILES, SAMPLE_COUNTS = ("coffee.png", "chelsea.png"), (100, 800)
 SAMPLE = GalleryOptions(photo_size=256, title="Two photos as Gaussians")
 # https://github.com/BramAlkema/SplatThis, version 0.3, on the machine of its authors.
 PUBLISHED = {"psnr_svg": 25.6, "ssim_svg": 0.780, "svg_bytes": 1.25e6, "total_s": 401.0}
-SCREEN: Any = {"width": 1000, "height": 900}  # px
 PEER_TIMEOUT_S = 4000.0
 
 
@@ -46,7 +42,6 @@ def main() -> int:
     parser.add_argument("photos", nargs="*", help="names without an ending, such as coffee")
     parser.add_argument("--peers", nargs="*", default=[])
     parser.add_argument("--sample", action="store_true")
-    parser.add_argument("--screenshot", type=Path)
     args = parser.parse_args()
     names = [name for name in FILES if not args.photos or name.partition(".")[0] in args.photos]
     counts, options = (GAUSSIANS,), GalleryOptions(photo_size=PHOTO_PX, peer_timeout=PEER_TIMEOUT_S)
@@ -67,8 +62,6 @@ def main() -> int:
     for failure in gallery.failures:
         print(f"{failure['photo']}: {failure['error']}")
     print(f"open {gallery.index}")
-    if args.screenshot:
-        screenshot(gallery, args.screenshot)
     return 1 if gallery.failures else 0
 
 
@@ -84,23 +77,6 @@ def print_medians(gallery: Gallery) -> None:
             f"{name:16} {count:6}  {medians['psnr_svg']:7.2f}  {medians['ssim_svg']:.3f}"
             f"  {medians['svg_bytes'] / 1e3:5.0f}k  {medians['total_s']:5.1f}"
         )
-
-
-def screenshot(gallery: Gallery, target: Path) -> None:
-    """Save the first photo's page, as Chromium shows it, as JPEG."""
-    from playwright.sync_api import sync_playwright
-
-    page_file = gallery.directory / gallery.rows[0]["page"]
-    with sync_playwright() as playwright:
-        # Without the sandbox, which root in a container cannot use: the page is ours.
-        browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
-        )
-        page = browser.new_page(viewport=SCREEN)
-        page.goto(page_file.absolute().as_uri())
-        page.wait_for_load_state("networkidle")
-        page.screenshot(path=target, type="jpeg", quality=85, animations="disabled")
-        browser.close()
 
 
 def _print_progress(progress: GalleryProgress) -> None:

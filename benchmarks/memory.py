@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import head, line
 from PIL import Image
 
 from gauss2svg.photo.load import header_of
@@ -93,8 +94,7 @@ def main() -> None:
     quick = parser.parse_args().quick
     for blend in BLENDS:
         compile_kernels(blend=blend)
-    print("| photo, px | options | fit, px | peak, MB | estimate, MB | ratio |")
-    print("|---|---|---|---|---|---|")
+    print(head(["photo, px", "options", "fit, px", "peak, MB", "estimate, MB", "ratio"]))
     with tempfile.TemporaryDirectory() as folder:
         for (width, height), options in CASES:
             if quick and width * height > _QUICK_PX:
@@ -113,11 +113,9 @@ def main() -> None:
             assert header is not None
             load = load_of(Plan(Options.from_flat(options)), header)
             named = ", ".join([name, *(f"{key} {value}" for key, value in options.items())])
-            print(
-                f"| {width}x{height} | {named} | {fit_width}x{fit_height} | {peak / 1e6:.0f} "
-                f"| {load.bytes / 1e6:.0f} | {load.bytes / peak:.2f} |",
-                flush=True,
-            )
+            numbers = [f"{peak / 1e6:.0f}", f"{load.bytes / 1e6:.0f}", f"{load.bytes / peak:.2f}"]
+            sizes = f"{width}x{height}", f"{fit_width}x{fit_height}"
+            print(line([sizes[0], named, sizes[1], *numbers]), flush=True)
 
 
 if __name__ == "__main__":

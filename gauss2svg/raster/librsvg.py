@@ -12,7 +12,7 @@ CANNOT_DRAW = {Feature.TURNED_BLUR: "39 to 45 levels off", Feature.LIGHTER: ""}
 
 def version() -> str:
     """Return the name and version of librsvg."""
-    return f"librsvg {version_line(_program()).split()[-1]}"
+    return f"librsvg {version_line(_program()).rpartition(' ')[2]}"
 
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:

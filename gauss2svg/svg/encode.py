@@ -25,7 +25,7 @@ in the form blur a large soft one, a disc under a filter that shapes of its expo
 
     <circle fill="#084" r="1" transform=".."/> <circle fill="#f80" filter="url(#c)" r="1" ../>
 
-Crisp rims need two more things (docs/decisions/svg.md, benchmarks/rims.py):
+Crisp rims need two more things (docs/decisions/svg.md):
 
 - a circle a little larger than its gradient, whose own antialiased edge would clip the rim;
 - from the exponent large_from on a gradient of radius 100 under a matrix of a hundredth, because

@@ -163,10 +163,11 @@ def test_commands_that_are_left_out_have_options_that_exist():
                 app.parse_args(words[1:], exit_on_error=False, print_error=False)
 
 
-def test_scripts_that_print_figures_exist():
+def test_scripts_that_print_figures_exist_or_are_named_with_their_commit():
     for page in PAGES:
-        for name in re.findall(r"python ((?:bench|ex|tests)\w*/[\w/]+\.py)", page.read_text()):
-            assert (ROOT / name).is_file(), f"{named(page)} names {name}"
+        scripts = r"(?<![\w/])((?:bench|ex|tests)\w*/[\w/]+\.py)([^`]*`\s+of\s+commit)?"
+        for name, of_commit in re.findall(scripts, page.read_text()):
+            assert of_commit or (ROOT / name).is_file(), f"{named(page)} names {name}"
 
 
 def test_links_of_the_readme_lead_to_files():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import importlib
+import json
 import os
 import re
 import shutil
@@ -17,6 +18,7 @@ from batches import save_photos
 from conftest import random_scene
 from PIL import Image
 
+from gauss2svg.cli.main import main
 from gauss2svg.measure.check import check
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize
@@ -359,6 +361,29 @@ def test_inkscape_runs_its_extension(extension, tmp_path):
         env=environment, check=True, capture_output=True, timeout=300,
     )  # fmt: skip
     assert_looks_the_same(extension.read_text(), out.read_text())
+
+
+def test_a_page_of_the_vite_project_has_each_photo_over_its_placeholder(
+    photo, tmp_path, monkeypatch
+):
+    if not shutil.which("node"):
+        pytest.skip("needs node")
+    project = shutil.copytree(
+        EXAMPLES / "vite", tmp_path / "vite", ignore=shutil.ignore_patterns("node_modules")
+    )
+    (project / "public" / "photos").mkdir(parents=True)
+    Image.fromarray(np.uint8(255 * photo[:48, :64])).save(project / "public/photos/a cup.png")
+    monkeypatch.chdir(project)
+    script = json.loads(Path("package.json").read_text())["scripts"]["placeholders"]
+    assert main(script.split()[1:]) == 0
+    code = """import config from "./vite.config.js"; import { readFileSync } from "node:fs";
+        console.log(config.plugins[0].transformIndexHtml(readFileSync("index.html", "utf8")))"""
+    node = ["node", "--input-type=module", "--eval", code]
+    page = subprocess.run(node, capture_output=True, text=True, check=True, timeout=60).stdout
+    [attributes] = re.findall("<img (.*)>", page)
+    assert 'src="/photos/a%20cup.png" alt="" width="64" height="48"' in attributes
+    uri = re.search(r"url\('data:image/svg\+xml;base64,([^']+)'\)", attributes)[1]
+    assert check("public/photos/a cup.png", base64.b64decode(uri)).psnr > 15
 
 
 def test_a_guide_shows_or_gives_every_example():

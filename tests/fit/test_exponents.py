@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from conftest import random_scene
+from conftest import needs, random_scene
 from flat import fit_config, vectorize
 
 from gauss2svg.fit import adam, population
@@ -233,6 +233,7 @@ def test_shapes_thinner_than_any_pixel_are_left_out_not_refused():
 @pytest.mark.parametrize("renderer", ["resvg", "cairo"])
 @pytest.mark.parametrize("beta", [1.7, 6.0, 16.0, 64.0])
 def test_rims_are_drawn_as_the_model_has_them_at_every_size(renderer, beta):
+    needs(renderer)
     # rims of 0.6 px and of 3 px, across the minor axis; not so round that a plain ellipse does
     for rim in (0.6, 3.0):
         minor = rim * beta / RIM_WIDTH
@@ -249,6 +250,7 @@ def test_rims_are_drawn_as_the_model_has_them_at_every_size(renderer, beta):
 
 @pytest.mark.parametrize("renderer", ["resvg", "cairo"])
 def test_plain_ellipses_are_drawn_as_the_model_is_on_average_over_a_pixel(renderer):
+    needs(renderer)
     for sigma, beta in ((4.0, 10.0), (20.0, 64.0), (30.0, 64.0)):
         scene = Scene(
             150, 150, [[75.3, 74.8]], [[sigma, sigma]], [0.0], [[0.1, 0.3, 0.2]], [1.0], beta=[beta]

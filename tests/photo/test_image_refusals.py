@@ -204,7 +204,10 @@ def test_chunk_that_unpacks_to_much_takes_no_memory_and_stops_no_picture(kind):
         (b"RIFF\0\0\0\0WEBPVP8 ", BROKEN),
         (b"II*\0\x08\0\0\0", BROKEN),
         (b"II*\0\x10\0\0\0CR\2\0" + bytes(20), "got a camera's raw file. Try converting it"),
+        (b"\xff\x0a" + bytes(20), "got a JPEG XL file"),
         (png(np.zeros((0, 4, 3), np.uint8)), BROKEN),
+        (png(BYTES)[:-16] + bytes(4) + png(BYTES)[-12:], BROKEN),  # a wrong checksum of its pixels
+        (png(BYTES)[:-16], BROKEN),  # or without any
         (float_tiff(np.float32([[0, 1.5]])), "must be finite and in 0..1; got 1.5 at row 0"),
         (float_tiff(np.full((2, 3, 3), np.nan, np.float32)), "got nan at row 0, column 0"),
         (float_tiff(np.int32([[-5, 7]])), "samples of type int, 1 for each pixel"),
@@ -229,6 +232,7 @@ def test_folders_pipes_and_devices_are_refused_unread(tmp_path, capsys):
         pipe: "it is a pipe or a device",
         "/dev/zero": "it is a pipe or a device",
         tmp_path / "no.jpg" / "x": "No such file",
+        "a\n\x1b[31mred.jpg": r"cannot read a \x1b[31mred.jpg: No such file",
     }
     with pytest.raises(InputError, match="embedded null byte"):
         load_image("a\0b.png")

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import needs
 from flat import vectorize
 from numba import get_num_threads
 from PIL import Image
@@ -138,6 +139,7 @@ def test_phases_come_in_order_and_nothing_is_printed(photo, capfd):
 
 
 def test_cairo_measures_too(photo):
+    needs("cairo")
     report = vectorize(photo, renderer="cairo", **QUICK).report
     assert report["renderer"].startswith("CairoSVG")
     assert report["psnr_roundtrip"] > 38

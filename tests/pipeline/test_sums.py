@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from conftest import needs
 from flat import fit_config, fit_in, vectorize
 from PIL import Image
 
@@ -47,6 +48,7 @@ def test_the_portable_form_is_composited_and_drawn_by_all(photo, portable):
     assert portable.report["blend"] == ADD
     assert portable.report["portable"] is True
     assert "mix-blend-mode" not in portable.svg
+    needs("cairo")
     again = vectorize(photo, blend=ADD, portable=True, renderer="cairo", **QUICK)
     assert again.svg == portable.svg
     assert again.report["psnr_roundtrip"] > 44
