@@ -16,8 +16,8 @@ import zlib
 from typing import Any
 from xml.etree import ElementTree
 
-from gauss2svg.errors import brief, quoted, refusal
-from gauss2svg.files import reading
+from gauss2svg.errors import InputError, brief, quoted, refusal
+from gauss2svg.files import reason_of
 from gauss2svg.options import file_name
 
 SvgSource = Any  # a path, text that begins with <, bytes or a binary file
@@ -49,8 +49,11 @@ def read_source(
         data = source.encode("utf-8", "surrogatepass")
     elif isinstance(source, (str, os.PathLike)):
         name = file_name(argument, source)
-        with reading(name, "the path of an SVG") as file:
-            data = file.read(most_bytes + 1)
+        try:
+            with open(name, "rb") as file:
+                data = file.read(most_bytes + 1)
+        except (OSError, ValueError) as error:  # ValueError: a null character in the path
+            raise InputError(f"cannot read {name}: {reason_of(error)}. Try another path") from error
     elif hasattr(source, "read"):
         data = source.read(most_bytes + 1)
     if not isinstance(data, bytes):
