@@ -40,8 +40,9 @@ if "gauss2svg.pool" in sys.orig_argv or "spawn_main" in " ".join(sys.orig_argv):
 
 def started(*command: str, cwd: Path, **options) -> subprocess.Popen:
     """A Python in a session of its own, whose batches are slow."""
-    (cwd / "slow").mkdir(exist_ok=True)
-    (cwd / "slow/sitecustomize.py").write_text(_SLOW)
+    if not (cwd / "slow").exists():  # a worker that is started again may just read it
+        (cwd / "slow").mkdir()
+        (cwd / "slow/sitecustomize.py").write_text(_SLOW)
     path = os.pathsep.join([str(cwd / "slow"), _ROOT])
     return subprocess.Popen(
         [sys.executable, "-P", "-m", *command],
