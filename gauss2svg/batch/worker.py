@@ -160,10 +160,10 @@ def _written(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
             image = fs.cat_file(path)
     result = vectorize_by(options, image, may_reduce=spec.may_reduce)
     data = file_bytes(result.svg, options.svg.gzip)
-    found = None
-    with suppress(Gauss2SvgError), reached(target) as (fs, path):
-        found = None if fs.exists(path + MARK) else fs.cat_file(path)
-    if found not in (None, data):  # a run that was killed may have left it without its mark
+    with reached(target) as (fs, path):
+        # A run that was killed may have left its SVG without a mark.
+        is_ours = fs.exists(path + MARK) or not fs.exists(path) or fs.cat_file(path) == data
+    if not is_ours:
         raise refusal("output", "a new file, or one of a batch", target, "another folder")
     write(spec.root, output, data)
     of_report = {name: result.report[name] for name in _OF_REPORT}
