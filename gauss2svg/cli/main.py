@@ -17,9 +17,9 @@ from gauss2svg.cli.parameters import read_options_file, refuse_options
 from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
+from gauss2svg.cli.versions import versions
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.pipeline.options import option_names
-from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
 
@@ -35,7 +35,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     """
     app = App(
         name="gauss2svg",
-        version=__version__,
+        version=versions,
         version_flags=["--version"],
         help_flags=[_HELP_ALL] if everything else ["--help", "-h"],
         help=HELP,

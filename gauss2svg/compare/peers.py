@@ -1,14 +1,16 @@
 """Other tools that turn a photo into a small file: one table for the benchmark and the gallery.
 
-A peer's package is imported only in the process that runs it.
+A peer's package is imported only in the process that runs it. Seconds of a program have its start.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+import json
 import os
 import shutil
+import tempfile
 from collections.abc import Callable, Iterable
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -16,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gauss2svg.compare.records import started_watch
-from gauss2svg.errors import PeerError
+from gauss2svg.errors import PeerError, quoted
 from gauss2svg.processes import end_of, run
 
 Conversion = Callable[[], object]
@@ -27,6 +29,15 @@ def _version(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
+
+
+def _output(command: list[str]) -> str:
+    """Return the standard output of a program; raise PeerError if it fails."""
+    ended = run(command)
+    if ended.status:
+        complaint = ended.complaint or "no message"
+        raise PeerError(f"{Path(command[0]).name} {end_of(ended.status)}: {complaint}")
+    return ended.output.decode()
 
 
 class Peer(NamedTuple):
@@ -50,6 +61,43 @@ def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Conversion:
 
     paths = str(png), str(output)
     return lambda: vtracer.convert_image_to_svg_py(*paths, **_VTRACER[style] | changes)
+
+
+VTRACER1 = "GAUSS2SVG_VTRACER1"  # names a Python with vtracer 1.0, which excludes 0.6
+_VTRACER1_STYLES: dict[str, dict[str, Any]] = {
+    "default": {},
+    "polygon": {"mode": "polygon", "optimize": 2, "path_precision": 0},
+    "detailed": {"filter_speckle": 1, "color_precision": 8, "layer_difference": 4},
+    "watershed": {
+        "clustering": "watershed", "watershed_detail": 512, "optimize": 2, "path_precision": 1,
+    },
+}  # fmt: skip
+_ISOLATED = "-I"  # from the folders of packages that this process has in its environment
+_SAY_VERSION = (
+    "import importlib.metadata, vtracer\n"
+    "vtracer.Config; print(importlib.metadata.version('vtracer'))"
+)
+_CONVERT = (
+    "import json, sys, vtracer\n"
+    "vtracer.Config(**json.loads(sys.argv[3])).convert_file(sys.argv[1], sys.argv[2])"
+)
+
+
+def _vtracer1_version() -> str | None:
+    if not (python := os.environ.get(VTRACER1)):
+        return None
+    try:
+        return _output([python, _ISOLATED, "-c", _SAY_VERSION]).strip()
+    except (OSError, PeerError) as error:
+        raise PeerError(
+            f"{VTRACER1} must be a Python that has vtracer 1.0; got {quoted(python)}, {error}. "
+            "Try to install vtracer==1.0.0a4 in an environment of its own"
+        ) from error
+
+
+def _vtracer1(png: Path, output: Path, style: str) -> Conversion:
+    words = [str(png), str(output), json.dumps(_VTRACER1_STYLES[style])]
+    return partial(_output, [os.environ[VTRACER1], _ISOLATED, "-c", _CONVERT, *words])
 
 
 _VTRACER: dict[str, dict[str, Any]] = {
@@ -97,14 +145,34 @@ def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
         side = max(image.size)
     # Mode 7 is rotated ellipses; without -s the output is scaled to 1024 px.
     numbers = ["-n", str(shapes), "-m", "7", "-s", str(side)]
-    command = ["primitive", "-i", str(png), "-o", str(output), *numbers]
+    return partial(_output, ["primitive", "-i", str(png), "-o", str(output), *numbers])
 
+
+def _swag_version() -> str | None:
+    if not shutil.which("swag"):
+        return None
+    return _output(["swag", "--version"]).strip().rpartition(" ")[2]
+
+
+def _swag(png: Path, output: Path, quality: str) -> Conversion:
     def convert() -> None:
-        ended = run(command)
-        if ended.status:
-            raise PeerError(f"primitive {end_of(ended.status)}: {ended.complaint or 'no message'}")
+        with tempfile.TemporaryDirectory() as folder:
+            words = ["--quality", quality, "--max-edge", "0", "--background", "keep"]
+            words += ["--workers", "1", "--no-measure", "--quiet"]
+            _output(["swag", str(png), "--out", folder, *words])
+            shutil.move(Path(folder, f"{png.stem}.svg"), output)
 
     return convert
+
+
+def _neroued(png: Path, output: Path, pipeline: str) -> Conversion:
+    import neroued_vectorizer as tracer  # pyright: ignore[reportMissingImports]
+
+    config = tracer.VectorizerConfig()
+    config.pipeline_mode = getattr(tracer.PipelineMode, pipeline)
+    return lambda: output.write_text(
+        tracer.vectorize(str(png), config).svg_content, encoding="utf-8"
+    )
 
 
 def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Conversion:
@@ -136,6 +204,11 @@ PEERS: dict[str, Peer] = {
         _splatthis, ".svg", _each("style", _SPLATTHIS), partial(_version, "splatthis")
     ),
     "primitive": Peer(_primitive, ".svg", _each("shapes", (100, 500)), _primitive_version),
+    "vtracer1": Peer(_vtracer1, ".svg", _each("style", _VTRACER1_STYLES), _vtracer1_version),
+    "swag": Peer(_swag, ".svg", _each("quality", ("fast", "balanced")), _swag_version),
+    "neroued": Peer(
+        _neroued, ".svg", _each("pipeline", ("V2",)), partial(_version, "neroued-vectorizer")
+    ),
     "jpeg": Peer(partial(_pillow, "JPEG"), ".jpg", _QUALITIES),
     "webp": Peer(partial(_pillow, "WEBP"), ".webp", _QUALITIES),
     "avif": Peer(partial(_pillow, "AVIF"), ".avif", _QUALITIES, _avif_version),

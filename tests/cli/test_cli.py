@@ -2,6 +2,7 @@
 
 import json
 import os
+import platform
 import subprocess
 import sys
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.cli.streams import counting_bar
 from gauss2svg.pipeline.options import option_names
@@ -247,3 +249,40 @@ def test_a_log_has_a_line_of_progress_a_minute(capsys):
     with counting_bar(quiet=True, clock=iter([0.0, 99.0]).__next__) as update:
         update("3 failed", 1, 2)
     assert capsys.readouterr().err == ""
+
+
+def test_version_prints_the_block_of_a_fault_report(capsys):
+    assert main(["--version"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"gauss2svg {gauss2svg.__version__}"
+    heads = [line.partition(":")[0] for line in lines[1:] if line[0] != " "]
+    assert heads == ["system", "CPU", "renderers", "packages"]
+    text = " ".join(lines)
+    assert all(name in text for name in ("resvg 0", "numpy 2", "pyvips", platform.python_version()))
+    assert all(len(line) < 80 for line in lines)
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    ("file", "reason"),
+    [(f"{name}.py", f"{head}: no such library") for name, head in
+     {"numpy": "resvg", "psutil": "CPU", "resvg_py": "resvg", "cairosvg": "cairo"}.items()]
+    + [("rsvg-convert", "librsvg: rsvg-convert cannot say its version: no such library")],
+)  # fmt: skip
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell script stands in for a program")
+def test_version_says_which_package_or_renderer_is_broken_and_prints_the_rest(
+    file, reason, tmp_path
+):
+    broken = tmp_path / file
+    python = 'raise ImportError("no such library")'
+    program = "#!/bin/sh\necho no such library >&2; exit 3"
+    broken.write_text(python if broken.suffix else program)
+    broken.chmod(0o755)
+    python_path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    path = os.pathsep.join([str(tmp_path), os.environ["PATH"]])
+    done = run("--version", env={**os.environ, "PYTHONPATH": python_path, "PATH": path})
+    assert (done.returncode, done.stderr) == (0, b"")
+    lines = done.stdout.decode().splitlines()
+    assert lines[0] == f"gauss2svg {gauss2svg.__version__}"
+    assert reason in " ".join(line.strip() for line in lines)
+    assert "numpy 2" in done.stdout.decode()

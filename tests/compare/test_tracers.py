@@ -1,0 +1,70 @@
+"""Tracers in environments of their own: programs on PATH, and a Python that a variable names."""
+
+import os
+import sys
+
+import pytest
+
+from gauss2svg.compare.peers import PEERS, VTRACER1
+from gauss2svg.errors import PeerError
+
+pytestmark = [
+    pytest.mark.process,
+    pytest.mark.skipif(sys.platform == "win32", reason="stand-ins are shell scripts"),
+]
+# Each tool as a script, which writes the words that it was given in place of an SVG.
+SCRIPTS = {
+    "swag": """[ "$1" = --version ] && echo "swag 9.1" && exit
+echo "$@" > "$3/$(basename "$1" .png).svg" """,
+    "vtracer1": """case "$3" in *version*) echo 9.2;; *) echo "$@" > "$5";; esac""",
+}
+
+
+@pytest.fixture
+def tool(tmp_path, monkeypatch):
+    """Install a stand-in; return what its conversion of a picture writes."""
+
+    def install(name: str, script: str) -> str:
+        path = tmp_path / name
+        path.write_text(f"#!/bin/sh\n{script}\n")
+        path.chmod(0o755)
+        monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+        monkeypatch.setenv(VTRACER1, str(path))
+        picture, output = tmp_path / "in.png", tmp_path / "result.svg"
+        picture.write_bytes(b"")
+        PEERS[name].prepare(picture, output, **PEERS[name].settings[0])()
+        return output.read_text()
+
+    return install
+
+
+@pytest.mark.parametrize(("name", "version"), [("swag", "9.1"), ("vtracer1", "9.2")])
+def test_a_tool_gets_the_picture_and_its_settings_and_says_its_version(name, version, tool):
+    written = tool(name, SCRIPTS[name])
+    assert "in.png" in written
+    assert PEERS[name].version() == version
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_a_tool_that_fails_is_one_line_with_its_complaint(name, tool):
+    with pytest.raises(PeerError, match=r"ended with status 3: no such colour$"):
+        tool(name, "echo no such colour >&2; exit 3")
+
+
+@pytest.mark.parametrize(
+    ("python", "reason"),
+    [
+        ("no/such/python", "got 'no/such/python', .*No such file.* Try to install vtracer"),
+        ("/bin/false", "got '/bin/false', false ended with status 1.* Try to install vtracer"),
+    ],
+)
+def test_a_python_without_vtracer_is_one_line_with_the_variable(python, reason, monkeypatch):
+    monkeypatch.setenv(VTRACER1, python)
+    with pytest.raises(PeerError, match=f"{VTRACER1} must be a Python .*{reason}"):
+        PEERS["vtracer1"].version()
+
+
+def test_tools_that_are_not_there_have_no_version(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv(VTRACER1, raising=False)
+    assert PEERS["swag"].version() is PEERS["vtracer1"].version() is None
