@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import decimal
-import math
-import numbers
-import operator
-from contextlib import suppress
 from typing import Any, TypeVar
 
 _Kind = TypeVar("_Kind")
@@ -95,33 +90,3 @@ def required(value: Any, name: str, kind: type[_Kind]) -> _Kind:
     if not isinstance(value, kind):
         raise refusal(name, f"a {kind.__name__}", type(value).__name__)
     return value
-
-
-def whole_number(name: str, value: Any, least: int, most: int) -> int:
-    """Return `value` as an int in least..most. Raise InputError that names it if it is not one."""
-    try:
-        number = None if isinstance(value, bool) else operator.index(value)
-    except Exception:  # of the value's own methods
-        number = None
-    if number is None or not least <= number <= most:
-        raise refusal(name, f"a whole number in {least}..{most}", quoted(value))
-    return number
-
-
-def _is_number(value: Any) -> bool:
-    """Return whether a value is no truth value, text or bytes, which float() takes too."""
-    return isinstance(value, (numbers.Number, decimal.Decimal)) and not isinstance(value, bool)
-
-
-def number_within(
-    name: str, value: Any, least: float, most: float, advice: str = "", needed: str = ""
-) -> float:
-    """Return `value` as a float in least..most. Raise InputError that names it if it is not one."""
-    number = math.nan
-    with suppress(Exception):  # of the value's own methods
-        plain = plain_scalar(value)
-        number = float(plain) if _is_number(plain) else math.nan
-    if not least <= number <= most:
-        needed = needed or f"in {least:g}..{most:g}"
-        raise refusal(name, f"a number {needed}", quoted(value), advice)
-    return number

@@ -2,17 +2,22 @@
 
     @dataclass(frozen=True, kw_only=True)
     class FitOptions(OptionGroup):
-        learning_rate: Annotated[float, Number(1e-6, 1e6)] = 1.0
-        '''Learning-rate multiplier'''
+        learning_rate: Annotated[float, Interval(ge=1e-6, le=1e6)] = 1.0
+        '''Factor by which every learning rate is multiplied.'''
 
-The Python call, the command line (cyclopts reads annotations, defaults and the texts under the
-fields), the axes of the benchmark and the report are all derived from such classes.
+An annotation is bool, int, float or a Literal, or several of them, and None where an option may be
+left out. Beside it stand a range by annotated_types, a text that says which values to try, or, for
+any other kind of value, a function of name and value that returns what is stored. The Python call,
+the command line (cyclopts reads annotations, defaults and the texts under the fields), the form and
+the requests of the studio, the axes of the benchmark, the report and the reference follow.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import decimal
 import math
+import numbers
 import operator
 import os
 import re
@@ -23,177 +28,156 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from gauss2svg.errors import InputError, number_within, plain_scalar, quoted, whole_number
+from annotated_types import Interval
 
-Check = Callable[[str, Any], Any]
+from gauss2svg.errors import InputError, plain_scalar, quoted, refusal
+
 Renderer = Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"]
+Seed = Annotated[int, Interval(ge=0, le=2**63 - 1)]
+_MOST = 2**31 - 1  # of a whole number without a largest one
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 _SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([kmg]?)b?", re.IGNORECASE)
-
-
-@dataclass(frozen=True)
-class Whole:
-    """A whole number in least..most."""
-
-    least: int
-    most: int = 2**31 - 1
-
-    def __call__(self, name: str, value: Any) -> int:
-        """The number; raises InputError that names it."""
-        return whole_number(name, value, self.least, self.most)
-
-    def parse(self, text: str) -> int:
-        """What a text stands for; raises ValueError or KeyError for any other."""
-        # No int(): it also takes " 1_0".
-        if not text.isdecimal():
-            raise ValueError(text)
-        return int(text)
-
-
-@dataclass(frozen=True)
-class Number:
-    """A number in least..most, or where `above` is True greater than least."""
-
-    least: float
-    most: float
-    above: bool = False
-    advice: str = ""
-
-    def __call__(self, name: str, value: Any) -> float:
-        """The number; raises InputError that names it."""
-        least = math.nextafter(self.least, math.inf) if self.above else self.least
-        needed = f"above {self.least:g} and at most {self.most:g}" if self.above else ""
-        return number_within(name, value, least, self.most, self.advice, needed)
-
-    def parse(self, text: str) -> float:
-        """What a text stands for; raises ValueError or KeyError for any other."""
-        return float(text)
-
-
-@dataclass(frozen=True)
-class Flag:
-    """True or False."""
-
-    known = (False, True)
-
-    def __call__(self, name: str, value: Any) -> bool:
-        """The value; raises InputError that names it."""
-        value = plain_scalar(value)
-        if not isinstance(value, bool):
-            raise InputError(f"{name} must be True or False; got {quoted(value)}")
-        return value
-
-    def parse(self, text: str) -> bool:
-        """What a text stands for; raises ValueError or KeyError for any other."""
-        return {"True": True, "False": False, "true": True, "false": False}[text]
-
-
-@dataclass(frozen=True)
-class OneOf:
-    """One of a few values."""
-
-    known: tuple[Any, ...]
-
-    def __call__(self, name: str, value: Any) -> Any:
-        """The value; raises InputError that names it."""
-        value = plain_scalar(value)
-        for one in self.known:
-            if type(one) is type(value) and one == value:
-                return one
-        raise InputError(
-            f"{name} must be one of {', '.join(map(str, self.known))}; got {quoted(value)}"
-        )
-
-    def parse(self, text: str) -> Any:
-        """What a text stands for; raises ValueError or KeyError for any other."""
-        return {str(one): one for one in self.known}[text]
+_NUMBERS: Any = (numbers.Number, decimal.Decimal)
+_BOOLS = {"True": True, "False": False, "true": True, "false": False}
 
 
 @dataclass(frozen=True)
 class Field:
-    """One option: its group, and how a value is checked and normalised.
+    """What an option or another argument may hold.
 
-    checks   in order, each from the value of the one before
-    words    that stand beside numbers, such as "auto"
+    name         as errors have it
+    kind         bool, int, float, or None where other rules say it all
+    least, most  range of an int or a float
+    is_above     whether it must be larger than `least`
+    words        values that are taken too, such as "auto"
+    check        returns what is stored for any other value; raises InputError
+    is_optional  whether None is taken
+    advice       values to try
     """
 
     name: str
-    group: type[OptionGroup]
-    checks: tuple[Check, ...]
-    words: tuple[Any, ...]
-    may_be_none: bool
+    kind: type | None = None
+    least: float = -math.inf
+    most: float = math.inf
+    is_above: bool = False
+    words: tuple[Any, ...] = ()
+    check: Callable[[str, Any], Any] | None = None
+    is_optional: bool = False
+    advice: str = ""
+    default: Any = None
 
-    def normalized(self, value: Any) -> Any:
-        """The value as it is stored; raises InputError that names the option."""
-        if value is None and self.may_be_none:
+    def checked(self, value: Any) -> Any:
+        """Return the value as it is stored. Raise InputError that names the option."""
+        if value is None and self.is_optional:
             return None
-        if isinstance(value, str) and value in self.words:
-            return str(value)
-        given = value
-        for check in self.checks:
-            try:
-                value = check(self.name, value)
-            except InputError as error:
-                if not self.words:
-                    raise
-                words = " or ".join(map(str, self.words))
-                raise InputError(str(error).replace("; got", f" or {words}; got", 1)) from error
-            except Exception as error:  # of the value's own methods
-                raise InputError(
-                    f"{self.name} must be a plain value; got {type(given).__name__}, which "
-                    f"raises {type(error).__name__}"
-                ) from error
-        return value
+        taken = None
+        try:
+            taken = self._taken(plain_scalar(value))
+        except InputError:
+            raise
+        except Exception:
+            pass
+        if taken is None:
+            raise refusal(self.name, self._needed, quoted(value), self.advice)
+        return taken
+
+    def parsed(self, text: str) -> Any:
+        """Return the value that a text stands for. Raise InputError for one that is not valid."""
+        value: Any = {str(word): word for word in self.words}.get(text, text)
+        with suppress(ValueError):  # which `checked` refuses
+            if self.kind is bool:
+                value = _BOOLS.get(text, text)
+            elif self.kind is int and text.isdecimal():  # int() takes " 1_0" too
+                value = int(text)
+            elif self.kind is float:
+                value = float(text)
+        return self.checked(value)
 
     @property
     def choices(self) -> tuple[Any, ...]:
         """All values of the option, where there are only a few; else none."""
-        for check in self.checks:
-            if isinstance(check, (Flag, OneOf)):
-                return check.known
-        return ()
+        return (False, True) if self.kind is bool else self.words if self.kind is None else ()
 
-    def parsed(self, text: str) -> Any:
-        """The value that a text stands for; raises InputError for one that is not valid."""
-        if text in self.words:
-            return text
-        value: Any = text
-        for check in self.checks:
-            if isinstance(check, (Whole, Number, Flag, OneOf)):
-                with suppress(ValueError, KeyError):  # such text is refused just below
-                    value = check.parse(text)
-        return self.normalized(value)
+    def _taken(self, value: Any) -> Any:
+        """Return the value as it is stored, None for one that is refused."""
+        for word in self.words:
+            if type(word) is type(value) and word == value:
+                return word
+        if self.check is not None:
+            return self.check(self.name, value)
+        if self.kind is None:
+            return None if self.words else value
+        if self.kind is bool or isinstance(value, bool):
+            return value if self.kind is bool and isinstance(value, bool) else None
+        if self.kind is int:
+            number = operator.index(value)
+        else:  # float() takes texts too
+            number = float(value) if isinstance(value, _NUMBERS) else math.nan
+        is_over = self.least < number if self.is_above else self.least <= number
+        return number if is_over and number <= self.most else None
+
+    @property
+    def _needed(self) -> str:
+        if self.kind is bool:
+            return "True or False"
+        if self.kind is None:
+            return f"one of {', '.join(map(str, self.words))}" if self.words else "a plain value"
+        if self.kind is int:
+            needed = f"a whole number in {self.least}..{self.most}"
+        elif self.is_above:
+            needed = f"a number above {self.least:g} and at most {self.most:g}"
+        else:
+            needed = f"a number in {self.least:g}..{self.most:g}"
+        return " or ".join([needed, *map(str, self.words)])
 
 
 class OptionGroup:
-    """Base of frozen, keyword-only dataclasses of options: checks and normalises every field."""
+    """Base of frozen, keyword-only dataclasses of options: checks every field."""
 
     def __post_init__(self) -> None:
         for field in fields_of(type(self)):
-            object.__setattr__(self, field.name, field.normalized(getattr(self, field.name)))
+            object.__setattr__(self, field.name, field.checked(getattr(self, field.name)))
 
 
 @cache
 def fields_of(group: type[OptionGroup]) -> tuple[Field, ...]:
     """The options of a group, in order."""
     hints = get_type_hints(group, include_extras=True)
-    names = [f.name for f in dataclasses.fields(group)]  # pyright: ignore[reportArgumentType]
-    return tuple(_field(group, name, hints[name]) for name in names)
+    fields = dataclasses.fields(group)  # pyright: ignore[reportArgumentType]
+    return tuple(field_of(one.name, hints[one.name], one.default) for one in fields)
 
 
-def _field(group: type[OptionGroup], name: str, hint: Any) -> Field:
-    checks: list[Check] = []
+def field_of(name: str, hint: Any, default: Any = None) -> Field:
+    """Return the option of an annotation."""
+    members, beside = _parts_of(hint)
+    check = next((one for one in beside if callable(one)), None)
+    kinds = [kind for kind in (bool, int, float) if kind in members and check is None]
+    kind = kinds[0] if kinds else None
+    limits: Any = next((one for one in beside if isinstance(one, Interval)), Interval())
+    most = _MOST if kind is int else math.inf
+    return Field(
+        name=name,
+        kind=kind,
+        least=next((one for one in (limits.ge, limits.gt) if one is not None), -math.inf),
+        most=most if limits.le is None else limits.le,
+        is_above=limits.gt is not None,
+        words=tuple(w for one in members if get_origin(one) is Literal for w in get_args(one)),
+        check=check,
+        is_optional=type(None) in members,
+        advice=next((one for one in beside if isinstance(one, str)), ""),
+        default=default,
+    )
+
+
+def _parts_of(hint: Any) -> tuple[list[Any], list[Any]]:
+    """Return the types of an annotation, and what stands beside them."""
     if get_origin(hint) is Annotated:
-        hint, *metadata = get_args(hint)
-        checks = [check for check in metadata if callable(check)]
-    members = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
-    words = [w for member in members if get_origin(member) is Literal for w in get_args(member)]
-    if words and not checks:
-        checks = [OneOf(tuple(words))]
-        words = []
-    if bool in members and not checks:
-        checks = [Flag()]
-    return Field(name, group, tuple(checks), tuple(words), type(None) in members)
+        members, beside = _parts_of(get_args(hint)[0])
+        return members, [*beside, *hint.__metadata__]
+    if get_origin(hint) not in (Union, types.UnionType):
+        return [hint], []
+    parts = [_parts_of(one) for one in get_args(hint)]
+    return [one for ones, _ in parts for one in ones], [one for _, ones in parts for one in ones]
 
 
 def byte_size(name: str, value: Any) -> int:

@@ -20,7 +20,7 @@ from sphinx.util.docutils import SphinxDirective
 from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.cli.main import build_app
 from gauss2svg.measure.scores import SCORES
-from gauss2svg.options import Field, Number, OptionGroup, Whole, fields_of
+from gauss2svg.options import Field, OptionGroup, fields_of
 from gauss2svg.photo.formats import FORMATS
 from gauss2svg.raster import (
     DRAW_BLENDS,
@@ -54,18 +54,14 @@ def _number(value: float) -> str:
 
 def allowed(field: Field) -> str:
     """What an option may hold, where its annotation states a range."""
-    for check in field.checks:
-        if isinstance(check, Whole):
-            return f"A whole number from {_number(check.least)} to {_number(check.most)}."
-        if isinstance(check, Number):
-            least = "above" if check.above else "from"
-            least = f"{least} {_number(check.least)}" + " and up" * check.above
-            return f"A number {least} to {_number(check.most)}{_advised(check)}."
-    return ""
-
-
-def _advised(check: Number) -> str:
-    return f", such as {check.advice}" if check.advice else ""
+    if field.kind not in (int, float):
+        return ""
+    least, most = _number(field.least), _number(field.most)
+    if field.kind is int:
+        return f"A whole number from {least} to {most}."
+    least = f"above {least} and up" if field.is_above else f"from {least}"
+    advised = f", such as {field.advice}" if field.advice else ""
+    return f"A number {least} to {most}{advised}."
 
 
 class Options(SphinxDirective):

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
 
-from gauss2svg.options import OptionGroup, Whole, file_name
+from annotated_types import Interval
+
+from gauss2svg.options import OptionGroup, file_name
 
 _MOST_WORKERS = 1024  # more cores than a machine has; more processes are a slip of the keyboard
 
@@ -13,7 +15,7 @@ _MOST_WORKERS = 1024  # more cores than a machine has; more processes are a slip
 class BatchOptions(OptionGroup):
     """Where a batch runs."""
 
-    workers: Annotated[int | None, Whole(1, _MOST_WORKERS)] = None
+    workers: Annotated[int | None, Interval(ge=1, le=_MOST_WORKERS)] = None
     """Number of worker processes on this machine. The default is one for each core, or as many as
     the memory allows."""
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from annotated_types import Interval
 from cyclopts import Parameter
 
 from gauss2svg import files
@@ -14,7 +15,7 @@ from gauss2svg.cli.streams import say, standard_stream
 from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.measure import CheckOptions
-from gauss2svg.options import Number, OptionGroup
+from gauss2svg.options import OptionGroup
 
 _Name = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
@@ -33,7 +34,7 @@ class CheckOutput(OptionGroup):
     report: Path | None = None
     """Save all measurements as a JSON file."""
 
-    min_psnr: Annotated[float | None, Number(0, 1e9, above=True)] = None
+    min_psnr: Annotated[float | None, Interval(gt=0, le=1e9)] = None
     """PSNR (dB) below which the exit status is 1. A transparent photo must reach it over white and
     over black. Files are written in either case."""
 

@@ -18,7 +18,8 @@ from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.cli.versions import versions
-from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.errors import Gauss2SvgError, InputError
+from gauss2svg.options import field_of
 from gauss2svg.pipeline.options import option_names
 
 STATUS_BAD_INPUT = 2
@@ -82,7 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
         with handling():
             status = app(given or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:
-        return _refuse(_in_our_words(error))
+        return _refuse(_as_typed(_in_our_words(error), given))
     except Gauss2SvgError as error:
         return _refuse(_as_typed(str(error), given))
     except MemoryError as error:
@@ -119,6 +120,13 @@ def _in_our_words(error: CycloptsError) -> str:
         name = error.keyword or error.argument.name
         name = name.lstrip("-").upper() if error.argument.field_info.is_positional else name
         return f"{name} must be given{' with a value' * bool(error.keyword)}; got none. {advice}"
+    if isinstance(error, cyclopts.ValidationError) and error.argument is not None:
+        # Of pydantic, which the parser asks where a package has loaded it.
+        name, annotation = error.argument.name.lstrip("-"), error.argument.field_info.annotation
+        try:
+            field_of(name.replace("-", "_"), annotation).parsed(error.argument.tokens[0].value)
+        except InputError as in_our_words:
+            return str(in_our_words)
     if isinstance(error, cyclopts.CoercionError) and error.token and error.argument:
         choices = error.argument.get_choices(force=True) or ()
         kinds = {int: "a whole number", float: "a number"}

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from annotated_types import Interval
 from cyclopts import Group, Parameter
 
 from gauss2svg import files
@@ -18,7 +19,7 @@ from gauss2svg.cli.signals import Interruption, handling, status_of
 from gauss2svg.cli.streams import say, standard_stream, write_output
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM
-from gauss2svg.options import OptionGroup, Whole
+from gauss2svg.options import OptionGroup
 from gauss2svg.photo.formats import FORMATS
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 from gauss2svg.scene import ADD
@@ -86,7 +87,7 @@ class MakerFiles(OptionGroup):
     """Save one SVG for each of the --inks, black where the ink is visible. The name plate.svg gives
     plate-1.svg, plate-2.svg and so on."""
 
-    pens: Annotated[int | None, Whole(1, MOST_INKS)] = None
+    pens: Annotated[int | None, Interval(ge=1, le=MOST_INKS)] = None
     """Number of pens that draw the --outline, each in a layer of its own. Lines then end at the
     edge of the page, and the size of the file is in mm."""
 

@@ -21,9 +21,10 @@ from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import TOOL, Row
 from gauss2svg.compare.run import measured_alone
 from gauss2svg.compare.variants import Variant, of_peers, settings_of
-from gauss2svg.errors import number_within, refusal, whole_number
+from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure.scores import PSNR, SCORES, Score
+from gauss2svg.options import Field
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
@@ -165,11 +166,11 @@ def run_bench(
     kept. A run that fails is a row with "error". Raise InputError for bad arguments and photos
     and OutputError for a folder that cannot be written, both before the first run.
     """
-    whole_number("seed", seed, 0, 2**63 - 1)
+    Field("seed", int, 0, 2**63 - 1).checked(seed)
     thread_count(threads)
     # The system's calls take no more than 24 days.
-    number_within("peer_timeout", peer_timeout, 1e-3, 1e6)
-    number_within("reference_scale", reference_scale, 1e-3, 1000.0)
+    Field("peer_timeout", float, 1e-3, 1e6).checked(peer_timeout)
+    Field("reference_scale", float, 1e-3, 1000.0).checked(reference_scale)
     others, absent = of_peers(peers)
     variants = [*map(Variant, settings_of(axes)), *others]
     photos = listed_photos(images, "images")

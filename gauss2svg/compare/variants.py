@@ -18,7 +18,7 @@ from gauss2svg.compare.peers import PEERS
 from gauss2svg.compare.records import TOOL
 from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
 from gauss2svg.fit.options import MOST_GAUSSIANS
-from gauss2svg.options import Field, Number, OneOf, OptionGroup, Whole, fields_of
+from gauss2svg.options import Field, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
@@ -92,7 +92,7 @@ def of_peers(
             one = Variant(tuple(sorted(settings.items())), tool)
             known.setdefault(tool, []).append(one)
             known[one.label.replace(" ", ":")] = [one]
-    names = [OneOf(tuple(known))("peer", text) for text in _sequence("peers", texts)]
+    names = [Field("peer", words=tuple(known)).checked(text) for text in _sequence("peers", texts)]
     wanted = dict.fromkeys(one for name in names for one in known[name][:most])
     versions = {tool: PEERS[tool].version() for tool in dict.fromkeys(one.tool for one in wanted)}
     made = [one._replace(version=version) for one in wanted if (version := versions[one.tool])]
@@ -114,9 +114,10 @@ def variants_of(
     """
     if presets is None and counts is None:
         presets = ("draft", "balanced", "high")
-    preset, count = OneOf(tuple(PRESETS)), Whole(0, MOST_GAUSSIANS)
-    own = [("quality", preset("variant", one)) for one in _sequence("variants", presets)]
-    own += [("gaussians", count("count", one)) for one in _sequence("counts", counts)]
+    preset = Field("variant", words=tuple(PRESETS))
+    count = Field("count", int, 0, MOST_GAUSSIANS)
+    own = [("quality", preset.checked(one)) for one in _sequence("variants", presets)]
+    own += [("gaussians", count.checked(one)) for one in _sequence("counts", counts)]
     others, absent = of_peers(peers, 1, ".svg")
     variants = [*(Variant((setting,)) for setting in dict.fromkeys(own)), *others]
     if not variants:
@@ -159,7 +160,7 @@ DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
 
 
 # What a constant of a module may be replaced by, by its type.
-_CONSTANTS = {int: Whole(0, 2**63 - 1), float: Number(-1e300, 1e300)}
+_CONSTANTS = {int: (0, 2**63 - 1), float: (-1e300, 1e300)}
 
 
 def options_in(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -212,7 +213,7 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
         columns = []
         for name, values in grid.items():
             axis = _axis(name := name.replace("-", "_"))
-            columns.append([(name, axis.normalized(one)) for one in _sequence(axis.name, values)])
+            columns.append([(name, axis.checked(one)) for one in _sequence(axis.name, values)])
             if not columns[-1]:
                 raise refusal(axis.name, "given with values", "none", f"--axis {name}=VALUE,VALUE")
         combinations |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
@@ -240,4 +241,4 @@ def _axis(name: str) -> Field:
     if kind not in _CONSTANTS or not constant.isupper():
         needed = "an option, or a number that a module has in capitals"
         raise refusal("axis", needed, quoted(name), "pipeline.search.correction.FULL")
-    return Field(f"axis {name}", OptionGroup, (_CONSTANTS[kind],), (), may_be_none=False)
+    return Field(f"axis {name}", kind, *_CONSTANTS[kind])

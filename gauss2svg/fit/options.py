@@ -7,10 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from gauss2svg.errors import InputError, quoted, whole_number
+from annotated_types import Interval
+
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.fit import schedule
 from gauss2svg.fit.schedule import refinement_reduction, totals
-from gauss2svg.options import Number, OptionGroup, Whole
+from gauss2svg.options import Field, OptionGroup, Seed
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import Inks, check_inks
 
@@ -36,7 +38,7 @@ def has_ssim(loss: str) -> bool:
 class FitOptions(OptionGroup):
     """The model and the optimiser, as a caller of vectorize gives them."""
 
-    iterations: Annotated[int | None, Whole(1, 10**9)] = None
+    iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
     """Number of optimiser steps. The default depends on the preset."""
 
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
@@ -48,10 +50,10 @@ class FitOptions(OptionGroup):
     and less in texture. psnr: PSNR. The default is perceptual, but psnr for the smallest files and
     for inks."""
 
-    ssim_weight: Annotated[float | None, Number(0, 1)] = None
+    ssim_weight: Annotated[float | None, Interval(ge=0, le=1)] = None
     """Weight of 1 - SSIM in a loss with ssim, from 0 to 1. The default is 0.2."""
 
-    learning_rate: Annotated[float, Number(1e-6, 1e6)] = 1.0
+    learning_rate: Annotated[float, Interval(ge=1e-6, le=1e6)] = 1.0
     """Factor by which every learning rate is multiplied."""
 
     blend: Literal["over", "add"] = "over"
@@ -68,7 +70,7 @@ class FitOptions(OptionGroup):
     number of colours to choose from the picture, or a palette file (.gpl). Shapes are opaque and
     have crisp rims."""
 
-    seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
+    seed: Seed = 0
     """Random seed. The same seed gives the same file. Another seed often does too, because few
     choices are random by default."""
 
@@ -102,11 +104,11 @@ class DensifyOptions(OptionGroup):
     schedule: Literal["exponential", "linear", "all-at-once"] = "exponential"
     """How the number of Gaussians grows over the rounds. Applies to a given --gaussians."""
 
-    per_round: Annotated[int | None, Whole(1, MOST_GAUSSIANS)] = None
+    per_round: Annotated[int | None, Interval(ge=1, le=MOST_GAUSSIANS)] = None
     """Number of Gaussians added in each round. exponential adds 1, 2, 4, ... up to this number.
     Needs --gaussians."""
 
-    round_iterations: Annotated[int | None, Whole(1, 10**9)] = None
+    round_iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
     """Number of optimiser steps in each round. Needs --gaussians."""
 
     relocate: bool = True
@@ -142,9 +144,9 @@ class FitConfig:
     enlarged: int = 1
 
     def __post_init__(self) -> None:
-        whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
+        Field("gaussians", int, 0, MOST_GAUSSIANS).checked(self.gaussians)
         if self.iterations is not None:
-            whole_number("iterations", self.iterations, 1, 10**9)
+            Field("iterations", int, 1, 10**9).checked(self.iterations)
         if self.fit.blend == ADD and self.fit.falloff not in (None, GAUSSIAN):
             raise InputError(
                 f"falloff must be {GAUSSIAN} with additive blending; got "

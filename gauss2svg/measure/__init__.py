@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from gauss2svg.options import Number, OptionGroup, Renderer, Whole, byte_size
+from annotated_types import Interval
+
+from gauss2svg.options import OptionGroup, Renderer, byte_size
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 
 
@@ -28,17 +30,17 @@ class CheckOptions(OptionGroup):
     max_svg_bytes: Annotated[int | str, byte_size] = "256M"
     """Maximum size of the SVG when decompressed, such as 150k or 1.5M."""
 
-    max_elements: Annotated[int, Whole(1)] = 1_000_000
+    max_elements: Annotated[int, Interval(ge=1)] = 1_000_000
     """Maximum number of elements in the SVG."""
 
-    draw_timeout: Annotated[float, Number(0, 86400, above=True)] = 300.0
+    draw_timeout: Annotated[float, Interval(gt=0, le=86400)] = 300.0
     """Maximum time (s) for rasterising the SVG, up to 86400. chromium, librsvg, firefox and
     inkscape stop after 300 s in any case."""
 
-    max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
+    max_pixels: Annotated[int, Interval(ge=1, le=MOST_PIXELS)] = DEFAULT_MAX_PIXELS
     """Maximum number of pixels of a photo. Larger photos are refused before they are decoded."""
 
-    max_size: Annotated[int | None, Whole(1, MOST_PIXELS)] = None
+    max_size: Annotated[int | None, Interval(ge=1, le=MOST_PIXELS)] = None
     """Longest side (px) at which the SVG is compared. Larger photos are reduced first. The default
     is the size of the photo."""
 
@@ -46,5 +48,5 @@ class CheckOptions(OptionGroup):
     """Background colour for a transparent photo: white, black, #fa0 or #ffaa00. If not given,
     transparency is compared too."""
 
-    reference_scale: Annotated[float | None, Number(0, MOST_PIXELS, above=True)] = None
+    reference_scale: Annotated[float | None, Interval(gt=0, le=MOST_PIXELS)] = None
     """Factor by which the SVG is enlarged to compare it with --reference. The default is 4."""

@@ -14,9 +14,9 @@ import pyvips
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import InputError, brief, quoted, whole_number
+from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.files import reading
-from gauss2svg.options import file_name
+from gauss2svg.options import Field, file_name
 from gauss2svg.photo import by_pillow
 from gauss2svg.photo.alpha import has_alpha, over, pixels_of, shrunk
 from gauss2svg.photo.decode import check_size, decoded, opened
@@ -51,7 +51,7 @@ def load_image(
     gamma of a PNG are converted to sRGB. Colour under alpha 0, which is invisible, becomes 0.
     Raises InputError for anything else.
     """
-    whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
+    Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     stored, name = _stored(source, max_pixels)
     return _composited(decoded(stored, name, needed), matte)
 
@@ -61,7 +61,7 @@ def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> H
 
     Raises InputError as `load_image` does. A file that cannot be read twice must be `rereadable`.
     """
-    whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
+    Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     return None if _is_array(source) else _stored(source, max_pixels)[0].header
 
 

@@ -7,23 +7,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
+from annotated_types import Interval
+
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.fit.options import MOST_GAUSSIANS, DensifyOptions, FitOptions
 from gauss2svg.measure import color_name
 from gauss2svg.measure.scores import TARGETS, Score
 from gauss2svg.options import (
     Field,
-    Number,
-    OneOf,
     OptionGroup,
     Renderer,
-    Whole,
     byte_size,
     fields_of,
 )
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.scene import OVER
-from gauss2svg.svg.document import LEAST_PRECISION, MOST_PRECISION, STOP_COUNTS, Document, Form
+from gauss2svg.svg.document import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
 
 AUTO = "auto"
 _MOST_DECIBELS = 100.0  # 8-bit images that differ have less up to 65 megapixels
@@ -41,24 +40,25 @@ class Goal(OptionGroup):
     quality: Literal["draft", "fast", "balanced", "high", "max"] | None = None
     """Preset (balanced). With a limit, the maximum."""
 
-    gaussians: Annotated[int | Literal["auto"] | None, Whole(0, MOST_GAUSSIANS)] = None
+    gaussians: Annotated[int, Interval(ge=0, le=MOST_GAUSSIANS)] | Literal["auto"] | None = None
     """Number of shapes. auto adapts it (default). With a target, the maximum."""
 
     target_psnr: Annotated[
         float | None,
-        Number(0, _MOST_DECIBELS, above=True, advice="30 to 40, at which photos look good"),
+        Interval(gt=0, le=_MOST_DECIBELS),
+        "30 to 40, at which photos look good",
     ] = None
     """PSNR (dB) to reach with the fewest shapes."""
 
     target_ssimulacra2: Annotated[
-        float | None, Number(0, 99, advice="50 for medium, 70 for high quality")
+        float | None, Interval(ge=0, le=99), "50 for medium, 70 for high quality"
     ] = None
     """SSIMULACRA2 to reach. Needs gauss2svg[scores]."""
 
     max_bytes: Annotated[int | str | None, byte_size] = None
     """Write the best picture within this size: 150k."""
 
-    time_limit: Annotated[float | None, Number(0, 1e9, above=True)] = None
+    time_limit: Annotated[float | None, Interval(gt=0, le=1e9)] = None
     """Write the best picture within this time (s)."""
 
     def __post_init__(self) -> None:
@@ -125,15 +125,15 @@ class SvgOptions(OptionGroup):
     editable. With --max-bytes, auto takes the markup that is closer to the picture. For a drawing
     that both match with 41 dB or more, it takes the one that is closer when enlarged."""
 
-    palette: Annotated[int | None, Whole(0, 2**24)] = None
+    palette: Annotated[int | None, Interval(ge=0, le=2**24)] = None
     """Maximum number of gradients in the file. Fewer make it smaller, and 0 sets no limit. The
     picture still has thousands of colours. For a few colours use --inks."""
 
-    stops: Annotated[int | None, OneOf(STOP_COUNTS)] = None
+    stops: StopCount | None = None
     """Number of colour stops in each gradient: 5, 6, 8, 10 or 12. The default depends on the
     preset."""
 
-    precision: Annotated[float | None, Number(LEAST_PRECISION, MOST_PRECISION)] = None
+    precision: Annotated[float | None, Interval(ge=LEAST_PRECISION, le=MOST_PRECISION)] = None
     """Step (px) to which coordinates are rounded, such as 0.05. The default depends on the
     preset."""
 
@@ -165,7 +165,7 @@ class RunOptions(OptionGroup):
     """Also measure SSIMULACRA2 and FLIP, in some seconds for each megapixel. Needs
     gauss2svg[scores]."""
 
-    max_size: Annotated[int | None, Whole(1)] = None
+    max_size: Annotated[int | None, Interval(ge=1)] = None
     """Longest side (px) at which the photo is fitted. Larger photos are reduced first. The default
     depends on the preset."""
 
@@ -173,10 +173,10 @@ class RunOptions(OptionGroup):
     """Measure the SVG at the size of the photo. Otherwise it is measured at the size of the fit, or
     at 1 megapixel if that is larger, which is faster and gives nearly the same scores."""
 
-    max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
+    max_pixels: Annotated[int, Interval(ge=1, le=MOST_PIXELS)] = DEFAULT_MAX_PIXELS
     """Maximum number of pixels of a photo. Larger photos are refused before they are decoded."""
 
-    threads: Annotated[int | None, Whole(1)] = None
+    threads: Annotated[int | None, Interval(ge=1)] = None
     """Number of CPU threads. The default is one for each core."""
 
     max_memory: Annotated[int | str | None, byte_size] = None

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import Gauss2SvgError, InputError, quoted
 from gauss2svg.files import STANDARD_STREAM, check_outputs, make_folder, reading
-from gauss2svg.options import OneOf, OptionGroup, byte_size
+from gauss2svg.options import Field, OptionGroup, byte_size
 from gauss2svg.photo.alpha import alpha_of, has_alpha, pixels_of
 from gauss2svg.photo.load import ImageSource
 from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
@@ -159,7 +159,7 @@ def placeholder(
     without Gaussians takes.
     """
     limit = check_bytes("max_bytes", max_bytes)
-    OneOf(get_args(Counted))("bytes_of", bytes_of)
+    Field("bytes_of", words=get_args(Counted)).checked(bytes_of)
     options = Options(
         goal=Goal(max_bytes=limit),
         svg=SvgOptions(markup=MINIMAL),

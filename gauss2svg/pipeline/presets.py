@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 
 from gauss2svg.fit.options import MOST_GAUSSIANS
+from gauss2svg.svg.document import StopCount
 
 # Bounds of the numbers of a run.
 # Fewest entries of a palette. Fewer cost PSNR visibly even with a thousand Gaussians
@@ -50,7 +51,7 @@ class Preset:
     colors: float
     iterations: int
     max_size: int
-    stops: int
+    stops: StopCount
     precision: float
     opacity_decimals: int
 

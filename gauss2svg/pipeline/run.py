@@ -15,9 +15,10 @@ import numpy as np
 from numba import get_num_threads, set_num_threads
 from numba.core import config
 
-from gauss2svg.errors import InputError, whole_number
+from gauss2svg.errors import InputError
 from gauss2svg.fit.options import FitProgress
 from gauss2svg.fit.placement import components_of
+from gauss2svg.options import Field
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.photo.reduce import SizeNeeded, reduced_size
@@ -148,7 +149,7 @@ def _check_callable(name: str, function: object, *arguments: str) -> None:
 def thread_count(count: int | None) -> int:
     """Number of threads: one for each core if None; raises InputError for more than the cores."""
     most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
-    return most if count is None else whole_number("threads", count, 1, most)
+    return most if count is None else Field("threads", int, 1, most).checked(count)
 
 
 _done: set[str] = set()

@@ -17,7 +17,7 @@ from gauss2svg.fit.options import DensifyOptions, FitOptions
 from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.scores import Score
-from gauss2svg.options import Flag, file_name
+from gauss2svg.options import Field, file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.photo import Header, Photo
@@ -71,7 +71,7 @@ class Result:
         check_svg_name("path", path)
         if gzip is None:
             gzip = is_svgz(path) or bool(self.report["gzip"])
-        write_atomically(path, file_bytes(self.svg, Flag()("gzip", gzip)))
+        write_atomically(path, file_bytes(self.svg, Field("gzip", bool).checked(gzip)))
 
     def outline(self, pens: int | None = None) -> str:
         """The SVG text of the outlines of the shapes; see gauss2svg.outline_svg."""

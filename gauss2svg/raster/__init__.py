@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.options import OneOf, Renderer
+from gauss2svg.options import Field, Renderer
 from gauss2svg.photo.alpha import has_alpha, over
 from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.raster.features import Feature, uses
@@ -36,7 +36,7 @@ BROWSERS = "chromium", "firefox"  # whose draw takes the colour of the page too
 
 def renderer_named(name: str) -> ModuleType:
     """Return the module of a renderer; raise InputError for any other name."""
-    return _MODULES[OneOf(RENDERERS)("renderer", name)]
+    return _MODULES[Field("renderer", words=RENDERERS).checked(name)]
 
 
 def drawn_by(*features: Feature) -> tuple[str, ...]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, required, whole_number
+from gauss2svg.errors import InputError, refusal, required
+from gauss2svg.options import Field
 from gauss2svg.photo.alpha import straight
 from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.render.cpu import Real, render_planar, splats_of
@@ -72,13 +73,12 @@ def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[in
     whole, or larger than any photo's.
     """
     scene = required(scene, "scene", Scene)
-    width = round(scene.width) if width is None else width
-    height = round(scene.height) if height is None else height
-    width = whole_number("output width", width, 1, MOST_PIXELS)
-    height = whole_number("output height", height, 1, MOST_PIXELS)
-    if width * height > MOST_PIXELS:
-        raise InputError(
-            f"output size must be at most {MOST_PIXELS} px; got {width}x{height}. Try to render "
-            "it smaller"
-        )
-    return width, height
+    given = {
+        "output width": round(scene.width) if width is None else width,
+        "output height": round(scene.height) if height is None else height,
+    }
+    across, down = (Field(name, int, 1, MOST_PIXELS).checked(px) for name, px in given.items())
+    if across * down > MOST_PIXELS:
+        needed, advice = f"at most {MOST_PIXELS} px", "to render it smaller"
+        raise refusal("output size", needed, f"{across}x{down}", advice)
+    return across, down

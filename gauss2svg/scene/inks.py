@@ -8,9 +8,9 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from gauss2svg.errors import plain_scalar, quoted, refusal, whole_number
+from gauss2svg.errors import plain_scalar, quoted, refusal
 from gauss2svg.files import reading
-from gauss2svg.options import file_name
+from gauss2svg.options import Field, file_name
 
 if TYPE_CHECKING:  # the help does not need it
     import numpy as np
@@ -67,7 +67,7 @@ def check_inks(name: str, value: Any) -> int | str:
     if isinstance(value, str) and value.strip().isdecimal():
         value = int(value)
     if isinstance(value, int) and not isinstance(value, bool):
-        return whole_number(name, value, LEAST_INKS, MOST_INKS)
+        return Field(name, int, LEAST_INKS, MOST_INKS).checked(value)
     texts: Any = value.split(",") if isinstance(value, str) else value
     if isinstance(value, os.PathLike) or (
         isinstance(value, str) and value.strip().lower().endswith(PALETTE_SUFFIX)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted, required
 from gauss2svg.files import write_atomically
-from gauss2svg.options import OneOf, file_name
+from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
 from gauss2svg.scene.parameters import CANVAS, PARAMETERS, PLAIN, RHO_LIMIT
 
@@ -77,7 +77,8 @@ class Scene:
 
     def __post_init__(self) -> None:
         for name, known in (("blend", BLENDS), ("transparent", (False, True))):
-            object.__setattr__(self, name, OneOf(known)(f"scene {name}", getattr(self, name)))
+            value = Field(f"scene {name}", words=known).checked(getattr(self, name))
+            object.__setattr__(self, name, value)
         count = None
         for parameter in (*CANVAS, *PARAMETERS):
             array = parameter.checked(getattr(self, parameter.name), count, self.blend)

@@ -10,7 +10,7 @@ from docstring_parser import parse_from_object
 
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.measure.scores import SCORES
-from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
+from gauss2svg.options import Field, byte_size, fields_of
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import command_line
@@ -61,13 +61,14 @@ def flag_of(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-_KINDS = {Flag: "boolean", OneOf: "choice", Whole: "integer", Number: "number"}
+_KINDS = {bool: "boolean", int: "integer", float: "number"}
 
 
 def _described(field: Field, text: str | None) -> dict[str, Any]:
     words = " ".join((text or "").split())
-    domain = next((check for check in field.checks if type(check) in _KINDS), None)
-    kind = _KINDS.get(type(domain), "size" if byte_size in field.checks else "text")
+    kind = "choice" if field.choices else "size" if field.check is byte_size else "text"
+    kind = kind if field.kind is None else _KINDS[field.kind]
+    is_number = field.kind in (int, float)
     unit = _UNIT.search(words)
     label = " ".join(_NAMES.get(word, word) for word in field.name.split("_"))
     return {
@@ -76,10 +77,10 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
         "flag": flag_of(field.name),
         "type": kind,
         "choices": list(field.choices) if kind == "choice" else None,
-        "min": getattr(domain, "least", None),
-        "above": getattr(domain, "above", False),
-        "max": getattr(domain, "most", None),
-        "default": getattr(field.group, field.name),
+        "min": field.least if is_number else None,
+        "above": field.is_above,
+        "max": field.most if is_number else None,
+        "default": field.default,
         "help": words,
         "unit": unit[1] if unit else "B" if kind == "size" else None,
     }

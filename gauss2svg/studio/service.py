@@ -23,7 +23,8 @@ from starlette.staticfiles import StaticFiles
 from uvicorn.server import HANDLED_SIGNALS
 
 from gauss2svg.compare.records import machine
-from gauss2svg.errors import Gauss2SvgError, on_one_line, quoted, refusal, whole_number
+from gauss2svg.errors import Gauss2SvgError, on_one_line, quoted, refusal
+from gauss2svg.options import Field
 from gauss2svg.studio.guard import Bounded, Guard
 from gauss2svg.studio.jobs import Jobs
 from gauss2svg.studio.routes import router
@@ -106,12 +107,12 @@ def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int
     """Return fits at once, and threads of each; raise InputError for more than the cores."""
     cores = machine()["cores"]
     if threads is not None:
-        whole_number("threads", threads, 1, cores)
+        Field("threads", int, 1, cores).checked(threads)
     if jobs is None:
         # A fit on four threads takes 45 % of the time of one thread, on eight 36 %: more cores
         # serve more fits (docs/decisions/studio.md).
         jobs = max(1, cores // (threads or 4))
-    whole_number("jobs", jobs, 1, cores)
+    Field("jobs", int, 1, cores).checked(jobs)
     return jobs, threads or max(1, cores // jobs)
 
 
@@ -129,7 +130,7 @@ def serve(
 
     Raises InputError for an address that cannot be listened on.
     """
-    whole_number("port", port, 0, 65535)
+    Field("port", int, 0, 65535).checked(port)
     local, token = host.lower() in _LOCAL_NAMES, secrets.token_urlsafe(24)
     app = create_app(jobs, threads, folder, is_local=local)
     with _listening(host, port) as listening:

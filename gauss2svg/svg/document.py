@@ -7,10 +7,12 @@ import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
+
+from annotated_types import Interval
 
 from gauss2svg.errors import InputError, quoted, refusal
-from gauss2svg.options import Number, OneOf, OptionGroup, Whole
+from gauss2svg.options import OptionGroup
 from gauss2svg.svg.canvas import MM
 
 DEFAULT_TITLE = "Vectorised photo"
@@ -66,7 +68,7 @@ class Document(OptionGroup):
     """How the picture fills a frame of other proportions, as a value of preserveAspectRatio in SVG,
     such as 'xMidYMid slice'."""
 
-    animate: Annotated[float | None, Number(0, 3600.0, above=True)] = None
+    animate: Annotated[float | None, Interval(gt=0, le=3600.0)] = None
     """Seconds in which the layers fade in, one after the other. Viewers who prefer reduced motion
     see the finished picture at once."""
 
@@ -152,7 +154,8 @@ EDITABLE, MINIMAL = "editable", "minimal"
 ROUNDS, INKS = "rounds", "inks"
 # Over 1 px thin shapes would be rounded to nothing.
 LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
-STOP_COUNTS = (5, 6, 8, 10, 12)  # of a gradient
+StopCount = Literal[5, 6, 8, 10, 12]  # of a gradient
+STOP_COUNTS = get_args(StopCount)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,15 +174,15 @@ class SvgFormat(OptionGroup):
     markup: Literal["editable", "minimal"] = "editable"
     """editable: layers with names, for editors; minimal: nothing that does not draw."""
 
-    stops: Annotated[int, OneOf(STOP_COUNTS)] = 5
+    stops: StopCount = 5
     """Stops of a gradient, one of STOP_COUNTS."""
 
-    precision: Annotated[float, Number(LEAST_PRECISION, MOST_PRECISION)] = 0.04
+    precision: Annotated[float, Interval(ge=LEAST_PRECISION, le=MOST_PRECISION)] = 0.04
     """The file's user unit in px, of which coordinates are whole numbers: docs/decisions/numbers.md
     has what rounding costs."""
 
     layers: Literal["rounds", "inks"] = "rounds"
     """Layers of editable markup: the rounds of the fit, or shapes of one ink."""
 
-    opacity_decimals: Annotated[int, Whole(1, 6)] = 2
+    opacity_decimals: Annotated[int, Interval(ge=1, le=6)] = 2
     """Decimals of fill-opacity."""

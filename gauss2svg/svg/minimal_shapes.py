@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import number_within, quoted, refusal
+from gauss2svg.errors import quoted, refusal
+from gauss2svg.options import Field
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.falloff import (
     BETA_CLASSES,
@@ -86,7 +87,7 @@ def shapes_of(
     Raises InputError for a unit out of range, other digits than 3 or 6, and an additive scene;
     SceneError for shapes whose numbers do not fit into a file.
     """
-    unit = number_within("unit", unit, 0.001, 1e6)
+    unit = Field("unit", float, 0.001, 1e6).checked(unit)
     if digits not in HEX_DIGITS:
         raise refusal("digits", "3 or 6", quoted(digits))
     if scene.blend == ADD:

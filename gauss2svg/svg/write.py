@@ -15,7 +15,8 @@ import dataclasses
 import svgwrite
 from svgwrite.extensions import Inkscape
 
-from gauss2svg.errors import instance, number_within, quoted, refusal, required, whole_number
+from gauss2svg.errors import instance, quoted, refusal, required
+from gauss2svg.options import Field
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.additive import encode_additive
 from gauss2svg.svg.blur import GRADIENT
@@ -122,9 +123,11 @@ def outline_svg(
     if scene.blend == ADD:
         got = "'add', whose colours are differences and show nothing by themselves"
         raise refusal("blend of a scene with outlines", "'over'", got, _PORTABLE)
-    width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
+    width = Field("stroke_width", float, *STROKE_WIDTHS).checked(stroke_width)
+    width = number(width, STROKE_DECIMALS)
     if pens is not None:
-        return _pens_svg(scene, document, float(width), whole_number("pens", pens, 1, MOST_PENS))
+        count = Field("pens", int, 1, MOST_PENS).checked(pens)
+        return _pens_svg(scene, document, float(width), count)
     shapes = outlines(scene)
     rounds, root = rounds_of(shapes, scene), {"fill": "none", "stroke-width": width}
     sheet = document.style([index for index, _ in rounds])

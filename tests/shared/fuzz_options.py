@@ -40,7 +40,7 @@ from gauss2svg.cli.vectorize import MakerFiles, OutputFiles
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.measure import CheckOptions
-from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
+from gauss2svg.options import Field, byte_size, fields_of
 from gauss2svg.pipeline.options import GROUPS, Goal
 
 PIXELS = np.random.default_rng(0).integers(0, 256, (16, 16, 3), np.uint8)
@@ -105,20 +105,19 @@ def odd_callables() -> list[Any]:
 def valid_values(field: Field) -> list[Any]:
     """Values that an option takes, and both sides of the ends of its range."""
     found: list[Any] = [one for one in (*field.choices, *field.words) if one not in _SLOW]
-    for check in field.checks:
-        if isinstance(check, (Whole, Number)):
-            for end in (check.least, check.most):
-                beside = [math.nextafter(end, -math.inf), math.nextafter(end, math.inf)]
-                found += [end, end - 1, end + 1] if isinstance(check, Whole) else [end, *beside]
-            found += [max(check.least, 1), min(check.most, 30)]
-            found += [np.int64(max(check.least, 1)), np.float32(max(check.least, 1))]
-        elif isinstance(check, OneOf):
-            found += [np.array(one)[()] for one in found]
-        elif check is byte_size:
-            found += [300_000_000, "300M", "1k", "1.5 kB", "0.1", "1e9", 1, 0, "9" * 30 + "G"]
-        elif not isinstance(check, Flag):  # each of them has its own words
-            found += ["white", "#fa0", "#ffaa00", "photo", "120mm", "5in", "1e9mm", "0px", "none"]
-            found += ["xMidYMid slice", "xMidYMid", "A title", "30", 30, 10_000, 10_001]
+    if field.kind in (int, float):
+        for end in (field.least, field.most):
+            beside = [math.nextafter(end, -math.inf), math.nextafter(end, math.inf)]
+            found += [end, end - 1, end + 1] if field.kind is int else [end, *beside]
+        found += [max(field.least, 1), min(field.most, 30)]
+        found += [np.int64(max(field.least, 1)), np.float32(max(field.least, 1))]
+    elif field.words:
+        found += [np.array(one)[()] for one in found]
+    elif field.check is byte_size:
+        found += [300_000_000, "300M", "1k", "1.5 kB", "0.1", "1e9", 1, 0, "9" * 30 + "G"]
+    elif field.check is not None:  # each of them has its own words
+        found += ["white", "#fa0", "#ffaa00", "photo", "120mm", "5in", "1e9mm", "0px", "none"]
+        found += ["xMidYMid slice", "xMidYMid", "A title", "30", 30, 10_000, 10_001]
     return found
 
 
@@ -275,7 +274,7 @@ class Case:
 
     def _words_of(self, field: Field) -> list[str]:
         name, rng = f"--{field.name.replace('_', '-')}", self._rng
-        if any(isinstance(check, Flag) for check in field.checks):
+        if field.kind is bool:
             no = name.replace("--", "--no-", 1)
             return [rng.choice([name, name, no, f"{name}=", f"{name}=maybe", f"{name}=false"])]
         valid = [str(value) for value in valid_values(field)]

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from gauss2svg.options import Number, OptionGroup, Whole
+from annotated_types import Interval
+
+from gauss2svg.options import OptionGroup, Seed
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.svg.document import check_text
 
@@ -14,22 +16,22 @@ from gauss2svg.svg.document import check_text
 class GalleryOptions(OptionGroup):
     """How a gallery is made."""
 
-    jobs: Annotated[int, Whole(1, 256)] = 1
+    jobs: Annotated[int, Interval(ge=1, le=256)] = 1
     """Number of worker processes. With several, each SVG takes longer."""
 
-    threads: Annotated[int | None, Whole(1)] = None
+    threads: Annotated[int | None, Interval(ge=1)] = None
     """Number of CPU threads of each process. By default the processes share the cores."""
 
-    seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
+    seed: Seed = 0
     """Random seed. The same seed gives the same files."""
 
-    photo_size: Annotated[int, Whole(1, 16383)] = 2048  # the largest WebP
+    photo_size: Annotated[int, Interval(ge=1, le=16383)] = 2048  # the largest WebP
     """Longest side (px). Larger photos are reduced to it first."""
 
-    max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
+    max_pixels: Annotated[int, Interval(ge=1, le=MOST_PIXELS)] = DEFAULT_MAX_PIXELS
     """Maximum number of pixels of a photo. Larger photos are refused before they are decoded."""
 
-    peer_timeout: Annotated[float, Number(1e-3, 1e6)] = 3600.0
+    peer_timeout: Annotated[float, Interval(ge=1e-3, le=1e6)] = 3600.0
     """Maximum time (s) that another tool may take for a photo."""
 
     title: Annotated[str, check_text] = "Photos as Gaussians"
