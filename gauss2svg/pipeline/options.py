@@ -130,8 +130,7 @@ class SvgOptions(OptionGroup):
     picture still has thousands of colours. For a few colours use --inks."""
 
     stops: StopCount | None = None
-    """Number of colour stops in each gradient: 5, 6, 8, 10 or 12. The default depends on the
-    preset."""
+    """Number of colour stops in each gradient. The default depends on the preset."""
 
     precision: Annotated[float | None, Interval(ge=LEAST_PRECISION, le=MOST_PRECISION)] = None
     """Step (px) to which coordinates are rounded, such as 0.05. The default depends on the
