@@ -17,7 +17,6 @@ from gauss2svg.cli.parameters import read_options_file, refuse_options
 from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
-from gauss2svg.cli.versions import versions
 from gauss2svg.errors import Gauss2SvgError, InputError
 from gauss2svg.options import field_of
 from gauss2svg.pipeline.options import option_names
@@ -36,7 +35,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     """
     app = App(
         name="gauss2svg",
-        version=versions,
+        version=_versions,
         version_flags=["--version"],
         help_flags=[_HELP_ALL] if everything else ["--help", "-h"],
         help=HELP,
@@ -110,6 +109,12 @@ def run() -> None:
     # was executed: numba executes some where it compiles.
     exec("")
     sys.exit(status)
+
+
+def _versions() -> str:
+    from gauss2svg.cli.versions import versions  # imports what nothing else needs
+
+    return versions()
 
 
 def _in_our_words(error: CycloptsError) -> str:
