@@ -1,1 +1,1 @@
-"""The fit: from pixels to a scene."""
+"""The fit, which turns pixels into a scene."""

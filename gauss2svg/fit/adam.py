@@ -1,24 +1,23 @@
 """One Adam step in each Gaussian's own frame.
 
-The shape is stepped in whitened coordinates, x = mean + L z with L the Cholesky
-factor of the covariance:
+The shape is stepped in whitened coordinates, x = mean + L z, where L is the Cholesky factor of the
+covariance:
 
     mean <- mean + L t,    L <- cholesky of L exp(2 A) L^T,  A symmetric,
 
-so that a step means the same for a large, a small and a thin Gaussian. With the
-kernels' moments m of h (gauss2svg.render.kernels) the gradients are
+so that a step means the same for a large, a small and a thin Gaussian. With the kernels' moments m
+of h (gauss2svg.render.kernels) the gradients are
 
     dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
     dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g,
     dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s.
 
-Sizes, ratios and exponents are stepped as logarithms, opacities as logits, and rho follows from L,
-which no step can make indefinite. The rim of a crisp shape is sigma / beta wide, so steps of mean
-and shape are multiplied by beta^-0.35: without it plain drawings diverge
-(docs/decisions/divergence.md). Colours are bounded by 0..1: a step that leaves the bounds is
-clipped to them, and the gradient there is that of the image, so that the first one that points
-inward moves the colour again. Colours as logits, whose gradient vanishes at the bounds, end no
-better (docs/decisions/adam.md).
+Sizes, ratios and exponents are stepped as logarithms, and opacities as logits. rho follows from L,
+and no step can make the covariance indefinite. The rim of a crisp shape is about sigma / beta wide,
+so steps of mean and shape are multiplied by beta^-0.35. Without this, drawings with plain ellipses
+diverge (docs/decisions/divergence.md). Colours are clipped to 0..1. The gradient at a bound is that
+of the image, so the first step that points inward moves the colour again. Colours as logits, whose
+gradient vanishes at the bounds, end no better (docs/decisions/adam.md).
 """
 
 from __future__ import annotations
@@ -41,12 +40,10 @@ from gauss2svg.scene.parameters import PARAMETERS, STEPPED
 _Column = NDArray[np.float64]  # (n,), one number for each Gaussian
 
 # Learning rates by parameter, in the frame above: mean and sigma in shares of the Gaussian's own
-# sigma, opacity in logits, colour in 0..1. One whose rate is 0 stays as it is.
+# sigma, opacity in logits, colour in 0..1. A parameter of rate 0 is not stepped.
 Rates = Mapping[str, float]
 RATES: Rates = {parameter.name: parameter.rate for parameter in PARAMETERS if parameter.rate}
 
-
-# Steps of Gaussians. gauss2svg.scene.parameters has the learning rates.
 FIRST_DECAY = 0.9  # decay of Adam's first moment (docs/decisions/adam.md)
 SECOND_DECAY = 0.95  # decay of Adam's second moment (docs/decisions/adam.md)
 # Power of beta by which steps of mean and shape are multiplied, because the rim of a crisp shape
@@ -55,14 +52,13 @@ STEP_BY_BETA = -0.35
 # Largest ratio of major to minor axis. Thinner needles streak across flat areas
 # (docs/decisions/fit.md).
 MOST_ASPECT = 30.0
-# Px of the working image in which a rim across the minor axis falls from 0.9 to 0.1. Renderers
-# sample sharper ones differently (docs/decisions/renderers.md).
+# Least px of the working image over which a rim falls from 0.9 to 0.1 across the minor axis.
+# Renderers sample sharper rims differently (docs/decisions/renderers.md).
 LEAST_RIM = 0.5
 
-
-# px; under 0.3 px every SVG renderer loses mass (docs/decisions/renderers.md).
+# px, least semi-axis. Below 0.3 px every SVG renderer loses mass (docs/decisions/renderers.md).
 LEAST_SIGMA = 0.35
-# An opaque or additive Gaussian has no opacity: its logit stays at one of practically 1.
+# Logit of opaque and additive Gaussians, which is not stepped. Its opacity is practically 1.
 OPAQUE_LOGIT = 12.0
 # Start of new Gaussians, and bounds of additive blending (docs/decisions/fit.md).
 INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new alpha-composited Gaussian
@@ -74,10 +70,10 @@ MOST_SIGNED_COLOR = 0.5  # largest absolute value of a channel of a signed colou
 class Blending:
     """Learning rates, bounds and initial values of the shapes of a fit.
 
-    rates                    by parameter
-    initial_opacity_logit    of a new Gaussian
-    least_color, most_color  of each channel; signed colours are bounded so that a file, whose
-                             partial sums must fit into 8 bits, can hold them
+    rates                    learning rates by parameter
+    initial_opacity_logit    logit of a new Gaussian's opacity
+    least_color, most_color  bounds of each channel. Signed colours are bounded, because the partial
+                             sums of a file must fit into 8 bits
     """
 
     rates: Rates
@@ -86,33 +82,34 @@ class Blending:
     most_color: float = 1.0
 
     def without(self, *names: str) -> Blending:
-        """The same with parameters that are not stepped."""
+        """Return these settings with rates of 0 for some parameters."""
         return dataclasses.replace(self, rates={**self.rates, **dict.fromkeys(names, 0.0)})
 
     @cached_property
     def sharing(self) -> Blending:
-        """The same without what shapes share, which SharedColors steps."""
+        """Settings without steps of the shared parameters, which SharedColors steps."""
         return self.without(*(p.name for p in PARAMETERS if p.shared))
 
 
 def blending_of(options: FitOptions, opaque: bool = False) -> Blending:
-    """The settings of a fit with these options; opaque: whether all opacities stay 1."""
+    """Return the settings of a fit with these options; opaque: whether all opacities stay 1."""
     if options.blend == ADD:
         rates = {**RATES, "opacity": 0.0, "color": SIGNED_COLOR_RATE}
         most = MOST_SIGNED_COLOR
-        found = Blending(rates, OPAQUE_LOGIT, -most, most)
+        blending = Blending(rates, OPAQUE_LOGIT, -most, most)
     else:
-        found = Blending(RATES, INITIAL_OPACITY_LOGIT)
+        blending = Blending(RATES, INITIAL_OPACITY_LOGIT)
     if opaque or options.inks is not None:
-        found = dataclasses.replace(found, initial_opacity_logit=OPAQUE_LOGIT).without("opacity")
+        blending = dataclasses.replace(blending, initial_opacity_logit=OPAQUE_LOGIT)
+        blending = blending.without("opacity")
     if options.inks is not None:
-        found = found.without("color")
-    return found if options.learned_falloff else found.without("beta")
+        blending = blending.without("color")
+    return blending if options.learned_falloff else blending.without("beta")
 
 
-# Keeps a step finite where the gradient has always been 0; added before the bias correction.
+# Keeps a step finite if the gradient has always been 0; added before the bias correction.
 EPSILON = 1e-12
-# Gaussians that are stepped at a time, so that what is computed for them stays in the cache.
+# Number of Gaussians that are stepped at a time, so that their arrays stay in the cache.
 _BLOCK = 4096
 
 
@@ -121,8 +118,8 @@ def gradients(
 ) -> NDArray[np.float64]:
     """Return the gradients (n, STEPS) of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta.
 
-    The moments are in this order. price is added to the gradient of ln beta: what the loss must
-    gain for each unit of it.
+    moments  (n, MOMENTS) in this order
+    price    least decrease of the loss for a unit of ln beta, which is added to its gradient
     """
     gradient = moments.copy()
     gradient[:, COLUMNS["opacity"]] *= 1 - splats.opacity[:, None]
@@ -138,18 +135,17 @@ def step(
     most_sigma: float,
     rate: float = 1.0,
 ) -> bool:
-    """Move every Gaussian of the state by one Adam step, in place; whether all stayed finite.
+    """Move every Gaussian of the state by one Adam step, in place; return whether all are finite.
 
     most_sigma  largest major axis, px of the working image
     rate        factor of all learning rates
 
-    A Gaussian that would get a parameter that is not finite stays where it is, and its moments are
-    reset.
+    A Gaussian with a parameter that would not be finite stays as it is, and its moments are reset.
     """
     columns = [*GEOMETRY, *(p.name for p, _ in STEPPED for _ in range(p.width))]
     sizes = rate * np.array([blending.rates[name] for name in columns])
     finite = True
-    with np.errstate(all="ignore"):  # what is not finite is found afterwards
+    with np.errstate(all="ignore"):  # numbers that are not finite are found afterwards
         for begin in range(0, len(state), _BLOCK):
             block = slice(begin, begin + _BLOCK)
             finite &= _step_block(state, block, gradient[block], sizes, blending, most_sigma)
@@ -167,8 +163,8 @@ def _step_block(
     adam_m, adam_v, age = state.adam_m[block], state.adam_v[block], state.age[block]
     d = _directions(adam_m, adam_v, age, gradient, sizes)
     mean = state.mean[block]
-    blunted = np.exp(STEP_BY_BETA * state.raw_beta[block])
-    d[:5] = [direction * blunted for direction in d[:5]]
+    rim_factor = np.exp(STEP_BY_BETA * state.raw_beta[block])
+    d[:5] = [direction * rim_factor for direction in d[:5]]
     l11, l21, l22 = state.factor[block].T
     x = mean[:, 0] + l11 * d[0]
     y = mean[:, 1] + l21 * d[0] + l22 * d[1]
@@ -180,7 +176,7 @@ def _step_block(
         finite &= np.isfinite(adam_v).all(axis=1)
 
     factor = zip(state.factor[block].T, (l11, l21, l22), strict=True)
-    moved = [(mean[:, 0], x), (mean[:, 1], y), *factor]
+    changes = [(mean[:, 0], x), (mean[:, 1], y), *factor]
     for parameter, raw in STEPPED:
         steps = range(*COLUMNS[parameter.name].indices(STEPS))
         if not sizes[steps[0]]:
@@ -192,12 +188,12 @@ def _step_block(
             sharpest = np.log(RIM_WIDTH / LEAST_RIM * minor)
             most = np.clip(sharpest, least, most)
         for values, k in zip(np.atleast_2d(getattr(state, raw.name)[block].T), steps, strict=True):
-            moved.append((values, np.clip(values + d[k], least, most)))
+            changes.append((values, np.clip(values + d[k], least, most)))
     if finite.all():
-        for values, value in moved:
+        for values, value in changes:
             values[:] = value
         return True
-    for values, value in moved:
+    for values, value in changes:
         np.copyto(values, value, where=finite)
     adam_m[~finite], adam_v[~finite], age[~finite] = 0, 0, 0
     return False
@@ -210,9 +206,9 @@ def _directions(
     gradient: NDArray[np.float64],
     sizes: NDArray[np.float64],
 ) -> list[_Column]:
-    """Adam's step for each parameter, by the gradient; updates its moments and ages in place.
+    """Return Adam's step of each parameter by the gradient; update moments and ages in place.
 
-    The bias of both moments is corrected in one factor a Gaussian, as "Adam: A Method for
+    One factor for each Gaussian corrects the bias of both moments, as "Adam: A Method for
     Stochastic Optimization" (Kingma and Ba, 2015) suggests at the end of its section 2.
     """
     first_decay, second_decay = FIRST_DECAY, SECOND_DECAY
@@ -234,8 +230,8 @@ def _directions(
 def _stretched(
     l11: _Column, l21: _Column, l22: _Column, a: _Column, c: _Column, b: _Column, most_sigma: float
 ) -> tuple[_Column, _Column, _Column, _Column]:
-    """Return l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], in the limits, and the minor axis."""
-    # exp(A) to second order; L exp(A) gives a valid covariance whatever the error
+    """Return l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], within limits, and the minor axis."""
+    # exp(A) to second order: the covariance by L exp(A) is valid whatever the error
     e11 = 1 + a + 0.5 * (a * a + c * c)
     e12 = c + 0.5 * c * (a + b)
     e22 = 1 + b + 0.5 * (b * b + c * c)
@@ -244,10 +240,10 @@ def _stretched(
     xx = f11 * f11 + f12 * f12
     xy = f11 * f21 + f12 * f22
     yy = f21 * f21 + f22 * f22
-    # singular values of F, by the stable sum and difference formulas
-    far = np.sqrt(np.square(f11 + f22) + np.square(f21 - f12))
-    near = np.sqrt(np.square(f11 - f22) + np.square(f21 + f12))
-    major, minor = 0.5 * (far + near), 0.5 * np.abs(far - near)
+    # singular values of F by their sum and difference, which is stable
+    axis_sum = np.sqrt(np.square(f11 + f22) + np.square(f21 - f12))
+    axis_difference = np.sqrt(np.square(f11 - f22) + np.square(f21 + f12))
+    major, minor = 0.5 * (axis_sum + axis_difference), 0.5 * np.abs(axis_sum - axis_difference)
     new_minor = np.clip(minor, LEAST_SIGMA, most_sigma)
     new_major = np.clip(major, LEAST_SIGMA, most_sigma)
     new_major = np.minimum(new_major, MOST_ASPECT * new_minor)

@@ -1,9 +1,8 @@
 """The progressive fit: a background, then rounds of Gaussians where the error is.
 
-Every round is optimised before the next one, coarse to fine, and all Gaussians keep moving until
-the end. Constants of this package come from ablations: docs/decisions/fit.md (rounds, learning
-rates, relocation, exponents, additive blending), placement.md, palette.md, divergence.md and
-numbers.md.
+Every round is optimised before the next one, from coarse to fine, and all Gaussians keep moving
+until the end. Constants of this package come from ablations: docs/decisions/fit.md (rounds, rates,
+relocation, exponents, additive blending), placement.md, palette.md, divergence.md and numbers.md.
 """
 
 from __future__ import annotations
@@ -27,9 +26,9 @@ def fit(
     config: FitConfig | None = None,
     progress: Callable[[FitProgress], None] | None = None,
 ) -> FitResult:
-    """Fit a given number of Gaussians to pixels (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha.
+    """Fit config.gaussians Gaussians to pixels (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha.
 
-    Deterministic in the seed. progress is called after every iteration, from this thread.
+    The same seed gives the same result. progress is called after every iteration, in this thread.
     """
     config = config or FitConfig()
     with kernel_lock:
@@ -44,11 +43,11 @@ def convert_additive(
     config: FitConfig | None = None,
     progress: Callable[[FitProgress], None] | None = None,
 ) -> FitResult:
-    """Convert an additive scene to as many alpha-composited shapes, which every renderer draws.
+    """Convert an additive scene to the same number of alpha-composited shapes.
 
-    They are fitted to pixels (h, w, 3) float32 in 0..1, by default to the render of the scene; see
-    gauss2svg.fit.population. The count and the schedule of config are not used. Raises InputError
-    unless the scene is additive and config.fit.blend is "over".
+    Every renderer draws these. They are fitted to pixels (h, w, 3) float32 in 0..1, by default to
+    the render of the scene (gauss2svg.fit.population). The count and the schedule of config are not
+    used. Raise InputError unless the scene is additive and config.fit.blend is "over".
     """
     if scene.blend != ADD:
         raise InputError(f"scene.blend must be {ADD!r}; got {quoted(scene.blend)}")

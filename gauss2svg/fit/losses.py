@@ -1,4 +1,4 @@
-"""Losses besides the squared error, whose gradient the kernels compute themselves."""
+"""Losses with their gradients. For "mse" alone the kernels compute the gradient themselves."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gauss2svg.fit.options import has_ssim
 # Real-Time Radiance Field Rendering" (Kerbl et al., 2023).
 SSIM_WEIGHT = 0.2
 
-# Loss of each value by its difference from the target, and the derivative.
+# Functions from the difference of a value from its target to the loss and its derivative.
 PIXEL_LOSSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     "mse": lambda difference: (difference**2, 2 * difference),
     "l1": lambda difference: (np.abs(difference), np.sign(difference)),
@@ -50,32 +50,32 @@ def image_gradient(
 def structural_similarity(
     image: NDArray[np.floating], target: NDArray[np.floating]
 ) -> tuple[float, NDArray[np.floating]]:
-    """Mean SSIM of planes (h, w) in 0..1, and its gradient with respect to image times h w.
+    """Return the mean SSIM of planes (h, w) in 0..1, and its gradient by image times h w.
 
     With a, b, p, s and q the blurred image x, target t, x^2, t^2 and x t, a window has
 
         SSIM = A1 A2 / (B1 B2),  A1 = 2 a b + C1,        A2 = 2 (q - a b) + C2,
-                                 B1 = a^2 + b^2 + C1,    B2 = p - a^2 + s - b^2 + C2,
+                                 B1 = a^2 + b^2 + C1,    B2 = p - a^2 + s - b^2 + C2.
 
-    and blurring is its own transpose: the gradient is blur(d/da) + 2 x blur(d/dp) + t blur(d/dq).
+    Blurring is its own transpose, so the gradient is blur(d/da) + 2 x blur(d/dp) + t blur(d/dq).
 
-    11 x 11 Gaussian window of sigma 1.5 (Wang et al., 2004), only where it lies inside the
-    image; a smaller image takes the largest odd window that fits.
+    Windows are Gaussians of sigma 1.5 over 11 x 11 pixels (Wang et al., 2004) inside the image. For
+    a smaller image they have the largest odd size that fits.
     """
     height, width = image.shape
     c1, c2 = 0.01**2, 0.03**2
     radius = min(5, (height - 1) // 2, (width - 1) // 2)
     windows = slice(radius, height - radius), slice(radius, width - radius)
 
-    from scipy.ndimage import gaussian_filter  # a third of a second, and seldom needed
+    from scipy.ndimage import gaussian_filter  # slow to import, seldom needed
 
     def blurred(plane: NDArray[np.floating]) -> NDArray[np.floating]:
         return gaussian_filter(plane, 1.5, radius=radius, mode="constant")
 
     def gathered(slope: NDArray[np.floating]) -> NDArray[np.floating]:
-        whole = np.zeros_like(image)
-        whole[windows] = slope
-        return blurred(whole)
+        padded = np.zeros_like(image)
+        padded[windows] = slope
+        return blurred(padded)
 
     products = image, target, image * image, target * target, image * target
     a, b, p, s, q = (blurred(plane)[windows] for plane in products)
@@ -90,5 +90,5 @@ def structural_similarity(
 
 
 def psnr_of(error: float) -> float:
-    """PSNR in dB of a mean squared error; infinity for 0."""
+    """Return the PSNR in dB of a mean squared error; infinity for 0."""
     return -10 * math.log10(error) if error > 0 else math.inf

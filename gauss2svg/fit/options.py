@@ -1,4 +1,4 @@
-"""Options, progress and result of a fit; without NumPy, for the help of the command line."""
+"""Options, progress and result of a fit. The command line's help needs them without NumPy."""
 
 from __future__ import annotations
 
@@ -22,21 +22,20 @@ if TYPE_CHECKING:
 Tune = Literal["perceptual", "psnr"]
 PERCEPTUAL, PSNR = "perceptual", "psnr"
 DEFAULT_LOSS = "mse"
-# Falloffs: beta = 1 everywhere, as in the paper; a learned beta for each shape. Shapes in inks are
-# crisp.
+# Falloffs. GAUSSIAN: beta is 1, as in the paper. ADAPTIVE: each shape learns its beta. CRISP: the
+# rims of shapes in inks.
 GAUSSIAN, ADAPTIVE, CRISP = "gaussian", "adaptive", "crisp"
-# 253 bytes of optimiser state each make 2.5 GB.
-MOST_GAUSSIANS = 10_000_000
+MOST_GAUSSIANS = 10_000_000  # 253 bytes of optimiser state for each are 2.5 GB
 
 
 def has_ssim(loss: str) -> bool:
-    """Whether a loss has an SSIM term."""
+    """Return whether a loss has an SSIM term."""
     return loss.endswith("+ssim")
 
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(OptionGroup):
-    """The model and the optimiser, as a caller of vectorize gives them."""
+    """Options of the model and of the optimiser, as a caller of vectorize gives them."""
 
     iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
     """Number of optimiser steps. The default depends on the preset."""
@@ -76,7 +75,7 @@ class FitOptions(OptionGroup):
 
     @property
     def tuned(self) -> Tune:
-        """tune, or its default, which in inks is PSNR: docs/decisions/inks.md."""
+        """Value of tune or its default, which is PSNR for inks (docs/decisions/inks.md)."""
         return self.tune or (PERCEPTUAL if self.inks is None else PSNR)
 
     @property
@@ -86,7 +85,7 @@ class FitOptions(OptionGroup):
 
     @property
     def shaped(self) -> str:
-        """falloff, or its default; that of shapes in inks."""
+        """Value of falloff or its default, but CRISP for inks."""
         if self.inks is not None:
             return CRISP
         return self.falloff or (GAUSSIAN if self.blend == ADD else ADAPTIVE)
@@ -94,7 +93,7 @@ class FitOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class DensifyOptions(OptionGroup):
-    """How Gaussians are added and relocated during the fit."""
+    """Options of adding and relocating Gaussians during the fit."""
 
     init: Literal["selective", "error", "random", "live"] = "selective"
     """Where new Gaussians are placed. selective: on the largest areas of error. error: at random,
@@ -117,20 +116,18 @@ class DensifyOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class FitConfig:
-    """What `fit` takes: the two groups of options of a fit, and what a run finds for it.
+    """Settings of `fit`: two groups of options, and numbers from the run's preset and limits.
 
-    A caller of vectorize gives FitOptions and DensifyOptions; the numbers beside them are its
-    preset's and its limits'.
-
-    gaussians   number of Gaussians, >= 0; 0 gives the mean colour, or leaves it to the policy
-    iterations  optimiser steps, >= 1; None: until the deadline
-    reduce      whether few Gaussians are fitted on reduced targets first, which is faster
-    extend      whether a fit takes twice the iterations where most are on reduced targets
-    opaque      whether all opacities stay 1, which is shorter to write
-    sparse      whether a long fit relocates no more often than a short one, which many steps need
+    gaussians   number of Gaussians, >= 0. If it is 0, a policy decides, or the scene has none
+    iterations  number of optimiser steps, >= 1; None: until the deadline
+    reduce      whether few Gaussians are first fitted on reduced targets, which is faster
+    extend      whether a fit takes twice the iterations if most are on reduced targets
+    opaque      whether all opacities stay 1, which makes files shorter
+    sparse      whether relocations are at least schedule.RELOCATE_SHARE of the steps apart, which
+                fits of many steps need
     enlarged    ratio of the target's size to a second size, 1 for none. The last steps of such a
-                fit reduce the error at both sizes, because ellipses that fit an edge at one of
-                them may overlap visibly at the other
+                fit reduce the error at both sizes, because ellipses that fit an edge at one size
+                may overlap visibly at the other
     """
 
     gaussians: int = 5000
@@ -161,12 +158,12 @@ class FitConfig:
 
     @property
     def totals(self) -> list[int]:
-        """Ascending numbers of Gaussians after each round."""
+        """Numbers of Gaussians after each round, ascending."""
         densify = self.densify
         return totals(densify.schedule, self.gaussians, self.iterations, densify.per_round)
 
     def steps(self, width: int, height: int) -> int | None:
-        """Optimiser steps of a fit to a picture of this size; None: until the deadline."""
+        """Return the number of steps for a picture of this size; None means until the deadline."""
         if self.iterations is None or not (self.extend and self.reduce and self.gaussians):
             return self.iterations
         start = schedule.GROWTH_SHARE
@@ -178,11 +175,11 @@ class FitConfig:
         rounds = len(self.totals)
         if self.iterations is None or (each is None and per_round is None):
             return
-        room = self.iterations if each else int(self.iterations * schedule.GROWTH_SHARE)
-        if rounds * (each or 1) > room:
+        steps = self.iterations if each else int(self.iterations * schedule.GROWTH_SHARE)
+        if rounds * (each or 1) > steps:
             raise InputError(
                 f"iterations must leave room for {rounds} rounds of {each or 1} or more; got "
-                f"{room} for the rounds. Try more --iterations or fewer rounds"
+                f"{steps} for the rounds. Try more --iterations or fewer rounds"
             )
 
 
@@ -192,7 +189,7 @@ class FitProgress:
 
     psnr   against the photo at the size of the step, also in inks
     done   progress in 0..1, by iterations or by the clock
-    scene  returns the Gaussians so far on the working canvas; to be called before the next step
+    scene  returns the Gaussians so far on the working canvas; must be called before the next step
     """
 
     round: int
@@ -212,7 +209,7 @@ class FitResult:
     cpu_s        CPU seconds of all threads
     pixel_pairs  pixel-Gaussian pairs of all optimiser steps, forward and backward counted once
     stop_reason  one of gauss2svg.fit.session.STOP_REASONS
-    rollbacks    how often the fit diverged and was rolled back to its best state
+    rollbacks    number of times that the fit diverged and was rolled back to its best state
     rate         final learning-rate multiplier
     """
 
@@ -227,7 +224,7 @@ class FitResult:
     rate: float = 1.0
 
     def after(self, before: FitResult | None, stop_reason: str) -> FitResult:
-        """The result with the costs of an earlier fit added, and another stop_reason."""
+        """Return the result with the costs of an earlier fit added, and another stop_reason."""
         costs = ("iterations", "wall_s", "cpu_s", "pixel_pairs", "rollbacks")
         changes: dict[str, Any] = {
             name: getattr(self, name) + (getattr(before, name) if before else 0) for name in costs

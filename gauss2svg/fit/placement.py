@@ -1,6 +1,6 @@
 """Placement of new Gaussians: position, size and direction (docs/decisions/placement.md).
 
-Connected components have a kernel here, because scikit-image takes a third of a second to import
+A kernel here finds connected components, because scikit-image takes a third of a second to import
 (docs/decisions/start.md).
 """
 
@@ -18,15 +18,14 @@ from gauss2svg.fit.target import Target
 from gauss2svg.kernel_cache import cached
 from gauss2svg.render.smooth import smoothed
 
-_PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
-
+_PIXEL_VARIANCE = 1 / 12  # px^2, variance of positions within a pixel
 
 # Start of new Gaussians (docs/decisions/placement.md).
-INITIAL_SIGMA = 0.3  # sigma of a Gaussian placed by error, as a share of the mean spacing
-FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian; it hardly matters
-LEAST_SIGMA = 0.8  # least sigma of a new Gaussian in px
-LEAST_MINOR = 0.6  # least minor axis of a new Gaussian in px
-# A Gaussian placed by error is e^ELONGATION longer along an edge and as much shorter across it.
+INITIAL_SIGMA = 0.3  # sigma of a Gaussian placed by error, as a share of the spacing
+FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian; its value hardly matters
+LEAST_SIGMA = 0.8  # px, least sigma
+LEAST_MINOR = 0.6  # px, least minor axis
+# A Gaussian placed by error is up to e^ELONGATION times longer along an edge, and as much narrower.
 ELONGATION = 0.5
 REJECTED_SHARE = 0.2  # share of the largest residual, below which residuals are left out
 BINS = 8  # bins of equal width into which residuals are quantised, as in LIVE
@@ -40,7 +39,7 @@ COVERED_WEIGHT = 0.3  # weight of the residual of such a pixel
 class NewGaussians(NamedTuple):
     """n Gaussians to add: mean (n, 2), Cholesky factor (n, 3), color (n, 3); float64.
 
-    color is the target's at the mean, or with additive blending the residual's.
+    color is that of the target, or that of the residual with additive blending.
     """
 
     mean: NDArray[np.float64]
@@ -48,11 +47,11 @@ class NewGaussians(NamedTuple):
     color: NDArray[np.float64]
 
     def filled_up(self, others: Callable[[int], NewGaussians], count: int) -> NewGaussians:
-        """The Gaussians, and as many others as make `count`."""
+        """Return the Gaussians, filled up to `count` by those that others(missing) returns."""
         if len(self.mean) == count:
             return self
-        more = others(count - len(self.mean))
-        return NewGaussians(*map(np.concatenate, zip(self, more, strict=True)))
+        rest = others(count - len(self.mean))
+        return NewGaussians(*map(np.concatenate, zip(self, rest, strict=True)))
 
 
 def first_raw_betas(count: int, options: FitOptions) -> NDArray[np.float64]:
@@ -76,7 +75,7 @@ def place(
     additive   whether new Gaussians have the residual's colours, not the target's
     No Gaussian is placed on invisible pixels of a target with alpha.
     """
-    # px, the radius of a disc with each Gaussian's share of the area
+    # px, radius of a disc with a Gaussian's share of the area
     spacing = float(np.sqrt(target.width * target.height / (max(total, 1) * np.pi)))
     placer = _Placer(target, rendered, spacing, rng, additive)
     if placement == "selective":
@@ -87,9 +86,10 @@ def place(
 
 
 class _Placer:
-    """Places Gaussians by the residual; spacing in px is the radius of each one's share.
+    """Placement of Gaussians by the residual of a render.
 
-    Tuned for perception, the residual is multiplied by the square root of the target's weight.
+    spacing is the radius in px of a disc with a Gaussian's share of the area. If the target is
+    tuned for perception, the residual is multiplied by the square root of the target's weight.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class _Placer:
         if target.visible is not None:
             self._residual *= target.visible
             over_white, over_black = self._residual[:3], self._residual[3:]
-            surplus = (over_white - over_black).mean(axis=0)  # of alpha, over the target's
+            surplus = (over_white - over_black).mean(axis=0)  # alpha beyond the target's
             too_covered = surplus > TOO_COVERED
             self._residual *= np.where(too_covered, COVERED_WEIGHT, 1.0)
         self._color = self._residual if additive else target.source_color
@@ -115,7 +115,7 @@ class _Placer:
         self._rng = rng
 
     def by_error(self, count: int) -> NewGaussians:
-        """New Gaussians by stratified sampling, in proportion to the weighted squared residual."""
+        """Return Gaussians by stratified sampling of the weighted squared residual."""
         error = np.square(self._residual).sum(axis=0)
         smooth = smoothed(error, min(max(0.5 * self._spacing, 0.5), 4.0))
         if self._target.visible is not None:
@@ -123,7 +123,7 @@ class _Placer:
         total = np.cumsum(smooth.ravel(), dtype=np.float64)
         sampled = (np.arange(count) + self._rng.random(count)) / count * total[-1]
         pixel = np.minimum(np.searchsorted(total, sampled), total.size - 1)
-        if not total[-1] > 0:  # already exact everywhere
+        if not total[-1] > 0:  # the render is exact
             pixel = self._rng.integers(total.size, size=count)
         y, x = np.divmod(pixel, self._target.width)
         sigma = max(self._spacing * INITIAL_SIGMA, LEAST_SIGMA)
@@ -133,11 +133,11 @@ class _Placer:
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
     def by_component(self, count: int) -> NewGaussians:
-        """New Gaussians on the largest components of the quantised residual, the rest by error.
+        """Return Gaussians on the largest components of the quantised residual, the rest by error.
 
-        As in LIVE, but each has the mean colour of its component, and the direction and aspect of
-        its second moments. A disc of area A and a Gaussian have the same variance at
-        sigma = sqrt(A / pi) / 2.
+        Components are as in LIVE, but each Gaussian has the mean colour of its component, and the
+        direction and aspect of its second moments. A Gaussian has the variance of a disc of area A
+        if sigma = sqrt(A / pi) / 2.
         """
         parts = self._components(count)
         if parts is None:
@@ -149,22 +149,22 @@ class _Placer:
         stretch = np.sqrt(np.minimum(aspect, MOST_FIRST_ASPECT))
         angle_rad = 0.5 * np.arctan2(2 * xy, xx - yy)
         minor = np.maximum(sigma / stretch, LEAST_MINOR)
-        found = NewGaussians(
+        gaussians = NewGaussians(
             mean=parts.center() + 0.5,
             factor=_oriented(sigma * stretch, minor, angle_rad),
             color=np.stack([parts.means(c[parts.y, parts.x]) for c in self._color], axis=1),
         )
-        return found.filled_up(self.by_error, count)
+        return gaussians.filled_up(self.by_error, count)
 
     def as_in_live(self, count: int) -> NewGaussians:
-        """New Gaussians as in the paper: sigma = sqrt(A / (r s^2)), rho = 0, the rest at random.
+        """Return Gaussians as in the paper: sigma = sqrt(A / (r s^2)), rho = 0, the rest at random.
 
-        Each colour is that at its component's centre of mass.
+        The colour is that at the component's centre of mass.
         """
         parts = self._components(count)
         if parts is None:
             return self.at_random(count)
-        # s samples of a kernel span -5 to 5, so that a unit is s / 10 px, and s cancels; r is 0.07.
+        # s samples of the paper's kernel span -5..5. A unit is s / 10 px, so s cancels; r is 0.07.
         sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), LEAST_SIGMA)
         center = parts.center()
         x, y = np.round(center).astype(np.intp).T
@@ -174,14 +174,14 @@ class _Placer:
         )
 
     def at_random(self, count: int) -> NewGaussians:
-        """Means on any visible pixel, sigma in (0, 1) spacings, rho in (-1, 1)."""
+        """Return Gaussians on any visible pixels, with sigma up to the spacing and |rho| < 0.95."""
         target, rng = self._target, self._rng
         mean = rng.random((count, 2)) * [target.width, target.height]
         if target.visible is not None:
             y, x = np.divmod(rng.choice(np.flatnonzero(target.visible), count), target.width)
             mean = rng.random((count, 2)) + np.stack([x, y], axis=1)
         sigma = np.maximum(rng.random((count, 2)) * self._spacing, LEAST_SIGMA)
-        rho = rng.uniform(-1, 1, count) * 0.95  # nearer to 1 it would start as a needle
+        rho = rng.uniform(-1, 1, count) * 0.95  # nearer to 1, Gaussians would start as needles
         x, y = np.minimum(mean.astype(np.intp), [target.width - 1, target.height - 1]).T
         rest = np.sqrt(1 - rho**2)
         factor = np.stack([sigma[:, 0], rho * sigma[:, 1], rest * sigma[:, 1]], axis=1)
@@ -191,9 +191,9 @@ class _Placer:
         return self._color[:, y, x].T.astype(np.float64)
 
     def _components(self, count: int) -> _Components | None:
-        """The largest components, at most `count`; None where the residual is zero everywhere.
+        """Return the largest components, at most `count`; None if the residual is 0 everywhere.
 
-        The absolute residual is summed over channels; small values are rejected, the others
+        The absolute residual is summed over channels. Small values are rejected, and the others are
         quantised into bins of equal width between 0 and the largest.
         """
         difference = np.abs(self._residual).sum(axis=0)
@@ -216,7 +216,7 @@ class _Placer:
 
 @dataclass(frozen=True)
 class _Components:
-    """k connected components: area (k,) in px; their pixels x, y (p,), each of component rank."""
+    """k connected components: area (k,) in px, pixels x, y (p,), and each one's component rank."""
 
     area: NDArray[np.intp]
     rank: NDArray[np.intp]
@@ -224,15 +224,15 @@ class _Components:
     y: NDArray[np.intp]
 
     def means(self, values: NDArray[np.number]) -> NDArray[np.float64]:
-        """(k,) mean of values (p,) over each component."""
+        """Return the mean (k,) of values (p,) over each component."""
         return np.bincount(self.rank, values, len(self.area)) / self.area
 
     def center(self) -> NDArray[np.float64]:
-        """(k, 2) centre of mass, in whole pixels from 0."""
+        """Return the centres of mass (k, 2) in pixel indices."""
         return np.stack([self.means(self.x), self.means(self.y)], axis=1)
 
     def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Central second moments xx, xy, yy (k,) in px^2, with the extent of the pixels."""
+        """Return the central second moments xx, xy, yy (k,) in px^2, with the extent of pixels."""
         x, y = self.x, self.y
         mx, my = self.center().T
         xx = self.means(x * x) - mx * mx + _PIXEL_VARIANCE
@@ -243,7 +243,7 @@ class _Components:
 def _oriented(
     major: NDArray[np.floating], minor: NDArray[np.floating], angle_rad: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Cholesky factors (n, 3) of ellipses with the given semi-axes and direction."""
+    """Return the Cholesky factors (n, 3) of ellipses with these semi-axes and directions."""
     co, si = np.cos(angle_rad, dtype=np.float64), np.sin(angle_rad, dtype=np.float64)
     l11 = np.hypot(co * major, si * minor)
     l21 = co * si * (np.square(major) - np.square(minor)) / l11
@@ -252,12 +252,13 @@ def _oriented(
 
 @cached(nogil=True)
 def components_of(levels):  # numba kernel
-    """Components (h, w) of equal numbers in levels (h, w), which touch along sides or at corners.
+    """Return the number (h, w) of each pixel's component in levels (h, w).
 
-    They are numbered from 1 in the order of their first pixels, row by row; levels of 0 are 0.
+    A component's pixels have one level and touch along sides or at corners. Components are numbered
+    from 1 in the order of their first pixels, row by row. Pixels of level 0 have number 0.
     """
     height, width = levels.shape
-    # Of each pixel an earlier one of its component, or itself: union-find.
+    # Union-find: for each pixel an earlier one of its component, or itself.
     parent = np.zeros(height * width, np.int64)
     for y in range(height):
         for x in range(width):
@@ -266,7 +267,7 @@ def components_of(levels):  # numba kernel
                 continue
             at = y * width + x
             root = at
-            for k in range(4):  # left, and three above
+            for k in range(4):  # the pixel on the left, and three above
                 ny, nx = (y, x - 1) if k == 0 else (y - 1, x + k - 2)
                 if ny < 0 or nx < 0 or nx >= width or levels[ny, nx] != level:
                     continue
@@ -280,7 +281,7 @@ def components_of(levels):  # numba kernel
                 else:
                     parent[other] = root
             parent[at] = root
-    found = np.zeros((height, width), np.int64)
+    numbers = np.zeros((height, width), np.int64)
     count = 0
     for y in range(height):
         for x in range(width):
@@ -293,7 +294,7 @@ def components_of(levels):  # numba kernel
             parent[at] = root
             if root == at:
                 count += 1
-                found[y, x] = count
+                numbers[y, x] = count
             else:
-                found[y, x] = found[root // width, root % width]
-    return found
+                numbers[y, x] = numbers[root // width, root % width]
+    return numbers

@@ -1,9 +1,9 @@
-"""The Gaussians of a fit on the current target: added, relocated, pruned.
+"""The Gaussians of a fit on the current target, which are added, relocated and pruned.
 
 An additive fit is converted to an alpha-composited one, which every renderer draws. An additive
-scene has no order and no opacity: its Gaussians are composited largest first, each in the target's
-colour at its mean, as the initial state of another fit. They keep their position, size and
-direction (docs/decisions/fit.md has what that gains).
+scene has no order and no opacity. Its Gaussians are composited largest first, each in the target's
+colour at its mean, and another fit begins with them. They keep their position, size and direction
+(docs/decisions/fit.md).
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ if TYPE_CHECKING:
 
 # Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
-RELOCATED = 0.08  # share of the Gaussians that is relocated at a time (docs/decisions/fit.md)
-# Share of a Gaussian's part of the loss by which a unit of ln beta must lower it, so that shapes
-# which gain nothing stay Gaussians (docs/decisions/fit.md).
+RELOCATED = 0.08  # share of the Gaussians that are relocated at a time (docs/decisions/fit.md)
+# Share of the mean loss of a Gaussian by which a unit of ln beta must lower the loss. So shapes
+# that gain nothing stay Gaussians (docs/decisions/fit.md).
 BETA_PRICE = 0.06
 # Opacity from which a shape becomes opaque, which saves bytes (docs/decisions/fit.md).
 OPAQUE_FROM = 0.953
 
 AsWritten = Callable[[Scene, float], Scene]
-Kept = tuple[State, SharedColors | None]
+Backup = tuple[State, SharedColors | None]
 
 
 class Population:
     """The Gaussians of a fit, in px of the current target, and how they change.
 
     pixels   (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
-    targets  the pixels as targets, where there are some already
-    shared   the colours that shapes share in the last steps, else None
+    targets  targets of these pixels, if a caller has them already
+    shared   colours that shapes share in the last steps, else None
     """
 
     def __init__(
@@ -70,17 +70,17 @@ class Population:
         self._photo = self._pyramid = targets or TargetPyramid(pixels, config.fit.tuned)
         self.inks: Inks | None = None
         if config.fit.inks is not None:
-            from gauss2svg.fit.inks import Inks  # few fits are in inks
+            from gauss2svg.fit.inks import Inks  # few fits need it
 
-            inks: Any = config.fit.inks  # as it is checked
+            inks: Any = config.fit.inks  # checked by check_inks
             self.inks = Inks(ink_colors(inks_of(pixels, inks)))
-            self._pyramid = TargetPyramid(pixels, config.fit.tuned, aimed_at=self.inks.drawn)
+            self._pyramid = TargetPyramid(pixels, config.fit.tuned, transform=self.inks.inked)
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
         # Rounded to 8 bits as in the file, so that the fit makes up for it.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
         if has_alpha(pixels):
-            self.background = np.ones(3)  # not written
+            self.background = np.ones(3)  # not in the file
         elif self.inks is not None:
             self.background = self.inks.background(self.target)
 
@@ -101,7 +101,7 @@ class Population:
         scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
             scene = scene.replace(transparent=True)
-        if self.inks is not None:  # a logit says nearly 1
+        if self.inks is not None:  # logits give nearly 1
             scene = scene.replace(opacity=np.ones(len(scene)))
         height, width = self._pyramid.pixels.shape[:2]
         if (width, height) == size:
@@ -116,33 +116,36 @@ class Population:
         return psnr_of(photo.error(state.splats(self.background, self.config.fit.blend)))
 
     def error_of(self, evaluated: LossAndGradient) -> float:
-        """Return the mean squared error of a step; in inks that against the photo."""
+        """Return the mean squared error of a step against the photo, not against its inks."""
         if self.inks is None:
             return evaluated.error
         return self._photo.reduced(self.reduction).error_of(evaluated.rendered)
 
     def evaluate(self, splats: Splats, at_both_sizes: bool = False) -> LossAndGradient:
-        """Return the loss and its gradient, also at the own size of an enlarged picture."""
+        """Return the loss and its gradient.
+
+        at_both_sizes: whether to average those of an enlarged picture and of its own size.
+        """
         options, times = self.config.fit, self.config.enlarged
-        found = self.target.evaluate(splats, options.loss, options.ssim_weight)
+        evaluated = self.target.evaluate(splats, options.loss, options.ssim_weight)
         if not at_both_sizes or times == 1:
-            return found
+            return evaluated
         splats = self.state.scaled(1 / times, 1 / times).splats(self.background, options.blend)
         own = self._pyramid.reduced(times).evaluate(splats, options.loss, options.ssim_weight)
         # Gradients are in each shape's own frame, so that they add up over sizes.
-        return found._replace(
-            loss=(found.loss + times**2 * own.loss) / 2,
-            moments=(found.moments + times**2 * own.moments) / 2,
-            pairs=found.pairs + own.pairs,
+        return evaluated._replace(
+            loss=(evaluated.loss + times**2 * own.loss) / 2,
+            moments=(evaluated.moments + times**2 * own.moments) / 2,
+            pairs=evaluated.pairs + own.pairs,
         )
 
-    def copied(self) -> Kept:
+    def backup(self) -> Backup:
         """Return a copy of the state and of the shared colours, for `restore`."""
         return self.state.copy(), copy(self.shared)
 
-    def restore(self, kept: Kept) -> None:
-        """Return to a state that was copied."""
-        self.state, self.shared = kept[0].copy(), copy(kept[1])
+    def restore(self, backup: Backup) -> None:
+        """Return to a state of which there is a backup."""
+        self.state, self.shared = backup[0].copy(), copy(backup[1])
 
     def step(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> bool:
         """Take one optimiser step at this share of all rates; return whether all is finite."""
@@ -159,8 +162,8 @@ class Population:
     def reduce_to(self, factor: int, scale_moments: bool = False) -> None:
         """Change to the target of 1 / factor the width and height.
 
-        scale_moments: as gradients, which are sums over pixels; pays in refinement alone
-        (docs/decisions/few.md).
+        scale_moments: whether Adam's moments are scaled as gradients are, which are sums over
+        pixels. This pays only in refinement (docs/decisions/few.md).
         """
         if factor == self.reduction:
             return
@@ -181,7 +184,7 @@ class Population:
     def reduction_at(self, done: float) -> int:
         """Return the factor by which refinement reduces the target at progress `done`.
 
-        1 where the count adapts, for then it is decided by errors at full size.
+        It is 1 if the count adapts, because errors at full size decide the count.
         """
         if self.config.enlarged > 1:
             return enlarged_reduction(done, *self._pyramid.pixels.shape[1::-1])
@@ -200,8 +203,8 @@ class Population:
         surplus = len(self) - count
         if surplus > 0:
             _, cost = self.target.removal_cost(self.splats())
-            kept = np.argsort(cost[:, 0], kind="stable")[surplus:]
-            self.state = self.state.select(np.sort(kept))
+            keep = np.argsort(cost[:, 0], kind="stable")[surplus:]
+            self.state = self.state.select(np.sort(keep))
         elif surplus < 0:
             self._add(self.rendered(), -surplus, count)
 
@@ -212,37 +215,37 @@ class Population:
         count = int(RELOCATED * total)
         if not count:
             return False
-        kept = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
-        self.state = self.state.select(kept)
-        if self.config.fit.blend == ADD:  # together they may cost more than their costs add up to
+        keep = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
+        self.state = self.state.select(keep)
+        if self.config.fit.blend == ADD:  # removing all may cost more than the sum of their costs
             rendered = self.rendered()
         self._add(rendered, count, total)
         return True
 
     def prune(self, least: float) -> None:
-        """Remove the Gaussians that gain less than `least` dB, each beside all others."""
+        """Remove the Gaussians that each gain less than `least` dB."""
         if least == -math.inf or not len(self):
             return
         rendered, cost = self.target.removal_cost(self.splats())
         error = self.target.weighted_squares(rendered)
-        # Removing one turns the error e into e + cost: it gains 10 log10(1 + cost / e) dB.
+        # Removing one turns the error e into e + cost, so it gains 10 log10(1 + cost / e) dB.
         least_cost = error * (10 ** (least / 10) - 1)
         self.state = self.state.select(cost[:, 0] > least_cost)
 
     def prune_invisible(self) -> None:
         """Remove Gaussians that renderers would not draw: too faint, or off the canvas.
 
-        Also, from a target with alpha, haze: Gaussians without which the error is smaller.
+        On a target with alpha, also remove haze, which is Gaussians that raise the error.
         """
         splats = self.splats()
         _, cost = self.target.removal_cost(splats)
-        kept = (splats.opacity >= LEAST_OPACITY) & (cost[:, 1] > 0)
+        keep = (splats.opacity >= LEAST_OPACITY) & (cost[:, 1] > 0)
         if self.target.is_transparent:
-            kept &= cost[:, 0] > 0
-        self.state = self.state.select(kept)
+            keep &= cost[:, 0] > 0
+        self.state = self.state.select(keep)
 
     def quantize(self, as_written: AsWritten, psnr: float) -> None:
-        """Take the exponents and colours of the file; colours are shared from here on."""
+        """Take the exponents and colours of the file. From here on colours are shared."""
         least = math.log(OPAQUE_FROM / (1 - OPAQUE_FROM))
         self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT
         self.state = self._crisp(self.state.quantized(as_written(self.scene(), psnr)))
@@ -250,33 +253,33 @@ class Population:
             self.shared = SharedColors.of(self.state, self.blending)
 
     def soften(self) -> None:
-        """Let exponents be learned again, which those of a file are not."""
+        """Let exponents be learned again after `quantize` has fixed them."""
         if self.config.fit.learned_falloff:
             self.state.raw_beta = np.maximum(self.state.raw_beta, LEAST_RAW_BETA)
             self.state.drawn[:] = SOFT
 
     def exchange(self, choices: SharedColors | Inks | None) -> None:
-        """Let shapes change to the shared colour, or the ink, that suits them, if that pays.
+        """Let shapes change to their best shared colour or ink if this lowers the error.
 
-        Overlapping shapes that change together may overshoot: then only half of them change, or
-        none.
+        Overlapping shapes that change together may overshoot. Then only half of the shapes change,
+        or none.
         """
         if choices is None or not len(self):
             return
-        kept = choices.kept(self.state)
+        current = choices.current(self.state)
         before, moments = self.target.squares(self.splats())
         mass = self.target.removal_cost(self.splats())[1][:, 1]
-        every = choices.wanted(self.state, moments, mass)
-        chosen = self.rng.random(len(kept)) < 0.5
-        half = np.where(chosen if kept.ndim == 1 else chosen[:, None], every, kept)
-        for entry in (every, half):
-            choices.assign(self.state, entry)
+        best = choices.best(self.state, moments, mass)
+        changes = self.rng.random(len(current)) < 0.5
+        half = np.where(changes if current.ndim == 1 else changes[:, None], best, current)
+        for choice in (best, half):
+            choices.assign(self.state, choice)
             if self.target.squares(self.splats())[0] < before:
                 return
-        choices.assign(self.state, kept)
+        choices.assign(self.state, current)
 
     def _crisp(self, state: State) -> State:
-        """Return a state whose geometry has changed, in inks with exponents of crisp rims."""
+        """Return the state after its geometry has changed, with crisp rims in inks."""
         if self.inks is not None:
             state.raw_beta = self.inks.crisp(state.factor)
         return state
@@ -303,10 +306,10 @@ class Population:
         self.state = self._crisp(self.state.append(added))
 
     def _overlap(self, new: NewGaussians) -> NDArray[np.float64]:
-        """(n,) sum of all new falloffs at each new mean, at least 1.
+        """Return the sum (n,) of all new falloffs at each new mean, at least 1.
 
-        New additive Gaussians that overlap share the residual: if each added all of it they would
-        overshoot, which attracts more of them, and the fit would diverge.
+        New additive Gaussians that overlap share the residual. If each added all of it, they would
+        overshoot, which would attract more of them, and the fit would diverge.
         """
         alone = State.of(new.mean, new.factor, 0, color=np.ones((len(new.mean), 3)))
         target = self.target
@@ -316,10 +319,10 @@ class Population:
 
 
 def composited(scene: Scene, target: Target, options: FitOptions) -> State:
-    """The initial state of an alpha-composited fit to target, from an additive scene.
+    """Return the initial state of an alpha-composited fit to target, from an additive scene.
 
-    options are those of that fit; its rounds replace the scene's, largest Gaussians first.
-    Gaussians whose mean lies on an invisible pixel of the target are left out.
+    options are those of the fit. New rounds with the largest Gaussians first replace those of the
+    scene. Gaussians whose mean lies on an invisible pixel of the target are left out.
     """
     height, width = target.height, target.width
     scene = scene.scaled(width / scene.width, height / scene.height)

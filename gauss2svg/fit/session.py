@@ -1,5 +1,6 @@
-"""A fit in progress: rounds of growth, then steps of refinement with events at their progress.
+"""A fit in progress: rounds of growth, then steps of refinement with events.
 
+    progress           event
     0 to 0.3           rounds, each of which begins with new Gaussians
     0.45, 0.55         a larger target, for few Gaussians
     0.45, 0.55, 0.65   another count, where it adapts
@@ -7,8 +8,8 @@
     0.85               exponents and colours become those of the file
     0.855 to 0.935     shapes exchange their colours
 
-Each event changes the problem or the state, so that losses before and after it do not compare:
-`FitSession` returns to the best state before it, and its guard begins anew after it.
+Each event changes the problem or the state, so losses before it do not compare to losses after it.
+`FitSession` returns to the best state before an event, and resets its guard after it.
 """
 
 from __future__ import annotations
@@ -29,30 +30,29 @@ from gauss2svg.fit import schedule
 from gauss2svg.fit.divergence import NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import DEFAULT_LOSS, FitConfig, FitProgress, FitResult
-from gauss2svg.fit.population import AsWritten, Kept, Population
+from gauss2svg.fit.population import AsWritten, Backup, Population
 from gauss2svg.fit.schedule import Clock
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.scene import Scene
 
-# Mean squared error that no step can improve: 120 dB, at which no pixel of a million is off by half
-# a level. Adam would take full steps all the same.
+# Mean squared error from which no steps are taken: 120 dB, at which no pixel of a million is off by
+# half a level. Adam would take full steps all the same.
 EXACT = 1e-12
-# Progress at which shapes may exchange their colours; later they hardly do.
+# Progress at which shapes may exchange their colours. Later they hardly do.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
 INKS_EXCHANGED_EVERY = 20  # steps; 10 end no closer (docs/decisions/inks.md)
-# Progress at which a fit resumes after its count has changed: some relocation, then decay
-# (docs/decisions/fit.md).
+# Progress at which a fit resumes after its count has changed. Some relocation and the decay of the
+# learning rate follow (docs/decisions/fit.md).
 RESUME_AT = 0.6
-# Steps in the PSNR that a policy sees during refinement. One alone scatters
-# (docs/decisions/fit.md).
+# Number of last steps whose mean error is the PSNR that a policy sees in refinement. The error of a
+# single step scatters (docs/decisions/fit.md).
 STEPS_AVERAGED = 5
 
-
-# Why a fit ended. iterations: all steps are done; gaussians: the count is 0; gain: another round
-# would gain less than the preset asks for; enough: the preset's PSNR is reached; cap: the maximum
-# number of Gaussians is reached; interrupted: the caller stopped it; the others: the limits of
-# that name. The targets of scores join them.
+# Reasons why a fit ended. iterations: all steps are done. gaussians: the count is 0. gain: another
+# round would gain less than the preset asks for. enough: the preset's PSNR is reached. cap: the
+# largest number of Gaussians is reached. interrupted: the caller stopped it. max_bytes, time_limit:
+# the limit of this name. Runs add the names of target scores.
 STOP_REASONS = (
     "iterations", "gaussians", "gain", "enough", "cap", "max_bytes", "time_limit", "interrupted",
 )  # fmt: skip
@@ -61,10 +61,13 @@ ADJUST_AT = (0.45, 0.55, 0.65)  # progress of refinement at which a count may ch
 
 @dataclass
 class Snapshot:
-    """A fit as its policy sees it: number of Gaussians and progress in 0..1.
+    """A fit as its policy sees it. Snapshots are equal if count and done are.
 
-    measure() gives the PSNR, scene() the Gaussians on the working canvas, late says whether growth
-    has used its share of the time. Snapshots are equal if both numbers are.
+    count    number of Gaussians
+    done     progress in 0..1
+    measure  returns the PSNR in dB
+    scene    returns the Gaussians on the working canvas
+    late     whether growth has used its share of the time
     """
 
     count: int
@@ -80,10 +83,10 @@ class Snapshot:
 
 
 class DensificationPolicy:
-    """Decides how many Gaussians a fit has: here the number of its config, by its schedule.
+    """A policy that decides the number of Gaussians. This one follows the config and its schedule.
 
-    rounds       about how many rounds of growth there are
-    stop_reason  why growth ended, once it has; one of STOP_REASONS
+    rounds       approximate number of rounds of growth
+    stop_reason  reason why growth ended, one of STOP_REASONS; valid once it has ended
     """
 
     def __init__(self, config: FitConfig) -> None:
@@ -92,25 +95,25 @@ class DensificationPolicy:
         self.stop_reason = "iterations" if config.gaussians else "gaussians"
 
     def grow(self, now: Snapshot) -> int:
-        """Return the number of Gaussians after the next round; the present one ends growth."""
+        """Return the number of Gaussians after the next round; the present number ends growth."""
         return next((total for total in self._totals if total > now.count), now.count)
 
     def adjust(self, now: Snapshot) -> int:
-        """Return the number of Gaussians from now on; asked in refinement, at ADJUST_AT."""
+        """Return the number of Gaussians from now on. Called in refinement, at ADJUST_AT."""
         return now.count
 
     def most(self, now: Snapshot) -> int:
-        """Return the largest number of Gaussians to write; asked before the last steps."""
+        """Return the largest number of Gaussians to write. Called before the last steps."""
         return now.count
 
     def least_gain(self) -> float:
-        """Return the gain in dB under which a Gaussian is pruned before the last steps."""
+        """Return the gain in dB below which a Gaussian is pruned before the last steps."""
         return -math.inf
 
 
 @dataclass(frozen=True)
 class Event:
-    """What a fit does once it has reached a progress, or if it is needed when it ends before."""
+    """An action at a progress of a fit. A needed one is also done if the fit ends earlier."""
 
     at: float
     do: Callable[[], None]
@@ -118,16 +121,16 @@ class Event:
 
 
 class FitSession:
-    """One fit of a picture, which is refined again after a change of its count.
+    """A fit of a picture, which can be refined again after a change of its count.
 
     pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
     policy      decides the number of Gaussians; None: it is that of config
     deadline    returns the end of the fit in s of time.perf_counter(), or None
-    progress    called after every iteration, from this thread
+    progress    called after every iteration, in this thread
     as_written  maps a scene and its PSNR in dB to the scene with the exponents and colours of its
                 file; called before the last steps, which make up for the loss
     stop        polled before every step; True ends the fit with its present state
-    targets     the pixels as targets of the same tune, where there are some already
+    targets     targets of these pixels and this tune, if a caller has them already
     """
 
     def __init__(
@@ -148,7 +151,7 @@ class FitSession:
             steps, self.policy.rounds, deadline, config.densify.round_iterations, stop
         )
         self.population = Population(pixels, config, targets)
-        self.guard: DivergenceGuard[Kept] = DivergenceGuard(config.fit.learning_rate)
+        self.guard: DivergenceGuard[Backup] = DivergenceGuard(config.fit.learning_rate)
         self.pixel_pairs = 0
         self.wall_s = self.cpu_s = 0.0
         self._progress, self._as_written = progress or (lambda _: None), as_written
@@ -162,7 +165,7 @@ class FitSession:
 
     @property
     def psnr(self) -> float:
-        """Mean PSNR of the last steps in dB, or that of the state while its target is reduced."""
+        """PSNR in dB of the last steps, or that of the state if its target is reduced."""
         if not self._errors or self.population.reduction > 1:
             return self.population.psnr()
         return psnr_of(float(np.mean(self._errors)))
@@ -189,7 +192,7 @@ class FitSession:
             self._refine(iterations, RESUME_AT, [], gently=True)
 
     def adopt(self, scene: Scene, count: int) -> None:
-        """Begin with the Gaussians of an additive scene, alpha-composited, and add up to `count`.
+        """Begin with the Gaussians of an additive scene, alpha-composited, filled up to `count`.
 
         Call it before `fit`, which then only refines them.
         """
@@ -220,7 +223,7 @@ class FitSession:
         )
 
     def _grow(self) -> None:
-        """Add Gaussians in rounds until the policy adds none; end at the size of refinement."""
+        """Add Gaussians in rounds until the policy adds none, then change to refinement's size."""
         population, clock = self.population, self.clock
         for index in itertools.count():
             count = total = len(population)
@@ -242,36 +245,36 @@ class FitSession:
             self._restore_best(tolerant=not clock.stopped)
 
     def _refine(
-        self, steps: int | None, begun: float, events: Iterable[Event], gently: bool = False
+        self, steps: int | None, start: float, events: Iterable[Event], gently: bool = False
     ) -> None:
-        """Take steps from progress `begun` to 1, with these events and those of every refinement.
+        """Take steps from progress `start` to 1, with these events and those of every refinement.
 
-        steps   number of iterations, None for as many as the time allows
+        steps   number of iterations; None for as many as the time allows
         gently  whether the first steps are small
         """
         population = self.population
         if not len(population):
             return
-        self.clock.begin_refinement(steps, begun, population.reduction_at(begun) > 1)
+        self.clock.begin_refinement(steps, start, population.reduction_at(start) > 1)
         self._errors.clear()
         self.guard.reset()
         if gently:
             self.guard.begin_gently()
         population.shared, self._quantized = None, False
         sizes = (0.0, schedule.HALF_FROM, schedule.FULL_FROM, schedule.QUANTIZED_FROM)
-        left = [Event(at, self._change_size, needed=True) for at in sizes]
-        left += [*events, Event(schedule.QUANTIZED_FROM, self._quantize, needed=True)]
-        left += [Event(at, self._exchange) for at in _EXCHANGES]
-        self._done = begun
+        remaining = [Event(at, self._change_size, needed=True) for at in sizes]
+        remaining += [*events, Event(schedule.QUANTIZED_FROM, self._quantize, needed=True)]
+        remaining += [Event(at, self._exchange) for at in _EXCHANGES]
+        self._done = start
         while (done := self.clock.refinement_progress()) < 1:
             self._done = done
-            due = [event for event in left if event.at <= done]
-            left = [event for event in left if event.at > done]
-            for do in dict.fromkeys(event.do for event in due):  # each once
+            due = [event for event in remaining if event.at <= done]
+            remaining = [event for event in remaining if event.at > done]
+            for do in dict.fromkeys(event.do for event in due):  # each action once
                 do()
             self._step(done)
         self._done = 1.0
-        for do in dict.fromkeys(event.do for event in left if event.needed):
+        for do in dict.fromkeys(event.do for event in remaining if event.needed):
             do()
         self._restore_best()
         population.prune_invisible()
@@ -279,13 +282,13 @@ class FitSession:
 
     @contextmanager
     def _changing(self, tolerant: bool = True) -> Iterator[None]:
-        """Return to the best state before a change of the problem, and begin anew after it."""
+        """Return to the best state before a change of the problem; reset the guard after it."""
         self._restore_best(tolerant)
         yield
         self.guard.reset()
 
     def _change_size(self) -> None:
-        """Continue on the target of this progress."""
+        """Change to the target's size at this progress."""
         factor = self.population.reduction_at(self._done)
         if factor != self.population.reduction:
             with self._changing():
@@ -293,21 +296,19 @@ class FitSession:
                 self._errors.clear()
 
     def _adjust(self) -> None:
-        """Change to the count that the policy asks for."""
         count = self.policy.adjust(self._snapshot())
         if count != len(self.state):
             with self._changing():
                 self.population.densify_or_prune(count)
 
     def _prune(self) -> None:
-        """Remove Gaussians that gain less than the policy asks for."""
         with self._changing():
             self.population.prune(self.policy.least_gain())
 
     def _quantize(self) -> None:
-        """Exponents become those of the file and stay; colours are shared from here on.
+        """Take the exponents of the file for good, and share colours from here on.
 
-        Before that the least useful Gaussians beyond what may be written go.
+        Before that, remove the least useful Gaussians beyond the number that may be written.
         """
         with self._changing(tolerant=False):
             self.prune_to(self.policy.most(self._snapshot()))
@@ -317,7 +318,6 @@ class FitSession:
             self._quantized = True
 
     def _exchange(self) -> None:
-        """Let shapes change to another shared colour."""
         self.population.exchange(self.population.shared)
 
     def _snapshot(self) -> Snapshot:
@@ -326,12 +326,12 @@ class FitSession:
     def _restore_best(self, tolerant: bool = False) -> None:
         """Return to the best state of a stage that ends worse.
 
-        tolerant: only if it ends much worse; recent relocations may still pay.
+        tolerant: whether only if it ends much worse, because recent relocations may still pay.
         """
         population, best = self.population, self.guard.best
         if not len(population) or best is None:
             return
-        # Without a gradient it takes a third of the time.
+        # The loss without its gradient takes a third of the time.
         if self.config.fit.loss == DEFAULT_LOSS and self.config.enlarged == 1:
             loss = population.target.loss(population.splats())
         else:
@@ -340,23 +340,23 @@ class FitSession:
             population.restore(best)
 
     def _step(self, done: float) -> None:
-        """Relocate if it is time, then one optimiser step, or a rollback."""
+        """Relocate if this is due, then take one optimiser step or roll back."""
         population, guard = self.population, self.guard
-        due = schedule.relocates(done, self.clock.iteration, self.config.sparse)
-        due = due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
-        if due and self.config.densify.relocate and population.relocate():
+        is_due = schedule.relocates(done, self.clock.iteration, self.config.sparse)
+        is_due = is_due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
+        if is_due and self.config.densify.relocate and population.relocate():
             guard.relocated()
         if self.clock.iteration % INKS_EXCHANGED_EVERY == 0:
             population.exchange(population.inks)
         splats = population.splats()
         evaluated = population.evaluate(splats, self._quantized)
-        sound = guard.accepts(evaluated.loss, evaluated.error, population.copied)
-        if sound:
+        is_sound = guard.accepts(evaluated.loss, evaluated.error, population.backup)
+        if is_sound:
             self._errors.append(population.error_of(evaluated))
             if evaluated.error > EXACT:
                 size = self.config.fit.learning_rate * guard.rate * schedule.rate(done)
-                sound = population.step(splats, evaluated, size)
-        if not sound:
+                is_sound = population.step(splats, evaluated, size)
+        if not is_sound:
             guard.roll_back()
             if guard.best is not None:
                 population.restore(guard.best)
@@ -378,7 +378,7 @@ class FitSession:
 
     @contextmanager
     def _timed(self) -> Iterator[None]:
-        """Add the wall-clock and CPU seconds, of all threads, that the inside takes."""
+        """Add the wall-clock seconds and the CPU seconds of all threads that the context takes."""
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         yield
         self.wall_s += time.perf_counter() - wall_s

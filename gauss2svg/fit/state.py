@@ -13,9 +13,9 @@ from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.parameters import STEPPED
 
-FARTHEST = 1e9  # px, from the origin and of a shape: well within the domain of scenes
-# Columns of gradients and moments: shift along the two whitened axes and three of shape, which step
-# mean, sigma and rho, then those of each parameter that is stepped number by number.
+FARTHEST = 1e9  # px, bound of a shape's position plus its size, well within the domain of scenes
+# Columns of gradients and of Adam's moments. The first five are two shifts along the whitened axes
+# and three changes of shape, which step mean, sigma and rho. The columns of STEPPED follow.
 GEOMETRY = ("mean", "mean", "sigma", "rho", "sigma")
 _ENDS = np.cumsum([len(GEOMETRY), *(p.width for p, _ in STEPPED)]).tolist()
 COLUMNS = {
@@ -33,10 +33,12 @@ class State:
     factor       (n, 3) entries l11, l21, l22 of the covariance's Cholesky factor, px
     raw_opacity  (n,) logit of the opacity
     color        (n, 3) sRGB, signed with additive blending
-    raw_beta     (n,) ln of the falloff's exponent
+    raw_beta     (n,) ln of the falloff exponent
     round_index  (n,) int32
-    drawn        (n,) int8, how the file draws each, once exponents are those of the file
-    adam_m, adam_v (n, STEPS) Adam's moments; age (n,) steps taken
+    drawn        (n,) int8, how a file draws each (Scene.drawn)
+    adam_m       (n, STEPS) Adam's first moments
+    adam_v       (n, STEPS) Adam's second moments
+    age          (n,) number of Adam steps taken
     """
 
     mean: NDArray[np.float64]
@@ -58,23 +60,23 @@ class State:
         round_index: int,
         **raw: NDArray[np.float64],
     ) -> State:
-        """New Gaussians of one round, whose moments are 0.
+        """Return new Gaussians of one round, with moments of 0.
 
-        raw has raw arrays by name; the others are as gauss2svg.scene.parameters has them at first.
+        raw has raw arrays by name. Others start at the `first` of gauss2svg.scene.parameters.Raw.
         """
         count = len(mean)
-        for parameter, held in STEPPED:
-            raw.setdefault(held.name, np.full(parameter.shape(count), held.first))
-        wide = np.zeros((count, STEPS))
-        # In the layout that the kernels are compiled for.
+        for parameter, raw_form in STEPPED:
+            raw.setdefault(raw_form.name, np.full(parameter.shape(count), raw_form.first))
+        moments = np.zeros((count, STEPS))
+        # The kernels are compiled for arrays in C order.
         return cls(
             mean=np.array(mean, order="C"),
             factor=np.array(factor, order="C"),
             **raw,
             round_index=np.full(count, round_index, np.int32),
             drawn=np.full(count, SOFT, np.int8),
-            adam_m=wide,
-            adam_v=wide.copy(),
+            adam_m=moments,
+            adam_v=moments.copy(),
             age=np.zeros(count),
         )
 
@@ -82,20 +84,20 @@ class State:
         return len(self.mean)
 
     def copy(self) -> State:
-        """A copy that shares no array with this one."""
+        """Return a copy that shares no array with this state."""
         return State(**{name: array.copy() for name, array in vars(self).items()})
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:
-        """The Gaussians that a mask or an index selects; rounds must not decrease."""
+        """Return the Gaussians of a mask or index, in which rounds must not decrease."""
         return State(**{name: array[index] for name, array in vars(self).items()})
 
     def append(self, new: State) -> State:
-        """The state with new Gaussians on top."""
-        on_top = vars(new)
-        return State(**{n: np.concatenate([a, on_top[n]]) for n, a in vars(self).items()})
+        """Return the state with new Gaussians on top."""
+        new_arrays = vars(new)
+        return State(**{n: np.concatenate([a, new_arrays[n]]) for n, a in vars(self).items()})
 
     def quantized(self, scene: Scene) -> State:
-        """Return the state with a scene's shapes and what files share; resets these moments."""
+        """Return the state with a scene's shapes and shared parameters, whose moments are 0."""
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         adam_m, adam_v = self.adam_m.copy(), self.adam_v.copy()
         shared = {}
@@ -113,7 +115,7 @@ class State:
         )
 
     def scaled(self, scale_x: float, scale_y: float) -> State:
-        """The state on a working image scaled by scale_x and scale_y."""
+        """Return the state on a working image scaled by scale_x and scale_y."""
         return dataclasses.replace(
             self,
             mean=self.mean * [scale_x, scale_y],
@@ -124,7 +126,7 @@ class State:
         return {p.name: raw.activated(getattr(self, raw.name)) for p, raw in STEPPED}
 
     def splats(self, background: NDArray[np.float64], blend: str = OVER) -> Splats:
-        """The activated Gaussians, as the kernels read them."""
+        """Return the activated Gaussians as the kernels read them."""
         sigma, rho, whitening = _activate(self.factor)
         return splats_from(
             self.mean,
@@ -133,14 +135,14 @@ class State:
             whitening,
             background=background,
             additive=blend == ADD,
-            plain=self.drawn == PLAIN,
+            is_plain=self.drawn == PLAIN,
             **self._activated(),
         )
 
     def scene(
         self, background: NDArray[np.float64], width: float, height: float, blend: str = OVER
     ) -> Scene:
-        """The activated Gaussians as a scene."""
+        """Return the activated Gaussians as a scene."""
         sigma, rho, _ = _activate(self.factor)
         activated = self._activated()
         clipped: dict[str, Any] = {
@@ -163,7 +165,7 @@ class State:
 def _activate(
     factor: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Sigma (n, 2), rho (n,), whitening w11, w21, w22 (n, 3) of Cholesky factors (n, 3)."""
+    """Return sigma (n, 2), rho (n,) and whitening w11, w21, w22 (n, 3) of factors (n, 3)."""
     l11, l21, l22 = factor.T
     sy = np.sqrt(l21 * l21 + l22 * l22)
     rho = np.clip(l21 / sy, -RHO_LIMIT, RHO_LIMIT)

@@ -1,4 +1,4 @@
-"""Rendering a scene to pixels: the fast CPU renderer and, with PyTorch, its reference."""
+"""Renderers of scenes: the fast CPU renderer and, with PyTorch, its reference."""
 
 from __future__ import annotations
 
@@ -24,17 +24,18 @@ def render(
     dtype: type[Real] = np.float32,
     covering: bool = False,
 ) -> NDArray[Real]:
-    """Image (height, width, 3) in 0..1 of a scene at any size, by default that of its canvas.
+    """Return the image (height, width, 3) in 0..1 of a scene, by default at the size of its canvas.
 
-    dtype is np.float32, within 3e-5 of the formula, or np.float64, within 1e-12 in twice the time.
-    The largest errors seen are 1.5e-4 in float32, where 10 000 equal shapes overlap, and 2.2e-11
-    in float64, of very thin shapes. A transparent scene is rendered over its background, white by
-    default. A scene has no resolution: it is scaled to the output and sampled at pixel centres.
-    With covering plain ellipses (scene.drawn) have no falloff and count by the share of each pixel
-    that they cover, as renderers draw them and small files and drawings are fitted. Without,
-    this is the fast CPU renderer; gauss2svg.render.reference.render_reference is its slow twin.
-    Raises InputError for something else than a scene, another dtype, and a size that is under one
-    pixel, not whole, or larger than any photo's.
+    dtype     np.float32 is mostly within 3e-5 of the formula. np.float64 is mostly within 1e-12
+              and takes twice the time. The largest known errors are 1.5e-4 in float32, where 10 000
+              equal shapes overlap, and 2.2e-11 in float64, for very thin shapes.
+    covering  whether plain ellipses (scene.drawn) count by the share of each pixel that they cover,
+              without a falloff. SVG renderers draw them so. Small files and drawings are fitted so.
+
+    The scene is scaled to the size and sampled at pixel centres. A transparent scene is rendered
+    over its background, which is white by default. gauss2svg.render.reference.render_reference is
+    the slow twin without `covering`. Raise InputError if `scene` is not a Scene, for another dtype,
+    and for a size that is not whole, below one pixel or larger than any photo.
     """
     width, height = output_size(scene, width, height)
     splats = splats_of(scene, (width / scene.width, height / scene.height), covering)
@@ -51,10 +52,10 @@ def render_rgba(
     dtype: type[Real] = np.float32,
     covering: bool = False,
 ) -> NDArray[np.float32]:
-    """Colour and straight alpha (height, width, 4) in 0..1 of a scene.
+    """Return the colour and straight alpha (height, width, 4) in 0..1 of a scene.
 
-    With w_k as in gauss2svg.render.reference alpha is A = sum w_k, the colour sum w_k c_k / A,
-    black where A is 0; an opaque scene has A = 1. Arguments and errors are those of render.
+    With w_k as in gauss2svg.render.reference, alpha is A = sum w_k. The colour is sum w_k c_k / A,
+    or black where A is 0. An opaque scene has A = 1. Arguments and errors are those of `render`.
     """
     if not required(scene, "scene", Scene).transparent:
         color = np.clip(render(scene, width, height, dtype, covering), 0, 1)
@@ -67,17 +68,17 @@ def render_rgba(
 
 
 def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[int, int]:
-    """Size in px at which a scene is rendered; None is that of the canvas, rounded.
+    """Return the width and height in px of a render; None stands for that of the canvas, rounded.
 
-    Raises InputError for something else than a scene, and for a size that is under one pixel, not
-    whole, or larger than any photo's.
+    Raise InputError if `scene` is not a Scene, and for a size that is not whole, below one pixel or
+    larger than any photo.
     """
     scene = required(scene, "scene", Scene)
-    given = {
+    sizes = {
         "output width": round(scene.width) if width is None else width,
         "output height": round(scene.height) if height is None else height,
     }
-    across, down = (Field(name, int, 1, MOST_PIXELS).checked(px) for name, px in given.items())
+    across, down = (Field(name, int, 1, MOST_PIXELS).checked(px) for name, px in sizes.items())
     if across * down > MOST_PIXELS:
         needed, advice = f"at most {MOST_PIXELS} px", "to render it smaller"
         raise refusal("output size", needed, f"{across}x{down}", advice)

@@ -17,8 +17,8 @@ from gauss2svg.render.cpu import (
 from gauss2svg.render.reference import shapes_of, torch
 from gauss2svg.scene import whitening_of
 
-# At an opacity of 0 the falloff that its gradient needs is lost. At these it is not, and ten
-# thousand of them in one pixel still change less than the dtype resolves.
+# Least opacities in the backward pass. At 0 the falloff that the opacity's gradient needs is lost.
+# Ten thousand shapes of these opacities change a pixel by less than the dtype resolves.
 _LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
 
 
@@ -38,26 +38,26 @@ class _FastRender(torch.autograd.Function):
     ) -> tuple[Any, ...]:
         mean, sigma, rho, color, opacity, background, beta = ctx.saved_tensors
         real = _precision(ctx.saved_tensors)
-        seen = opacity.double().clamp(min=_LEAST_OPACITY[real])
+        raised_opacity = opacity.double().clamp(min=_LEAST_OPACITY[real])
         # The kernels' loop for beta = 1 leaves out what the exponent's gradient needs.
-        near = beta.double()
+        shifted_beta = beta.double()
         if ctx.needs_input_grad[6]:
-            near = torch.where(near == 1, np.nextafter(1, 2), near)
-        splats = _splats(mean, sigma, rho, color, seen, background, near)
+            shifted_beta = torch.where(shifted_beta == 1, np.nextafter(1, 2), shifted_beta)
+        splats = _splats(mean, sigma, rho, color, raised_opacity, background, shifted_beta)
         splats = splats._replace(additive=ctx.additive)
         gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)
         moments = torch.from_numpy(moments_of_gradient(splats, gradient))
-        by_opacity = moments[:, 5] / seen
+        by_opacity = moments[:, 5] / raised_opacity
         # All gradients but the opacity's own are proportional to the opacity.
-        moments *= (opacity.double() / seen)[:, None]
-        wanted = (
+        moments *= (opacity.double() / raised_opacity)[:, None]
+        gradients = (
             *_by_shape(moments[:, :5], sigma.double(), rho.double()),
             moments[:, 6:9],
             by_opacity,
             torch.from_numpy(_by_background(splats, gradient)),
             -moments[:, 9],
         )
-        typed = (g.to(t.dtype) for g, t in zip(wanted, ctx.saved_tensors, strict=True))
+        typed = (g.to(t.dtype) for g, t in zip(gradients, ctx.saved_tensors, strict=True))
         return (*typed, None, None, None)
 
 
@@ -78,9 +78,9 @@ def _splats(*tensors: torch.Tensor) -> Splats:
 def _by_shape(
     moments: torch.Tensor, sigma: torch.Tensor, rho: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Gradients of mean, sigma and rho, by the chain rule through z = W (x - mean).
+    """Return the gradients of mean, sigma and rho, by the chain rule through z = W (x - mean).
 
-    With k = sqrt(1 - rho^2) and W = [[1 / sx, 0], [-rho / (sx k), 1 / (sy k)]].
+    k = sqrt(1 - rho^2) and W = [[1 / sx, 0], [-rho / (sx k), 1 / (sy k)]].
     """
     m1, m2, m11, m12, m22 = moments.T
     sx, sy = sigma.T
@@ -91,7 +91,7 @@ def _by_shape(
 
 
 def _by_background(splats: Splats, gradient: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Gradient of the background, by the transmittance: white behind black Gaussians."""
+    """Return the background's gradient, by the transmittance: a render of black on white."""
     if splats.additive:
         return gradient.sum(axis=(1, 2), dtype=np.float64)
     black = splats._replace(
@@ -113,16 +113,16 @@ def fast_composite(
     width: int,
     beta: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """gauss2svg.render.reference.composite by the numba kernels.
+    """Return the image of gauss2svg.render.reference.composite, by the numba kernels.
 
-    CPU tensors of any floating dtype; the image (height, width, 3) is float64 if all of
-    them are, else float32. Gradients flow to every tensor, but only once: a second derivative
-    raises torch's error. Where r^2 / 2 < 1e-12 the power of 1e-12 is used, which bounds the
-    gradients of beta < 1; they grow with r^(2 beta - 1) or faster. Raises InputError outside the
-    domain (gauss2svg.render.reference.shapes_of).
+    Tensors are on the CPU, of any floating dtype. The image (height, width, 3) is float64 if all of
+    them are, else float32. Every tensor gets a gradient, but a second derivative raises torch's
+    error. r^2 / 2 counts as at least 1e-12 in powers, which bounds the gradients of beta < 1: they
+    grow with r^(2 beta - 1) or faster. Raise InputError for values outside the domain
+    (gauss2svg.render.reference.shapes_of).
     """
     shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
-    return _drawn(shapes, height, width, additive=False)
+    return _rendered(shapes, height, width, additive=False)
 
 
 def fast_accumulate(
@@ -134,15 +134,15 @@ def fast_accumulate(
     height: int,
     width: int,
 ) -> torch.Tensor:
-    """gauss2svg.render.reference.accumulate by the numba kernels.
+    """Return the image of gauss2svg.render.reference.accumulate, by the numba kernels.
 
-    Tensors and gradients as those of fast_composite.
+    Tensors and gradients are as in `fast_composite`.
     """
     shapes = shapes_of(mean, sigma, rho, color, background)
-    return _drawn(shapes, height, width, additive=True)
+    return _rendered(shapes, height, width, additive=True)
 
 
-def _drawn(
+def _rendered(
     shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
 ) -> torch.Tensor:
     image = _FastRender.apply(*shapes, height, width, additive)

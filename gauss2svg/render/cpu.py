@@ -1,15 +1,14 @@
 """The fast CPU renderer: numba kernels over 16 x 16 tiles, forward and backward.
 
-It computes in float32 or in float64, whichever dtype the image passed to it has; the kernels are
-compiled for float64 when it is first used.
+It computes in float32 or float64, the dtype of the image that it is given. The kernels are compiled
+for float64 when it is first used.
 
 Cost is counted in pair rows: one Gaussian on one row of one tile, 16 pixels. Rows of explicit
-lanes (gauss2svg.render.simd) take a fifth of the time of loops left to LLVM's vectoriser, and
-half of whole tiles: docs/decisions/kernels.md.
+lanes (gauss2svg.render.simd) take a fifth of the time of rows that LLVM's vectoriser compiles, and
+half that of whole tiles (docs/decisions/kernels.md).
 
-Tiles are dealt to the shares of the work in turn, every tile writes only its own pixels and its
-own pairs, and pairs are added up Gaussian by Gaussian: the number of threads changes no bit of
-any result.
+Shares of the work take tiles in turn. A tile writes only its own pixels and pairs, and pairs are
+added up Gaussian by Gaussian, so the number of threads changes no bit of any result.
 """
 
 import os
@@ -32,16 +31,17 @@ from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs
 from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
 from gauss2svg.scene.falloff import covered_radius, cut_radius, longer_axes
 
-# What is computed: the image; also the moments of the gradient of its squared error; those of a
-# given gradient; what removing each Gaussian would cost.
+# Modes of the kernels. RENDER computes the image, SQUARED_ERROR also the moments of the gradient of
+# its squared error, GIVEN_GRADIENT only the moments of a given gradient, and REMOVAL the image and
+# the cost of removing each Gaussian.
 RENDER, SQUARED_ERROR, GIVEN_GRADIENT, REMOVAL = range(4)
 
 
 def tile_buffers(most_rows: int, dtype: Any, additive: bool) -> tuple[Any, ...]:
-    """Return working memory for a tile of up to most_rows pair rows: `alpha` to `columns`.
+    """Return the buffers alpha to columns of walk_tiles, for a tile of at most most_rows pair rows.
 
     alpha, transmittance, steep, logs  (most_rows * TILE_WIDTH,) see gauss2svg.render.kernels
-    color, gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH) as there
+    color, gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH) see gauss2svg.render.kernels
     remaining  (TILE_HEIGHT, TILE_WIDTH) transmittance behind all Gaussians; 1 on entry
     inside     (TILE_WIDTH,) 1 for columns of the image, 0 beyond its right edge
     columns    (TILE_WIDTH,) float64: 0, 1, ...
@@ -57,7 +57,7 @@ def tile_buffers(most_rows: int, dtype: Any, additive: bool) -> tuple[Any, ...]:
 def _errors_of_whole_rows(
     mode, x0, y0, h, color, remaining, background, image, weight, out, gradient
 ):  # fmt: skip
-    """_errors_of_tile of a tile that no right edge cuts."""
+    """Do what _errors_of_tile does, for a tile that the image's right edge does not cut."""
     squares = 0.0
     height, width = out.shape[1:]
     for channel in range(3):
@@ -86,7 +86,7 @@ def _errors_of_whole_rows(
 def _errors_of_tile(
     mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
 ):  # fmt: skip
-    """Write a tile to out and its pixels' gradient to gradient; returns its squared error."""
+    """Write a tile's pixels to out and their gradient to gradient; return its squared error."""
     if w == TILE_WIDTH:
         return _errors_of_whole_rows(
             mode, x0, y0, h, color, remaining, background, image, weight, out, gradient
@@ -115,7 +115,7 @@ def _errors_of_tile(
 
 @njit(inline="always")
 def _weights_of_tile(x0, y0, h, w, weight, out):
-    """Write a tile's weights to out, 0 outside the image."""
+    """Write a tile's pixel weights to out, 0 outside the image."""
     for y in range(TILE_HEIGHT):
         for x in range(TILE_WIDTH):
             out[y, x] = weight[y0 + y, x0 + x] if y < h and x < w else 0.0
@@ -130,8 +130,9 @@ def walk_tiles(
     """Alpha-composite one share of the tiles, front to back, in one of the four modes.
 
     background, image, weight, pair_out and out are all float32 or all float64.
-    weight (h, w) scales the squared error's gradient and removal costs, and is read for these.
-    gaussian to order are those of gauss2svg.render.tiles.Pairs, alpha to columns tile_buffers.
+    weight (h, w) scales the gradient of SQUARED_ERROR and the costs of REMOVAL. Other modes do not
+    read it. gaussian to order are fields of gauss2svg.render.tiles.Pairs, and alpha to columns are
+    those of tile_buffers.
     """
     height, width = out.shape[1:]
     tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
@@ -167,7 +168,7 @@ def walk_tiles(
                 for y in range(TILE_HEIGHT):
                     for x in range(TILE_WIDTH):
                         behind[channel, y, x] = background[channel]
-            _weights_of_tile(x0, y0, h, w, weight, color[0])  # the colours have been read
+            _weights_of_tile(x0, y0, h, w, weight, color[0])  # color[0] is not read any more
             removal_tile(
                 order, first, end, y0, opacity_color, gaussian, rows,
                 alpha, transmittance, filled, gradient, color[0], behind, pair_out,
@@ -178,7 +179,7 @@ def walk_tiles(
 def add_pairs(share, shares, offset, pair_values, totals):
     """Add the values (p, m) of each Gaussian's pairs to totals (n, m), float64.
 
-    offset (n + 1,): the pairs of Gaussian i are offset[i]:offset[i + 1].
+    offset (n + 1,): Gaussian i has the pairs offset[i]:offset[i + 1].
     """
     n = offset.size - 1
     for i in range(n * share // shares, n * (share + 1) // shares):
@@ -187,22 +188,23 @@ def add_pairs(share, shares, offset, pair_values, totals):
                 totals[i, k] += pair_values[p, k]
 
 
-# A whole fit holds this lock. Fits that run at the same time would share the threads of one
-# machine, and none would be the faster for it.
+# A fit holds this lock from its start to its end. Fits at the same time would share the threads of
+# one machine, and none would be faster.
 kernel_lock = threading.RLock()
 
 
 def _free_kernel_lock() -> None:
-    """Free the lock, in a process that was forked, from threads that do not exist there."""
-    if kernel_lock.acquire(blocking=False):  # nobody has it, or the thread that forked
+    """Release the lock in a forked process if a thread holds it that does not exist there."""
+    if kernel_lock.acquire(blocking=False):  # it is free, or held by the thread that forked
         kernel_lock.release()
     else:
         kernel_lock._at_fork_reinit()  # pyright: ignore[reportAttributeAccessIssue] (as in logging)
 
 
 if hasattr(os, "register_at_fork"):
-    # Threads do not survive a fork, but what they hold stays held. A fit may take minutes, so its
-    # lock is freed in the child; a compilation takes seconds and is awaited, as LLVM has state.
+    # Threads do not survive a fork, but the locks that they hold stay held. A fit may take minutes,
+    # so the child releases its lock. A compilation takes seconds and changes the state of LLVM, so
+    # the fork waits for its end.
     os.register_at_fork(
         before=global_compiler_lock.acquire,
         after_in_parent=global_compiler_lock.release,
@@ -210,22 +212,24 @@ if hasattr(os, "register_at_fork"):
     )
     os.register_at_fork(after_in_child=_free_kernel_lock)
 
-# Pair rows that take about as long as waking up a thread, of all kernels and of add_pairs.
+# Least pair rows of a share of walk_tiles and of add_pairs. Fewer take less time than waking up a
+# thread.
 _LEAST_SHARE, _LEAST_ADDED = 4096, 65536
 
 Real = TypeVar("Real", bound=np.floating)  # np.float32 or np.float64
 
 
 class Splats(NamedTuple):
-    """What the kernels read of n Gaussians, bottom first; all float64.
+    """Arrays that the kernels read of n Gaussians, bottom first; all float64.
 
-    mean (n, 2), sigma (n, 2), rho (n,), radius (n,) of the cut: for the tiles
-    shape (n, 11): mean x, y, whitening w11, w21, w22, beta, radius^2, and for plain ellipses, which
-    cover shares of pixels, o11, o21, o22: (o11 z1, o21 z1 + o22 z2) lies in the unit disc where
-    they do; and the largest share. 0 for others
-    opacity_color (n, 4): opacity, r, g, b
-    background (3,)
-    additive: whether they are blended additively; opacities and exponents are not read then
+    mean (n, 2), sigma (n, 2), rho (n,), radius (n,)  ellipses for which find_pairs lists the tiles
+    shape          (n, 11) mean x, y, whitening w11, w21, w22, beta, radius^2, o11, o21, o22 and the
+                   largest share. The last four are 0 unless the shape is a plain ellipse that
+                   covers shares of pixels. It covers at most the largest share of a pixel, and
+                   nothing where (o11 z1, o21 z1 + o22 z2) lies outside the unit disc.
+    opacity_color  (n, 4) opacity, r, g, b
+    background     (3,)
+    additive       whether blending is additive, which reads no opacities and exponents
     """
 
     mean: NDArray[np.float64]
@@ -239,12 +243,12 @@ class Splats(NamedTuple):
 
     @property
     def opacity(self) -> NDArray[np.float64]:
-        """(n,) opacities in 0..1."""
+        """Opacities (n,) in 0..1."""
         return self.opacity_color[:, 0]
 
     @property
     def beta(self) -> NDArray[np.float64]:
-        """(n,) exponents of the falloff."""
+        """Exponents (n,) of the falloff."""
         return self.shape[:, 5]
 
 
@@ -259,28 +263,28 @@ def splats_from(
     beta: NDArray[np.float64],
     background: NDArray[np.float64],
     additive: bool = False,
-    plain: NDArray[np.bool_] | None = None,
+    is_plain: NDArray[np.bool_] | None = None,
 ) -> Splats:
-    """What the kernels read of n Gaussians with these parameters, as in a scene.
+    """Return what the kernels read of n Gaussians with these parameters, as in a scene.
 
-    whitening (n, 3) as of gauss2svg.scene.whitening_of; plain (n,) are ellipses that cover shares
-    of pixels, None for none.
+    whitening (n, 3) is that of gauss2svg.scene.whitening_of. is_plain (n,) says which shapes are
+    plain ellipses that cover shares of pixels; None for no shape.
     """
     radius = cut = cut_radius(beta)
     outer = np.zeros((len(mean), 4))
-    if plain is not None and plain.any():
-        radius = np.where(plain, covered_radius(beta), radius)
-        longer, most = longer_axes(whitening, radius)
+    if is_plain is not None and is_plain.any():
+        radius = np.where(is_plain, covered_radius(beta), radius)
+        longer, max_share = longer_axes(whitening, radius)
         w11, w21, w22 = longer.T
         l11, l22 = 1 / w11, 1 / w22
         l21 = -w21 * l11 * l22
         sy = np.hypot(l21, l22)
-        sigma = np.where(plain[:, None], np.column_stack([l11, sy]), sigma)
-        rho, cut = np.where(plain, l21 / sy, rho), np.where(plain, 1.0, cut)
-        # From z to the coordinates in which the outer ellipse is the unit disc.
+        sigma = np.where(is_plain[:, None], np.column_stack([l11, sy]), sigma)
+        rho, cut = np.where(is_plain, l21 / sy, rho), np.where(is_plain, 1.0, cut)
+        # Factors from z to coordinates in which the outer ellipse is the unit disc.
         v11, v21, v22 = whitening.T
-        factors = np.column_stack([w11 / v11, (w21 - v21 * w22 / v22) / v11, w22 / v22, most])
-        outer = np.where(plain[:, None], factors, 0.0)
+        factors = np.column_stack([w11 / v11, (w21 - v21 * w22 / v22) / v11, w22 / v22, max_share])
+        outer = np.where(is_plain[:, None], factors, 0.0)
     return Splats(
         mean,
         sigma,
@@ -296,12 +300,12 @@ def splats_from(
 def splats_of(
     scene: Scene, scale: tuple[float, float] = (1.0, 1.0), covering: bool = False
 ) -> Splats:
-    """What the kernels read of a scene, scaled along x and y.
+    """Return what the kernels read of a scene that is scaled along x and y.
 
-    The same as for scene.scaled(*scale), but the scaled shapes may leave the domain of scenes.
-    covering: plain ellipses cover shares of pixels, as renderers draw them, and have no falloff.
+    Unlike in scene.scaled(*scale), the scaled shapes may leave the domain of scenes.
+    covering: see gauss2svg.render.render.
     """
-    # Copies: numba would compile the kernels once more for a scene's read-only arrays.
+    # Arrays are copied, because numba would compile the kernels again for read-only ones.
     sigma = scene.sigma * scale
     return splats_from(
         scene.mean * scale,
@@ -313,7 +317,7 @@ def splats_of(
         beta=scene.beta,
         background=scene.background.copy(),
         additive=scene.blend == ADD,
-        plain=scene.drawn == PLAIN if covering else None,
+        is_plain=scene.drawn == PLAIN if covering else None,
     )
 
 
@@ -324,16 +328,16 @@ def _visit(
     pair_width: int,
     weight: NDArray[Real] | None = None,
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
-    """Image, sum of squared errors, (n, pair_width) sums over each Gaussian's pairs, pair rows."""
+    """Return the image, its squared error, (n, pair_width) sums over pairs, and the pair rows."""
     if image.ndim != 3 or image.shape[0] != 3 or image.dtype not in (np.float32, np.float64):
         raise InputError(
             f"image must be float32 or float64 (3, height, width); got {image.dtype} {image.shape}"
         )
-    # One numba type for all callers: read-only arrays would be compiled for once more.
+    # One numba type for all callers: the kernels would be compiled again for read-only arrays.
     image = np.require(image, requirements=["C", "W"])
     if weight is None:
-        read = mode in (SQUARED_ERROR, REMOVAL)
-        weight = np.ones(image.shape[1:] if read else (1, 1), image.dtype)
+        is_read = mode in (SQUARED_ERROR, REMOVAL)
+        weight = np.ones(image.shape[1:] if is_read else (1, 1), image.dtype)
     weight = np.require(weight, image.dtype, ["C", "W"])
     pairs = find_pairs(splats.mean, splats.sigma, splats.rho, splats.radius, *image.shape[1:])
     row_count = int((pairs.rows[:, 1] - pairs.rows[:, 0]).sum())
@@ -362,38 +366,40 @@ def _visit(
 def render_planar(
     splats: Splats, height: int, width: int, dtype: type[Real] = np.float32
 ) -> NDArray[Real]:
-    """(3, height, width) image of the Gaussians, one sample at each pixel centre.
+    """Return the image (3, height, width) of the Gaussians, sampled at pixel centres.
 
-    dtype is np.float32 or np.float64; InputError for another.
+    Raise InputError unless dtype is np.float32 or np.float64.
     """
-    blank = np.zeros((3, height, width), dtype)  # never read: takes address space, no memory
+    blank = np.zeros((3, height, width), dtype)  # never read, so it takes no memory
     return _visit(RENDER, splats, blank, 1)[0]
 
 
 def squared_error(
     splats: Splats, target: NDArray[Real], weight: NDArray[Real] | None = None
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
-    """Image, sum of squared errors, gradient as moments (n, MOMENTS), and pair rows.
+    """Return the image, its sum of squared errors, moments (n, MOMENTS), and pair rows.
 
-    target is (3, h, w), weight (h, w) > 0 or None for 1; all is computed in target's dtype,
-    float32 or float64. The sum is not weighted. The moments (gauss2svg.render.kernels) belong to
-    L = 1/2 sum weight (rendered - target)^2; forward and backward share one visit of a tile.
+    target  (3, h, w) float32 or float64; all is computed in this dtype
+    weight  (h, w) > 0, or None for 1
+    The sum is not weighted. The moments (gauss2svg.render.kernels) are those of the gradient of
+    L = 1/2 sum weight (rendered - target)^2. A tile's forward and backward passes share one visit.
     """
     return _visit(SQUARED_ERROR, splats, target, MOMENTS, weight)
 
 
 def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.float64]:
-    """Moments (n, MOMENTS) of any loss from its gradient (3, h, w) with respect to the image."""
+    """Return the moments (n, MOMENTS) of any loss from its gradient (3, h, w) by the image."""
     return _visit(GIVEN_GRADIENT, splats, gradient, MOMENTS)[2]
 
 
 def removal_cost(
     splats: Splats, target: NDArray[Real], weight: NDArray[Real] | None = None
 ) -> tuple[NDArray[Real], NDArray[np.float64]]:
-    """Image, and (n, 2): what removing each Gaussian would cost, and its mass, sum weight w^2.
+    """Return the image, and (n, 2) the cost of removing each Gaussian and its mass.
 
-    The cost is the change of sum weight (rendered - target)^2 as what lies behind shows through,
-    weight (h, w) > 0 or None for 1; it is negative where the image would match better.
+    The cost is the change of sum weight (rendered - target)^2 if the Gaussian is removed and what
+    lies behind it shows through. It is negative if the image would match better. The mass is sum
+    weight w^2 with w as in gauss2svg.render.kernels; weight is (h, w) > 0, or None for 1.
     """
     image, _, cost, _ = _visit(REMOVAL, splats, target, 2, weight)
     return image, cost

@@ -1,41 +1,39 @@
 """Blending of one tile: forward, backward and removal, sixteen lanes at a time.
 
-The buffers are all float32 or all float64, and so is the arithmetic between lanes; shape
-and opacity_color are float64 in both.
+The buffers are all float32 or all float64, and so is the arithmetic between lanes. shape and
+opacity_color are always float64.
 
 Front to back, pixel by pixel, with T the transmittance in front of Gaussian k:
 
     alpha_k = opacity_k f(r_k),  w_k = alpha_k T_k,  C = sum w_k c_k + T_end background,
     T_{k+1} = T_k - w_k.
 
-Backward walks from back to front and needs no division by 1 - alpha: with g the
-gradient with respect to the pixel and B_k the colour composed behind k,
+The backward pass walks from back to front and does not divide by 1 - alpha. With g the gradient
+with respect to the pixel and B_k the colour composed behind k,
 
-    dL/dalpha_k = T_k (g.c_k - g.B_k),  B_{k-1} = B_k + alpha_k (c_k - B_k),
+    dL/dalpha_k = T_k (g.c_k - g.B_k),  B_{k-1} = B_k + alpha_k (c_k - B_k).
 
-where alpha_k and T_k are those that the forward pass left in the buffers.
+The forward pass leaves alpha_k and T_k in the buffers.
 
-Shapes are evaluated in whitened coordinates z = W (x - mean), r^2 = |z|^2, so that
-no squared term can become negative for thin Gaussians. z1 depends on the column
-alone, z2 is one multiply-add. Gradients are returned as moments of
-h = dL/dalpha alpha', alpha' = alpha + opacity rim / (1 - rim) inside the support:
+Shapes are evaluated in whitened coordinates z = W (x - mean), r^2 = |z|^2, so that no squared term
+can become negative for thin Gaussians. z1 depends on the column alone, and z2 is one multiply-add.
+The gradients of every parametrisation follow from nine numbers for each pair. They are moments of
+h = dL/dalpha alpha', where alpha' = alpha + opacity rim / (1 - rim) inside the support:
 
     sum h z1, sum h z2, sum h z1^2, sum h z1 z2, sum h z2^2,
     sum dL/dalpha alpha, sum w g (3),        (dL/dr^2 = -h / 2)
 
-nine numbers for each pair, from which the gradient of every parametrisation follows.
+A shape of exponent beta != 1 has t = s^beta in place of s = r^2 / 2 in the falloff. Its h is
+multiplied by beta A with A = t / s = s^(beta - 1), which costs one logarithm and one power. A tenth
+number gives dL/dbeta = -sum dL/dalpha alpha' t ln s.
 
-A shape of exponent beta != 1 has t = s^beta in place of s = r^2 / 2 in the falloff. With
-A = t / s = s^(beta - 1), which costs one logarithm and one power, its h is multiplied by
-beta A, and a tenth number gives dL/dbeta = -sum dL/dalpha alpha' t ln s.
+A plain ellipse covers a share of each pixel instead (gauss2svg.scene.falloff). If it is wider than
+a pixel, alpha = opacity clip(1/2 + (R - r) / g) with g = n / r and n = |W^T z|. The gradient takes
+g as constant, so h = dL/dalpha opacity / n for pixels on the rim, and 0 for others.
 
-A plain ellipse covers a share of each pixel instead (gauss2svg.scene.falloff), alpha = opacity
-clip(1/2 + (R - r) / g) where it is wider than a pixel. g = n / r with n = |W^T z| counts as
-constant beside r, so that h = dL/dalpha opacity / n where the pixel is on the rim, and 0 elsewhere.
-
-With additive blending C = background + sum a_k c_k, a_k = f(r_k), with signed colours and in any
-order, so that dL/da_k = g.c_k and dL/dc_k = sum a_k g. The kernels are then compiled with None in
-place of the transmittance. Opacities and exponents are not read.
+Additive blending is C = background + sum a_k c_k, a_k = f(r_k), with signed colours in any order.
+So dL/da_k = g.c_k and dL/dc_k = sum a_k g. The kernels are then compiled with None as
+transmittance, and read no opacities or exponents.
 """
 
 # pyright: reportCallIssue=false
@@ -66,18 +64,18 @@ from gauss2svg.scene.falloff import CUT, RIM
 assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
 PLANE = TILE_WIDTH * TILE_HEIGHT
 MOMENTS = 10
-LOGARITHM_FROM = 1e-12  # least r^2 / 2 whose power is computed: nearer to the mean this is used
+LOGARITHM_FROM = 1e-12  # least r^2 / 2 in powers; nearer to the mean this value is used
 
-# exp(u) on -1.125..0, least squares on Chebyshev nodes with p(0) = 1; its fourth
-# power is exp(-q / 2) for 0 <= q <= 9 within 2e-6 in float32 and a relative 3e-15
-# in float64, rounding included.
+# Coefficients of exp(u) on -1.125..0, by least squares on Chebyshev nodes with p(0) = 1. The fourth
+# power is exp(-q / 2) for 0 <= q <= 9 within 2e-6 in float32 and a relative 3e-15 in float64,
+# rounding included.
 _SINGLE = (0.99998307, 0.4996931, 0.1650935, 0.03830978, 0.0050456)
 _DOUBLE = (
     0.9999999999999957, 0.49999999999975975, 0.16666666666191254, 0.041666666618940265,
     0.008333333050006783, 0.0013888878096905864, 0.00019840993722197286, 2.4796730136219152e-05,
     2.7498246355397565e-06, 2.706659751805855e-07, 2.236377895720017e-08, 1.1844917963299862e-09,
 )  # fmt: skip
-_CUT = 2 * CUT  # of q = r^2, for a Gaussian
+_CUT = 2 * CUT  # cut of q = r^2 for a Gaussian
 
 
 def _rim_of(coefficients: tuple[float, ...]) -> float:
@@ -87,8 +85,8 @@ def _rim_of(coefficients: tuple[float, ...]) -> float:
     return value**4
 
 
-# The polynomial's value at the cut, plus a little more than its rounding error, so that
-# alpha is exactly 0 from the cut on.
+# The polynomials' values at the cut, plus slightly more than the rounding errors, so that alpha is
+# exactly 0 from the cut on.
 _RIMS = _rim_of(_SINGLE) + 2e-8, _rim_of(_DOUBLE) + 4e-17
 assert abs(_RIMS[0] - RIM) < 2e-6, "the polynomials were fitted for RADIUS = 3"
 assert abs(_RIMS[1] - RIM) < 1e-16, "the polynomials were fitted for RADIUS = 3"
@@ -99,13 +97,13 @@ _exp = polynomial(_SINGLE, _DOUBLE)
 _POWER_RIMS = RIM + 2e-6, RIM + 1e-14
 _power_rim = constant(*_POWER_RIMS)
 _power_norm = constant(*(1 / (1 - rim) for rim in _POWER_RIMS))
-# Of r^2 and n^2 of a plain ellipse: keeps r / n finite at the mean itself.
+# Added to r^2 and n^2 of a plain ellipse, so that r / n is finite at the mean itself.
 _least_square = constant(1e-20, 1e-60)
 
 
 @njit(inline="always")
 def _exp_half(q):
-    """exp(-q / 2) lane by lane for 0 <= q <= 9."""
+    """Return exp(-q / 2) lane by lane for 0 <= q <= 9."""
     p = _exp(q * splat(-0.125, q))
     p = p * p
     return p * p
@@ -113,12 +111,12 @@ def _exp_half(q):
 
 @njit(inline="always")
 def _whitened(i, p, x0, y0, column, like, shape, rows):
-    """z1, z2 on the middle row of a pair, both as lanes like `like`, and that row in the tile.
+    """Return z1 and z2 on the middle row of a pair, as lanes like `like`, and that row in the tile.
 
-    z2 grows by w22 from each row to the next; pairs of the thinnest shapes have only one row
-    (gauss2svg.render.tiles). Both are computed in float64 and then rounded: float32 cannot resolve
-    the offsets from a distant mean or within a shape of sigma 1e-6 px, and the two terms of a thin
-    sheared shape's z2 nearly cancel.
+    z2 grows by w22 from each row to the next. Pairs of the thinnest shapes have only one row
+    (gauss2svg.render.tiles). Both are computed in float64 and then rounded, because float32 cannot
+    resolve the offsets from a distant mean or within a shape of sigma 1e-6 px. Also, the two terms
+    of a thin sheared shape's z2 nearly cancel.
     """
     middle = (rows[p, 0] + rows[p, 1]) // 2
     u = column + splat(x0 + 0.5 - shape[i, 0], column)
@@ -129,42 +127,42 @@ def _whitened(i, p, x0, y0, column, like, shape, rows):
 
 @njit(inline="always")
 def _covered(i, z1, z2, radius, shape):
-    """Share of each pixel that a plain ellipse covers, and 1 / n on its rim: see the module."""
+    """Return the share of each pixel that a plain ellipse covers, and 1 / n on its rim, else 0."""
     zero, half, one = splat(0.0, z1), splat(0.5, z1), splat(1.0, z1)
-    steep = splat(1e30, z1)
+    huge = splat(1e30, z1)
     tiny = splat(_least_square(z1), z1)
     o1 = splat(shape[i, 7], z1) * z1
     o2 = splat(shape[i, 8], z1) * z1 + splat(shape[i, 9], z1) * z2
-    inside = least(one, most(zero, one - (o1 * o1 + o2 * o2)) * steep)
+    inside = least(one, most(zero, one - (o1 * o1 + o2 * o2)) * huge)
     n1 = splat(shape[i, 2], z1) * z1 + splat(shape[i, 3], z1) * z2
     n2 = splat(shape[i, 4], z1) * z2
     r = root(z1 * z1 + z2 * z2 + tiny)
-    per = one / root(n1 * n1 + n2 * n2 + tiny)
-    px = r * per
+    inverse_n = one / root(n1 * n1 + n2 * n2 + tiny)
+    px = r * inverse_n
     near = most(zero, half + (radius - r) * px)
     far = half + (radius + r) * px
-    # 1 within the rim's pixel and 0 elsewhere, without a branch; clipped values stay 0 or 1
-    on_near = least(one, near * steep) * least(one, most(zero, one - near) * steep)
-    on_far = least(one, most(zero, one - far) * steep)
+    # 1 for pixels on a rim and 0 for others, without a branch
+    on_near = least(one, near * huge) * least(one, most(zero, one - near) * huge)
+    on_far = least(one, most(zero, one - far) * huge)
     share = least(one, near) + least(one, far) - one
     share = least(splat(shape[i, 10], z1), most(zero, share))
-    return inside * share, inside * ((on_near - on_far) * per)
+    return inside * share, inside * ((on_near - on_far) * inverse_n)
 
 
 @njit(inline="always")
 def _kind(i, shape, opacity_color, transmittance, like):
-    """Whether a shape is a plain ellipse, whether it has an exponent, its opacity, the rim of f."""
+    """Return whether a shape is a plain ellipse, whether it has a power, its opacity, f's rim."""
     if transmittance is None:
         return False, False, 1.0, _norm(like) * _rim(like)
-    plain = shape[i, 7] != 0.0
-    powered = shape[i, 5] != 1.0 and not plain
-    rim = _power_norm(like) * _power_rim(like) if powered else _norm(like) * _rim(like)
-    return plain, powered, opacity_color[i, 0], rim
+    is_plain = shape[i, 7] != 0.0
+    has_power = shape[i, 5] != 1.0 and not is_plain
+    rim = _power_norm(like) * _power_rim(like) if has_power else _norm(like) * _rim(like)
+    return is_plain, has_power, opacity_color[i, 0], rim
 
 
 @njit(inline="always")
 def _layer(y, at, a, c0, c1, c2, alpha, transmittance, color, remaining):
-    """Blend alpha a behind row y of a tile, store a at `at`, and return the next `at`."""
+    """Blend a shape of alpha a behind row y of a tile; store a at `at` and return the next `at`."""
     j = y * TILE_WIDTH
     w = a
     if transmittance is not None:
@@ -184,18 +182,18 @@ def compose_tile(
     order, first, end, x0, y0, column, inside, shape, opacity_color, gaussian, rows,
     alpha, transmittance, steep, logs, color, remaining,
 ):  # fmt: skip
-    """Blend the pairs of one tile; return how far alpha and transmittance were filled.
+    """Blend the pairs of one tile, and return the filled length of alpha and transmittance.
 
     order[first:end]  indices of the tile's pairs, front to back
     x0, y0  the tile's first pixel; column: (16,) 0..15, float64
     inside  (16,): 1 for columns of the image, 0 beyond its right edge, where nothing counts
-    shape   (n, 11) float64: mean x, y, whitening w11, w21, w22, beta, R^2 = 2 CUT^(1 / beta);
-            plain ellipses have the R of their rim, and of what they cover o11, o21, o22, most
+    shape   (n, 11) float64: mean x, y, whitening w11, w21, w22, beta, R^2, o11, o21, o22, largest
+            share; R is that of the cut or of a plain ellipse's rim (gauss2svg.render.cpu.Splats)
     opacity_color  (n, 4) float64: opacity, r, g, b
     alpha, transmittance  flat buffers, 16 for each row of each pair, in visiting order;
             transmittance is None for additive blending
-    steep   the same for s^(beta - 1), or for 1 / n on the rim of plain ellipses
-    logs    the same for ln s; for Gaussians (beta = 1) neither is written
+    steep   such a buffer for s^(beta - 1), or for 1 / n on the rim of plain ellipses
+    logs    such a buffer for ln s; neither is written for Gaussians (beta = 1)
     color   (3, TILE_HEIGHT, 16) sum of w c
     remaining  (TILE_HEIGHT, 16) transmittance behind all pairs; not written for additive blending
     """
@@ -213,9 +211,9 @@ def compose_tile(
     for k in range(first, end):
         p = order[k]
         i = gaussian[p]
-        plain, powered, opacity, rim_share = _kind(i, shape, opacity_color, transmittance, mask)
-        peak = splat(opacity * (_power_norm(mask) if powered else _norm(mask)), mask)
-        rim = splat(opacity * rim_share, mask)
+        is_plain, has_power, opacity, f_rim = _kind(i, shape, opacity_color, transmittance, mask)
+        peak = splat(opacity * (_power_norm(mask) if has_power else _norm(mask)), mask)
+        rim = splat(opacity * f_rim, mask)
         c0 = splat(opacity_color[i, 1], mask)
         c1 = splat(opacity_color[i, 2], mask)
         c2 = splat(opacity_color[i, 3], mask)
@@ -224,21 +222,21 @@ def compose_tile(
         power = splat((shape[i, 5] - 1.0) * LOG2_E, mask)
         reach = splat(shape[i, 6], mask)
         w22 = shape[i, 4]
-        if transmittance is not None and plain:  # a loop of its own, of which the other has nothing
-            opaque = splat(opacity, mask)
+        if transmittance is not None and is_plain:  # in its own loop, so the other is short
+            opacity_lanes = splat(opacity, mask)
             radius = root(reach)
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
                 z2 = across + splat(w22 * (y - middle), mask)
                 share, slope = _covered(i, z1, z2, radius, shape)
                 store(steep, at, slope)
                 at = _layer(
-                    y, at, opaque * share, c0, c1, c2, alpha, transmittance, color, remaining
+                    y, at, opacity_lanes * share, c0, c1, c2, alpha, transmittance, color, remaining
                 )
             continue
         for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
             z2 = across + splat(w22 * (y - middle), mask)
             q = least(square + z2 * z2, reach)
-            if transmittance is not None and powered:
+            if transmittance is not None and has_power:
                 ln = log(most(q * half, tiny))
                 steepness = exp2(ln * power)
                 store(steep, at, steepness)
@@ -256,21 +254,21 @@ def backpropagate_tile(
     order, first, end, x0, y0, column, shape, opacity_color, gaussian, rows,
     alpha, transmittance, steep, logs, at, g, behind, moments,
 ):  # fmt: skip
-    """Write the moments of every pair of a blended tile, by the formula of the module.
+    """Write the moments of every pair of a blended tile, by the formulas of the module.
 
     g       (3, TILE_HEIGHT, 16) dL/dpixel, 0 outside the image
     behind  (TILE_HEIGHT, 16) g . background on entry, overwritten
-    moments (p, MOMENTS), one row a pair, written
+    moments (p, MOMENTS) one row for each pair, written
     """
     columns = load(column, 0)
     centre = load(g, 0)
     zero = splat(0.0, centre)
-    steepest = splat(1e30, centre)
+    huge = splat(1e30, centre)
     for k in range(end - 1, first - 1, -1):
         p = order[k]
         i = gaussian[p]
-        plain, powered, opacity, rim_share = _kind(i, shape, opacity_color, transmittance, centre)
-        rim = splat(opacity * (1.0 if plain else rim_share), centre)
+        is_plain, has_power, opacity, f_rim = _kind(i, shape, opacity_color, transmittance, centre)
+        rim = splat(opacity * (1.0 if is_plain else f_rim), centre)
         c0 = splat(opacity_color[i, 1], centre)
         c1 = splat(opacity_color[i, 2], centre)
         c2 = splat(opacity_color[i, 3], centre)
@@ -288,7 +286,7 @@ def backpropagate_tile(
             g2 = load(g, j + 2 * PLANE)
             d = g0 * c0 + g1 * c1 + g2 * c2
             # rim where alpha > 0, 0 where it is 0, without a branch
-            rest = least(rim, a * steepest)
+            rest = least(rim, a * huge)
             if transmittance is None:
                 w = a
                 wd = a * d
@@ -301,9 +299,9 @@ def backpropagate_tile(
                 w = a * t
                 wd = w * d
                 h = wd + rest * (t * d)
-                if plain:
+                if is_plain:
                     h = (h - wd) * load(steep, row)
-                if powered:
+                if has_power:
                     h = h * load(steep, row)
                     hb = hb + h * (least(z1 * z1 + z2 * z2, reach) * load(logs, row))
             s0 = s0 + w * g0
@@ -315,7 +313,7 @@ def backpropagate_tile(
             h2 = h2 + hz
             h22 = h22 + hz * z2
             row += TILE_WIDTH
-        beta = splat(shape[i, 5] if powered else 1.0, centre)
+        beta = splat(shape[i, 5] if has_power else 1.0, centre)
         h0 = h0 * beta
         h2 = h2 * beta
         h22 = h22 * beta
@@ -336,15 +334,15 @@ def removal_tile(
     order, first, end, y0, opacity_color, gaussian, rows, alpha, transmittance, at, error, weight,
     behind, cost,
 ):  # fmt: skip
-    """Write what the weighted sum of squared errors changes by if one Gaussian were removed.
+    """Write the change of the weighted squared error if each pair's Gaussian were removed.
 
-    Without k its pixels change by d = w_k (B_k - c_k), with additive blending by d = -a_k c_k, so
-    the sum changes by weight d.(d + 2 error).
+    Without Gaussian k, a pixel changes by d = w_k (B_k - c_k), or by d = -a_k c_k with additive
+    blending. So the squared error changes by weight d.(d + 2 error).
 
     error   (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image
     weight  (TILE_HEIGHT, 16) of the pixels
     behind  (3, TILE_HEIGHT, 16) the background on entry, overwritten
-    cost    (p, 2): that change, and the sum of weight w_k^2, written
+    cost    (p, 2) the change, and the sum of weight w_k^2, written
     """
     zero = splat(0.0, error)
     for k in range(end - 1, first - 1, -1):
@@ -359,17 +357,17 @@ def removal_tile(
             if transmittance is not None:
                 w = a * load(transmittance, row)
             row += TILE_WIDTH
-            counts = load(weight, y * TILE_WIDTH)
-            mass = mass + counts * (w * w)
+            pixel_weight = load(weight, y * TILE_WIDTH)
+            mass = mass + pixel_weight * (w * w)
             for channel in range(3):
                 j = channel * PLANE + y * TILE_WIDTH
-                lift = splat(-opacity_color[i, 1 + channel], error)
+                difference = splat(-opacity_color[i, 1 + channel], error)
                 if transmittance is not None:
                     b = load(behind, j)
-                    lift = b + lift
-                    store(behind, j, b - a * lift)
-                d = w * lift
+                    difference = b + difference
+                    store(behind, j, b - a * difference)
+                d = w * difference
                 e = load(error, j)
-                change = change + counts * (d * (d + e + e))
+                change = change + pixel_weight * (d * (d + e + e))
         cost[p, 0] = total(change)
         cost[p, 1] = total(mass)

@@ -7,9 +7,9 @@ or, with additive blending,
 
     C(x) = background + sum_k f(|W_k (x - mean_k)|) c_k
 
-with f of gauss2svg.scene.falloff, sampled at pixel centres. Differentiable by autograd and without
-tiles or approximations: memory and time grow with Gaussians times pixels, so use it for small
-images.
+with f of gauss2svg.scene.falloff, sampled at pixel centres. It is differentiable by autograd and
+has no tiles or approximations. Memory and time grow with Gaussians times pixels, so use it for
+small images.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gauss2svg.scene import ADD, MOST_SIGNED, Scene
 from gauss2svg.scene.falloff import CUT, RIM
 from gauss2svg.scene.parameters import PARAMETERS
 
-try:  # autograd.py takes it from here, so that it is missed in one place
+try:  # autograd.py imports torch from here, so that one place reports it missing
     import torch
 except ImportError as error:
     raise TorchMissingError(
@@ -44,11 +44,11 @@ def composite(
     width: int,
     beta: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """Image (height, width, 3) of n Gaussians, bottom first, on a canvas of the same size.
+    """Return the image (height, width, 3) of n shapes, bottom first, on a canvas of that size.
 
-    mean (n, 2) and sigma (n, 2) in px, rho (n,), color (n, 3), opacity (n,),
-    background (3,) and beta (n,) or None for Gaussians; all of one dtype and device, those of the
-    image. Raises InputError outside of the domain (shapes_of).
+    mean (n, 2) and sigma (n, 2) in px, rho (n,), color (n, 3), opacity (n,), background (3,), and
+    beta (n,) or None for Gaussians. All have one dtype and device, which the image has too.
+    Raise InputError for values outside the domain (see shapes_of).
     """
     shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
     return _blended(shapes, height, width, additive=False)
@@ -63,9 +63,9 @@ def accumulate(
     height: int,
     width: int,
 ) -> torch.Tensor:
-    """Sum (height, width, 3) of n Gaussians of signed colour (n, 3) and the background, unclipped.
+    """Return the unclipped sum (height, width, 3) of the background and n Gaussians in any order.
 
-    Shapes, dtype, device and domain as those of composite; the order does not matter.
+    Colours (n, 3) are signed. Arguments, dtype, device and domain are those of `composite`.
     """
     shapes = shapes_of(mean, sigma, rho, color, background)
     return _blended(shapes, height, width, additive=True)
@@ -74,7 +74,7 @@ def accumulate(
 def _blended(
     shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
 ) -> torch.Tensor:
-    """The image of `accumulate` or of `composite`, of what shapes_of returns."""
+    """Return the image of `accumulate` if additive, else of `composite`, of shapes of shapes_of."""
     mean, sigma, rho, color, opacity, background, beta = shapes
     image = background.expand(height, width, 3)
     for k in range(len(mean)):
@@ -94,13 +94,13 @@ def _falloff(
     height: int,
     width: int,
 ) -> torch.Tensor:
-    """(height, width) falloff of one shape, by the formula of gauss2svg.scene.falloff.
+    """Return the falloff (height, width) of one shape, by the formula of gauss2svg.scene.falloff.
 
-    Computed in float64: in float32 the two terms of a thin sheared shape's z2 would nearly cancel,
-    and the offset from a distant mean would be lost.
+    It is computed in float64 if the device has it. In float32 the two terms of a thin sheared
+    shape's z2 nearly cancel, and the offset from a distant mean is lost.
     """
     dtype = mean.dtype
-    mean, sigma, rho, beta = (t.to(_wide(t.device)) for t in (mean, sigma, rho, beta))
+    mean, sigma, rho, beta = (t.to(_widest_float(t.device)) for t in (mean, sigma, rho, beta))
     y = torch.arange(height, dtype=mean.dtype, device=mean.device) + 0.5
     x = torch.arange(width, dtype=mean.dtype, device=mean.device) + 0.5
     z1 = (x - mean[0]) / sigma[0]
@@ -108,16 +108,16 @@ def _falloff(
     z2 = (v[:, None] - rho * z1) / torch.sqrt((1 - rho) * (1 + rho))
     half = 0.5 * (z1 * z1 + z2 * z2)
     inside = half < CUT ** (1 / beta)
-    # Masked before the power, so that the backward pass never multiplies infinity by zero:
-    # at the mean itself, where the logarithm is infinite, the falloff is 1 for every shape.
-    seen = inside & (half > 0)
-    power = torch.where(seen, half, torch.ones_like(half)) ** beta
-    bell = torch.exp(-torch.where(seen, power, torch.zeros_like(power)))
+    # Mask before the power, so that the backward pass never multiplies infinity by zero. At the
+    # mean itself the logarithm is infinite, but the falloff of every shape is 1.
+    off_mean = inside & (half > 0)
+    power = torch.where(off_mean, half, torch.ones_like(half)) ** beta
+    bell = torch.exp(-torch.where(off_mean, power, torch.zeros_like(power)))
     return torch.where(inside, (bell - RIM) / (1 - RIM), torch.zeros_like(bell)).to(dtype)
 
 
-def _wide(device: torch.device) -> torch.dtype:
-    """float64, or float32 on a device without it."""
+def _widest_float(device: torch.device) -> torch.dtype:
+    """Return float64, or float32 for a device without float64."""
     return torch.float32 if device.type == "mps" else torch.float64
 
 
@@ -128,13 +128,13 @@ def render_reference(
     dtype: torch.dtype = torch.float64,
     device: str | torch.device = "cpu",
 ) -> torch.Tensor:
-    """Image (height, width, 3) of a scene at any output size, by default that of its canvas.
+    """Return the image (height, width, 3) in 0..1 of a scene, by default at the size of its canvas.
 
-    Values lie in 0..1. Parameters are rounded to the dtype first, rho to within 1.
-    Raises InputError where gauss2svg.render.render does.
+    Parameters are first rounded to the dtype, and rho to a number inside -1..1.
+    Raise InputError for a scene or size that gauss2svg.render.render refuses.
     """
     width, height = output_size(scene, width, height)
-    # Not Scene.scaled, and unchecked: shapes scaled to some sizes leave the domain of scenes.
+    # Scale without the checks of Scene.scaled: at some sizes shapes leave the domain of scenes.
     scale = np.array([width / scene.width, height / scene.height])
     arrays = (
         scene.mean * scale, scene.sigma * scale, scene.rho, scene.color, scene.opacity,
@@ -159,11 +159,11 @@ def shapes_of(
     opacity: torch.Tensor | None = None,
     beta: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, ...]:
-    """Mean, sigma, rho, color, opacity, background and beta; of opaque Gaussians if not given.
+    """Return mean, sigma, rho, color, opacity, background and beta, by default opaque Gaussians.
 
-    Raises InputError for an element that is not finite or leaves the domain of its parameter: that
-    of gauss2svg.scene.scene.Scene, but colours may be signed with both blends, and rho may go up to
-    the last number before 1 of its own dtype.
+    Raise InputError if an element is not finite or leaves the domain of its parameter. Domains are
+    those of gauss2svg.scene.scene.Scene with two exceptions. Colours may be signed with both
+    blends, and |rho| may be up to the last number before 1 of its own dtype.
     """
     opacity = torch.ones_like(rho) if opacity is None else opacity
     beta = torch.ones_like(rho) if beta is None else beta
@@ -172,18 +172,18 @@ def shapes_of(
         "background": background, "beta": beta,
     }  # fmt: skip
     for name, tensor in shapes.items():
-        _check(name, tensor)
+        _check_domain(name, tensor)
     return tuple(shapes.values())
 
 
-def _check(name: str, tensor: torch.Tensor) -> None:
+def _check_domain(name: str, tensor: torch.Tensor) -> None:
     least, most = _DOMAIN[name]
-    # The ends as numbers of the tensor's dtype: float32 rounds 1e-9 down, and 1e-9 and 1e9 lie
-    # outside the normal numbers of float16.
-    kind = torch.finfo(tensor.dtype)
-    least = max(least, kind.tiny) if least > 0 else max(least, kind.min)
-    ends = torch.tensor([least, min(most, kind.max)], dtype=tensor.dtype)
-    least, most = ends.double().tolist()
+    # Bounds as numbers of the tensor's dtype: float32 rounds 1e-9 down, and 1e-9 and 1e9 are not
+    # normal numbers of float16.
+    limits = torch.finfo(tensor.dtype)
+    least = max(least, limits.tiny) if least > 0 else max(least, limits.min)
+    bounds = torch.tensor([least, min(most, limits.max)], dtype=tensor.dtype)
+    least, most = bounds.double().tolist()
     if name == "rho":
         least, most = -below_one(tensor.dtype), below_one(tensor.dtype)
     values = tensor.detach().to("cpu", torch.float64).numpy()
@@ -197,5 +197,5 @@ def _check(name: str, tensor: torch.Tensor) -> None:
 
 
 def below_one(dtype: torch.dtype) -> float:
-    """The last number before 1 of a floating dtype."""
+    """Return the last number before 1 of a floating dtype."""
     return 1 - torch.finfo(dtype).eps / 2

@@ -2,19 +2,19 @@
 
 LLVM's loop vectoriser gives up on the compositing loops, whose many small buffers could alias.
 Here a row of a tile is one `<16 x float>` value. LLVM maps it to one 512-bit, two 256-bit or
-four 128-bit registers, whatever the machine has, and `<16 x double>` to twice as many. The
-arithmetic may be contracted to fused multiply-adds and nothing else, so that NaN and infinity
-behave as they do in scalar code.
+four 128-bit registers of the machine, and `<16 x double>` to twice as many. LLVM may contract the
+arithmetic to fused multiply-adds but not change it otherwise, so NaN and infinity behave as in
+scalar code.
 
     load(array, i)      lanes from array.flat[i : i + 16] (C-contiguous, float32 or float64)
-    store(array, i, v)  and back
+    store(array, i, v)  writes lanes v to array.flat[i : i + 16]
     splat(x, like)      sixteen times x, of the element type of like: lanes or an array
     narrow(v, like)     lanes of float64 rounded to the element type of like
     + - * /             between lanes of one element type
     least, most         lane by lane minimum and maximum
     exponent(v), mantissa(v)  v = mantissa 2^exponent, mantissa in 0.75..1.5, v normal and > 0
     root(v)             square root, v >= 0
-    whole(v)            rounded to whole numbers
+    whole(v)            v rounded to whole numbers
     power_of_two(v)     2^v for whole v in the range of the type's normal numbers
     total(v)            sum of the lanes, by pairs, in a fixed order
     log(v)              natural logarithm of normal v > 0: within 3e-7 in float32 and 2e-15 in
@@ -24,8 +24,7 @@ behave as they do in scalar code.
 
 tests/render/test_simd.py checks the errors of log and exp2.
 
-What differs between the precisions is chosen when a kernel is compiled, so that one source
-serves both:
+One source serves both precisions. What differs between them is chosen when a kernel is compiled:
 
     constant(single, double)    makes f(like), the value for the element type of like
     polynomial(single, double)  makes f(u) = 1 + c1 u + c2 u^2 + ..
@@ -46,7 +45,7 @@ from numba.extending import intrinsic, lower_builtin, models, register_model, ty
 LANES = 16
 LOG2_E = 1 / math.log(2)
 _ELEMENTS = {types.float32: ir.FloatType(), types.float64: ir.DoubleType()}
-# Of IEEE 754: bits of an element, bits of its fraction, bias of its exponent.
+# Layout of IEEE 754: bits of an element, bits of its fraction, bias of its exponent.
 _LAYOUT = {types.float32: (32, 23, 127), types.float64: (64, 52, 1023)}
 _CONTRACT = ("contract",)
 
@@ -76,7 +75,7 @@ def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any
 
 @intrinsic
 def load(typingctx, array, index):
-    """Lanes from the 16 elements of a C-contiguous array that start at flat index."""
+    """Return lanes from the 16 elements of a C-contiguous array that start at flat index."""
     assert array.layout == "C"
 
     def codegen(context, builder, signature, args):
@@ -101,7 +100,7 @@ def store(typingctx, array, index, value):
 
 @intrinsic
 def splat(typingctx, value, like):
-    """Sixteen lanes of one number, converted to the element type of like."""
+    """Return sixteen lanes of one number, converted to the element type of like."""
 
     def codegen(context, builder, signature, args):
         undefined = ir.Constant(_vector(like), ir.Undefined)
@@ -114,7 +113,7 @@ def splat(typingctx, value, like):
 
 @intrinsic
 def narrow(typingctx, value, like):
-    """Lanes of float64, rounded to the element type of like; as they are where that is float64."""
+    """Return lanes of float64 rounded to the element type of like, float32 or float64."""
 
     def codegen(context, builder, signature, args):
         return args[0] if like.dtype == value.dtype else builder.fptrunc(args[0], _vector(like))
@@ -166,7 +165,7 @@ most = _binary(lambda builder, a, b: builder.select(builder.fcmp_ordered(">", a,
 
 
 def _overload_operator(symbol, emit):
-    # Lowered directly: numba's `overload` would compile each use of an operator as a function.
+    # Lowered directly, because numba's `overload` would compile each use as a function.
     @type_callable(symbol)
     def type_of(context):
         return lambda left, right: left if isinstance(left, _Lanes) and left == right else None
@@ -198,7 +197,7 @@ def polynomial(single: Sequence[float], double: Sequence[float]) -> Any:
 
 
 def _split(builder, value, bits, fraction, bias):
-    """Whole lanes: the bits, and the exponent that leaves the mantissa in 0.75..1.5."""
+    """Return the bits of lanes, and the exponents that leave mantissas in 0.75..1.5."""
     integers = ir.VectorType(ir.IntType(bits), LANES)
     three_quarters = ((bias - 1) << fraction) | (1 << (fraction - 1))
     as_bits = builder.bitcast(value, integers)
@@ -208,13 +207,13 @@ def _split(builder, value, bits, fraction, bias):
 
 @_unary
 def exponent(builder, value, *layout):
-    """Exponent of lanes as numbers."""
+    """Return the exponents of lanes as numbers."""
     return builder.sitofp(_split(builder, value, *layout)[1], value.type)
 
 
 @_unary
 def mantissa(builder, value, *layout):
-    """Mantissa of lanes, in 0.75..1.5."""
+    """Return the mantissas of lanes, in 0.75..1.5."""
     as_bits, power = _split(builder, value, *layout)
     shifted = builder.shl(power, ir.Constant(power.type, [layout[1]] * LANES))
     return builder.bitcast(builder.sub(as_bits, shifted), value.type)
@@ -222,7 +221,7 @@ def mantissa(builder, value, *layout):
 
 @_unary
 def power_of_two(builder, value, bits, fraction, bias):
-    """Two to the power of whole lanes."""
+    """Return two to the power of lanes that are whole numbers."""
     integers = ir.VectorType(ir.IntType(bits), LANES)
     power = builder.fptosi(value, integers)
     biased = builder.add(power, ir.Constant(integers, [bias] * LANES))
@@ -244,7 +243,7 @@ whole, root = _intrinsic_of_llvm("rint"), _intrinsic_of_llvm("sqrt")
 
 @intrinsic
 def total(typingctx, value):
-    """Sum of the lanes: halves added to halves, so the order never changes."""
+    """Return the sum of the lanes, in a fixed order: one half is added to the other, and so on."""
 
     def codegen(context, builder, signature, args):
         vector, width = args[0], LANES
@@ -263,8 +262,8 @@ def total(typingctx, value):
     return value.dtype(value), codegen
 
 
-# ln(1 + u) / u on -0.25..0.5 and 2^u on -0.5..0.5, minimax for float32 and least squares on
-# Chebyshev nodes for float64.
+# Coefficients of ln(1 + u) / u on -0.25..0.5 and of 2^u on -0.5..0.5: minimax for float32, least
+# squares on Chebyshev nodes for float64.
 _log_ratio = polynomial(
     (-0.4999786647381979, 0.3331604554922196, -0.25090916436329785, 0.20691373305725377,
      -0.16575104713970026, 0.07944019106468078),
@@ -286,14 +285,14 @@ _most_exponent = constant(127.0, 1023.0)
 
 @njit(inline="always")
 def log(v):
-    """Natural logarithm of lanes."""
+    """Return the natural logarithm of lanes."""
     u = mantissa(v) - splat(1.0, v)
     return exponent(v) * splat(1 / LOG2_E, v) + u * _log_ratio(u)
 
 
 @njit(inline="always")
 def exp2(v):
-    """Two to the power of lanes."""
+    """Return two to the power of lanes."""
     v = least(most(v, splat(_least_exponent(v), v)), splat(_most_exponent(v), v))
     n = whole(v)
     return power_of_two(n) * _exp2_part(v - n)

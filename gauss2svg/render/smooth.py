@@ -1,7 +1,7 @@
-"""Gaussian smoothing of planes, to the last bit as scipy.ndimage.gaussian_filter.
+"""Gaussian smoothing of planes, equal to scipy.ndimage.gaussian_filter in every bit.
 
-That takes a third of a second to import (docs/decisions/start.md). A plane is smoothed along its
-columns, then along its rows; each sum is in float64, from the rim of the window to its centre.
+That function takes a third of a second to import (docs/decisions/start.md). A plane is smoothed
+along its columns, then along its rows. Sums are in float64 and have SciPy's order.
 """
 
 from __future__ import annotations
@@ -12,16 +12,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-# Values of a band, whose sums stay in the processor's cache (docs/decisions/start.md).
-_BAND = 32768
+_BAND = 32768  # values of a band, which stay in the processor's cache (docs/decisions/start.md)
 
 
 def smoothed(
     plane: NDArray[np.floating], sigma: float, truncate: float = 4.0
 ) -> NDArray[np.floating]:
-    """A plane (h, w) under a Gaussian window of sigma px, cut at `truncate` sigma; of its dtype.
+    """Return a plane (h, w) smoothed by a Gaussian window of sigma px, cut at `truncate` sigma.
 
-    Beyond its rim the plane is mirrored, with the outermost pixel twice.
+    The plane is mirrored beyond its rim, with the outermost pixel twice. Its dtype is kept.
     """
     weights = _weights(float(sigma), int(truncate * float(sigma) + 0.5))
     plane = np.asarray(plane)
@@ -48,7 +47,7 @@ def smoothed(
 def _summed(
     weights: tuple[float, ...], shifted: Callable[[int], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """The weighted sum of an array and its shifts by j, weights[0] for j = 0."""
+    """Return the weighted sum of an array and its shifts by -j and j, with weights[j]."""
     total = shifted(0) * weights[0]
     pair = np.empty_like(total)
     for j in range(len(weights) - 1, 0, -1):
@@ -60,13 +59,13 @@ def _summed(
 
 @lru_cache(maxsize=16)
 def _weights(sigma: float, radius: int) -> tuple[float, ...]:
-    """Weights of the pixel itself and of those to either side, 1 in all."""
+    """Return the weights of the pixel itself and of those on one side; both sides add up to 1."""
     x = np.arange(-radius, radius + 1)
     weights = np.exp(-0.5 / (sigma * sigma) * x**2)
     return tuple(float(weight) for weight in (weights / weights.sum())[radius:])
 
 
 def _mirrored(length: int, radius: int) -> NDArray[np.intp]:
-    """Indices of a line with so many pixels more at either end."""
+    """Return the indices of a line that is mirrored by `radius` pixels at either end."""
     at = np.arange(-radius, length + radius) % (2 * length)
     return np.minimum(at, 2 * length - 1 - at)

@@ -10,34 +10,34 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
-# Read by OpenMP, which torch uses, when it is loaded: idle threads sleep. By default they spin, on
-# a core that a kernel could use. A value that the user has set is kept.
+# torch's OpenMP reads this when it is loaded. PASSIVE lets idle threads sleep. By default they spin
+# on a core that a kernel could use. A value that the user has set is kept.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from numba import get_num_threads, njit
 
 from gauss2svg.kernel_cache import cached
 
-# A kernel that Python calls. No kernel divides by zero, so Python's check for it is left out.
+# Decorator of a kernel that Python calls. Kernels need no check for division by zero.
 kernel = cached(nogil=True, error_model="numpy")
-# A function that only kernels call: compiled into each of them, without entries from Python and
-# without reference counts, which would only take time to compile.
+# Decorator of a function that only kernels call. It has no entry points for Python and no reference
+# counts, which would only take time to compile.
 _INSIDE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
 tile_kernel = njit(nogil=True, error_model="numpy", **_INSIDE)
 
 _pool: ThreadPoolExecutor | None = None
 
 
-def in_shares(work: Callable[[int, int], None], most: int) -> None:
-    """Call work(share, shares) for share = 0, ..., shares - 1 at the same time; wait for all.
+def in_shares(work: Callable[[int, int], None], max_shares: int) -> None:
+    """Call work(share, shares) for share = 0, ..., shares - 1 at the same time, and wait for all.
 
-    There is one share for each numba thread (numba.set_num_threads), but at most `most`, and at
-    least one. The calling thread does the first share, so one share needs no other thread.
+    The number of shares is that of numba's threads (numba.set_num_threads), but in 1..max_shares.
+    The calling thread does the first share, so one share needs no other thread.
     """
     global _pool
-    shares = max(1, min(get_num_threads(), most))
+    shares = max(1, min(get_num_threads(), max_shares))
     if shares > 1 and _pool is None:
-        # One thread fewer than CPUs would do, but several Python threads may render at once.
+        # One thread less would do for one caller, but several may render at once.
         _pool = ThreadPoolExecutor(os.cpu_count(), "gauss2svg-kernel")
     others = [_pool.submit(work, share, shares) for share in range(1, shares)] if _pool else []
     try:

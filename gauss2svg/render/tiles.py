@@ -1,13 +1,13 @@
-"""Which Gaussians reach which tiles, and on which pixel rows of them.
+"""Pairs of a Gaussian and a tile that it reaches, with its pixel rows in the tile.
 
 The canvas is cut into tiles TILE_WIDTH pixels wide (one vector register of float32) and
-TILE_HEIGHT rows high. A "pair" is one Gaussian in one tile. Only the rows that its ellipse
-reaches in the tile's columns are visited, so work is counted in pair rows of TILE_WIDTH pixels.
+TILE_HEIGHT rows high. A "pair" is one Gaussian in one tile. Kernels visit only the rows that its
+ellipse reaches in the tile's columns, so work is counted in pair rows of TILE_WIDTH pixels.
 
 The kernels step from row to row of a pair in float32, by w22 = 1 / (sy sqrt(1 - rho^2)) in
-whitened offsets (gauss2svg.render.kernels.whitened). Over 8 rows that rounds them by up to
-1e-6 w22. Shapes thinner than LEAST_STEPPED, far below any of a fit, are split into pairs of one
-row each, which takes no step.
+whitened offsets (`_whitened` of gauss2svg.render.kernels). Over 8 rows that rounds them by up to
+1e-6 w22. Shapes thinner than LEAST_STEPPED, far below any of a fit, are split into pairs of one row
+each, which need no step.
 """
 
 from typing import NamedTuple
@@ -20,14 +20,14 @@ from gauss2svg.render.threads import in_shares, kernel
 TILE_WIDTH = 16  # 16 float32 fill one 512-bit register, two of 256 bits
 TILE_BITS = 4
 TILE_HEIGHT = 1 << TILE_BITS
-LEAST_STEPPED = 1 / 64  # px, of the width sy sqrt(1 - rho^2) down a column
-_LEAST_SHARE = 512  # Gaussians; fewer take less time than waking up a thread
+LEAST_STEPPED = 1 / 64  # px, least width sy sqrt(1 - rho^2) down a column for stepping
+_LEAST_SHARE = 512  # least Gaussians of a share; fewer take less time than waking up a thread
 
 
 class Pairs(NamedTuple):
     """Gaussian-tile pairs, stored Gaussian by Gaussian and listed tile by tile.
 
-    offset     (n + 1,) int64: the pairs of Gaussian i are offset[i]:offset[i + 1]
+    offset     (n + 1,) int64: Gaussian i has the pairs offset[i]:offset[i + 1]
     gaussian   (p,) int32: the Gaussian of a pair
     rows       (p, 2) int32: first and one past the last image row of a pair
     start      (tiles + 1,) int64: the list of tile t is order[start[t]:start[t + 1]]
@@ -51,9 +51,9 @@ def find_pairs(
     height: int,
     width: int,
 ) -> Pairs:
-    """Pairs of n Gaussians on a canvas of height x width px.
+    """Return the pairs of n Gaussians on a canvas of height x width px.
 
-    mean (n, 2) and sigma (n, 2) in px, rho (n,), radius (n,): the Mahalanobis distance at which
+    mean (n, 2) and sigma (n, 2) in px, rho (n,), and radius (n,), the Mahalanobis distance at which
     each Gaussian is cut off.
     """
     count = len(mean)
@@ -61,7 +61,7 @@ def find_pairs(
     tiles = columns * -(-height // TILE_HEIGHT)
     # A strip is one Gaussian in one column of tiles.
     left, right = (mean[:, 0] + sign * sigma[:, 0] * radius for sign in (-1, 1))
-    # Clipped before the conversion to int: means may lie up to 1e9 px off the canvas.
+    # Clip before the conversion to int, because means may lie far off the canvas.
     column, last = (
         np.clip(x, 0, most).astype(np.int64) // TILE_WIDTH
         for x, most in ((left, width), (right, width - 1))
@@ -80,8 +80,8 @@ def find_pairs(
     thin = sigma[:, 1] * np.sqrt((1 - rho) * (1 + rho)) < LEAST_STEPPED
     bits = np.where(thin, 0, TILE_BITS)  # binary logarithm of the rows that a pair may hold
     first, end = strip_rows.T
-    each = np.repeat(bits, strip_count)
-    total = int(np.where(end > first, ((end - 1) >> each) - (first >> each) + 1, 0).sum())
+    shift = np.repeat(bits, strip_count)
+    total = int(np.where(end > first, ((end - 1) >> shift) - (first >> shift) + 1, 0).sum())
     offset, start = np.zeros(count + 1, np.int64), np.zeros(tiles + 1, np.int64)
     gaussian, tile, order = (np.empty(total, np.int32) for _ in range(3))
     rows = np.empty((total, 2), np.int32)
@@ -95,12 +95,12 @@ def find_pairs(
 
 @kernel
 def _find_strip_rows(share, shares, shape, h, w, column, strip, strip_rows):
-    """Image rows whose pixel centres each Gaussian reaches within each of its tile columns.
+    """Write the image rows whose pixel centres each Gaussian reaches in each of its tile columns.
 
     shape       (n, 6) mean x, y, sigma x, y, rho and the radius of the cut
     column      (n,) the first tile column of each Gaussian
-    strip       (n + 1,) its strips are strip[i]:strip[i + 1], one for each column from there on
-    strip_rows  (s, 2) first and one past the last row, written; equal where it reaches none
+    strip       (n + 1,) Gaussian i has the strips strip[i]:strip[i + 1], one for each column
+    strip_rows  (s, 2) first and one past the last row, written; equal if it reaches none
 
     At the offset u from the mean the ellipse's rim lies at
     v = sy (rho u / sx +- k sqrt(radius^2 - u^2 / sx^2)) with k = sqrt(1 - rho^2). The upper rim is
@@ -129,7 +129,7 @@ def _find_strip_rows(share, shares, shape, h, w, column, strip, strip_rows):
                 low = min(slope * u0 - half0, slope * u1 - half1)
                 if u0 <= -rho * reach <= u1:
                     low = -top
-                # Pixel row y has its centre at y + 0.5. Clamped before the conversion to int.
+                # Pixel row y has its centre at y + 0.5. Clamp before the conversion to int.
                 strip_rows[s, 0] = int(np.ceil(min(max(my + low - 0.5, 0.0), h)))
                 strip_rows[s, 1] = int(np.floor(min(max(my + high - 0.5, -1.0), h - 1.0))) + 1
 
@@ -138,10 +138,11 @@ def _find_strip_rows(share, shares, shape, h, w, column, strip, strip_rows):
 def _list_pairs(
     columns, bits, column, strip, strip_rows, offset, gaussian, tile, rows, start, tile_rows, order
 ):  # fmt: skip
-    """Cut strips into pairs, and list these tile by tile by a counting sort.
+    """Cut strips into pairs, and list the pairs of each tile by a counting sort.
 
-    columns    tile columns of the canvas; bits (n,) binary logarithm of the rows of a pair
-    offset to order  written: see Pairs; start is 0 on entry
+    columns    number of tile columns of the canvas
+    bits       (n,) binary logarithm of the rows that a pair may hold
+    offset to order  fields of Pairs, written; start is 0 on entry
     tile       (p,) the tile of a pair, written
     tile_rows  (tiles,) sum of pair rows in each tile, written; 0 on entry
     """
@@ -166,13 +167,13 @@ def _list_pairs(
         offset[i + 1] = at
     for t in range(start.size - 1):
         start[t + 1] += start[t]
-    # The lists are filled from their ends, by ascending Gaussians: front to back afterwards.
-    # start[t + 1] then counts down from the end of list t to its beginning.
+    # Fill each list from its end with ascending Gaussians, so that it is ordered front to back.
+    # start[t + 1] counts down from the end of list t to its beginning.
     for p in range(at):
         t = tile[p]
         start[t + 1] -= 1
         order[start[t + 1]] = p
-    # Each beginning moves to its own place.
+    # Move the beginning of list t from start[t + 1] to start[t].
     for t in range(start.size - 1):
         start[t] = start[t + 1]
     start[start.size - 1] = at

@@ -1,4 +1,4 @@
-"""The names of the model, which `gauss2svg.scene` loads on first use."""
+"""Names of the model, which `gauss2svg.scene` loads on first use."""
 
 from .parameters import (
     BLURRED as BLURRED,

@@ -1,4 +1,4 @@
-"""Inks: a few colours of which a picture is made, given by texts or a palette file, or chosen."""
+"""Inks: the few colours of a picture, which a user gives or which are chosen from the picture."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from gauss2svg.errors import plain_scalar, quoted, refusal
 from gauss2svg.files import reading
 from gauss2svg.options import Field, file_name
 
-if TYPE_CHECKING:  # the help does not need it
+if TYPE_CHECKING:  # the help works without NumPy
     import numpy as np
     from numpy.typing import NDArray
 
     _Numbers = NDArray[np.float64]
 
-    # A number, or colours and palette files; the command line takes no sequences.
+    # A number of inks, colours or a palette file. The command line takes no sequences.
     Inks = int | str | os.PathLike[str] | Sequence[str]
 else:
     Inks = int | str
@@ -29,23 +29,25 @@ _ADVICE = '6, or "#f7c306,#c0322c,#17324d"'
 _HEX = re.compile(r"\s*#?([0-9a-f]{3}|[0-9a-f]{6})\s*", re.IGNORECASE)
 _PALETTE_HEAD = "GIMP Palette"
 _MOST_PALETTE_BYTES = 1_000_000
-# What GIMP and Inkscape skip: comments, and fields of the head such as Name and Columns.
-_NO_COLOR = re.compile(r"\s*(#.*|[A-Za-z]+:.*)?")
-_LEVELS = re.compile(r"\s*([0-9]{1,9})\s+([0-9]{1,9})\s+([0-9]{1,9})(?:\s.*)?")
-# Colours that are nearly alike count by this power of their pixels: a small red dot is to have its
-# ink (docs/decisions/inks.md, also for the others).
-_BY_PIXELS = 0.5
-# Hue and chroma count so much more than lightness, or accents of photos share an ink with greys.
-_CHROMA = 1.6
-_ALIKE = 8  # levels of 255, the side of a cell of such colours
-_CELLS_EACH = 4  # for each ink; of fewer cells each colour is one
-# Difference from a neighbour at which a pixel counts half: edges mix what lies beside them.
-_AT_AN_EDGE = 0.05
-_LLOYD = 30  # iterations of k-means
-_FLAT = 0.25  # share of a cluster's pixels that are of one colour, which is then the ink
-_LOOKED_AT = 250_000  # pixels at most
-_CODE = (65536, 256, 1)  # a colour as one number, which sorts faster than three do
-# Oklab (Ottosson, 2020): from linear sRGB to cones, and from their cube roots to L, a, b.
+# Lines that GIMP and Inkscape skip: comments, and fields of the header such as Name and Columns.
+_SKIPPED_LINE = re.compile(r"\s*(#.*|[A-Za-z]+:.*)?")
+_COLOR_LINE = re.compile(r"\s*([0-9]{1,9})\s+([0-9]{1,9})\s+([0-9]{1,9})(?:\s.*)?")
+# Choice of inks (docs/decisions/inks.md).
+# A cell of similar colours has the weight of its pixels to this power, so that a small red dot gets
+# an ink of its own.
+_WEIGHT_POWER = 0.5
+# Factor of hue and chroma beside lightness. With 1, accents of photos share an ink with greys.
+_CHROMA_FACTOR = 1.6
+_CELL_SIDE = 8  # levels of 255 along the side of a cell of similar colours
+_CELLS_PER_INK = 4  # least number of cells for each ink; with fewer, each colour is its own cell
+# Difference from a neighbour at which a pixel has half the weight, because edges mix colours.
+_EDGE_DIFFERENCE = 0.05
+_ITERATIONS = 30  # iterations of k-means
+# Share of a cluster's pixels from which its commonest colour is the ink.
+_FLAT_SHARE = 0.25
+_MOST_PIXELS = 250_000  # approximate number of pixels that are read
+_CODE = (65536, 256, 1)  # factors that make a colour one number, which sorts faster than three
+# Matrices of Oklab (Ottosson, 2020): linear sRGB to cones, and their cube roots to L, a, b.
 _TO_CONES = (
     (0.4122214708, 0.5363325363, 0.0514459929),
     (0.2119034982, 0.6806995451, 0.1073969566),
@@ -59,9 +61,10 @@ _TO_LAB = (
 
 
 def check_inks(name: str, value: Any) -> int | str:
-    """Return a number of inks, or their colours as #rrggbb between commas; raise InputError.
+    """Return a number of inks, or their colours as "#rrggbb,#rrggbb,..".
 
-    value  a number, colours as hex digits in a sequence or a text, or the path of a .gpl file
+    value  a number, a text or sequence of hex colours, or the path of a .gpl file
+    Raise InputError if it is none of these, or not LEAST_INKS to MOST_INKS different colours.
     """
     value = plain_scalar(value)
     if isinstance(value, str) and value.strip().isdecimal():
@@ -72,7 +75,7 @@ def check_inks(name: str, value: Any) -> int | str:
     if isinstance(value, os.PathLike) or (
         isinstance(value, str) and value.strip().lower().endswith(PALETTE_SUFFIX)
     ):
-        texts = _of_palette_file(name, file_name(name, value))
+        texts = _read_palette(name, file_name(name, value))
     try:
         digits = [_HEX.fullmatch(text)[1].lower() for text in texts]  # pyright: ignore[reportOptionalSubscript] (TypeError)
     except TypeError:
@@ -88,7 +91,7 @@ def check_inks(name: str, value: Any) -> int | str:
 
 
 def ink_colors(inks: str) -> _Numbers:
-    """Return (k, 3) sRGB in 0..1 of inks as `check_inks` and `inks_of` have them."""
+    """Return the sRGB values (k, 3) in 0..1 of colours that `check_inks` or `inks_of` returns."""
     import numpy as np
 
     levels = [list(bytes.fromhex(ink.removeprefix("#"))) for ink in inks.split(",")]
@@ -96,12 +99,13 @@ def ink_colors(inks: str) -> _Numbers:
 
 
 def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
-    """Return inks as colours, lightest first, and choose them for a picture if given a number.
+    """Return the colours of inks, chosen from the picture if `inks` is a number.
 
     pixels  (h, w, 3) or (h, w, 4) in 0..1
-    Inks are chosen by k-means in Oklab with hue and chroma weighted. A colour that makes up much of
-    its cluster is itself the ink, so that flat drawings keep theirs.
-    Raises InputError for more inks than the picture has colours.
+    Colours that are given stay as they are. Chosen ones are sorted from light to dark. They are the
+    clusters of k-means in Oklab, with hue and chroma weighted. A colour that makes up much of its
+    cluster is itself the ink, so that flat drawings keep their colours.
+    Raise InputError if the picture has fewer colours than `inks`.
     """
     if isinstance(inks, str):
         return inks
@@ -116,37 +120,37 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     color = colors / 255
     linear = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
     points = np.cbrt(linear @ np.transpose(_TO_CONES)) @ np.transpose(_TO_LAB)
-    points *= [1, _CHROMA, _CHROMA]
-    cell = np.unique(colors // _ALIKE @ _CODE, return_inverse=True)[1]
-    if cell.max() + 1 < _CELLS_EACH * inks:
+    points *= [1, _CHROMA_FACTOR, _CHROMA_FACTOR]
+    cell = np.unique(colors // _CELL_SIDE @ _CODE, return_inverse=True)[1]
+    if cell.max() + 1 < _CELLS_PER_INK * inks:
         cell = np.arange(len(colors))
-    whole = np.bincount(cell, counts)
-    cells = _means(points, counts, cell, np.zeros((len(whole), 3)))
-    weight = np.asarray(whole**_BY_PIXELS, np.float64)
-    first = [int(weight.argmax())]  # then the point that lies farthest from those before, by weight
-    apart = np.square(cells - cells[first[0]]).sum(axis=1)
-    while len(first) < inks:
-        first.append(int((weight * apart).argmax()))
-        apart = np.minimum(apart, np.square(cells - cells[first[-1]]).sum(axis=1))
-    centers = cells[first]
-    for _ in range(_LLOYD):
+    cell_counts = np.bincount(cell, counts)
+    cells = _means(points, counts, cell, np.zeros((len(cell_counts), 3)))
+    weight = np.asarray(cell_counts**_WEIGHT_POWER, np.float64)
+    seeds = [int(weight.argmax())]  # each next one has the largest weighted distance to these
+    squares = np.square(cells - cells[seeds[0]]).sum(axis=1)
+    while len(seeds) < inks:
+        seeds.append(int((weight * squares).argmax()))
+        squares = np.minimum(squares, np.square(cells - cells[seeds[-1]]).sum(axis=1))
+    centers = cells[seeds]
+    for _ in range(_ITERATIONS):
         centers = _means(cells, weight, nearest_entry(centers, cells)[1], centers)
     entry = nearest_entry(centers, cells)[1][cell]
     chosen: list[tuple[float, str]] = []
     for k in np.unique(entry):
-        of_it = np.flatnonzero(entry == k)
-        share = counts[of_it] / counts[of_it].sum()
-        at = of_it[share.argmax()]
-        if share.max() < _FLAT:  # the colour that is nearest to the mean
-            at = of_it[np.square(points[of_it] - centers[k]).sum(axis=1).argmin()]
+        members = np.flatnonzero(entry == k)
+        share = counts[members] / counts[members].sum()
+        at = members[share.argmax()]
+        if share.max() < _FLAT_SHARE:  # take the colour nearest to the mean
+            at = members[np.square(points[members] - centers[k]).sum(axis=1).argmin()]
         chosen.append((-float(points[at, 0]), "#" + bytes(colors[at].tolist()).hex()))
     return ",".join(ink for _, ink in sorted(chosen))
 
 
 def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
-    """Return distinct colours (n, 3) in levels of the visible pixels, and the weights (n,) of each.
+    """Return the distinct colours (n, 3) of visible pixels in levels of 255, and weights (n,).
 
-    The weight of a pixel is 1, and less where its neighbours are of other colours.
+    The weight of a pixel is 1, or less if its neighbours have other colours.
     """
     import numpy as np
 
@@ -156,22 +160,22 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
         for before, after in ((0, 1), (1, 0)):
             beside = np.pad(step, [(before, after) if a == axis else (0, 0) for a in (0, 1)])
             np.maximum(steps, beside, out=steps)
-    stride = max(1, steps.size // _LOOKED_AT)
-    while math.gcd(stride, pixels.shape[1]) > 1:  # else some columns are never seen
+    stride = max(1, steps.size // _MOST_PIXELS)
+    while math.gcd(stride, pixels.shape[1]) > 1:  # a common divisor would leave columns out
         stride += 1
     every = slice(None, None, stride)
     flat = pixels.reshape(-1, pixels.shape[2])[every]
-    share = 1 / (1 + np.square(steps.ravel()[every] / _AT_AN_EDGE))
+    share = 1 / (1 + np.square(steps.ravel()[every] / _EDGE_DIFFERENCE))
     if flat.shape[1] > 3:
-        seen = flat[:, 3] >= 0.5
-        flat, share = flat[seen, :3], share[seen]
+        visible = flat[:, 3] >= 0.5
+        flat, share = flat[visible, :3], share[visible]
     levels = np.round(flat * 255).astype(np.uint8)
-    _, first, which = np.unique(levels @ _CODE, return_index=True, return_inverse=True)
-    return levels[first], np.bincount(which, share).astype(np.float64)
+    _, first, inverse = np.unique(levels @ _CODE, return_index=True, return_inverse=True)
+    return levels[first], np.bincount(inverse, share).astype(np.float64)
 
 
 def _means(points: _Numbers, weight: _Numbers, entry: Any, others: _Numbers) -> _Numbers:
-    """Return (k, 3) weighted means of the points of each entry, or `others` where it has none."""
+    """Return the weighted mean (k, 3) of each entry's points; `others` where it has no points."""
     import numpy as np
 
     mass = np.bincount(entry, weight, len(others))
@@ -180,8 +184,8 @@ def _means(points: _Numbers, weight: _Numbers, entry: Any, others: _Numbers) -> 
     return np.where(mass[:, None] > 0, means, others)
 
 
-def _of_palette_file(name: str, path: str) -> list[str]:
-    """Return the colours of a palette file of GIMP and Inkscape, each once."""
+def _read_palette(name: str, path: str) -> list[str]:
+    """Return the distinct colours of a palette file of GIMP or Inkscape, as six hex digits."""
     with reading(path, "a palette file") as file:
         content = file.read(_MOST_PALETTE_BYTES + 1)
     head, *lines = re.split(r"\r\n?|\n", content.decode("utf-8-sig", "replace"))
@@ -190,11 +194,11 @@ def _of_palette_file(name: str, path: str) -> list[str]:
         raise refusal(name, needed, quoted(path), _ADVICE)
     colors: dict[str, None] = {}
     for number, line in enumerate(lines, 2):
-        match = _LEVELS.fullmatch(line)
+        match = _COLOR_LINE.fullmatch(line)
         levels = [int(level) for level in match.groups()] if match else [256]
         if max(levels) <= 255:
             colors[bytes(levels).hex()] = None
-        elif not _NO_COLOR.fullmatch(line):
+        elif not _SKIPPED_LINE.fullmatch(line):
             got = quoted(f"line {number}, {line}")
             raise refusal(name, "three levels of 0 to 255 a line", got, _ADVICE)
     return list(colors)

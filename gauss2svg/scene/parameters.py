@@ -1,10 +1,9 @@
 """The parameters of a scene, declared once.
 
-Scenes (checks, selection, concatenation, scaling, saved files) and fits (raw values, activation,
-learning rates, Adam's columns, rows that come and go) follow these tables. A new parameter of
-shapes is one record of PARAMETERS, one field of gauss2svg.scene.scene.Scene and, if a fit steps
-it, one of gauss2svg.fit.state.State. Renderers, writer and reader say for themselves what they draw
-of it: docs/development.md has the recipe.
+Scenes read from these tables what they check, select, concatenate, scale and save. Fits read raw
+values, activations, learning rates and Adam's columns. A new parameter of shapes is a record of
+PARAMETERS and a field of gauss2svg.scene.scene.Scene, and also of gauss2svg.fit.state.State if a
+fit steps it. Renderers, writers and readers name what they use (docs/development.md).
 """
 
 from __future__ import annotations
@@ -21,25 +20,25 @@ from gauss2svg.errors import SceneError, brief
 from gauss2svg.scene import ADD
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
-LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # px, of a side
-# The largest absolute value of a signed colour: larger ones drown in the rounding of renderers.
+LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # px, bounds of a side
+# Largest absolute value of a signed colour. Larger ones are lost to the rounding of renderers.
 MOST_SIGNED = 100.0
 # The largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
 RHO_LIMIT = math.nextafter(1, 0)
-# px. A thinner Gaussian is invisible, as pixels are sampled at their centres. Up to the other ends
-# float64 renderers and float32 gradients stay finite, with a factor of 1000 left for scaling.
+# px, bounds of sigma and of the mean. A thinner Gaussian is invisible, because pixels are sampled
+# at their centres. Float64 renders and float32 gradients are finite up to 1000 times the upper
+# bounds.
 LEAST_SIGMA, MOST_SIGMA = 1e-9, 1e9
 MOST_MEAN = 1e12
 
-# How a file draws a shape: by the stops of a gradient, or by a plain ellipse where that looks the
-# same; by a plain ellipse in any case; as a blurred disc.
+# Ways in which a file draws a shape. SOFT: by a gradient, or by a plain ellipse if that looks the
+# same. PLAIN: always by a plain ellipse. BLURRED: as a blurred disc.
 SOFT, PLAIN, BLURRED = range(3)
 
-# Logits: opacities from 0.0003 to 0.999994, beyond which an 8-bit image shows no change.
+# Logits of opacities 0.0003 and 0.999994. An 8-bit image shows no change beyond them.
 LEAST_RAW_OPACITY, MOST_RAW_OPACITY = -8.0, 12.0
-# ln beta of a shape that is a Gaussian for now: at exactly 0 the kernels leave out what the
-# gradient of the exponent needs, and less ends worse (docs/decisions/adam.md). The most is that of
-# fits; files have cruder ones.
+# Bounds of ln beta in a fit. The lower one stands for a Gaussian: at exactly 0 the kernels leave
+# out the gradient of the exponent, and a smaller one ends worse (docs/decisions/adam.md).
 LEAST_RAW_BETA, MOST_RAW_BETA = 1e-6, math.log(128.0)
 
 _Values = NDArray[Any]
@@ -47,13 +46,13 @@ _Values = NDArray[Any]
 
 @dataclass(frozen=True)
 class Raw:
-    """How a fit holds a parameter that it steps number by number, besides the geometry.
+    """The raw form of a parameter that a fit steps number by number, unlike the geometry.
 
-    name         of the raw array in gauss2svg.fit.state.State
-    activated    from raw values to those of a scene
-    inverse      from those of a scene to raw values
+    name         field of gauss2svg.fit.state.State with the raw values
+    activated    maps raw values to those of a scene
+    inverse      maps values of a scene to raw ones
     least, most  bounds of the raw values
-    first        raw value of a new shape whose placement gives none
+    first        raw value of a new shape if its placement gives none
     """
 
     name: str
@@ -66,27 +65,28 @@ class Raw:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a scene: of every shape, or of its canvas.
+    """A parameter of each shape of a scene, or of its canvas.
 
-    name         of its array in a scene
-    width        numbers for each shape: the array is (n,) for 1, else (n, width)
-    least, most  its domain; `added` is that of additive scenes, where it is another
-    default      of a scene that does not give it; None: it must be given
-    dtype        of its array in a scene
-    scaled       whether it is in px, and scales with the canvas
-    raw          how a fit holds it; None: with the geometry, or unchanged
-    rate         learning rate in the frame of gauss2svg.fit.adam; 0: it is not stepped
-    shared       whether the shapes of a file share its values by their gradients: a fit's last
-                 steps keep those of the file
-    advice       for values out of the domain
-    once         whether a scene has one, and not one for each shape
+    name             field of the scene with its array
+    width            numbers for each shape: the array is (n,) for 1, else (n, width)
+    least, most      domain of its values
+    additive_domain  least and largest value in additive scenes, if they differ
+    default          value in a scene that does not give it; None if it must be given
+    dtype            type of its array in a scene
+    scaled           whether it is in px, and scales with the canvas
+    raw              raw form in a fit; None if it belongs to the geometry or never changes
+    rate             learning rate in the frame of gauss2svg.fit.adam; 0 if it is not stepped
+    shared           whether shapes of a file share its values by their gradients, so that a fit's
+                     last steps keep the values of the file
+    advice           what to try with values out of the domain
+    once             whether a scene has one value, not one for each shape
     """
 
     name: str
     width: int
     least: float
     most: float
-    added: tuple[float, float] | None = None
+    additive_domain: tuple[float, float] | None = None
     default: float | None = None
     dtype: type[np.generic] = np.float64
     scaled: bool = False
@@ -98,7 +98,8 @@ class Parameter:
 
     def domain(self, blend: str) -> tuple[float, float]:
         """Return the least and the largest value of the parameter in scenes of a blend."""
-        return self.added if blend == ADD and self.added else (self.least, self.most)
+        domain = self.additive_domain if blend == ADD else None
+        return domain or (self.least, self.most)
 
     def shape(self, count: int) -> tuple[int, ...]:
         """Return the shape of the parameter's array for `count` Gaussians."""
@@ -108,17 +109,17 @@ class Parameter:
     def checked(self, values: Any, count: int | None, blend: str) -> _Values:
         """Return a read-only copy of `values` of the parameter's dtype, for `count` Gaussians.
 
-        None stands for the default. If `count` is None, any number of Gaussians will do.
-        Raise SceneError for values of another shape, or out of the domain.
+        None stands for the default. Any number of Gaussians is accepted if `count` is None.
+        Raise SceneError if values have another shape or leave the domain.
         """
         low, high = self.domain(blend)
         if values is None:
             size = 0 if self.default is None else count or 0
             values = np.full(self.shape(size), self.default or 0)
         try:
-            values = np.ma.filled(np.asanyarray(values), np.nan)  # masked values are none
+            values = np.ma.filled(np.asanyarray(values), np.nan)  # NaN is refused below
             array = values.astype(np.float64, "C", "same_kind", subok=False)
-        except Exception as error:  # NumPy's, and that of a tensor that requires grad
+        except Exception as error:  # NumPy's errors, and torch's for a tensor with requires_grad
             raise SceneError(f"scene {self.name} must be numbers; got {brief(error)}") from None
         shape = self.shape(len(np.atleast_1d(array)) if count is None else count)
         if array.shape != shape:
@@ -137,16 +138,17 @@ class Parameter:
         return array
 
 
-_OF_COLORS = "to clip it, or to divide by 255 what is in 8 bits"
-_OF_SIDES = "to scale the scene"
-# What a scene has once.
+_COLOR_ADVICE = "to clip it, or to divide by 255 what is in 8 bits"
+_SIDE_ADVICE = "to scale the scene"
+# Parameters that a scene has once.
 CANVAS = (
-    Parameter("width", 1, LEAST_CANVAS, MOST_CANVAS, advice=_OF_SIDES, scaled=True, once=True),
-    Parameter("height", 1, LEAST_CANVAS, MOST_CANVAS, advice=_OF_SIDES, scaled=True, once=True),
-    Parameter("background", 3, 0.0, 1.0, default=1.0, advice=_OF_COLORS, once=True),
+    Parameter("width", 1, LEAST_CANVAS, MOST_CANVAS, advice=_SIDE_ADVICE, scaled=True, once=True),
+    Parameter("height", 1, LEAST_CANVAS, MOST_CANVAS, advice=_SIDE_ADVICE, scaled=True, once=True),
+    Parameter("background", 3, 0.0, 1.0, default=1.0, advice=_COLOR_ADVICE, once=True),
 )
-# Rates are those of the ablations in docs/decisions/fit.md. mean and sigma are stepped in shares of
-# the shape's own sigma, rho as the shear of its frame, opacity as a logit, beta as a logarithm.
+# Parameters of each shape. Learning rates come from the ablations of docs/decisions/fit.md. A fit
+# steps mean and sigma in shares of the shape's own sigma, rho as the shear of its frame, opacity as
+# a logit, and beta as a logarithm.
 PARAMETERS = (
     Parameter(
         "mean", 2, -MOST_MEAN, MOST_MEAN, rate=0.3, scaled=True,
@@ -158,7 +160,7 @@ PARAMETERS = (
     ),
     Parameter("rho", 1, -RHO_LIMIT, RHO_LIMIT, rate=0.15, advice="to clip it to RHO_LIMIT"),
     Parameter(
-        "opacity", 1, 0.0, 1.0, added=(1.0, 1.0), rate=0.15,
+        "opacity", 1, 0.0, 1.0, additive_domain=(1.0, 1.0), rate=0.15,
         raw=Raw(
             "raw_opacity", lambda logit: 1 / (1 + np.exp(-logit)), lambda p: np.log(p / (1 - p)),
             LEAST_RAW_OPACITY, MOST_RAW_OPACITY,
@@ -166,17 +168,17 @@ PARAMETERS = (
         advice="to clip it, and in an additive scene to multiply the colour by it",
     ),
     Parameter(
-        "color", 3, 0.0, 1.0, added=(-MOST_SIGNED, MOST_SIGNED), rate=0.045, shared=True,
-        advice=_OF_COLORS, raw=Raw("color", np.asarray, np.asarray, 0.0, 1.0),
+        "color", 3, 0.0, 1.0, additive_domain=(-MOST_SIGNED, MOST_SIGNED), rate=0.045, shared=True,
+        advice=_COLOR_ADVICE, raw=Raw("color", np.asarray, np.asarray, 0.0, 1.0),
     ),
     Parameter(
-        "beta", 1, LEAST_BETA, MOST_BETA, added=(1.0, 1.0), default=1.0, rate=0.05,
+        "beta", 1, LEAST_BETA, MOST_BETA, additive_domain=(1.0, 1.0), default=1.0, rate=0.05,
         raw=Raw("raw_beta", np.exp, np.log, LEAST_RAW_BETA, MOST_RAW_BETA), shared=True,
     ),
     Parameter("round_index", 1, 0, 2**31 - 1, default=0, dtype=np.int32, advice="to count from 0"),
-    Parameter("drawn", 1, SOFT, BLURRED, added=(SOFT, SOFT), default=SOFT, dtype=np.int8),
+    Parameter("drawn", 1, SOFT, BLURRED, additive_domain=(SOFT, SOFT), default=SOFT, dtype=np.int8),
 )  # fmt: skip
 
-# The parameters that Adam steps number by number, in the order of its columns behind those of the
-# geometry, each with how a fit holds it.
+# Parameters that Adam steps number by number, with their raw forms. Adam's columns have this order,
+# after those of the geometry.
 STEPPED = tuple((parameter, parameter.raw) for parameter in PARAMETERS if parameter.raw)

@@ -18,9 +18,9 @@ from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
 from gauss2svg.scene.parameters import CANVAS, PARAMETERS, PLAIN, RHO_LIMIT
 
-_FORMAT_VERSION = 1  # of scene files; a new parameter with a default needs no new one
+_FORMAT_VERSION = 1  # version of scene files; a new parameter with a default keeps it
 _REQUIRED = {parameter.name for parameter in (*CANVAS, *PARAMETERS) if parameter.default is None}
-_FILLED_IN: Any = None  # by the constructor, which has the number of Gaussians
+_DEFAULT: Any = None  # replaced by the constructor, which knows the number of Gaussians
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,50 +34,50 @@ class Scene:
     width, height  canvas in px, LEAST_CANVAS..MOST_CANVAS
     mean           (n, 2) x, y in px, up to MOST_MEAN either way; pixel centres lie at +0.5
     sigma          (n, 2) standard deviations along x and y in px, LEAST_SIGMA..MOST_SIGMA each,
-                   in whatever proportion
+                   in any ratio
     rho            (n,) correlation, up to RHO_LIMIT either way: the last number before 1
-    color          (n, 3) sRGB in 0..1; signed, up to MOST_SIGNED either way, where blend is "add"
-    opacity        (n,) in 0..1; all 1 where blend is "add"
-    background     (3,) sRGB in 0..1; where the scene is transparent, the page that shows it
-    round_index    (n,) round of the fit in which each was added, never decreasing; None for all 0
-    blend          "over": source-over in sRGB, what every SVG renderer does; "add": the paper's,
+    color          (n, 3) sRGB in 0..1; signed, up to MOST_SIGNED either way, if blend is "add"
+    opacity        (n,) in 0..1; all 1 if blend is "add"
+    background     (3,) sRGB in 0..1; in a transparent scene, the colour of the page that shows it
+    round_index    (n,) round of the fit that added each, never decreasing; None for all 0
+    blend          "over": source-over in sRGB, as in every SVG renderer; "add": as in the paper,
                    image = background + sum f(r_k) color_k in any order, clipped to 0..1 at the end
-    beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian: see
-                   gauss2svg.scene.falloff; None for all 1, which they are where blend is "add"
-    drawn          (n,) how a file draws each: SOFT by a gradient, or by a plain ellipse where that
-                   looks the same; PLAIN by a plain ellipse at any size; BLURRED as a blurred disc,
-                   in the form "blur"; None for all SOFT
-    transparent    whether the background is not part of the image: a file has none, and rendered
-                   images have alpha; False where blend is "add"
+    beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian (see
+                   gauss2svg.scene.falloff); None for all 1; all 1 if blend is "add"
+    drawn          (n,) how a file draws each. SOFT: by a gradient, or by a plain ellipse if that
+                   looks the same. PLAIN: by a plain ellipse at any size. BLURRED: as a blurred
+                   disc, in the form "blur". None for all SOFT
+    transparent    whether the background is left out, so that rendered images have alpha and a
+                   file has no background; False if blend is "add"
 
     A signed colour is the contribution of its Gaussian at its mean. The paper uses coefficients of
     normal densities instead: see `densities` and `peaks_of`.
 
-    Arrays are converted to the dtypes of gauss2svg.scene.parameters, which declares them and their
-    domains (float64, round_index int32, drawn int8), and made read-only. Both renderers draw
-    any scene of this domain with finite gradients; write_svg refuses what a file cannot hold.
-    Raises SceneError or InputError with the name of the field.
+    Arrays are made read-only and have the dtypes of gauss2svg.scene.parameters: float64, but int32
+    for round_index and int8 for drawn. Both renderers draw any scene of this domain with finite
+    gradients. write_svg refuses what a file cannot hold. The constructor raises SceneError or
+    InputError with the name of the field.
     """
 
     width: float
     height: float
-    mean: NDArray[np.float64] = _FILLED_IN
-    sigma: NDArray[np.float64] = _FILLED_IN
-    rho: NDArray[np.float64] = _FILLED_IN
-    color: NDArray[np.float64] = _FILLED_IN
-    opacity: NDArray[np.float64] = _FILLED_IN
-    background: NDArray[np.float64] = _FILLED_IN
-    round_index: NDArray[np.int32] = _FILLED_IN
+    mean: NDArray[np.float64] = _DEFAULT
+    sigma: NDArray[np.float64] = _DEFAULT
+    rho: NDArray[np.float64] = _DEFAULT
+    color: NDArray[np.float64] = _DEFAULT
+    opacity: NDArray[np.float64] = _DEFAULT
+    background: NDArray[np.float64] = _DEFAULT
+    round_index: NDArray[np.int32] = _DEFAULT
     blend: str = OVER
-    beta: NDArray[np.float64] = _FILLED_IN
+    beta: NDArray[np.float64] = _DEFAULT
     transparent: bool = False
-    drawn: NDArray[np.int8] = _FILLED_IN
+    drawn: NDArray[np.int8] = _DEFAULT
 
-    as_html: ClassVar[Callable[[Scene], str] | None] = None  # gauss2svg.svg.file says why
+    as_html: ClassVar[Callable[[Scene], str] | None] = None  # set by gauss2svg.svg.file
 
     def __post_init__(self) -> None:
-        for name, known in (("blend", BLENDS), ("transparent", (False, True))):
-            value = Field(f"scene {name}", words=known).checked(getattr(self, name))
+        for name, choices in (("blend", BLENDS), ("transparent", (False, True))):
+            value = Field(f"scene {name}", words=choices).checked(getattr(self, name))
             object.__setattr__(self, name, value)
         count = None
         for parameter in (*CANVAS, *PARAMETERS):
@@ -102,14 +102,14 @@ class Scene:
         opacity: ArrayLike = 1.0,
         **others: Any,
     ) -> Self:
-        """A scene of Gaussians that are given by their covariance.
+        """Return a scene of Gaussians with these covariance matrices.
 
         sigma = (sqrt(c11), sqrt(c22)), rho = c12 / (sx sy)
 
         covariance  (n, 2, 2) in px^2, symmetric and positive definite
-        opacity     (n,), or one for all
-        others      further fields by their names, such as background or blend
-        Raises SceneError with the number of the first matrix that is none of a Gaussian.
+        opacity     (n,), or one number for all
+        others      further fields by name, such as background or blend
+        Raise SceneError with the index of the first matrix that is not a covariance.
         """
         matrices = np.array(covariance, np.float64)
         if matrices.ndim != 3 or matrices.shape[1:] != (2, 2):
@@ -117,7 +117,7 @@ class Scene:
         c11, c12, c21, c22 = matrices.reshape(-1, 4).T
         with np.errstate(all="ignore"):  # NaN and infinity are refused below
             valid = (c11 > 0) & (c22 > 0) & (c12 * c21 < c11 * c22) & np.isfinite(c11 * c22)
-            valid &= np.abs(c12 - c21) <= 1e-5 * np.sqrt(c11 * c22)  # symmetric in float32
+            valid &= np.abs(c12 - c21) <= 1e-5 * np.sqrt(c11 * c22)  # symmetric up to float32
         if not valid.all():
             at = int(np.argmin(valid))
             raise SceneError(
@@ -131,11 +131,11 @@ class Scene:
         return cls(width, height, mean, sigma, rho, color, opacity, **others)  # pyright: ignore[reportArgumentType] (the constructor converts)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Arrays that are unpickled or copied by themselves could be written to.
+        # Copies are constructed anew, because arrays that are copied by themselves are writeable.
         return type(self), tuple(getattr(self, f.name) for f in dataclasses.fields(self))
 
     def __len__(self) -> int:
-        """Number of Gaussians."""
+        """Return the number of Gaussians."""
         return len(self.mean)
 
     def __repr__(self) -> str:
@@ -147,16 +147,15 @@ class Scene:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """(n, 2, 2) covariance [[sx^2, rho sx sy], [rho sx sy, sy^2]] in px^2."""
+        """Covariance matrices (n, 2, 2) in px^2, [[sx^2, rho sx sy], [rho sx sy, sy^2]]."""
         factor = self.factor
         return factor @ np.swapaxes(factor, 1, 2)
 
     @property
     def factor(self) -> NDArray[np.float64]:
-        """(n, 2, 2) lower Cholesky factor of the covariance in px.
+        """Lower Cholesky factors (n, 2, 2) of the covariance, in px.
 
-        [[sx, 0], [rho sy, sqrt(1 - rho^2) sy]]: it maps the unit circle to the
-        one-sigma ellipse.
+        [[sx, 0], [rho sy, sqrt(1 - rho^2) sy]] maps the unit circle to the one-sigma ellipse.
         """
         sx, sy = self.sigma.T
         entries = [sx, np.zeros_like(sx), self.rho * sy, narrowing_of(self.rho) * sy]
@@ -164,7 +163,7 @@ class Scene:
 
     @property
     def whitening(self) -> NDArray[np.float64]:
-        """(n, 3) entries w11, w21, w22 of the inverse of the factor, in 1/px.
+        """Entries w11, w21, w22 (n, 3) of the inverse of the factor, in 1/px.
 
         r^2 = (w11 u)^2 + (w21 u + w22 v)^2 for the offset (u, v) from the mean.
         """
@@ -172,16 +171,16 @@ class Scene:
 
     @property
     def conic(self) -> NDArray[np.float64]:
-        """(n, 2, 2) inverse covariance in 1/px^2."""
+        """Inverse covariance matrices (n, 2, 2) in 1/px^2."""
         w11, w21, w22 = self.whitening.T
         entries = [w11 * w11 + w21 * w21, w21 * w22, w21 * w22, w22 * w22]
         return np.stack(entries, axis=1).reshape(-1, 2, 2)
 
     @property
     def densities(self) -> NDArray[np.float64]:
-        """(n, 3) coefficients of the paper's normal densities, in px^2: 2 pi sqrt(det Sigma) color.
+        """Coefficients (n, 3) in px^2 of the paper's normal densities, 2 pi sqrt(det Sigma) color.
 
-        phi(x) = exp(-r^2 / 2) / (2 pi sqrt(det Sigma)) times these is color exp(-r^2 / 2).
+        A density exp(-r^2 / 2) / (2 pi sqrt(det Sigma)) times these is color exp(-r^2 / 2).
         """
         return self.color * _volume(self.sigma, self.rho)[:, None]
 
@@ -189,23 +188,23 @@ class Scene:
     def ellipse_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """One-sigma semi-axes (n, 2) in px, larger first, and the larger one's angle_rad (n,).
 
-        Singular values of the factor, from the sums and differences of its entries;
-        the angle runs from +x towards +y (downwards) in -pi/2..pi/2.
+        The semi-axes are the singular values of the factor, from sums and differences of its
+        entries. The angle runs from +x towards +y (downwards) in -pi/2..pi/2.
         """
         factor = self.factor
         l11, l21, l22 = factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]
-        far = np.hypot(l11 + l22, l21)
-        near = np.hypot(l11 - l22, l21)
-        large = 0.5 * (far + near)
-        axes = np.stack([large, l11 * l22 / large], axis=1)
+        axis_sum = np.hypot(l11 + l22, l21)
+        axis_difference = np.hypot(l11 - l22, l21)
+        major = 0.5 * (axis_sum + axis_difference)
+        axes = np.stack([major, l11 * l22 / major], axis=1)
         variance_x, variance_y = np.square(self.sigma).T
         return axes, 0.5 * np.arctan2(2 * l11 * l21, variance_x - variance_y)
 
     @property
     def inks(self) -> NDArray[np.float64] | None:
-        """(k, 3) colours of a scene of opaque plain ellipses alone, its background's among them.
+        """Distinct colours (k, 3), sorted, with the background's unless the scene is transparent.
 
-        In the order of their numbers; None of a scene with other shapes.
+        None unless all shapes are opaque plain ellipses.
         """
         if not ((self.drawn == PLAIN).all() and (self.opacity == 1).all()):
             return None
@@ -219,8 +218,8 @@ class Scene:
     def select(self, index: Any) -> Self:
         """Return the scene of the Gaussians that a mask, slice or index array picks.
 
-        Raises SceneError if rounds decrease in that order, and NumPy's IndexError for an index
-        that is none of these, or out of range.
+        Raise SceneError if rounds decrease in that order, and NumPy's IndexError if the index is of
+        another kind or out of range.
         """
         picked = np.arange(len(self))[index]
         return self.replace(**{p.name: getattr(self, p.name)[picked] for p in PARAMETERS})
@@ -228,7 +227,7 @@ class Scene:
     def concatenate(self, top: Scene) -> Self:
         """Return the scene with the Gaussians of another composited over it, as later rounds.
 
-        Canvas, background and transparency are those of this scene. Raises SceneError if the blends
+        Canvas, background and transparency are those of this scene. Raise SceneError if the blends
         differ.
         """
         if self.blend != required(top, "upper scene", Scene).blend:
@@ -243,7 +242,7 @@ class Scene:
     def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
         """Return the scene on a canvas scaled by factor_x and factor_y (> 0; the same if None).
 
-        Raises SceneError where that leaves the domain.
+        Raise SceneError if the scaled values leave the domain.
         """
         scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
         shapes = {p.name: getattr(self, p.name) * scale for p in PARAMETERS if p.scaled}
@@ -251,9 +250,9 @@ class Scene:
         return self.replace(width=width, height=height, **shapes)
 
     def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write the scene as .npz, without loss; a named file is written atomically.
+        """Write the scene as .npz without loss, atomically if `file` is a path.
 
-        Raises OutputError if it cannot be written.
+        Raise OutputError if the path cannot be written.
         """
         content = io.BytesIO()
         fields: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
@@ -267,8 +266,8 @@ class Scene:
     def load(cls, file: str | os.PathLike[str] | BinaryIO) -> Self:
         """Read a scene written by save.
 
-        A parameter that the file lacks has its default. Raise InputError for another file,
-        SceneError for arrays that no scene has.
+        A parameter that the file lacks has its default. Raise InputError if `save` did not write
+        the file, and SceneError if its arrays leave the domain.
         """
         try:
             with np.load(file, allow_pickle=False) as stored:
@@ -287,28 +286,28 @@ class Scene:
 
 
 def narrowing_of(rho: NDArray[np.float64]) -> NDArray[np.float64]:
-    """sqrt(1 - rho^2), (n,), without cancellation where |rho| is nearly 1."""
+    """Return sqrt(1 - rho^2), (n,), without cancellation if |rho| is nearly 1."""
     return np.sqrt((1 - rho) * (1 + rho))
 
 
 def whitening_of(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 3) entries w11, w21, w22 of Scene.whitening, in 1/px, for sigma (n, 2) and rho (n,)."""
+    """Return Scene.whitening (n, 3) in 1/px of Gaussians with sigma (n, 2) in px and rho (n,)."""
     sx, sy = sigma.T
     k = narrowing_of(rho)
     return np.stack([1 / sx, -rho / (sx * k), 1 / (sy * k)], axis=1)
 
 
 def _volume(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (n,) integrals 2 pi sqrt(det Sigma) in px^2 of Gaussians with a peak of 1."""
+    """Return the integrals (n,) in px^2 of Gaussians with a peak of 1: 2 pi sqrt(det Sigma)."""
     return 2 * np.pi * sigma.prod(axis=1) * narrowing_of(rho)
 
 
 def peaks_of(
     densities: NDArray[np.float64], sigma: NDArray[np.float64], rho: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (n, 3) colours at the mean of normal densities with these coefficients (n, 3).
+    """Return the `color` (n, 3) of an additive scene from coefficients of normal densities (n, 3).
 
-    densities / (2 pi sx sy sqrt(1 - rho^2)), for sigma (n, 2) in px and rho (n,): the `color` of an
-    additive scene, and the inverse of Scene.densities.
+    densities / (2 pi sx sy sqrt(1 - rho^2)) with sigma (n, 2) in px and rho (n,), which inverts
+    Scene.densities.
     """
     return densities / _volume(sigma, rho)[:, None]

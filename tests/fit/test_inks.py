@@ -110,7 +110,7 @@ def test_what_is_drawn_of_a_picture_does_not_depend_on_bands(picture, monkeypatc
     rendered = rng.random(target.planar.shape, np.float32)
 
     def found():
-        return inks.drawn(pixels), inks.reducible(target, rendered), inks.background(target)
+        return inks.inked(pixels), inks.reducible(target, rendered), inks.background(target)
 
     whole = found()
     monkeypatch.setattr("gauss2svg.fit.inks._BAND", 3 * picture.shape[1])

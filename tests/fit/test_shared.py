@@ -55,7 +55,7 @@ def test_wanted_colour_leaves_the_least_error_if_the_others_stay(shared_state, t
     splats = state.splats(background)
     moments = squared_error(splats, target)[2]
     mass = removal_cost(splats, target)[1][:, 1]
-    wanted = shared.wanted(state, moments, mass)
+    wanted = shared.best(state, moments, mass)
     palette = {k: state.color[shared.entry == k][0] for k in np.unique(shared.entry)}
     beta_of = {k: state.raw_beta[shared.entry == k][0] for k in palette}
     exchanged = 0
