@@ -1,1 +1,1 @@
-"""The command line: one module a command, the terminal, the signals."""
+"""The command line: a module for each command, and modules for the streams and the signals."""

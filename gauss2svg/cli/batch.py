@@ -1,4 +1,4 @@
-"""The command `gauss2svg batch`, imported only where it is run."""
+"""The command `gauss2svg batch`, imported only when it is run."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def batch_command(
     output: Output,
     batch: Annotated[BatchOptions, Parameter(name="*", group=_GROUP)] = BatchOptions(),
     options: Annotated[Path | None, Parameter(name=parameters.OPTIONS_FILE)] = None,
-    given: Annotated[_Parsed, Parameter(name="*")] = _DEFAULTS,  # pyright: ignore[reportInvalidTypeForm]
+    parsed: Annotated[_Parsed, Parameter(name="*")] = _DEFAULTS,  # pyright: ignore[reportInvalidTypeForm]
     log: Literal["json"] | None = None,
     quiet: Quiet = False,
 ) -> int:
@@ -41,15 +41,15 @@ def batch_command(
         input), or URLs of any of these.
     output
         Folder or URL for the SVGs. The same command continues an interrupted batch, skips the
-        photos that are done, and tries those again that changed or failed. The exit status is 1 if
-        some failed.
+        photos that are done, and retries those that changed or failed. The exit status is 1 if some
+        failed.
     options
-        TOML file of options, such as quality = "draft". An option given here as well replaces the
+        TOML file of options, such as quality = "draft". An option of the command line replaces the
         one in the file.
     log
-        Print a line of JSON for each photo on standard output when it is done, with the columns of
-        the table.
-    batch, given
+        Print a line of JSON on standard output for each finished photo, with the columns of the
+        table.
+    batch, parsed
         Options.
     quiet
         Show neither progress nor summary.
@@ -59,13 +59,13 @@ def batch_command(
     from gauss2svg.batch.table import Summary
 
     if log == "json":
-        streams.standard_stream(sys.stdout, "output")  # is refused now, not at the first record
-    made = Batch(photos, output, Options(**vars(given)), batch)
-    summary, count = Summary(), made.count
+        streams.standard_stream(sys.stdout, "output")  # refuse a closed stream before the first run
+    job = Batch(photos, output, Options(**vars(parsed)), batch)
+    summary, count = Summary(), job.count
     try:
         with (
             streams.counting_bar(quiet) as update,
-            closing(made.run()) as records,
+            closing(job.run()) as records,
         ):
             update("", 0, count)
             for record in records:
@@ -74,13 +74,13 @@ def batch_command(
                     streams.write_output(json.dumps(record._asdict()).encode() + b"\n")
                 update(summary.state(count), summary.total, count)
     except KeyboardInterrupt:
-        made.finish()  # of what is done
-        say(f"see {', '.join(made.tables)}")
+        job.finish()
+        say(f"see {', '.join(job.tables)}")
         raise
     if not quiet:
         for line in summary.lines():
             say(line)
-        say(f"see {', '.join(made.tables)}")
+        say(f"see {', '.join(job.tables)}")
     elif summary.failed:
-        say(f"{summary.failed:,} failed; see {made.tables[0]}")
+        say(f"{summary.failed:,} failed; see {job.tables[0]}")
     return parameters.STATUS_SOME_FAILED if summary.failed else 0

@@ -1,4 +1,4 @@
-"""The command `gauss2svg bench`, imported only where it is run."""
+"""The command `gauss2svg bench`, imported only when it is run."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def bench_command(
         Folder with the SVGs that the photos were made from, by the names of the photos: logo.svg
         for logo.png. Every SVG is also compared with its reference, enlarged.
     reference_scale
-        Factor by which SVGs are enlarged for that.
+        Factor by which SVGs are enlarged to be compared with their references.
     seed
         Random seed. The same seed gives the same file.
     threads
@@ -64,21 +64,21 @@ def bench_command(
 
     """
     from gauss2svg.compare.table import run_bench
-    from gauss2svg.compare.variants import of_peers, parse_axes
+    from gauss2svg.compare.variants import parse_axes, peer_variants
     from gauss2svg.measure.perceptual import packages_missing
 
     names, axes = words(peers), parse_axes(axis or ())
-    if absent := of_peers(names)[1]:
+    if absent := peer_variants(names)[1]:
         say(f"skipped, not installed: {', '.join(absent)}")
     for line in packages_missing():
         say(line)
     kept = 0
     with counting_bar(quiet) as update:
 
-        def progress(at: Progress) -> None:
+        def progress(state: Progress) -> None:
             nonlocal kept
-            kept = at.kept
-            update("; ".join(at.now), at.done, at.total)
+            kept = state.kept
+            update("; ".join(state.now), state.done, state.total)
 
         rows = run_bench(
             local_photos(images),
@@ -94,8 +94,8 @@ def bench_command(
         )
     failed = [row for row in rows if "error" in row]
     if not quiet:
-        before = f", {kept} of them kept from before" if kept else ""
-        say(f"{len(rows)} runs{before}; {len(failed)} failed; see {output / 'summary.md'}")
+        from_before = f", {kept} of them kept from before" if kept else ""
+        say(f"{len(rows)} runs{from_before}; {len(failed)} failed; see {output / 'summary.md'}")
     for row in failed:
         say(f"failed: {row['label']} on {row['image']}: {row['error']}")
     return STATUS_SOME_FAILED if failed else 0

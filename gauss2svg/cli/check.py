@@ -1,4 +1,4 @@
-"""The command `gauss2svg check`, imported only where it is run."""
+"""The command `gauss2svg check`, imported only when it is run."""
 
 import dataclasses
 import sys
@@ -22,7 +22,7 @@ _Name = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOutput(OptionGroup):
-    """Files that are written, what is shown, and the exit status."""
+    """Options for the files to write, the summary and the exit status."""
 
     heatmap: Path | None = None
     """Save a map of the errors as a PNG file. Each pixel shows the largest difference of its colour
@@ -90,12 +90,12 @@ def check_command(
         reference=reference,
         **dataclasses.asdict(options),
     )
-    written = {
+    makers = {
         output.heatmap: result.heatmap,
         output.preview: lambda: files.as_png(result.raster),
         output.report: lambda: files.as_json(result.report),
     }
-    files.write_all_atomically({path: made() for path, made in written.items() if path is not None})
+    files.write_all_atomically({path: make() for path, make in makers.items() if path is not None})
     if not output.quiet:
         print_check(result.report, "standard input" if svg == STANDARD_STREAM else svg)
     lowest = result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)

@@ -1,4 +1,4 @@
-"""The command `gauss2svg gallery`, imported only where it is run."""
+"""The command `gauss2svg gallery`, imported only when it is run."""
 
 import re
 import sys
@@ -35,10 +35,10 @@ def gallery_command(
         Photos.
     output
         Folder for the pages, which begin with index.html. The same command continues an interrupted
-        gallery, and one with more photos or variants adds them. Finished SVGs are kept.
+        gallery. A command with more photos or variants adds these. Finished SVGs are kept.
     variants
-        Presets to compare, separated by commas: draft, fast, balanced, high, max. The default,
-        without --counts, is draft,balanced,high.
+        Presets to compare, separated by commas: draft, fast, balanced, high, max. Without --counts
+        the default is draft,balanced,high.
     counts
         Numbers of Gaussians to compare, separated by commas: 500,2000,8000.
     peers
@@ -54,21 +54,21 @@ def gallery_command(
     from gauss2svg.compare.pages.build import build_gallery
     from gauss2svg.measure.perceptual import packages_missing
 
-    given = local_photos(photos)
+    paths = local_photos(photos)
     for source in photos:
         if output.resolve().is_relative_to(Path(source).resolve()):
             got = f"{output}, which is in {source}"
             raise refusal("output", "outside of the inputs", got, "another folder")
     with counting_bar(quiet) as update:
         gallery = build_gallery(
-            given,
+            paths,
             output,
             variants=None if variants is None else words(variants),
-            counts=None if counts is None else [_whole(word) for word in words(counts)],
+            counts=None if counts is None else [_whole_number(word) for word in words(counts)],
             peers=words(peers),
             options=options,
             command=command_line(["gauss2svg", *sys.argv[1:]]),
-            progress=lambda at: update("; ".join(at.now), at.done, at.total),
+            progress=lambda state: update("; ".join(state.now), state.done, state.total),
         )
     for line in packages_missing():
         say(line)
@@ -85,7 +85,7 @@ def gallery_command(
     return STATUS_SOME_FAILED if gallery.failures else 0
 
 
-def _whole(word: str) -> int:
+def _whole_number(word: str) -> int:
     if not re.fullmatch("[0-9]{1,18}", word):
         raise refusal("counts", "whole numbers separated by commas", quoted(word), "500,2000")
     return int(word)

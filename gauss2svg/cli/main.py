@@ -24,14 +24,15 @@ from gauss2svg.pipeline.options import option_names
 STATUS_BAD_INPUT = 2
 
 _HELP_ALL = "--help-all"
-# Of which the options that the short help leaves out need not be read.
-_SHORT = ([], ["--help"], ["-h"], ["--version"])
+# Command lines that need only the options of the short help, so that the program answers sooner.
+_SHORT_LINES = ([], ["--help"], ["-h"], ["--version"])
 
 
 def build_app(everything: bool = False, short: bool = False) -> App:
-    """Return the command line; its help lists what most people use, or everything.
+    """Return the parser of the command line.
 
-    short  whether it is only asked for its short help or its version
+    everything  whether --help lists all options, and not only the most used
+    short       whether the parser has to answer only --help or --version
     """
     app = App(
         name="gauss2svg",
@@ -46,12 +47,12 @@ def build_app(everything: bool = False, short: bool = False) -> App:
             negative=(), show_default=lambda value: None if value is False or value == "" else value
         ),
         group_commands=Group("Commands, each with its own --help", sort_key=9),
-        suppress_keyboard_interrupt=False,  # main says what became of the files
+        suppress_keyboard_interrupt=False,  # main handles it and reports on the files
         result_action="return_value",
         config=(read_options_file, refuse_options),
     )
     app.default(vectorize_command(everything, short))
-    # By name, so that it is loaded only where it is asked for.
+    # Commands are registered by name, so that their modules are imported only when they run.
     for name, help_line in {
         "check": "Measure how closely any SVG matches a photo.",
         "bench": "Compare settings and other tools in tables and plots.",
@@ -65,60 +66,64 @@ def build_app(everything: bool = False, short: bool = False) -> App:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command and return the exit status: 0, or 2 with one line on standard error.
+    """Run the command and return its exit status.
 
-    130 and 143 are those of Ctrl-C and SIGTERM, also where the best so far was written. 1 is that
-    of a benchmark, a batch, a gallery or placeholders of which something failed, and of a check
-    under its --min-psnr.
+    0    success
+    1    some runs of a benchmark, batch, gallery or placeholder command failed, or a check found a
+         PSNR below --min-psnr
+    2    an error, printed as one line on standard error
+    130  ended by Ctrl-C, even if the best result so far was written
+    143  ended by SIGTERM, likewise
     """
     hold_closed_descriptors()
-    # An error is one line, and ours. What matters of these is reported as an error.
+    # Standard error has only lines of the program: warnings and logs of libraries are silenced.
     warnings.filterwarnings("ignore", module="PIL|distributed")
-    logging.getLogger().addHandler(logging.NullHandler())  # of all that have no handler
-    logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)  # which has one
-    given = sys.argv[1:] if arguments is None else arguments
+    logging.getLogger().addHandler(logging.NullHandler())  # instead of Python's last resort
+    logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)  # has its own handler
+    words = sys.argv[1:] if arguments is None else arguments
     try:
-        app = build_app(everything=_HELP_ALL in given, short=list(given) in _SHORT)
+        app = build_app(everything=_HELP_ALL in words, short=list(words) in _SHORT_LINES)
         with handling():
-            status = app(given or ["--help"], exit_on_error=False, print_error=False)
+            status = app(words or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:
-        return _refuse(_as_typed(_in_our_words(error), given))
+        return _refuse(_with_dashes(_in_our_words(error), words))
     except Gauss2SvgError as error:
-        return _refuse(_as_typed(str(error), given))
+        return _refuse(_with_dashes(str(error), words))
     except MemoryError as error:
         return _refuse(f"out of memory ({error}). Try a smaller photo or fewer --gaussians")
-    except OSError as error:  # a stream that broke: files are Gauss2SvgErrors already
+    except OSError as error:  # a standard stream broke; errors of files are Gauss2SvgErrors
         drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except (KeyboardInterrupt, SystemError) as error:
         # A Ctrl-C inside a kernel arrives wrapped in numba's SystemError.
         causes = error, error.__cause__, error.__context__
-        cause = next((one for one in causes if isinstance(one, KeyboardInterrupt)), None)
-        if cause is None:
+        interrupt = next((cause for cause in causes if isinstance(cause, KeyboardInterrupt)), None)
+        if interrupt is None:
             raise
         say("interrupted; every file is whole or untouched")
-        return status_of(signal.SIGTERM if isinstance(cause, Terminated) else signal.SIGINT)
+        return status_of(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
     return status if isinstance(status, int) else 0
 
 
 def run() -> None:
-    """Run the command as a program."""
+    """Run the command and exit with its status."""
     status = main()
     ignore()
-    # Python run by -m ends by SIGINT if a KeyboardInterrupt, though caught, left the last text that
-    # was executed: numba executes some where it compiles.
+    # If a KeyboardInterrupt leaves a string that exec() runs, `python -m` ends itself by SIGINT in
+    # the end, even if the interrupt is caught. numba runs such strings when it compiles. An empty
+    # string resets this.
     exec("")
     sys.exit(status)
 
 
 def _versions() -> str:
-    from gauss2svg.cli.versions import versions  # imports what nothing else needs
+    from gauss2svg.cli.versions import versions  # imported here, because only --version needs it
 
     return versions()
 
 
 def _in_our_words(error: CycloptsError) -> str:
-    """Return the line of an error of the parser of the command line."""
+    """Return the error line for a command line that the parser refuses."""
     command = " ".join(("gauss2svg", *(error.command_chain or ())))
     advice = f"Try {command} {'--help' if error.command_chain else _HELP_ALL}"
     if isinstance(error, cyclopts.MissingArgumentError) and error.argument is not None:
@@ -126,16 +131,16 @@ def _in_our_words(error: CycloptsError) -> str:
         name = name.lstrip("-").upper() if error.argument.field_info.is_positional else name
         return f"{name} must be given{' with a value' * bool(error.keyword)}; got none. {advice}"
     if isinstance(error, cyclopts.ValidationError) and error.argument is not None:
-        # Of pydantic, which the parser asks where a package has loaded it.
+        # The parser lets pydantic check values if some package has imported pydantic.
         name, annotation = error.argument.name.lstrip("-"), error.argument.field_info.annotation
         try:
             field_of(name.replace("-", "_"), annotation).parsed(error.argument.tokens[0].value)
-        except InputError as in_our_words:
-            return str(in_our_words)
+        except InputError as refused:
+            return str(refused)
     if isinstance(error, cyclopts.CoercionError) and error.token and error.argument:
         choices = error.argument.get_choices(force=True) or ()
         kinds = {int: "a whole number", float: "a number"}
-        numbers = [kinds[one] for one in get_args(error.argument.hint) if one in kinds]
+        numbers = [kinds[kind] for kind in get_args(error.argument.hint) if kind in kinds]
         several = [f"one of {', '.join(choices)}"] if len(choices) > 1 else choices
         needed = " or ".join([*numbers, *several]) or kinds.get(error.target_type, "valid")
         return f"{error.token.keyword} must be {needed}; got {error.token.value!r}. {advice}"
@@ -143,17 +148,17 @@ def _in_our_words(error: CycloptsError) -> str:
     return f"{line}. {advice}"
 
 
-def _as_typed(line: str, given: Sequence[str]) -> str:
-    """Return an error line about an option with the dashes that options have here.
+def _with_dashes(line: str, words: Sequence[str]) -> str:
+    """Return an error line with --max-bytes instead of max_bytes, if it begins with an option.
 
-    given  words of the command line, of which options of a command alone are known
+    words  command line, whose options are names too: some belong to a single command
     """
-    typed = {word.partition("=")[0][2:].replace("-", "_") for word in given if word[:2] == "--"}
+    typed = {word.partition("=")[0][2:].replace("-", "_") for word in words if word[:2] == "--"}
     names = typed | set(option_names())
     if line.partition(" ")[0] not in names:
         return line
-    found = re.compile(rf"(^|\b(?:with|got|if) )({'|'.join(map(re.escape, names))})(?=[ ,;.])")
-    return found.sub(lambda match: f"{match[1]}--{match[2].replace('_', '-')}", line)
+    option = re.compile(rf"(^|\b(?:with|got|if) )({'|'.join(map(re.escape, names))})(?=[ ,;.])")
+    return option.sub(lambda match: f"{match[1]}--{match[2].replace('_', '-')}", line)
 
 
 def _refuse(message: str) -> int:

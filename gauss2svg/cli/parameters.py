@@ -1,4 +1,4 @@
-"""Parameters that several commands have: photos, output, --quiet, lists, the options of a run."""
+"""Parameters that several commands share: photos, output, --quiet, lists, the options of a run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gauss2svg.errors import InputError, refusal
 from gauss2svg.files import STANDARD_STREAM, reading
 from gauss2svg.pipeline.options import GROUPS, Options
 
-STATUS_SOME_FAILED = 1
+STATUS_SOME_FAILED = 1  # exit status of a command of which some photos or runs failed
 OPTIONS_FILE = "--options"
 _PHOTOS = (
     "Photos, folders, patterns such as photos/*.jpg, or lists of them (.txt, or - for standard "
@@ -25,18 +25,18 @@ Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor s
 
 
 def read_options_file(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Take the options of a TOML file that --options names, where they are not given as well.
+    """Add the options of the TOML file that --options names. The command line overrides them.
 
-    A hook of the parser's. Raise InputError for a file that is no TOML, or has no valid options.
+    The parser calls this. Raise InputError if the file is not TOML or has an invalid option.
     """
-    given = [token for one in arguments if OPTIONS_FILE in one.names for token in one.tokens]
-    if not given:
+    tokens = [token for one in arguments if OPTIONS_FILE in one.names for token in one.tokens]
+    if not tokens:
         return
     import tomllib
 
     from cyclopts.config import Toml
 
-    path = given[0].value
+    path = tokens[0].value
     with reading(path, "a TOML file") as file:
         try:
             keys = tomllib.load(file)
@@ -47,10 +47,10 @@ def read_options_file(app: App, commands: tuple[str, ...], arguments: ArgumentCo
 
 
 def refuse_options(_app: App, _commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Raise InputError for names of files that are meant as options; a hook of the parser's.
+    """Raise InputError for a file name that was probably meant as an option.
 
-    Where - may be given, for a standard stream, the parser takes what is no option for a name, such
-    as --treads, and what follows an option, as in -o --quiet.
+    A parameter that accepts - for a standard stream also accepts a misspelt option, such as
+    --treads, and the option after it, as in -o --quiet. The parser calls this.
     """
     files = [one for one in arguments if one.parameter.allow_leading_hyphen]
     for keyword, name in [(token.keyword, token.value) for one in files for token in one.tokens]:
@@ -60,30 +60,31 @@ def refuse_options(_app: App, _commands: tuple[str, ...], arguments: ArgumentCol
             got = f"{name}, which reads like an option"
             raise refusal("file", "a name that does not begin with -", got, f"./{name}")
         options = [option for one in arguments for option in one.names]
-        # At less --colors is like --scores.
+        # With a lower cutoff --colors would be close to --scores.
         close = [*get_close_matches(name, options, 1, cutoff=0.8), "--help"][0]
         advice = f"{close}, or ./{name} for a file of that name"
         raise refusal(name, "an option", "an unknown one", advice)
 
 
 def words(text: str) -> list[str]:
-    """Return the words of a list that is separated by commas."""
+    """Return the items of a list separated by commas, without empty ones."""
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
 def options_of(groups: Mapping[str, Group]) -> type[Options]:
-    """Return a class with some groups of `Options` as the parser takes them.
+    """Return a class for the parser that has the given groups of `Options` as fields.
 
-    groups  titles under which help lists the options of a group, by the keys of GROUPS
-    `Options(**vars(parsed))` has the defaults of the others.
+    groups  for each key of GROUPS, the title under which the help lists its options
+    `Options(**vars(parsed))` turns an instance into `Options`, with defaults for missing groups.
     """
     fields = []
     for key, group in groups.items():
-        # The group with a flag that is on by default, which --no-NAME turns off.
-        negated: dict[str, Any] = {"negative_bool": "no-", "negative": None}
-        parameter = Parameter(name="*", group=group, **(negated if key == "densify" else {}))
+        # The group densify has a flag that is on by default. --no-NAME turns it off.
+        negatable: dict[str, Any] = {"negative_bool": "no-", "negative": None}
+        parameter = Parameter(name="*", group=group, **(negatable if key == "densify" else {}))
         default = dataclasses.field(default=GROUPS[key]())
         fields.append((key, Annotated[GROUPS[key], parameter], default))
-    # The parser takes classes of the module `types` for builtins.
+    # Without a module of its own the class would be in `types`, and the parser would think it
+    # builtin.
     namespace = {"__module__": __name__}
     return dataclasses.make_dataclass("ParsedOptions", fields, namespace=namespace, kw_only=True)

@@ -1,4 +1,4 @@
-"""The command `gauss2svg placeholder`, imported only where it is run."""
+"""The command `gauss2svg placeholder`, imported only when it is run."""
 
 from typing import Annotated
 
@@ -36,32 +36,32 @@ def placeholder_command(
         Show neither progress nor summary.
 
     """
-    given = local_photos(photos)
-    listed = PlaceholderList(given, output, options)
+    paths = local_photos(photos)
+    listed = PlaceholderList(paths, output, options)
     with counting_bar(quiet) as update:
         try:
-            for at, photo in enumerate(listed.photos):
-                update(photo.name, at, len(listed.photos))
+            for done, photo in enumerate(listed.photos):
+                update(photo.name, done, len(listed.photos))
                 listed.add(photo)
-        except BaseException:  # a signal, which arrives from a kernel in another exception
+        except BaseException:  # a signal inside a kernel arrives as another exception
             _write_so_far(listed, output)
             raise
     kept = listed.kept if listed.count else 0
     if listed.count:
         _write(listed, output)
     if listed.copies:
-        say(f"{listed.copies} of {len(given)} photos were given more than once")
-    for photo, one in listed.made.items():
-        if not one.gaussians:
+        say(f"{listed.copies} of {len(paths)} photos were given more than once")
+    for photo, placeholder in listed.made.items():
+        if not placeholder.gaussians:
             say(f"{photo.name}: it has no Gaussians, because none fits or none is needed")
     for line in listed.failures:
         say(line)
     if not quiet:
         where = f" in {'standard output' if output == STANDARD_STREAM else output}"
-        same = f", {listed.unchanged} of them unchanged" if listed.unchanged else ""
+        unchanged = f", {listed.unchanged} of them unchanged" if listed.unchanged else ""
         say(
             f"{listed.count} placeholder{'s' * (listed.count != 1)}{where * bool(listed.count)}"
-            f"{same}; {len(listed.failures)} failed"
+            f"{unchanged}; {len(listed.failures)} failed"
             f"{'' if listed.count else ', and nothing was written'}"
             + (f"; {kept} of them kept from before" if kept else "")
         )
@@ -77,13 +77,13 @@ def _write(listed: PlaceholderList, output: str) -> None:
 
 
 def _write_so_far(listed: PlaceholderList, output: str) -> None:
-    """Write what is made, but not to standard output, where it would look complete."""
+    """Write the finished placeholders, but not to standard output, where they look complete."""
     for line in listed.failures:
         say(line)
     if listed.made and output != STANDARD_STREAM:
         try:
             _write(listed, output)
-            made = f"{len(listed.made)} of {len(listed.photos)} placeholders"
-            say(f"wrote what was made so far: {made}")
+            share = f"{len(listed.made)} of {len(listed.photos)} placeholders"
+            say(f"wrote what was made so far: {share}")
         except Gauss2SvgError as error:
             say(str(error))

@@ -1,7 +1,8 @@
-"""Ctrl-C, SIGTERM, Ctrl-Break: the first ends a fit with the best result so far, the second quits.
+"""Handling of Ctrl-C, SIGTERM and Ctrl-Break.
 
-A signal before the fit quits as well, because there is nothing to write yet. After the fit the
-first signal lets the command write and measure the result. Files are whole or untouched.
+The first signal ends the fit, and the command writes the best result so far. The second signal
+quits. A signal before the fit quits too, because there is nothing to write yet. A first signal
+after the fit lets the command write and measure the result. Files are whole or untouched.
 """
 
 from __future__ import annotations
@@ -19,90 +20,92 @@ from typing import Any
 from gauss2svg import processes
 
 _QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
-_SHOW_CURSOR = b"\x1b[?25h"  # which a progress bar hides
+_SHOW_CURSOR = b"\x1b[?25h"  # escape sequence, because a progress bar hides the cursor
 _ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
 
 
 SIGNALS: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM)  # signals that end a command
 if sys.platform == "win32":
-    # Closing a console sends Ctrl-Break as well; no other program sends SIGTERM there.
+    # Windows sends SIGBREAK for Ctrl-Break and when a console is closed. No program there sends
+    # SIGTERM to another.
     SIGNALS += (signal.SIGBREAK,)
 
 
 class Terminated(KeyboardInterrupt):
-    """Raised by SIGTERM and Ctrl-Break, as KeyboardInterrupt is by Ctrl-C."""
+    """The exception for SIGTERM and Ctrl-Break, as KeyboardInterrupt is for Ctrl-C."""
 
 
 class Interruption:
-    """Whether a signal has asked the fit to end, while `handling` has `receive` as its handler."""
+    """A signal that asks a fit to end. Its handler is `receive`, to be set by `handling`."""
 
     def __init__(self) -> None:
         self.signal: int | None = None
         self._has_fitted = False
 
     def asked(self) -> bool:
-        """Return whether the fit is to end; the `stop` of `vectorize`, called after every step."""
+        """Return whether the fit should end. `vectorize` calls it as `stop` after every step."""
         if not self._has_fitted:
-            processes.pending()  # there is nothing to write
+            processes.pending()  # raise for an earlier signal, because there is nothing to write
         self._has_fitted = True
         return self.signal is not None
 
     def receive(self, number: int, _frame: FrameType | None) -> None:
-        """Note the first signal once a fit has begun, and quit at any other; a signal handler."""
-        first, self.signal = self.signal is None, number
+        """Handle a signal: note the first one after the fit began, and quit at any other."""
+        is_first, self.signal = self.signal is None, number
         if not self._has_fitted:
-            _before_the_fit(number)
-        if not first or not self._has_fitted:
+            _quit_before_fit(number)
+        if not is_first or not self._has_fitted:
             raise_for(number)
-        _tell(_ENDING)
+        _write_line(_ENDING)
 
 
-def _tell(line: bytes) -> None:
-    # Not by print, which the main thread may be executing.
+def _write_line(line: bytes) -> None:
+    # The signal may have interrupted print(), so this does not call it.
     with suppress(OSError):
         os.write(2, line)
 
 
 def status_of(number: int) -> int:
-    """Return the exit status after a signal: that of shells, and for Ctrl-Break that of SIGTERM."""
+    """Return the exit status after a signal: 130 for SIGINT, and 143 for the others."""
     return 128 + (signal.SIGINT if number == signal.SIGINT else signal.SIGTERM)
 
 
 def raise_for(number: int, _frame: FrameType | None = None) -> None:
-    """Raise KeyboardInterrupt for SIGINT, Terminated for the others; a signal handler."""
+    """Handle a signal: raise KeyboardInterrupt for SIGINT, and Terminated for the others."""
     processes.pending = partial(raise_for, number)
     raise KeyboardInterrupt if number == signal.SIGINT else Terminated
 
 
 def exit_for(number: int, _frame: FrameType | None = None) -> None:
-    """End the process at once, with one line; a signal handler for when nothing is to be cleaned.
+    """Handle a signal: end the process at once, with one line on standard error and no cleaning.
 
     An exception could be lost in a callback of a C library, or end an import half-way.
     """
-    _tell((_SHOW_CURSOR if os.isatty(2) else b"") + _QUITTING)
+    _write_line((_SHOW_CURSOR if os.isatty(2) else b"") + _QUITTING)
     os._exit(status_of(number))
 
 
-_before_the_fit: Callable[[int], None] = raise_for
+_quit_before_fit: Callable[[int], None] = raise_for
 
 
 def exit_before_fits() -> None:
-    """Let signals end a command's process at once, until a fit or another command runs."""
-    global _before_the_fit
-    _before_the_fit = exit_for
+    """Let signals end the process at once, until a fit or another command runs."""
+    global _quit_before_fit
+    _quit_before_fit = exit_for
     _set(dict.fromkeys(SIGNALS, exit_for))
 
 
 @contextmanager
 def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> Iterator[None]:
-    """Let a handler receive SIGNALS inside, if this is the main thread.
+    """Set a handler of SIGNALS inside the `with` block, if this is the main thread.
 
-    What it raises, and a callback of a C library loses, is raised again at the end at the latest.
+    If a callback of a C library swallows the exception of `raise_for`, it is raised again, at the
+    latest when the block ends.
     """
     is_main = threading.current_thread() is threading.main_thread()
     before = _set(dict.fromkeys(SIGNALS, handler)) if is_main else {}
     try:
-        processes.pending()  # what came before
+        processes.pending()  # raise for a signal that came before
         yield
         processes.pending()
     finally:
@@ -111,15 +114,15 @@ def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> It
 
 
 def ignore() -> None:
-    """Let signals change nothing any more: the status of the command is known."""
+    """Ignore signals from now on, because the exit status of the command is decided."""
     _set(dict.fromkeys(SIGNALS, signal.SIG_IGN))
 
 
 def _set(handlers: Mapping[int, Any]) -> dict[int, Any]:
-    """Set handlers of signals, and return those that they replace.
+    """Set handlers of signals, and return the handlers that they replace.
 
-    Signals that were ignored at the start stay ignored, as by nohup or in the background of a shell
-    without job control.
+    Signals that are ignored stay ignored, as under nohup, or in the background of a shell without
+    job control.
     """
     before = {number: signal.getsignal(number) for number in handlers}
     for number, handler in handlers.items():

@@ -1,4 +1,4 @@
-"""The command `gauss2svg studio`, imported only where it is run."""
+"""The command `gauss2svg studio`, imported only when it is run."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -35,7 +35,7 @@ def studio_command(
         Number of photos that are vectorised at the same time. The default depends on the number
         of cores.
     threads
-        Number of CPU threads for each of them. By default they share the cores.
+        Number of CPU threads for each photo. By default the photos share the cores.
 
     """
     for package in ("fastapi", "python_multipart", "uvicorn"):

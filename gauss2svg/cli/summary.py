@@ -1,4 +1,4 @@
-"""The summary of a run, on standard error."""
+"""The summaries of a run and of a check, on standard error."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gauss2svg.pipeline.report import HEAVY_MS, decibels
 from gauss2svg.pipeline.run import COMPILED_S
 from gauss2svg.svg.document import MINIMAL, RESPONSIVE
 
-# Sentences that follow the number of shapes, by the report's stop_reason.
+# Text that follows the number of shapes, for each stop_reason of the report.
 _STOPPED = {
     "iterations": "all {iterations} optimiser steps are done",
     "gaussians": "as many as you asked for",
@@ -26,7 +26,7 @@ _STOPPED = {
     "time_limit": "the time limit is reached",
     "interrupted": "interrupted",
 }
-# The same for a run that has a limit and no preset.
+# The same for a run that has a limit and no preset, where the text differs.
 _NOTHING_TO_GAIN = {
     "gain": "more would bring it no closer, even if you enlarge it",
     "enough": "more would make no visible difference",
@@ -34,20 +34,20 @@ _NOTHING_TO_GAIN = {
 }
 _SCALE = " (30 is soft, 35 good, 40 hard to tell apart)"
 _SCALE_OF_INKS = " (few inks are far in dB: judge by eye)"
-_FEW = 60  # shapes, of which each is a large part of a file
-_MOST_TAGS = 6  # of a checked SVG, the most frequent
+_FEW = 60  # number of shapes below which one more is a large part of the file
+_MOST_TAGS = 6  # number of tags of a checked SVG that are listed, the most frequent ones
 
 
 def print_summary(report: dict[str, Any], output: str) -> None:
-    """Print what was written, its size, how closely it matches the photo, and the time."""
+    """Print the file, its size, how closely it matches the photo, and the time of the run."""
     r = report
     measured = r["measured_width"], r["measured_height"]
     at = "" if measured == (r["width"], r["height"]) else f", at {measured[0]}x{measured[1]} px"
     rows = {
-        "file": f"{output}, {r['width']}x{r['height']} px{_shown(r)}, {_size(r)}",
-        "shapes": f"{r['gaussians']:,}: {_finished(r)}",
+        "file": f"{output}, {r['width']}x{r['height']} px{_shown_width(r)}, {_size(r)}",
+        "shapes": f"{r['gaussians']:,}: {_stop_text(r)}",
         "match": f"{_match(r, _SCALE if r['inks'] is None else _SCALE_OF_INKS)}{at}",
-        "transparency": _alpha(r),
+        "transparency": _transparency(r),
         "inks": (r["inks"] or "").replace(",", ", "),
         "scores": _scores(r),
         "page": _page(r),
@@ -57,7 +57,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
 
 
 def print_check(report: dict[str, Any], svg: str) -> None:
-    """Print what an SVG contains, how large it is, and how closely it matches the photo."""
+    """Print the elements of an SVG, its size, and how closely it matches the photo."""
     r = report
     tags = [f"{count:,} {tag.rpartition('}')[2]}" for tag, count in r["elements_by_tag"].items()]
     others = f", {len(tags) - _MOST_TAGS} other tags" if len(tags) > _MOST_TAGS else ""
@@ -68,7 +68,7 @@ def print_check(report: dict[str, Any], svg: str) -> None:
         "match": f"{_match(r)}, MS-SSIM {_ssim(r['ms_ssim_svg'], 176)}, "
         f"at {r['width']}x{r['height']} px by {r['renderer']}",
         "enlarged": _enlarged(r),
-        "transparency": _alpha(r),
+        "transparency": _transparency(r),
         "scores": _scores(r),
         "errors": f"at most {r['largest_error_svg']:.0f} of 255 levels in any colour channel, "
         f"{r['bias_svg']:+.2f} levels on average",
@@ -77,7 +77,7 @@ def print_check(report: dict[str, Any], svg: str) -> None:
 
 
 def _compilation(seconds: float) -> str:
-    """Return what the time of a compilation was for, or "" if there was none."""
+    """Return the seconds that compiled the kernels, as text, or "" if nothing was compiled."""
     from gauss2svg.kernel_cache import are_kept
 
     if seconds <= COMPILED_S:
@@ -87,7 +87,7 @@ def _compilation(seconds: float) -> str:
 
 
 def _enlarged(report: dict[str, Any]) -> str:
-    """Return the match against the reference."""
+    """Return the scores against the reference, or "" if there is none."""
     scale = report["reference_scale"]
     if scale is None:
         return ""
@@ -104,8 +104,8 @@ def _size(report: dict[str, Any]) -> str:
     return f"{report['svg_bytes']:,} bytes, {report['svgz_bytes']:,} gzipped"
 
 
-def _shown(report: dict[str, Any]) -> str:
-    """Return the size that was asked for, in which the picture is shown, or "" if none was."""
+def _shown_width(report: dict[str, Any]) -> str:
+    """Return the width at which the picture is shown, or "" if --size is not given."""
     size = report["size"]
     if size is None:
         return ""
@@ -113,38 +113,38 @@ def _shown(report: dict[str, Any]) -> str:
 
 
 def _scores(report: dict[str, Any]) -> str:
-    """Return the perceptual scores that were asked for, and why one is missing."""
-    found = [one for one in ON_REQUEST if one.has(report[one.key])]
-    known = ", ".join(f"{one.name} {one.text(report[one.key])}" for one in found)
-    return "; ".join(filter(None, [known, *report["scores_missing"]]))
+    """Return the perceptual scores of the report, and the reason why one is missing."""
+    scores = [score for score in ON_REQUEST if score.has(report[score.key])]
+    text = ", ".join(f"{score.name} {score.text(report[score.key])}" for score in scores)
+    return "; ".join(filter(None, [text, *report["scores_missing"]]))
 
 
-def _finished(report: dict[str, Any]) -> str:
-    """Return why the file has as many shapes as it has."""
+def _stop_text(report: dict[str, Any]) -> str:
+    """Return the reason why the file has no more shapes."""
     reason, limit = report["stop_reason"], report["max_bytes"]
     if reason == "max_bytes" and report["gaussians"]:
         gzipped = report["gzip"] or report["count_gzipped"]
-        more = report["svgz_bytes" if gzipped else "svg_bytes"] < 0.97 * limit
+        has_space = report["svgz_bytes" if gzipped else "svg_bytes"] < 0.97 * limit
         why = "one more would not fit" if report["gaussians"] < _FEW else "more would not be closer"
-        return f"limited by {limit:,} {'gzipped ' * gzipped}bytes{f'; {why}' * more}"
-    alone = _NOTHING_TO_GAIN if report["quality"] is None else {}
-    return alone.get(reason, _STOPPED[reason]).format(**report)
+        return f"limited by {limit:,} {'gzipped ' * gzipped}bytes{f'; {why}' * has_space}"
+    without_preset = _NOTHING_TO_GAIN if report["quality"] is None else {}
+    return without_preset.get(reason, _STOPPED[reason]).format(**report)
 
 
 def _page(report: dict[str, Any]) -> str:
-    """Return how long a browser takes to paint the file, or "" if that is not noticeable."""
-    spent = report["paint_ms"]
-    if spent is None or spent < HEAVY_MS:
+    """Return the time that a browser takes to paint the file, or "" if it is not noticeable."""
+    paint_ms = report["paint_ms"]
+    if paint_ms is None or paint_ms < HEAVY_MS:
         return ""
     lighter = "--markup editable" if report["markup"] == MINIMAL else "fewer shapes"
     return (
-        f"about {spent / 1000:.1f} s of CPU time for a browser to paint it, "
+        f"about {paint_ms / 1000:.1f} s of CPU time for a browser to paint it, "
         f"{report['paint_width']:.0f} px wide; less with {lighter}"
     )
 
 
-def _alpha(report: dict[str, Any]) -> str:
-    """Return how a transparent photo is matched. The row "match" has its match over white."""
+def _transparency(report: dict[str, Any]) -> str:
+    """Return the PSNR of a transparent photo over white, over black and of alpha, or ""."""
     if not report["transparent"]:
         return ""
     white, black, alpha = (decibels(report[f"psnr_svg{over}"]) for over in ("", "_black", "_alpha"))
@@ -157,7 +157,7 @@ def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: li
     table.add_column()
     for name, text in (*rows.items(), *further, *(("note", note) for note in notes)):
         if text:
-            # Text without markup or escapes, which a file name may contain.
+            # A file name may contain markup and escapes, which Text and on_one_line disarm.
             table.add_row(name, Text(on_one_line(text)))
     Console(stderr=True, highlight=False).print(table)
 

@@ -28,7 +28,7 @@ from gauss2svg.scene.inks import MOST_INKS
 if TYPE_CHECKING:
     from gauss2svg.pipeline.vectorize import Result
 
-_BEGUN = time.perf_counter()
+_PROGRAM_START_S = time.perf_counter()  # a time limit counts from here
 
 _EXAMPLES = (
     "gauss2svg photo.jpg -o out.svg                       # adapts to the picture",
@@ -36,21 +36,21 @@ _EXAMPLES = (
     "gauss2svg photo.jpg --max-bytes 60k --count-gzipped  # the best of 60 kB gzipped",
 )
 HELP = "Turn a picture into an SVG of soft shapes, and measure how closely it matches.\n\n" + (
-    "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
+    "  \n".join(_EXAMPLES)  # two spaces keep the line break in Markdown
 )
-_OURS = b"written by gauss2svg"  # of the description of every file
-_HEAD = 65536  # bytes within which it stands
-# Suffixes of further files.
+_SIGNATURE = b"written by gauss2svg"  # text in the description of every SVG that gauss2svg writes
+_SIGNATURE_WITHIN = 65536  # bytes at the start of a file in which the signature stands
+# The suffix that each option for a file requires.
 _SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
 _SUFFIXES |= {"save_scene": ".npz"}
-_SHOWN = 6  # formats that the help names
-_ORDER = tuple(GROUP_TITLES)  # of the help
+_FORMATS_NAMED = 6  # number of photo formats that the help names
+_GROUPS = tuple(GROUP_TITLES)  # groups of options, in the order of the help
 _PARAMETERS = f"""
 
 Parameters
 ----------
 photo
-    {", ".join([*FORMATS][:_SHOWN])} and others, - for stdin.
+    {", ".join([*FORMATS][:_FORMATS_NAMED])} and others, - for stdin.
 output
     SVG to write, or - for stdout. The default is photo.svg.
 """
@@ -58,7 +58,7 @@ output
 
 @dataclass(frozen=True, kw_only=True)
 class OutputFiles:
-    """Further files, and what is shown."""
+    """Options for files beside the SVG, and for messages."""
 
     preview: Path | None = None
     """Save the rasterised SVG as a PNG file."""
@@ -81,7 +81,7 @@ class OutputFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class MakerFiles(OptionGroup):
-    """What printers and plotters take."""
+    """Options for files that printers and plotters take."""
 
     separations: Path | None = None
     """Save one SVG for each of the --inks, black where the ink is visible. The name plate.svg gives
@@ -94,10 +94,10 @@ class MakerFiles(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class Files(MakerFiles, OutputFiles):
-    """All further files."""
+    """All files beside the SVG."""
 
     def plates(self, count: int) -> list[Path]:
-        """Return the names of the files of so many plates."""
+        """Return the paths of the first `count` plates, or none without --separations."""
         path = self.separations
         if path is None:
             return []
@@ -105,13 +105,14 @@ class Files(MakerFiles, OutputFiles):
 
 
 def vectorize_command(everything: bool, short: bool = False) -> Callable[..., int]:
-    """Return the command as a function of options, of which its help shows all or the most used.
+    """Return the command as a function with a parameter for each group of options.
 
-    short  whether it has no others, which the short help need not read
+    everything  whether its help shows all groups, and not only the first
+    short       whether it takes only the first group, which is quicker to build
     """
     groups = {
         key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
-        for order, key in enumerate(_ORDER[:1] if short else _ORDER)
+        for order, key in enumerate(_GROUPS[:1] if short else _GROUPS)
     }
     files_group = Group("Output files", sort_key=0.5)
     makers_group = Group("Plates and pens", sort_key=2.5, show=everything)
@@ -122,41 +123,44 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         *photo: Annotated[str, Parameter(allow_leading_hyphen=True, group="Parameters")],
         output: Output | None = None,
         options: Annotated[parsed, Parameter(name="*")] = defaults,  # pyright: ignore[reportInvalidTypeForm]
-        others: Annotated[OutputFiles, Parameter(name="*", group=files_group)] = OutputFiles(),
-        makers: Annotated[MakerFiles, Parameter(name="*", group=makers_group)] = MakerFiles(),
+        output_files: Annotated[
+            OutputFiles, Parameter(name="*", group=files_group)
+        ] = OutputFiles(),
+        maker_files: Annotated[MakerFiles, Parameter(name="*", group=makers_group)] = MakerFiles(),
     ) -> int:
         photos = expanded(photo)
         if len(photos) != 1:
             got = brief(", ".join(photos)) if photos else "none"
             advice = "gauss2svg batch for several" if photos else "gauss2svg --help"
             raise refusal("the photo", "one file", got, advice)
-        both = Files(**vars(others), **vars(makers))
-        return _run(photos[0], output, Options(**vars(options)), both)
+        extras = Files(**vars(output_files), **vars(maker_files))
+        return _run(photos[0], output, Options(**vars(options)), extras)
 
     command.__doc__ = HELP + _PARAMETERS
     return command
 
 
-def _run(photo: str, output: str | None, options: Options, further: Files) -> int:
+def _run(photo: str, output: str | None, options: Options, extras: Files) -> int:
     interruption = Interruption()
     with handling(interruption.receive):
         if output is None:
-            output = _default_output(photo, further.overwrite)
+            output = _default_output(photo, extras.overwrite)
         elif not output:
             raise refusal("--output", "the name of a file", "''")
-        options = _checked(photo, output, options, further)
-        result = _result(photo, output, options, further, interruption)
-        lines = [*result.report["unreached"]] if further.quiet else []  # bad news all the same
-        lines += _write(result, output, further)
-        where = "standard output" if output == STANDARD_STREAM else output
-        if not further.quiet:
+        options = _checked(photo, output, options, extras)
+        result = _result(photo, output, options, extras, interruption)
+        lines = [*result.report["unreached"]] if extras.quiet else []  # shown even if quiet
+        lines += _write(result, output, extras)
+        written_to = "standard output" if output == STANDARD_STREAM else output
+        if not extras.quiet:
             from gauss2svg.cli.summary import print_summary
 
-            print_summary(result.report, where)
+            print_summary(result.report, written_to)
         if interruption.signal is not None:
             steps = result.report["iterations"]
             lines.append(
-                f"interrupted after {steps} optimiser steps. The best picture so far is in {where}"
+                f"interrupted after {steps} optimiser steps. "
+                f"The best picture so far is in {written_to}"
             )
         for line in lines:
             say(line)
@@ -164,10 +168,10 @@ def _run(photo: str, output: str | None, options: Options, further: Files) -> in
 
 
 def _default_output(photo: str, overwrite: bool) -> str:
-    """Return the name of the SVG beside a photo: photo.svg of photo.jpg.
+    """Return the name of the SVG beside a photo: photo.svg for photo.jpg.
 
-    Raise InputError where that is the photo itself or, unless overwrite is True, an existing file
-    that gauss2svg did not write.
+    Raise InputError if this is the photo itself. Also raise it if the file exists and gauss2svg did
+    not write it, unless overwrite is True.
     """
     if photo == STANDARD_STREAM:
         advice = "-o out.svg, or -o - for standard output"
@@ -177,7 +181,7 @@ def _default_output(photo: str, overwrite: bool) -> str:
         raise refusal("the photo", "an image other than an SVG", quoted(photo))
     if output.is_file() and not overwrite:
         with suppress(OSError), output.open("rb") as file:
-            if _OURS in file.read(_HEAD):
+            if _SIGNATURE in file.read(_SIGNATURE_WITHIN):
                 return os.fspath(output)
         raise InputError(
             f"--output must be given, because {output} exists and gauss2svg did not write it. Try "
@@ -186,20 +190,24 @@ def _default_output(photo: str, overwrite: bool) -> str:
     return os.fspath(output)
 
 
-def _checked(photo: str, output: str, options: Options, further: Files) -> Options:
-    """Return the options, once they are compatible with the files, which can be written."""
+def _checked(photo: str, output: str, options: Options, extras: Files) -> Options:
+    """Return the options, with gzip on for an output that ends in .svgz.
+
+    Raise InputError if the options exclude a file, or if its suffix is wrong. Raise OutputError if
+    a file cannot be written.
+    """
     from gauss2svg.svg.file import check_suffix, check_svg_name, is_svgz
 
-    _check_makers(options, further)
-    named = {name: path for name in _SUFFIXES if (path := getattr(further, name)) is not None}
+    _check_makers(options, extras)
+    paths = {name: path for name in _SUFFIXES if (path := getattr(extras, name)) is not None}
     targets = [] if output == STANDARD_STREAM else [Path(output)]
-    targets += [path for name, path in named.items() if name != "separations"]
+    targets += [path for name, path in paths.items() if name != "separations"]
     inks = options.fit.inks
     if inks is not None:
-        targets += further.plates(inks if isinstance(inks, int) else str(inks).count(",") + 1)
+        targets += extras.plates(inks if isinstance(inks, int) else str(inks).count(",") + 1)
     files.check_outputs({photo: "the photo"}, targets)
     check_svg_name("--output", output)
-    for option, path in named.items():
+    for option, path in paths.items():
         name = f"--{option.replace('_', '-')}"
         if _SUFFIXES[option] == ".svg":
             check_svg_name(name, path)
@@ -208,21 +216,21 @@ def _checked(photo: str, output: str, options: Options, further: Files) -> Optio
     return options.changed(gzip=True) if is_svgz(output) else options
 
 
-def _check_makers(options: Options, further: Files) -> None:
-    """Raise InputError for outlines, plates and pens that the options cannot have."""
-    if further.outline is not None and options.fit.blend == ADD and not options.svg.portable:
+def _check_makers(options: Options, extras: Files) -> None:
+    """Raise InputError for outlines, plates and pens that the options exclude."""
+    if extras.outline is not None and options.fit.blend == ADD and not options.svg.portable:
         raise InputError(
             "--outline must not be given with --blend add, because its shapes are not drawn one "
             "over the other. Try --portable"
         )
-    if further.separations is not None:
+    if extras.separations is not None:
         if options.fit.inks is None:
             raise refusal("--separations", "given with --inks", "none", "--inks 3")
-        files.check_writable(further.separations)  # no folder: then plates would have no name
-    if further.pens is None:
+        files.check_writable(extras.separations)  # refuse a folder, because plates need a file name
+    if extras.pens is None:
         return
-    if further.outline is None:
-        alone = f"{further.pens} alone"
+    if extras.outline is None:
+        alone = f"{extras.pens} alone"
         raise refusal("--pens", "given with --outline", alone, "--outline plot.svg")
     for name in options.document.layered:
         raise InputError(
@@ -232,54 +240,54 @@ def _check_makers(options: Options, further: Files) -> None:
 
 
 def _result(
-    photo: str, output: str, options: Options, further: Files, interruption: Interruption
+    photo: str, output: str, options: Options, extras: Files, interruption: Interruption
 ) -> "Result":
     from gauss2svg.pipeline.progress_display import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
 
     source = standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
     if output == STANDARD_STREAM:
-        standard_stream(sys.stdout, "output")  # refused now where it is closed
-    started = _BEGUN if options.goal.time_limit is not None else None
-    with watched(not further.quiet) as progress:
+        standard_stream(sys.stdout, "output")  # refuse a closed stream before the fit
+    started = _PROGRAM_START_S if options.goal.time_limit is not None else None
+    with watched(not extras.quiet) as progress:
         return vectorize_by(
             options, source, progress=progress, stop=interruption.asked, started=started
         )
 
 
-def _write(result: "Result", output: str, further: Files) -> Iterator[str]:
-    """Write all files, and yield a line for what these do not have as it might seem."""
+def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
+    """Write all files, and yield lines that explain the outlines and the plates."""
     from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])
-    written: dict[files.FileName, bytes] = {} if output == STANDARD_STREAM else {output: svg}
+    contents: dict[files.FileName, bytes] = {} if output == STANDARD_STREAM else {output: svg}
     if output == STANDARD_STREAM:
         write_output(svg)
     svgs: dict[Path, str] = {}
-    if further.outline is not None:
-        svgs[further.outline] = result.outline(further.pens)
-    seen: dict[Path, str] = {}
-    unseen: dict[Path, str] = {}
-    if further.separations is not None:
+    if extras.outline is not None:
+        svgs[extras.outline] = result.outline(extras.pens)
+    visible: dict[Path, str] = {}
+    invisible: dict[Path, str] = {}
+    if extras.separations is not None:
         plates, inks = result.plates(), result.report["inks"].split(",")
-        for path, ink in zip(further.plates(len(inks)), inks, strict=True):
-            (seen if ink in plates else unseen)[path] = ink
-        svgs |= {path: plates[ink] for path, ink in seen.items()}
-    written |= {path: file_bytes(text, is_svgz(path)) for path, text in svgs.items()}
-    made = {
-        further.preview: lambda: files.as_png(result.raster),
-        further.save_scene: lambda: files.saved(result.scene.save),
-        further.report: lambda: files.as_json(result.report),
+        for path, ink in zip(extras.plates(len(inks)), inks, strict=True):
+            (visible if ink in plates else invisible)[path] = ink
+        svgs |= {path: plates[ink] for path, ink in visible.items()}
+    contents |= {path: file_bytes(text, is_svgz(path)) for path, text in svgs.items()}
+    makers = {
+        extras.preview: lambda: files.as_png(result.raster),
+        extras.save_scene: lambda: files.saved(result.scene.save),
+        extras.report: lambda: files.as_json(result.report),
     }
-    written |= {path: make() for path, make in made.items() if path is not None}
-    files.write_all_atomically(written)
-    if further.outline is not None and not further.quiet and (hiding := result.hiding) > 0:
+    contents |= {path: make() for path, make in makers.items() if path is not None}
+    files.write_all_atomically(contents)
+    if extras.outline is not None and not extras.quiet and (hiding := result.hiding) > 0:
         yield (
-            f"{further.outline} also shows lines that the picture hides, below {hiding} opaque "
+            f"{extras.outline} also shows lines that the picture hides, below {hiding} opaque "
             "ellipses"
         )
-    if further.separations is not None and not further.quiet:
-        yield f"plates: {', '.join(f'{path} ({ink})' for path, ink in seen.items())}"
+    if extras.separations is not None and not extras.quiet:
+        yield f"plates: {', '.join(f'{path} ({ink})' for path, ink in visible.items())}"
     yield from (
-        f"{path} is not written, because {unseen[path]} is visible nowhere" for path in unseen
+        f"{path} is not written, because {invisible[path]} is visible nowhere" for path in invisible
     )

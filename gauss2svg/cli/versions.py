@@ -1,7 +1,7 @@
-"""The block that --version prints, which a fault report needs.
+"""The text that --version prints, which a fault report needs.
 
-Packages are imported where they are asked for their versions, because one that cannot be imported
-may be the fault that is reported.
+A package is imported only while its version is read, because a package that cannot be imported may
+be the fault that is reported.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import get_args
 from gauss2svg.options import Renderer
 from gauss2svg.version import __version__
 
-_WIDTH = 79  # characters, so that no terminal breaks a line elsewhere
-# The packages that decode, fit and measure; renderers have their own line.
+_WIDTH = 79  # characters in a line, so that no terminal breaks it elsewhere
+# The packages that decode, fit and measure. Renderers have a line of their own.
 _PACKAGES = (
     "numpy", "scipy", "numba", "scikit-image", "pillow", "pyvips", "pi-heif", "svgwrite", "torch",
     "ssimulacra2", "flip-evaluator",
@@ -25,9 +25,9 @@ _PACKAGES = (
 
 
 def versions() -> str:
-    """Return the versions of the program, of its packages and renderers, and the machine."""
+    """Return the versions of the program, its packages and its renderers, and the machine."""
     renderers = (_or_reason(name, _renderer) for name in get_args(Renderer))
-    installed = {one.name.lower().replace("_", "-"): one.version for one in distributions()}
+    installed = {dist.name.lower().replace("_", "-"): dist.version for dist in distributions()}
     packages = (f"{name} {installed[name]}" for name in _PACKAGES if name in installed)
     lines = [
         f"gauss2svg {__version__}",
@@ -39,19 +39,19 @@ def versions() -> str:
     return "\n".join(textwrap.fill(line, _WIDTH, subsequent_indent="  ") for line in lines)
 
 
-def _or_reason(name: str, ask: Callable[[str], str]) -> str:
-    """Return what a function says of a name, or the reason why it cannot, without advice."""
+def _or_reason(name: str, describe: Callable[[str], str]) -> str:
+    """Return describe(name), or the name and the reason why it failed, without advice."""
     try:
-        return ask(name)
-    except Exception as error:  # of any package that is missing or broken
+        return describe(name)
+    except Exception as error:  # a package that is missing or broken may raise anything
         return f"{name}: {re.split(r'; got |[.] Try ', str(error))[0]}"
 
 
 def _machine(name: str) -> str:
     from gauss2svg.compare.records import machine
 
-    here = machine()
-    return f"{name}: {here['cpu']}, {here['cores']} cores"
+    about = machine()
+    return f"{name}: {about['cpu']}, {about['cores']} cores"
 
 
 def _renderer(name: str) -> str:

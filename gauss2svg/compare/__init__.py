@@ -1,7 +1,7 @@
-"""Photos by variants, run into records, of which the benchmark and galleries are reports.
+"""Comparisons: photos are vectorised in several variants, and reports compare the results.
 
-variants, photos that are listed -> grid: tasks -> run (a process for each, or the workers of a
-pool) -> records -> table (the benchmark) and pages (galleries). variants also spans the settings of
-a benchmark. peers are other tools, machine what all run on, and chart has the charts and numbers of
-both reports.
+A variant is a preset, a number of Gaussians, other settings, or another tool (variants, peers).
+grid has a task for each photo and variant, and keeps its record. run makes the file and measures
+it. Two reports show the records: table, the benchmark, and pages, a gallery. chart draws the charts
+of both. records has the cost of a run and the machine.
 """

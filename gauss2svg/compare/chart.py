@@ -1,4 +1,4 @@
-"""Scatter charts of a score over a cost as SVG, and numbers as pages and plots show them."""
+"""Scatter charts of a score over a cost, and numbers as text for pages and plots."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from gauss2svg.measure.scores import NONE, PSNR, SPACE, Score
 
 
 def whole(value: float | None) -> str:
-    """Return a whole number with thousands separated."""
+    """Return a whole number with a space between thousands."""
     return NONE if value is None else f"{round(value):,}".replace(",", SPACE)
 
 
 def size(number: float | None) -> str:
-    """Return bytes to three digits: 940 B, 58.3 kB, 1.68 MB."""
+    """Return a size in bytes with three digits: 940 B, 58.3 kB, 1.68 MB."""
     if number is None:
         return NONE
     value, unit = _in_bytes(number)
@@ -28,12 +28,12 @@ def size(number: float | None) -> str:
 
 
 def seconds(value: float | None) -> str:
-    """Return seconds to at most three digits: 0.84 s, 12.3 s, 401 s."""
+    """Return seconds with three digits: 0.84 s, 12.3 s, 401 s."""
     return NONE if value is None else f"{_three_digits(value)}{SPACE}s"
 
 
 def tick(value: float, unit: str) -> str:
-    """Return bytes or seconds as at a tick: 5 kB, 0.5 B, 20 s."""
+    """Return the text of a tick, for unit "bytes" or "seconds": 5 kB, 0.5 B, 20 s."""
     value, name = _in_bytes(value) if unit == "bytes" else (value, "s")
     return f"{value:g}{SPACE}{name}"
 
@@ -47,26 +47,26 @@ def _in_bytes(number: float) -> tuple[float, str]:
 
 def _three_digits(value: float) -> str:
     decimals = 2 if value < 9.995 else 1 if value < 99.95 else 0
-    # Ties are rounded up, as by the scripts of pages: 2625 B are 2.63 kB.
+    # Ties are rounded up, as the scripts of the pages do: 2625 B is 2.63 kB.
     rounded = Decimal(float(value)).quantize(Decimal(1).scaleb(-decimals), ROUND_HALF_UP)
     return f"{rounded:,}".replace(",", SPACE)
 
 
 def machine_text(machine: Mapping[str, Any]) -> str:
-    """Return a machine on one line."""
+    """Return the description of a machine on one line."""
     cores = f"{machine['cores']} core{'s' * (machine['cores'] != 1)}"
     return f"{machine['cpu']}, {cores}, {machine['platform']}"
 
 
 class Cost(NamedTuple):
-    """What is paid for a score: its name in a record, "bytes" or "seconds", a title of its axis."""
+    """A cost in a chart: its key in a record, its unit "bytes" or "seconds", its axis title."""
 
     key: str
     unit: str
     title: str
 
     def text(self, value: float) -> str:
-        """Return a cost with its unit."""
+        """Return a value of this cost with its unit."""
         return size(value) if self.unit == "bytes" else seconds(value)
 
 
@@ -75,34 +75,34 @@ COSTS = (
     Cost("total_s", "seconds", "time, photo to measured SVG"),
 )
 _MARGIN = 1.25  # factor by which the cost axis extends beyond the outermost points
-_MOST_DECADES = 2.5  # of the cost axis; a longer one has ticks at powers of ten alone
+_MOST_DECADES = 2.5  # length of a cost axis; a longer one has ticks at powers of ten only
 
 
-# Where the axes of a chart lie, in user units; a narrow one has fewer ticks.
-PAGE = Frame(width=720, height=440, left=52, right=700, top=34, bottom=394, is_narrow=False)
-BESIDE = Frame(width=340, height=270, left=42, right=326, top=30, bottom=226, is_narrow=True)
+# Positions of the axes of a chart, in user units. A narrow chart has fewer ticks.
+WIDE = Frame(width=720, height=440, left=52, right=700, top=34, bottom=394, is_narrow=False)
+NARROW = Frame(width=340, height=270, left=42, right=326, top=30, bottom=226, is_narrow=True)
 
 
 def scatter(
-    points: Sequence[Mapping[str, Any]], cost: Cost, axis: Score = PSNR, frame: Frame = PAGE
+    points: Sequence[Mapping[str, Any]], cost: Cost, axis: Score = PSNR, frame: Frame = WIDE
 ) -> dict[str, Any] | None:
-    """Return the chart of a score over the logarithm of a cost, which chart.jinja draws.
+    """Return the chart of a score over the logarithm of a cost, as data for chart.jinja.
 
-    points  each with cost (> 0); score, None where the PSNR is infinite; series, its index, which
-            decides colour and shape; group, whose points are joined by a line, None for no line;
-            text, the tooltip; href, an address that a click opens, perhaps
+    points  mappings with cost (> 0), score (None if the PSNR is infinite), series (index that
+            decides colour and shape), group (a line joins its points; None for no line), text
+            (tooltip), and perhaps href (address that a click opens)
 
-    The chart has the frame, the titles of its axes, its ticks (place, text), the points with their
-    places x and y, and equal_y, where points of exact SVGs lie: their PSNR is infinite, and they
-    have a row of their own at the top. Better is higher: an axis of scores that fall is upside
-    down. Return None without points.
+    The chart has its frame, the titles of its axes, ticks as (position, text), and the points with
+    positions x and y. Points of exact SVGs, whose PSNR is infinite, lie in a row at the top, at
+    equal_y. Better is always higher, so the axis is upside down if lower scores are better. Return
+    None if there are no points.
     """
     if not points:
         return None
     scores = [point["score"] for point in points]
     costs = [point["cost"] for point in points]
     low, high = min(costs) / _MARGIN, max(costs) * _MARGIN
-    finite = [axis.sign * one for one in scores if one is not None] or [0.0]
+    finite = [axis.sign * score for score in scores if score is not None] or [0.0]
     some_equal = None in scores
     step = _step(max(finite) - min(finite), axis.least_step)
     bottom = math.floor(min(finite) / step) * step
@@ -125,7 +125,7 @@ def scatter(
         "frame": frame,
         "titles": (cost.title, axis.title),
         "x_ticks": [(x_of(at), tick(at, cost.unit)) for at in _ticks(low, high, frame.is_narrow)],
-        # A tick's number is without the digits and the sign that rounding adds to zero.
+        # round() drops the digits of rounding errors, and + 0.0 the sign of a negative zero.
         "y_ticks": [(y_of(y), f"{round(y, 6) + 0.0:g}") for y in levels if axis.sign * y < best],
         "points": [{**p, "x": x_of(p["cost"]), "y": y_of(p["score"])} for p in points],
         "equal_y": y_of(None) if some_equal else None,
@@ -133,7 +133,7 @@ def scatter(
 
 
 def template_environment(*packages: str) -> Environment:
-    """Return the templates of charts and of further packages; text is escaped."""
+    """Return the templates of charts and of further packages. They escape text."""
     loader = ChoiceLoader([PackageLoader(name) for name in ("gauss2svg.compare", *packages)])
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     environment.trim_blocks = environment.lstrip_blocks = True
@@ -143,18 +143,18 @@ def template_environment(*packages: str) -> Environment:
 
 
 def _step(span: float, least: float) -> float:
-    """Distance of ticks, for six ticks or fewer: least, or 2, 5, 10, 20, .. times as much."""
+    """Return the distance of ticks: `least` times 1, 2, 5, 10, .., the first with <= 6 steps."""
     steps = (least * factor * 10**power for power in count() for factor in (1, 2, 5))
     return next(step for step in steps if span / step <= 6)
 
 
 def _ticks(low: float, high: float, is_narrow: bool) -> list[float]:
-    """Ticks at 1, 2 and 5 of each power of ten; fewer on a long axis, more on a short."""
+    """Return ticks: 1, 2 and 5 of each power of ten, fewer on a long axis, more on a short one."""
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
 
     def between(*steps: float) -> list[float]:
-        found = [step * 10.0**exponent for exponent in exponents for step in steps]
-        return [value for value in found if low <= value <= high]
+        values = [step * 10.0**exponent for exponent in exponents for step in steps]
+        return [value for value in values if low <= value <= high]
 
     decades = math.log10(high / low)
     if decades > _MOST_DECADES:
@@ -162,6 +162,6 @@ def _ticks(low: float, high: float, is_narrow: bool) -> list[float]:
     if is_narrow and decades > _MOST_DECADES / 2:
         return between(1, 3)
     usual = between(1, 2, 5)
-    # Of these no two neighbours are as far apart as the ends of the shortest axis.
-    found = usual if len(usual) > 1 else between(1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)
-    return found[::2] if is_narrow and len(found) > 4 else found
+    # The longer list has a tick even on the shortest axis, which spans a factor of _MARGIN ** 2.
+    ticks = usual if len(usual) > 1 else between(1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)
+    return ticks[::2] if is_narrow and len(ticks) > 4 else ticks

@@ -1,7 +1,7 @@
-"""A grid of photos and variants: the records of finished runs are kept, the others are made.
+"""The grid of photos and variants: finished runs keep their records, and missing ones are run.
 
-The benchmark and galleries are reports on it. A record is one line of a file, added when its run
-has ended.
+The benchmark and galleries are reports on a grid. A record is a line of JSON, which is appended to
+a file when its run ends.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gauss2svg.batch.table import as_cell
-from gauss2svg.compare.records import Row, answered, machine
+from gauss2svg.compare.records import Row, machine, record_or_error
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
 from gauss2svg.files import check_writable, make_folder, reading
@@ -34,53 +34,54 @@ from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
 @cache
 def code_digest() -> str:
-    """Return the SHA-256 of the package's source files: runs of other code are other runs."""
+    """Return the SHA-256 of the package's source files. If it changes, runs are made again."""
     package = Path(__file__).parent.parent
     sources = sorted(package.rglob("*.py"))
-    parts = (str(one.relative_to(package)).encode() + one.read_bytes() for one in sources)
+    parts = (str(path.relative_to(package)).encode() + path.read_bytes() for path in sources)
     return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
 @dataclass(eq=False)
 class Task:
-    """A run of a photo.
+    """A run of a photo in a variant.
 
-    variant  None prepares the photo itself
-    given    what its request has beside the photo and the variant
-    others   what the result depends on beside photo, variant, code, renderer and scores
-    about    further columns of its record
-    file     in a folder of its own, without which it is not finished; None: it makes no file
+    variant       None for the preparation of the photo
+    parameters    values of the request beside the photo and the variant
+    dependencies  values that change the result, beside photo, variant, code, renderer and scores
+    columns       further columns of the record
+    file          file that it writes in its own folder, or None. The task is finished only if this
+                  file exists.
     """
 
     photo: ListedPhoto
     variant: Variant | None
-    given: Mapping[str, Any]
-    others: tuple[Any, ...]
-    about: Mapping[str, Any]
+    parameters: Mapping[str, Any]
+    dependencies: tuple[Any, ...]
+    columns: Mapping[str, Any]
     file: Path | None = None
 
     @property
     def request(self) -> dict[str, Any]:
-        """What the function is called with that makes the record."""
-        one = self.variant
-        about = {"tool": one.tool, "settings": dict(one.settings)} if one else {}
-        return {"source": self.photo.path, **about, **self.given}
+        """Argument of the function that makes the record."""
+        variant = self.variant
+        tool = {"tool": variant.tool, "settings": dict(variant.settings)} if variant else {}
+        return {"source": self.photo.path, **tool, **self.parameters}
 
     @cached_property
     def key(self) -> str:
-        """A hash of all that the record depends on, but no path."""
-        made_by = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
-        parts = [self.photo.digest, *made_by, self.variant, *self.others]
+        """Hash of everything that the record depends on. Paths are not part of it."""
+        software = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
+        parts = [self.photo.digest, *software, self.variant, *self.dependencies]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
     def record(self, answer: Mapping[str, Any]) -> Row:
-        """Return the record: the photo, the variant, when and where it was made, the answer."""
+        """Return the record: photo, variant, date, machine, and the answer of the function."""
         return {
             "key": self.key,
             **(self.variant.columns if self.variant else {}),
             "image": self.photo.name,
             "image_sha256": self.photo.digest,
-            **self.about,
+            **self.columns,
             "date": datetime.now(UTC).isoformat(timespec="seconds"),
             "machine": machine(),
             **answer,
@@ -88,7 +89,7 @@ class Task:
 
 
 class Progress(NamedTuple):
-    """Progress of a grid: finished and total runs, SVGs that were kept, the current runs."""
+    """Progress of a grid: finished runs, all runs, SVGs kept from before, names of current runs."""
 
     done: int
     total: int
@@ -97,12 +98,12 @@ class Progress(NamedTuple):
 
 
 class Grid:
-    """The records of a grid in progress.
+    """The tasks of a grid and their records.
 
-    path     the file of all records
-    records  of all tasks in their order, empty until a task has ended; one that failed has "error",
-             one line
-    kept     number of files that were made before
+    path     file of all records
+    records  record of each task, in the order of the tasks. It is empty until the task has ended,
+             and has a line "error" if the task failed.
+    kept     number of files that were made before and are still valid
     total    number of tasks that will have a record
     """
 
@@ -113,32 +114,33 @@ class Grid:
         self.records: dict[Task, Row] = {task: {} for task in tasks}
         self.total = len(self.records)
         self._now: list[Task] = []
-        known = rows_in(path)
+        rows_before = rows_in(path)
         for task in self.records:
-            row = known.get(task.about.get("folder", task.key), {"key": ""})
+            row = rows_before.get(task.columns.get("folder", task.key), {"key": ""})
             is_whole = "error" not in row and (task.file is None or task.file.exists())
             if is_whole and row["key"] == task.key:
-                self.records[task] = row | {"image": task.photo.name}  # which it may not have had
+                self.records[task] = row | {"image": task.photo.name}  # the photo may be renamed
         self.kept = sum(1 for task, row in self.records.items() if row and task.variant)
 
-    def is_made(self, task: Task) -> bool:
-        """Whether a task has ended, and not failed."""
+    def has_succeeded(self, task: Task) -> bool:
+        """Return whether a task has ended without an error."""
         return "error" not in (self.records[task] or {"error": "not run yet"})
 
     def run(
         self, tasks: Iterable[Task], pool: Pool, make: Callable[[Mapping[str, Any]], Row]
     ) -> Iterator[Row]:
-        """Have processes make the records that are missing, by a function; yield each record.
+        """Call `make` in the processes of a pool for each missing record, and yield the records.
 
-        Raise OutputError if no other can be made.
+        Raise OutputError if no other record can be made, for example because the disk is full.
         """
 
         def submitted(task: Task) -> Future[Row]:
             self._now.append(task)
             self._report()
-            if task.file is not None and task.file.exists():  # of a run whose row counts no more
+            if task.file is not None and task.file.exists():
+                # This run replaces an old file, whose record is wrong from now on.
                 add_row(self._path, task.record({"error": "it was interrupted"}))
-            return pool.submit(answered, make, task.request)
+            return pool.submit(record_or_error, make, task.request)
 
         self._report()
         missing = (task for task in tasks if not self.records[task])
@@ -162,9 +164,10 @@ class Grid:
 
 
 def rows_in(path: Path) -> dict[str, Row]:
-    """Return the last row of each folder, or else key, in a file of JSON lines.
+    """Return the rows of a file of JSON lines, by their folder, or by their key if they have none.
 
-    Damaged lines are left out. Raise InputError if the file cannot be read.
+    The last row of a folder or key counts. Damaged lines are left out. Raise InputError if the file
+    cannot be read.
     """
     rows: dict[str, Row] = {}
     if path.exists():
@@ -177,7 +180,7 @@ def rows_in(path: Path) -> dict[str, Row]:
 
 
 def add_row(path: Path, row: Row) -> None:
-    """Append a row to such a file, and flush it to the disk; raise OutputError if that fails."""
+    """Append a row to a file of JSON lines, and flush it. Raise OutputError if that fails."""
     try:
         with path.open("a+b") as stream:
             if stream.tell():
@@ -191,7 +194,7 @@ def add_row(path: Path, row: Row) -> None:
 
 
 def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Join nested names by dots: {"a": {"b": 1}} is {"a.b": 1}."""
+    """Return a row with nested names joined by dots: {"a": {"b": 1}} becomes {"a.b": 1}."""
     cells: dict[str, Any] = {}
     for name, value in row.items():
         is_nested, name = isinstance(value, dict), prefix + name
@@ -200,7 +203,7 @@ def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return CSV with a column for every name in any row; null is an empty cell."""
+    """Return CSV text with a column for every name in any row. None becomes an empty cell."""
     flattened = [flat(row) for row in rows]
     columns = list(dict.fromkeys(name for row in flattened for name in row))
     stream = io.StringIO()
@@ -211,9 +214,9 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
 
 
 def output_folder(directory: str | os.PathLike[str], outputs: Iterable[str]) -> Path:
-    """Return a folder, created if missing; raise OutputError unless its files can be written."""
+    """Return a folder, created if missing. Raise OutputError if an output cannot be written."""
     folder = Path(file_name("directory", directory, "the name of a folder, such as . for this one"))
     make_folder(folder)
     for name in outputs:
-        check_writable(folder / name)  # before the work, not after it
+        check_writable(folder / name)  # fail before the work, not after it
     return folder

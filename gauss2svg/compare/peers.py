@@ -1,6 +1,7 @@
-"""Other tools that turn a photo into a small file: one table for the benchmark and the gallery.
+"""Peers: other tools that turn a photo into a small file, for the benchmark and galleries.
 
-A peer's package is imported only in the process that runs it. Seconds of a program have its start.
+The package of a peer is imported only in the process that runs it. If a peer is a program, its time
+includes its start.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gauss2svg.compare.records import started_watch
+from gauss2svg.compare.records import start_watch
 from gauss2svg.errors import PeerError, quoted
 from gauss2svg.processes import end_of, run
 
@@ -32,7 +33,7 @@ def _version(package: str) -> str | None:
 
 
 def _output(command: list[str]) -> str:
-    """Return the standard output of a program; raise PeerError if it fails."""
+    """Run a program, and return its standard output. Raise PeerError if it fails."""
     ended = run(command)
     if ended.status:
         complaint = ended.complaint or "no message"
@@ -43,11 +44,11 @@ def _output(command: list[str]) -> str:
 class Peer(NamedTuple):
     """Another tool.
 
-    prepare   imports the tool, reads the PNG, and returns the function whose time is measured:
-              it writes the file
-    suffix    of the file; an .svg is rasterised to be scored, others are read as images
-    settings  keywords of prepare that the benchmark tries, first what a gallery has by default
-    version   installed version; None where the tool is not installed
+    prepare   imports the tool, reads the PNG, and returns a function that writes the file. Only the
+              time of that function is measured.
+    suffix    suffix of the file. An .svg is rasterised for its scores. Others are read as images.
+    settings  keyword arguments of `prepare` that the benchmark tries, first those of a gallery
+    version   returns the installed version, or None if the tool is not installed
     """
 
     prepare: Callable[..., Conversion]
@@ -63,7 +64,9 @@ def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Conversion:
     return lambda: vtracer.convert_image_to_svg_py(*paths, **_VTRACER[style] | changes)
 
 
-VTRACER1 = "GAUSS2SVG_VTRACER1"  # names a Python with vtracer 1.0, which excludes 0.6
+# Environment variable with the path of a Python that has vtracer 1.0. One Python cannot have both
+# 0.6 and 1.0.
+VTRACER1 = "GAUSS2SVG_VTRACER1"
 _VTRACER1_STYLES: dict[str, dict[str, Any]] = {
     "default": {},
     "polygon": {"mode": "polygon", "optimize": 2, "path_precision": 0},
@@ -72,7 +75,7 @@ _VTRACER1_STYLES: dict[str, dict[str, Any]] = {
         "clustering": "watershed", "watershed_detail": 512, "optimize": 2, "path_precision": 1,
     },
 }  # fmt: skip
-_ISOLATED = "-I"  # from the folders of packages that this process has in its environment
+_ISOLATED = "-I"  # option that hides the packages of PYTHONPATH from the other Python
 _SAY_VERSION = (
     "import importlib.metadata, vtracer\n"
     "vtracer.Config; print(importlib.metadata.version('vtracer'))"
@@ -123,7 +126,7 @@ def _splatthis(png: Path, output: Path, style: str) -> Conversion:
 
 
 _SPLATTHIS: dict[str, dict[str, Any]] = {
-    # The defaults of its command line.
+    # The defaults of splatthis's command line.
     "default": {
         "max_splats": 2000, "stages": [200, 150, 100, 50], "quality_profile": "max-fidelity",
     },
@@ -133,9 +136,9 @@ _SPLATTHIS: dict[str, dict[str, Any]] = {
 
 
 def _primitive_version() -> str | None:
-    """First digits of the binary's hash, for it does not report a version."""
-    found = shutil.which("primitive")
-    return found and hashlib.sha256(Path(found).read_bytes()).hexdigest()[:8]
+    """Return the first digits of the binary's hash, because it reports no version."""
+    path = shutil.which("primitive")
+    return path and hashlib.sha256(Path(path).read_bytes()).hexdigest()[:8]
 
 
 def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
@@ -143,7 +146,7 @@ def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
 
     with Image.open(png) as image:
         side = max(image.size)
-    # Mode 7 is rotated ellipses; without -s the output is scaled to 1024 px.
+    # Mode 7 draws rotated ellipses. Without -s the output is scaled to 1024 px.
     numbers = ["-n", str(shapes), "-m", "7", "-s", str(side)]
     return partial(_output, ["primitive", "-i", str(png), "-o", str(output), *numbers])
 
@@ -180,12 +183,12 @@ def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Conversi
 
     with Image.open(png) as image:
         pixels = image.convert("RGB")
-    pixels.save(io.BytesIO(), format_name, quality=quality)  # loads the codec
+    pixels.save(io.BytesIO(), format_name, quality=quality)  # loads the codec, which is not timed
     return lambda: pixels.save(output, format_name, quality=quality)
 
 
 def _avif_version() -> str | None:
-    """Return the version of the codec, which Pillow may be built without."""
+    """Return the version of the codec, or None if Pillow was built without it."""
     from PIL import features
 
     return features.version("avif")
@@ -215,12 +218,15 @@ PEERS: dict[str, Peer] = {
 }
 
 
-def converted(tool: str, settings: dict[str, Any], png: Path, output: Path) -> dict[str, Any]:
-    """Write the file of a tool and return what it took, in a process of its own."""
+def convert_by(tool: str, settings: dict[str, Any], png: Path, output: Path) -> dict[str, Any]:
+    """Write the file of a peer, and return its cost.
+
+    Call this in a process of its own, because it silences standard output and standard error.
+    """
     null = os.open(os.devnull, os.O_RDWR)
-    for stream in (1, 2):  # of the tool, which may print
+    for stream in (1, 2):
         os.dup2(null, stream)
     convert = PEERS[tool].prepare(png, output, **settings)
-    cost = started_watch()
+    cost = start_watch()
     convert()
     return cost()

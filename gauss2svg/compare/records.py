@@ -1,4 +1,4 @@
-"""What a process tells of a run: its record, its cost, and the machine. Imports nothing heavy."""
+"""Records of runs: errors, costs and the machine. This module imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ import psutil
 from gauss2svg.errors import Gauss2SvgError, OutputError, error_line, on_one_line
 
 Row = dict[str, Any]
-TOOL = "gauss2svg"  # the tool of all rows that are not a peer's
+TOOL = "gauss2svg"  # value of "tool" in rows that are not a peer's
 
 
-def answered(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:
-    """Return the record that a function makes, or {"error": one line} of what it raises.
+def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:
+    """Return the record that a function makes, or {"error": one line} if it raises an exception.
 
-    A request that fails so stops no other. The record has "fatal" where no other request can
-    succeed, as with a full disk. What is infinite or no number is None.
+    So a failing request does not stop the others. The record also has "fatal" if no other request
+    can succeed, for example because the disk is full. Infinities and NaN become None.
     """
     try:
         return finite(make(*arguments))
@@ -32,29 +32,29 @@ def answered(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[st
         return {"error": error_line(str(error)), "fatal": True}
     except MemoryError as error:
         line = f"out of memory ({error}). Try smaller photos or fewer Gaussians"
-    except Exception as error:  # a peer may raise anything; a bug of ours is shown with its type
+    except Exception as error:  # a peer may raise anything, and a bug is shown with its type
         line = f"{type(error).__name__}: " * (not isinstance(error, Gauss2SvgError)) + str(error)
     return {"error": error_line(on_one_line(line))}
 
 
 def finite(value: Any) -> Any:
-    """Return what JSON has of a value, with None for every infinity and NaN, which it has not."""
+    """Return a value as JSON keeps it, with None for infinities and NaN, which JSON lacks."""
     return json.loads(json.dumps(value), parse_constant=lambda _: None)
 
 
-def started_watch() -> Callable[[], dict[str, Any]]:
-    """Start a watch; the function that is returned reads what a run has cost since.
+def start_watch() -> Callable[[], dict[str, Any]]:
+    """Start a watch, and return a function that returns the cost since then.
 
     total_s      wall-clock seconds
     cpu_s        CPU seconds of this process and its children
-    other_cpu_s  CPU seconds of everything else on the machine: threads that wait for each other
-                 take much longer where other programs occupy their cores
+    other_cpu_s  CPU seconds of all other programs. If they occupy the cores, threads that wait for
+                 each other take much longer.
     peak_bytes   peak memory of this process or a child that it waited for; None if unknown
     """
-    begun = _seconds()
+    start = _seconds()
 
     def read() -> dict[str, Any]:
-        wall, own, busy = (now - then for now, then in zip(_seconds(), begun, strict=True))
+        wall, own, busy = (now - then for now, then in zip(_seconds(), start, strict=True))
         others = max(0.0, busy - own)
         return {"total_s": wall, "cpu_s": own, "other_cpu_s": others, "peak_bytes": _peak_bytes()}
 
@@ -62,7 +62,10 @@ def started_watch() -> Callable[[], dict[str, Any]]:
 
 
 def _seconds() -> tuple[float, float, float]:
-    """Return seconds of a clock, of CPU of this process and its children, and of all CPU."""
+    """Return wall-clock seconds and two kinds of CPU seconds.
+
+    The first kind is of this process and its children, the second is of all programs.
+    """
     own, busy = os.times(), psutil.cpu_times()._asdict()
     kinds = ("user", "nice", "system", "irq", "softirq", "steal")
     children = own.children_user + own.children_system
@@ -77,21 +80,21 @@ def _peak_bytes() -> int | None:
         return None
     unit = 1 if sys.platform == "darwin" else 1024
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * unit
-    if peak := _of_linux("self/status", "VmHWM").removesuffix(" kB"):
+    if peak := _from_proc("self/status", "VmHWM").removesuffix(" kB"):
         return max(int(peak) * 1024, children)  # ru_maxrss includes the parent's peak on Linux
     return max(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit, children)
 
 
 def machine() -> dict[str, Any]:
-    """CPU model, number of usable cores, platform."""
-    affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
+    """Return the CPU model, the number of usable cores and the platform."""
+    affinity = getattr(os, "sched_getaffinity", None)  # macOS lacks it
     cores = len(affinity(0)) if affinity else os.cpu_count() or 1
-    cpu = _of_linux("cpuinfo", "model name") or platform.processor() or platform.machine()
+    cpu = _from_proc("cpuinfo", "model name") or platform.processor() or platform.machine()
     return {"cpu": cpu, "cores": cores, "platform": platform.platform()}
 
 
-def _of_linux(file: str, name: str) -> str:
-    """Return the first value of a name in a file of /proc; "" if there is none."""
+def _from_proc(file: str, name: str) -> str:
+    """Return the first value of a name in a file of /proc, or "" if there is none."""
     try:
         text = Path("/proc", file).read_text(encoding="utf-8")
     except OSError:

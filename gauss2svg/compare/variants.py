@@ -1,8 +1,8 @@
 """The variants of a comparison: presets, numbers of Gaussians, other tools, and axes.
 
-An axis is an option of `vectorize`, or a constant of a module, as MODULE.NAME:
+An axis is an option of `vectorize`, or a constant of a module as MODULE.NAME:
 `--axis pipeline.search.correction.FULL=0.97,0.985` varies FULL of
-gauss2svg.pipeline.search.correction. Axes span the settings of a grid.
+gauss2svg.pipeline.search.correction. The benchmark runs every combination of the axes' values.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ Settings = tuple[tuple[str, Any], ...]  # names and values, sorted by name
 
 
 class Variant(NamedTuple):
-    """One way to make a file of a photo.
+    """A way to make a file of a photo.
 
-    settings  options and values of `vectorize` or of another tool, sorted by name
-    tool      gauss2svg or a peer
-    version   of the tool
+    settings  options of `vectorize` or of another tool and their values, sorted by name
+    tool      "gauss2svg" or the name of a peer
+    version   version of the tool
     """
 
     settings: Settings
@@ -41,62 +41,63 @@ class Variant(NamedTuple):
 
     @property
     def is_own(self) -> bool:
-        """Whether gauss2svg makes it: it then has rounds, a scene and outlines."""
+        """Whether gauss2svg makes the file. Only then are there rounds, a scene and outlines."""
         return self.tool == TOOL
 
     @property
     def preset(self) -> str | None:
-        """The preset of a variant that sets nothing else, or None."""
+        """Preset of a variant that sets nothing else; None for any other."""
         only = dict(self.settings) if self.is_own and len(self.settings) == 1 else {}
         return only.get("quality")
 
     @property
     def label(self) -> str:
-        """All settings in short, as tables have them: "draft", "gaussians 500", "jpeg 30"."""
+        """Settings in short, for tables: "draft", "gaussians 500", "jpeg 30"."""
         if not self.is_own:
             return " ".join([self.tool, *(str(value) for _, value in self.settings)])
         return self.preset or ", ".join(f"{name} {value}" for name, value in self.settings)
 
     @property
     def name(self) -> str:
-        """The variant in words, as pages have it: "draft", "500 Gaussians", "vtracer"."""
+        """Variant in words, for pages: "draft", "500 Gaussians", "vtracer"."""
         count = dict(self.settings).get("gaussians") if len(self.settings) == 1 else None
         name = f"{count} Gaussian{'s' * (count != 1)}"
         return self.label.removesuffix(" default") if count is None else name
 
     @property
     def slug(self) -> str:
-        """The name of its folder: "draft", "gaussians-500", "vtracer"."""
+        """Name of its folder: "draft", "gaussians-500", "vtracer"."""
         return (self.label if self.is_own else self.name).replace(" ", "-")
 
     @property
     def columns(self) -> dict[str, Any]:
-        """The variant in a record."""
-        about = {"label": self.label, "preset": self.preset, "tool": self.tool}
-        return about | {"tool_version": self.version, "settings": dict(self.settings)}
+        """Columns of a record that describe the variant."""
+        names = {"label": self.label, "preset": self.preset, "tool": self.tool}
+        return names | {"tool_version": self.version, "settings": dict(self.settings)}
 
 
-def of_peers(
-    texts: Iterable[str], most: int | None = None, suffixes: str = ""
+def peer_variants(
+    texts: Iterable[str], most: int | None = None, suffix: str = ""
 ) -> tuple[list[Variant], list[str]]:
     """Return variants of other tools, each once, and the names of tools that are not installed.
 
-    texts     "vtracer" for its settings, or "vtracer:detailed" for one of them
-    most      how many settings "vtracer" stands for, None: all
-    suffixes  end of the name of the files that a tool must write to be named, "" for any
-    Raise InputError for another text.
+    texts   "vtracer" for all settings of the tool, or "vtracer:detailed" for one of them
+    most    maximum number of settings that "vtracer" stands for; None for all
+    suffix  suffix of the files that a tool must write to be accepted; "" for any
+    Raise InputError for any other text.
     """
-    known: dict[str, list[Variant]] = {}
+    by_text: dict[str, list[Variant]] = {}
     for tool, peer in PEERS.items():
-        for settings in peer.settings if peer.suffix.endswith(suffixes) else ():
-            one = Variant(tuple(sorted(settings.items())), tool)
-            known.setdefault(tool, []).append(one)
-            known[one.label.replace(" ", ":")] = [one]
-    names = [Field("peer", words=tuple(known)).checked(text) for text in _sequence("peers", texts)]
-    wanted = dict.fromkeys(one for name in names for one in known[name][:most])
-    versions = {tool: PEERS[tool].version() for tool in dict.fromkeys(one.tool for one in wanted)}
-    made = [one._replace(version=version) for one in wanted if (version := versions[one.tool])]
-    return made, [tool for tool, version in versions.items() if not version]
+        for settings in peer.settings if peer.suffix.endswith(suffix) else ():
+            variant = Variant(tuple(sorted(settings.items())), tool)
+            by_text.setdefault(tool, []).append(variant)
+            by_text[variant.label.replace(" ", ":")] = [variant]
+    peer_field = Field("peer", words=tuple(by_text))
+    names = [peer_field.checked(text) for text in _sequence("peers", texts)]
+    chosen = dict.fromkeys(variant for name in names for variant in by_text[name][:most])
+    versions = {tool: PEERS[tool].version() for tool in dict.fromkeys(v.tool for v in chosen)}
+    installed = [v._replace(version=version) for v in chosen if (version := versions[v.tool])]
+    return installed, [tool for tool, version in versions.items() if not version]
 
 
 def variants_of(
@@ -104,21 +105,22 @@ def variants_of(
     counts: Iterable[int] | None = None,
     peers: Iterable[str] = (),
 ) -> tuple[list[Variant], list[str]]:
-    """Return the variants, each once and in this order, and the peers that are not installed.
+    """Return the variants of a gallery, each once, and the peers that are not installed.
 
     presets  names of PRESETS
-    counts   numbers of Gaussians, 0..MOST_GAUSSIANS; if neither is given: draft, balanced and high
-    peers    tools that write SVGs: "vtracer" for its first style in gauss2svg.compare.peers,
-             "vtracer:detailed" for another
-    Raise InputError for anything else.
+    counts   numbers of Gaussians, 0..MOST_GAUSSIANS. Without presets and counts: draft, balanced
+             and high.
+    peers    tools that write SVGs: "vtracer" for its first settings in gauss2svg.compare.peers, or
+             "vtracer:detailed" for others
+    Raise InputError for any other value, and if there is no variant.
     """
     if presets is None and counts is None:
         presets = ("draft", "balanced", "high")
     preset = Field("variant", words=tuple(PRESETS))
     count = Field("count", int, 0, MOST_GAUSSIANS)
-    own = [("quality", preset.checked(one)) for one in _sequence("variants", presets)]
-    own += [("gaussians", count.checked(one)) for one in _sequence("counts", counts)]
-    others, absent = of_peers(peers, 1, ".svg")
+    own = [("quality", preset.checked(name)) for name in _sequence("variants", presets)]
+    own += [("gaussians", count.checked(number)) for number in _sequence("counts", counts)]
+    others, absent = peer_variants(peers, 1, ".svg")
     variants = [*(Variant((setting,)) for setting in dict.fromkeys(own)), *others]
     if not variants:
         got = f"only peers that are not installed: {', '.join(absent)}" if absent else "none"
@@ -127,52 +129,53 @@ def variants_of(
 
 
 def main_variant(variants: Sequence[Variant]) -> Variant:
-    """Return what pages show first: the default preset, or the middle variant of our own."""
+    """Return the variant that pages show first: the default preset, or gauss2svg's middle one."""
     own = [variant for variant in variants if variant.is_own] or variants
     return next((v for v in own if v.preset == DEFAULT_PRESET), own[len(own) // 2])
 
 
 def _sequence(name: str, values: Any) -> list[Any]:
-    """Return the values of an argument, none of None. Raise InputError for what is no sequence."""
+    """Return the values of an argument; [] for None. Raise InputError if it is no sequence."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Iterable | None):
         raise refusal(name, "a sequence", quoted(values), f"[{quoted(values)}]")
     return [] if values is None else list(values)
 
 
-# All options of four groups but the seed, which is one of the command itself, and two of others.
+# Options that can be an axis: those of four groups, and two more. The seed is not among them,
+# because it is an option of the command itself.
 AXES: dict[str, Field] = {
-    field.name: replace(field, name=f"axis {field.name}")  # as errors have it
+    field.name: replace(field, name=f"axis {field.name}")  # name in errors
     for key, group in GROUPS.items()
     for field in fields_of(group)
     if (key in ("goal", "fit", "densify", "svg") and field.name != "seed")
     or field.name in ("renderer", "max_size")
 }
 
-# Values of an axis without any: those that need no other program or renderer.
+# Values of an axis that is given without values: only those that need no other program or renderer.
 _USUAL = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
 
-# Without any axis: the presets, then counts and iterations with the default preset. It takes
-# about a minute for a photo of half a megapixel on two cores.
+# Settings without any axis: the presets, then counts and iterations with the default preset. They
+# take about a minute for a photo of half a megapixel on two cores.
 DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
     {"quality": tuple(PRESETS)},
     {"gaussians": (500, 2000, 8000), "iterations": (100, 300)},
 )
 
 
-# What a constant of a module may be replaced by, by its type.
+# Range of values for a constant of a module, by its type.
 _CONSTANTS = {int: (0, 2**63 - 1), float: (-1e300, 1e300)}
 
 
 def options_in(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that are options."""
+    """Return the settings that are options, and not constants of modules."""
     return {name: value for name, value in settings.items() if "." not in name}
 
 
 def apply_constants(settings: Mapping[str, Any]) -> None:
-    """Replace the constants among the settings in this process, which makes no other run.
+    """Set constants of modules to the values among the settings.
 
-    The modules read them whenever they need them. What is compiled into kernels, a default value of
-    a parameter, or imported by name keeps its value.
+    The values stay, so this process must make no other run. A value has no effect if its constant
+    is compiled into kernels, is the default value of a parameter, or is imported by name.
     """
     for name in settings.keys() - options_in(settings):
         module, _, constant = name.rpartition(".")
@@ -180,16 +183,16 @@ def apply_constants(settings: Mapping[str, Any]) -> None:
 
 
 def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
-    """Return values by option, of the texts NAME or NAME=v1,v2 of a command line.
+    """Return the values of each axis, from texts such as NAME or NAME=v1,v2 of a command line.
 
-    Values that have commas themselves, as lists of inks, stand alone or between semicolons. Raise
-    InputError for an unknown axis. One that is repeated has the values of all.
+    A value with commas, such as a list of inks, stands alone, or between semicolons. An axis that
+    is repeated has the values of all texts. Raise InputError for an unknown axis.
     """
     axes: dict[str, tuple[Any, ...]] = {}
     for text in texts:
-        name, given, listed = text.partition("=")
+        name, equals_sign, listed = text.partition("=")
         axis = _axis(name := name.strip().replace("-", "_"))
-        values = _parsed(axis, listed) if given else _USUAL.get(name, axis.choices)
+        values = _parsed(axis, listed) if equals_sign else _USUAL.get(name, axis.choices)
         axes[name] = axes.get(name, ()) + values
     return axes
 
@@ -197,38 +200,38 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
 def _parsed(axis: Field, text: str) -> tuple[Any, ...]:
     try:
         return (axis.parsed(text.strip()),)
-    except InputError:  # it is not one list of inks
+    except InputError:  # it is not a single value
         values = text.split(";" if ";" in text else ",")
         return tuple(axis.parsed(value.strip()) for value in values)
 
 
 def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
-    """Return every combination of the axes' values, each once; of DEFAULT_GRID without axes.
+    """Return every combination of the values of axes, each once. The default is DEFAULT_GRID.
 
-    Raise InputError for an unknown axis, an invalid value, an axis without values, and options
-    that exclude each other.
+    Raise InputError for an unknown axis, an axis without values, an invalid value, and options that
+    exclude each other.
     """
     combinations: dict[Settings, None] = {}  # an ordered set
     for grid in [axes] if axes else DEFAULT_GRID:
         columns = []
         for name, values in grid.items():
             axis = _axis(name := name.replace("-", "_"))
-            columns.append([(name, axis.checked(one)) for one in _sequence(axis.name, values)])
+            columns.append([(name, axis.checked(value)) for value in _sequence(axis.name, values)])
             if not columns[-1]:
                 raise refusal(axis.name, "given with values", "none", f"--axis {name}=VALUE,VALUE")
         combinations |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
     for settings in combinations:
         try:
             Plan(Options.from_flat(options_in(dict(settings))))
-        except Gauss2SvgError as error:  # as every run with them would
-            # An axis has its value after an equals sign.
+        except Gauss2SvgError as error:
+            # The error is about options. An axis has an equals sign between its name and its value.
             line = re.sub(r"(--[\w-]+) (?!and\b|or\b|without\b)(?=\w)", r"\1=", str(error))
             raise InputError(f"axes: {line.replace('--', '--axis ')}") from error
     return list(combinations)
 
 
 def _axis(name: str) -> Field:
-    """Return an option, or a constant as one. Raise InputError for another name."""
+    """Return the field of an option or of a constant. Raise InputError for any other name."""
     if "." not in name:
         if name not in AXES:
             raise InputError(f"axis must be one of {', '.join(AXES)}; got {quoted(name)}")

@@ -1,9 +1,9 @@
-"""gauss2svg studio: vectorising in a browser, and the service under it.
+"""gauss2svg studio: a page that vectorises photos in the browser, and its service.
 
     application.mount("/studio", gauss2svg.studio.app)
 
-mounts it in one's own ASGI application. Its workers start with the first photo, and end with the
-process; who may use it is up to the application. `gauss2svg studio` serves it behind a token.
+mounts it in another ASGI application. Its workers start with the first photo and end with the
+process. The application decides who may use it. The command `gauss2svg studio` asks for a token.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 @cache
 def __getattr__(name: str) -> Any:
-    # Made on first use: the package imports without FastAPI.
+    # The app is made on first use, so that the package can be imported without FastAPI.
     if name != "app":
         raise AttributeError(f"module 'gauss2svg.studio' has no attribute {name!r}")
     from gauss2svg.studio.service import create_app

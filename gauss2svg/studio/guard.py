@@ -1,7 +1,8 @@
-"""Who may use the server, how much a request may bring, and what a page may load.
+"""ASGI middleware that guards the studio.
 
-ASGI middleware. `Bounded` is around every application of the studio, also where it is mounted;
-`Guard` only around that of the command, for a mounted one is its host's to guard.
+`Bounded` limits the requests to every studio, and adds security headers to its responses. `Guard`
+asks for a token. Only the command uses it, because an application that mounts a studio decides who
+may use it.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gauss2svg.errors import quoted
 
-MOST_UPLOADED = 256 * 10**6  # bytes of a form
-_MOST_JSON = 4_000_000  # bytes of any other body
-PAUSE_S: float | None = 20.0  # in which more of a body must come
-_BODY_S = 300.0  # in which all of a body must come
+MOST_UPLOADED = 256 * 10**6  # largest form, in bytes
+_MOST_JSON = 4_000_000  # largest body of any other request, in bytes
+PAUSE_S: float | None = 20.0  # longest pause (s) within a body
+_BODY_S = 300.0  # longest time (s) for a whole body
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )
-# An SVG opened by itself: it may be drawn, and nothing else.
+# For an SVG that is opened by itself: it may be drawn, but it may not run scripts or load files.
 PICTURE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; sandbox"
 )
@@ -41,19 +42,19 @@ _HEADERS = {
 
 
 def _refused(status: int, line: str) -> JSONResponse:
-    """Return the answer to a request, after which what is left of its body is not read."""
+    """Return the response for a refused request. The rest of its body is not read."""
     headers = {"Connection": "close", "Cache-Control": "no-store"}
     return JSONResponse({"error": line}, status, headers)
 
 
 class Bounded:
-    """Bounds bodies in bytes and time, refuses pages of other sites, adds headers of safety."""
+    """Middleware that limits the size and the time of bodies, and refuses pages of other sites."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve a request."""
+        """Serve a request within the limits."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -73,22 +74,22 @@ class Bounded:
                 raise HTTPException(408, line, {"Connection": "close"}) from None
             read += len(message.get("body", b""))
             if not message.get("more_body", False):
-                pause_s = None  # from now on only a disconnection can come
+                pause_s = None  # after the body only a disconnection can come, at any time
             if read > most:
                 raise HTTPException(413, too_large, {"Connection": "close"})
             return message
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                answered = MutableHeaders(scope=message)
-                is_picture = answered.get("content-type", "").startswith("image/svg+xml")
+                response = MutableHeaders(scope=message)
+                is_picture = response.get("content-type", "").startswith("image/svg+xml")
                 policy = PICTURE_POLICY if is_picture else PAGE_POLICY
                 for name, value in {**_HEADERS, "content-security-policy": policy}.items():
-                    answered.setdefault(name, value)
+                    response.setdefault(name, value)
             await send(message)
 
         answer, length = self.app, headers.get("content-length", "")
-        origin = headers.get("origin")  # which pages send with all but plain GETs
+        origin = headers.get("origin")  # browsers send it with all requests but plain GETs
         if origin is not None and origin.rpartition("/")[2] != headers.get("host"):
             answer = _refused(403, "a page of another site may not use the studio")
         elif length.isdecimal() and int(length) > most:
@@ -97,51 +98,52 @@ class Bounded:
 
 
 class Guard:
-    """Lets in who has the token, by the names of the server itself.
+    """Middleware that passes on only requests with the token, sent to a name of this server.
 
-    names  hosts, as in addresses, in lower case and without ports
-    local  whether it is served to this machine only; else addresses in digits are its names too
+    names  names of the server in addresses, in lower case and without ports
+    local  whether only this machine can reach it. If not, any IP address is accepted as its name.
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int, names: set[str], local: bool) -> None:
         self._app, self._token, self._names, self._local = app, token, names, local
-        # Cookies do not tell ports apart, and there may be two studios.
+        # The name has the port, because two studios on different ports share their cookies.
         self._cookie = f"gauss2svg-{port}"
-        # Opens the page once, for others may read a browser's command line.
+        # A ticket opens the page once. It stands in the command line of the browser, which other
+        # users may be able to read.
         self.ticket = secrets.token_urlsafe(24)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve a request, or answer why not."""
+        """Serve a request, or refuse it."""
         if scope["type"] == "http":
             answer = self._answer(HTTPConnection(scope))
             await answer(scope, receive, send)
         elif scope["type"] == "lifespan":
             await self._app(scope, receive, send)
 
-    def _answer(self, asked: HTTPConnection) -> ASGIApp:
-        """Return what answers a request: the studio, or a refusal."""
-        host = asked.headers.get("host", "")
+    def _answer(self, request: HTTPConnection) -> ASGIApp:
+        """Return the application that answers a request: the studio, a redirection or a refusal."""
+        host = request.headers.get("host", "")
         name = re.sub(r":\d+$", "", host.lower())
-        # A name can be made to point here (DNS rebinding); digits cannot.
-        is_digits = re.fullmatch(r"[\d.]+|\[[\da-f:]+\]", name)
-        if name not in self._names and (self._local or not is_digits):
+        # A site can let its name point to this machine (DNS rebinding), but not an IP address.
+        is_ip_address = re.fullmatch(r"[\d.]+|\[[\da-f:]+\]", name)
+        if name not in self._names and (self._local or not is_ip_address):
             return _refused(421, f"the address must be the printed one; got {quoted(host)}")
-        given = asked.query_params.get("token", "")
-        is_home = (asked.scope["method"], asked.scope["path"]) == ("GET", "/")
-        if is_home and (_equal(given, self._token) or _equal(given, self.ticket)):
-            if _equal(given, self.ticket):
+        token = request.query_params.get("token", "")
+        is_page = (request.scope["method"], request.scope["path"]) == ("GET", "/")
+        if is_page and (_equal(token, self._token) or _equal(token, self.ticket)):
+            if _equal(token, self.ticket):
                 self.ticket = secrets.token_urlsafe(24)
-            # So that the token does not stay in the address. Lax, for a link of another site may
-            # open the page; what such a site asks by itself has no cookie.
-            home = RedirectResponse("/", 303, {"Cache-Control": "no-store"})
-            home.set_cookie(self._cookie, self._token, httponly=True, samesite="lax")
-            return home
-        scheme, _, bearer = asked.headers.get("authorization", "").partition(" ")
-        given = bearer if scheme.lower() == "bearer" else asked.cookies.get(self._cookie, "")
-        if not _equal(given, self._token):
+            # The redirection removes the token from the address. With "lax" a link of another site
+            # may open the page, but requests that such a site makes by itself have no cookie.
+            redirection = RedirectResponse("/", 303, {"Cache-Control": "no-store"})
+            redirection.set_cookie(self._cookie, self._token, httponly=True, samesite="lax")
+            return redirection
+        scheme, _, bearer = request.headers.get("authorization", "").partition(" ")
+        token = bearer if scheme.lower() == "bearer" else request.cookies.get(self._cookie, "")
+        if not _equal(token, self._token):
             return _refused(401, "the token must be that of the printed address; got another")
         return self._app
 
 
-def _equal(given: str, secret: str) -> bool:
-    return secrets.compare_digest(given.encode(), secret.encode())
+def _equal(token: str, secret: str) -> bool:
+    return secrets.compare_digest(token.encode(), secret.encode())

@@ -1,7 +1,8 @@
-"""Jobs: calls in the shared pool, in one line, and how long their results are kept.
+"""Jobs: the queue of fits for the pool of worker processes, and the results that are kept.
 
-The process of a job tells how it stands by files in its folder (`worker.py`). Who wants to know
-looks at them, so that no message is sent between processes. All of this runs in one event loop.
+The process of a job writes its progress and its results as files into the job's folder
+(`worker.py`). The server reads these files, so that processes send each other no messages. All
+functions here run in one event loop.
 """
 
 from __future__ import annotations
@@ -25,22 +26,24 @@ from starlette.exceptions import HTTPException
 from gauss2svg.pool import Pool
 from gauss2svg.studio.worker import fit, warm
 
-MOST_WAITING = 32
-MOST_KEPT = 1000  # finished jobs, of which the oldest are forgotten
-MOST_BYTES = 1 << 30  # of the files of all jobs
-LOOK_S = 0.05  # between two looks at a job that somebody waits for
-_RETRY = {"Retry-After": "5"}  # seconds after which a client may ask again whether there is room
-_CANCEL_S = 0.2  # in which a fit may end by itself, and its process stay warm
+MOST_WAITING = 32  # jobs in the queue
+MOST_KEPT = 1000  # finished jobs; beyond this number the oldest are forgotten
+MOST_BYTES = 1 << 30  # bytes of the files of all jobs
+LOOK_S = 0.05  # seconds between two looks at a job that a request waits for
+_RETRY = {"Retry-After": "5"}  # seconds after which a refused client may try again
+_CANCEL_S = 0.2  # seconds for a canceled fit to end by itself; then its warm process is killed
 QUEUED, RUNNING, DONE, STOPPED = "queued", "running", "done", "stopped"
 FAILED, CANCELED = "failed", "canceled"
 
 
 @dataclass(eq=False)
 class Job:
-    """A photo to vectorise, and what has become of it.
+    """A photo to vectorise, and its results.
 
-    folder  with the photo, and later the files of its process
-    call    of the pool; before it is submitted one that never runs
+    folder   folder of the photo, and of the files that its process writes
+    lines    command line and Python call that make the same file
+    readers  number of clients that follow its events
+    call     future of the pool. Until the job is submitted, it is one that never runs.
     """
 
     folder: Path
@@ -57,40 +60,40 @@ class Job:
 
     @property
     def progress(self) -> dict[str, Any] | None:
-        """What its process has told last."""
-        return self._told("progress.json")
+        """Progress that its process wrote last."""
+        return self._read("progress.json")
 
     @property
     def report(self) -> dict[str, Any] | None:
-        """The report, once there is an SVG."""
-        self._report = self._report or self._told("report.json")
+        """Report, or None as long as there is no SVG."""
+        self._report = self._report or self._read("report.json")
         return self._report
 
-    def _told(self, name: str) -> dict[str, Any] | None:
-        with suppress(OSError):  # it is not there yet
+    def _read(self, name: str) -> dict[str, Any] | None:
+        with suppress(OSError):  # the file is not written yet
             return json.loads((self.folder / name).read_bytes())
         return None
 
     @property
     def state(self) -> str:
-        """One of the six states."""
-        is_ready = self.call.done()  # before the report is looked for, which is written before
+        """State: queued, running, done, stopped, failed or canceled."""
+        has_ended = self.call.done()  # asked before the report, which is written before the end
         if self.report is not None:
             return STOPPED if self.report["stop_reason"] == "interrupted" else DONE
         if self.is_canceled:
             return CANCELED
-        if is_ready:
+        if has_ended:
             return FAILED
         return RUNNING if self.call.running() else QUEUED
 
     @property
     def is_over(self) -> bool:
-        """Whether it neither waits nor runs; some files may still be written."""
+        """Whether it neither waits nor runs. Its process may still write further files."""
         return self.state not in (QUEUED, RUNNING)
 
     @property
     def error(self) -> str:
-        """Why it failed, or of a fit that is done why it lacks files."""
+        """Reason why it failed, or why a finished job lacks files; "" if there is none."""
         if self.is_canceled or not self.call.done():
             return ""
         if (error := self.call.exception()) is not None:
@@ -98,80 +101,85 @@ class Job:
         return self.call.result().get("error", "")
 
 
-async def until(true: Callable[[], object]) -> None:
-    """Wait until a function of a job returns what is true."""
-    while not true():
+async def wait_until(condition: Callable[[], object]) -> None:
+    """Wait until a condition on a job is true."""
+    while not condition():
         await asyncio.sleep(LOOK_S)
 
 
 class Jobs:
-    """All jobs of a server, and its pool: how many fits run at once, and threads of each."""
+    """All jobs of a server, and the pool that runs them.
+
+    workers  number of fits that run at the same time
+    threads  number of CPU threads of each fit
+    """
 
     def __init__(self, workers: int, threads: int) -> None:
         self.workers, self.threads = workers, threads
-        self.known: dict[str, Job] = {}
-        self.folder = Path(tempfile.mkdtemp(prefix="gauss2svg-studio-"))  # which is private
+        self.by_id: dict[str, Job] = {}
+        self.folder = Path(tempfile.mkdtemp(prefix="gauss2svg-studio-"))  # private to this user
         atexit.register(shutil.rmtree, self.folder, ignore_errors=True)
 
     @cached_property
     def _pool(self) -> Pool:
-        ending = ExitStack()
-        # A mounted studio is told by nobody that it ends; but a loop that ends cancels its tasks.
+        exit_stack = ExitStack()
+        # Nothing tells a mounted studio when the server ends. But an event loop that ends cancels
+        # its tasks, such as this one, which waits forever.
         self._task = asyncio.get_running_loop().create_task(asyncio.Event().wait())
-        self._task.add_done_callback(lambda _: self._end(ending))
-        return ending.enter_context(Pool(self.workers))
+        self._task.add_done_callback(lambda _: self._end(exit_stack))
+        return exit_stack.enter_context(Pool(self.workers))
 
-    def _end(self, ending: ExitStack) -> None:
-        """End all jobs and their processes; another loop may begin anew."""
-        ending.close()
+    def _end(self, exit_stack: ExitStack) -> None:
+        """End all jobs and their processes. Another event loop may start a new pool."""
+        exit_stack.close()
         del self._pool
-        for job in tuple(self.known.values()):
+        for job in tuple(self.by_id.values()):
             self.forget(job)
 
     def start(self) -> None:
-        """Start the workers, which get warm."""
+        """Start the workers, and warm them up."""
         for _ in range(self.workers):
             self._pool.submit(warm)
 
-    def check_room(self) -> None:
-        """Forget the oldest finished jobs; raise HTTPException where none can be taken."""
-        if len(self.line()) >= MOST_WAITING:
+    def make_space(self) -> None:
+        """Forget the oldest finished jobs. Raise HTTPException if no other job can be accepted."""
+        if len(self.queue()) >= MOST_WAITING:
             full = f"{MOST_WAITING} photos are waiting already; try again later"
             raise HTTPException(429, full, _RETRY)
-        over = [job for job in self.known.values() if job.call.done() and not job.readers]
-        sizes = {job.id: _bytes_in(job.folder) for job in self.known.values()}
-        while over and (len(over) >= MOST_KEPT or sum(sizes.values()) >= MOST_BYTES):
-            del sizes[over[0].id]
-            self.forget(over.pop(0))
+        finished = [job for job in self.by_id.values() if job.call.done() and not job.readers]
+        sizes = {job.id: _bytes_in(job.folder) for job in self.by_id.values()}
+        while finished and (len(finished) >= MOST_KEPT or sum(sizes.values()) >= MOST_BYTES):
+            del sizes[finished[0].id]
+            self.forget(finished.pop(0))
         if sum(sizes.values()) >= MOST_BYTES:
             full = "the photos that wait take all the room; try again later"
             raise HTTPException(429, full, _RETRY)
 
-    def line(self) -> list[Job]:
+    def queue(self) -> list[Job]:
         """Return the jobs that wait, in their order."""
-        jobs = self.known.values()
+        jobs = self.by_id.values()
         return [job for job in jobs if not job.call.done() and job.state == QUEUED]
 
     def new_folder(self) -> Path:
-        """Make a folder for the files of a job; its name has nothing of the photo's."""
+        """Make a folder for the files of a job, with a random name."""
         return Path(tempfile.mkdtemp(dir=self.folder))
 
     def submit(self, job: Job) -> None:
-        """Queue a job whose photo is in its folder."""
+        """Queue a job, whose photo is in its folder already."""
         request = {name: getattr(job, name) for name in ("name", "folder", "options")}
         request |= {"workers": self.workers, "threads": self.threads}
-        self.known[job.id] = job
+        self.by_id[job.id] = job
         job.call = self._pool.submit(fit, request)
 
     def stop(self, job: Job) -> None:
-        """End a fit with the best so far; one that has not begun is canceled."""
+        """End a fit, and keep the best result so far. Cancel a job that has not begun."""
         if job.state == QUEUED:
             self.cancel(job)
         elif not job.is_over:
             (job.folder / "stop").touch()
 
     def cancel(self, job: Job) -> None:
-        """End a job without a result, or without the rest of its files; its core is soon free."""
+        """End a job without a result, or without the rest of its files. It frees its cores soon."""
         if job.call.done():
             return
         job.is_canceled = True
@@ -184,12 +192,12 @@ class Jobs:
     def forget(self, job: Job) -> None:
         """Cancel a job, and remove its files once no worker writes them."""
         self.cancel(job)
-        self.known.pop(job.id, None)
+        self.by_id.pop(job.id, None)
         job.call.add_done_callback(lambda _: shutil.rmtree(job.folder, ignore_errors=True))
 
     @contextmanager
     def reading(self, job: Job) -> Iterator[None]:
-        """Inside there is a reader; when the last is gone the job is canceled."""
+        """Count a reader during the `with` block. Cancel the job if its last reader leaves."""
         job.readers += 1
         try:
             yield
@@ -200,7 +208,7 @@ class Jobs:
 
 
 def _bytes_in(folder: Path) -> int:
-    """Return the bytes of the files of a folder; 0 where somebody has removed it."""
+    """Return the bytes of the files in a folder, or 0 if the folder was removed."""
     with suppress(OSError):
         return sum(file.stat().st_size for file in folder.iterdir())
     return 0

@@ -1,4 +1,4 @@
-"""Options as data for the page, and the command and the Python call that have the same."""
+"""Options as data for the page, from a request, and as a command line and a Python call."""
 
 from __future__ import annotations
 
@@ -16,28 +16,31 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import command_line
 from gauss2svg.scene.inks import PALETTE_SUFFIX
 
-MOST_DRAWN = 40_000_000  # px of a PNG: half a gigabyte while it is drawn
-# The server's own: what it shares out among fits.
+MOST_DRAWN = 40_000_000  # pixels of a PNG, which take half a gigabyte while they are drawn
+# Options that only the server sets, because its fits share the machine.
 _NOT_OFFERED = ("threads", "max_memory", "max_pixels")
 _NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
 _OF_A_SCORE = ("key", "name", "title", "unit", "digits", "best")
 _UNIT = re.compile(r"\((dB|s|px)\)")
 
 
-def options_of(given: dict[str, Any]) -> Options:
-    """Return options of flat names and values of a request; raise InputError."""
+def options_of(values: dict[str, Any]) -> Options:
+    """Return the options of a request. Raise InputError if they are not valid.
+
+    values  values of options by their names, without groups
+    """
     for name in _NOT_OFFERED:
-        if name in given:
+        if name in values:
             raise InputError(f"{name} must not be given; it is the server's. Try without it")
-    if str(given.get("inks", "")).strip().lower().endswith(PALETTE_SUFFIX):
-        raise InputError(f"inks must be colours or a number; got {quoted(given['inks'])}")
-    options = Options.from_flat(given)
+    if str(values.get("inks", "")).strip().lower().endswith(PALETTE_SUFFIX):
+        raise InputError(f"inks must be colours or a number; got {quoted(values['inks'])}")
+    options = Options.from_flat(values)
     Plan(options).check_renderer()
     return options
 
 
 def form() -> dict[str, Any]:
-    """Groups of options, scores, and the largest PNG."""
+    """Return the groups of options, the scores and the limits, as data for the page."""
     return {
         "limits": {"png_pixels": MOST_DRAWN},
         "groups": [
@@ -57,7 +60,7 @@ def form() -> dict[str, Any]:
 
 
 def flag_of(name: str) -> str:
-    """The option on the command line."""
+    """Return the name of an option on the command line."""
     return f"--{name.replace('_', '-')}"
 
 
@@ -87,22 +90,26 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
 
 
 def lines_of(name: str, options: Options) -> dict[str, str]:
-    """Return {"command": .., "python": ..} of a photo of that name, with what is no default."""
+    """Return {"command": .., "python": ..}, which make the same SVG from a photo.
+
+    name     file name of the photo
+    options  all options; those at their defaults are left out
+    """
     defaults = Options().flat()
     changed = {name: value for name, value in options.flat().items() if value != defaults[name]}
     output = f"{PurePath(name).stem}.{'svgz' if options.svg.gzip else 'svg'}"
-    words = ["gauss2svg", _not_an_option(name), "-o", _not_an_option(output)]
+    words = ["gauss2svg", _as_file_name(name), "-o", _as_file_name(output)]
     arguments, names = [repr(name)], ["vectorize"]
     for key, group in GROUPS.items():
-        given = {f.name: changed[f.name] for f in fields_of(group) if f.name in changed}
-        for option, value in given.items():
+        in_group = {f.name: changed[f.name] for f in fields_of(group) if f.name in changed}
+        for option, value in in_group.items():
             if isinstance(value, bool):
                 words.append(flag_of(option if value else f"no_{option}"))
             elif str(value).startswith("-"):
                 words.append(f"{flag_of(option)}={value}")
             else:
                 words += [flag_of(option), str(value)]
-        values = [f"{option}={value!r}" for option, value in given.items()]
+        values = [f"{option}={value!r}" for option, value in in_group.items()]
         if key == "goal":
             arguments += values
         elif values:
@@ -113,5 +120,5 @@ def lines_of(name: str, options: Options) -> dict[str, str]:
     return {"command": command_line(words), "python": python}
 
 
-def _not_an_option(name: str) -> str:
+def _as_file_name(name: str) -> str:
     return f"./{name}" if name.startswith("-") else name

@@ -1,4 +1,4 @@
-"""The addresses of the service: the page and its data, jobs, and the files that they have made."""
+"""HTTP routes of the service: the page, its data, jobs, and the files of jobs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pydantic import BaseModel, Field, Json
 from starlette.datastructures import State
 from starlette.exceptions import HTTPException
 
-from gauss2svg.compare.chart import BESIDE, COSTS, scatter, template_environment
+from gauss2svg.compare.chart import COSTS, NARROW, scatter, template_environment
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_png
 from gauss2svg.measure.heatmap import MOST, legend
@@ -29,7 +29,7 @@ from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.raster.isolated import draw
 from gauss2svg.studio import uploads
-from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, until
+from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, wait_until
 from gauss2svg.studio.options import MOST_DRAWN, form, lines_of, options_of
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
@@ -44,7 +44,7 @@ Markup = Literal["editable", "minimal"] | None
 
 
 class JobState(BaseModel):
-    """A job; lines are the command and the Python that make the same file."""
+    """State of a job. `lines` are the command line and the Python call that make the same file."""
 
     id: str
     state: str  # queued, running, done, stopped, failed or canceled
@@ -59,15 +59,15 @@ class JobState(BaseModel):
     lines: dict[str, str]
 
 
-def _state(request: Request) -> State:
+def _app_state(request: Request) -> State:
     return request.app.state
 
 
-Studio = Annotated[State, Depends(_state)]  # what `create_app` keeps: jobs, samples, ...
+Studio = Annotated[State, Depends(_app_state)]  # values that `create_app` sets: jobs, samples, ...
 
 
 def _job_named(name: str, studio: Studio) -> Job:
-    job = studio.jobs.known.get(name)
+    job = studio.jobs.by_id.get(name)
     if job is None:
         raise HTTPException(404, f"no job {name[:40]}; it may have been forgotten for newer ones")
     return job
@@ -77,7 +77,7 @@ KnownJob = Annotated[Job, Depends(_job_named)]
 
 
 async def _finished(job: KnownJob) -> Job:
-    await until(lambda: job.is_over)
+    await wait_until(lambda: job.is_over)
     if job.report is None:
         raise HTTPException(409, job.error or f"the job was {job.state}; it has no SVG")
     return job
@@ -94,7 +94,7 @@ def _sample_named(name: str, studio: Studio) -> uploads.Sample:
 
 @router.get("/", include_in_schema=False)
 async def page(studio: Studio) -> HTMLResponse:
-    """The studio's page."""
+    """Return the page of the studio."""
     html = _TEMPLATES.get_template("studio.html.jinja").render(
         version=__version__,
         workers=studio.jobs.workers,
@@ -108,24 +108,24 @@ async def page(studio: Studio) -> HTMLResponse:
 
 @router.get("/api/options")
 async def options() -> dict[str, Any]:
-    """Options by groups, with domains, defaults and help; scores; the largest PNG."""
+    """Return the groups of options with ranges, defaults and help, the scores and the limits."""
     return form()
 
 
 @router.get("/api/samples", response_model=list[uploads.Sample])
 async def samples(studio: Studio) -> list[uploads.Sample]:
-    """Pictures that can be picked in place of an upload."""
+    """Return the pictures that can be picked instead of an upload."""
     return list(studio.samples.values())
 
 
 @router.get("/api/samples/{name}", response_class=FileResponse)
 async def sample(sample: Annotated[uploads.Sample, Depends(_sample_named)]) -> FileResponse:
-    """The file of a picture."""
+    """Return the file of such a picture."""
     return FileResponse(sample.path)
 
 
 class PointAsked(BaseModel):
-    """A run: its cost, its score, None where the pictures are equal, its series and tooltip."""
+    """A point of a chart. The score is None if the SVG equals the photo. The text is a tooltip."""
 
     cost: Annotated[float, Field(ge=1e-9, le=1e15)]
     score: Annotated[float, Field(ge=-1e6, le=1e6)] | None
@@ -134,7 +134,7 @@ class PointAsked(BaseModel):
 
 
 class ChartAsked(BaseModel):
-    """What a chart is drawn of: the names of a report for its two axes, and runs."""
+    """A chart to draw. `score` and `cost` are names of a report, for its two axes."""
 
     score: Literal[tuple(_AXES)]  # pyright: ignore[reportInvalidTypeForm]
     cost: Literal[tuple(_COSTS)]  # pyright: ignore[reportInvalidTypeForm]
@@ -143,30 +143,36 @@ class ChartAsked(BaseModel):
 
 @router.post("/api/chart", response_class=Response)
 def draw_chart(asked: ChartAsked) -> Response:
-    """A chart of a score over a cost as SVG, its points in their order."""
-    points = [one.model_dump() | {"group": one.series} for one in asked.points]
-    chart = scatter(points, _COSTS[asked.cost], _AXES[asked.score], BESIDE)
+    """Return a chart of a score over a cost as SVG. Its points have the order of the request."""
+    points = [point.model_dump() | {"group": point.series} for point in asked.points]
+    chart = scatter(points, _COSTS[asked.cost], _AXES[asked.score], NARROW)
     svg = _TEMPLATES.get_template("chart.svg.jinja").render(chart=chart)
     return Response(svg, media_type="image/svg+xml")
 
 
 async def _submitted(
     studio: Studio,
-    photo: Annotated[UploadFile | None, File(description="the file of a photo")] = None,
-    sample: Annotated[str, Form(description="or a name of /api/samples")] = "",
-    of: Annotated[str, Form(description="or the id of a job, whose photo is taken again")] = "",
-    options: Annotated[Json[dict[str, Any]] | None, Form(description="see /api/options")] = None,
+    photo: Annotated[UploadFile | None, File(description="File of a photo.")] = None,
+    sample: Annotated[
+        str, Form(description="Name of a picture of /api/samples, instead of a file.")
+    ] = "",
+    of: Annotated[
+        str, Form(description="Id of a job whose photo is used again, instead of a file.")
+    ] = "",
+    options: Annotated[
+        Json[dict[str, Any]] | None, Form(description="Options by name. See /api/options.")
+    ] = None,
 ) -> Job:
-    """Return the job of a form, queued."""
-    studio.jobs.check_room()
+    """Queue the job of a form, and return it."""
+    studio.jobs.make_space()
     chosen = options_of(options := options or {})
     folder: Path = studio.jobs.new_folder()
     try:
         if photo is not None:
             name, source = uploads.display_name(photo.filename), photo.file
         elif of:
-            other = _job_named(of, studio)
-            name, source = other.name, (other.folder / "photo").open("rb")
+            earlier = _job_named(of, studio)
+            name, source = earlier.name, (earlier.folder / "photo").open("rb")
         elif sample:
             picked = _sample_named(sample, studio)
             name, source = picked.name, picked.path.open("rb")
@@ -187,22 +193,22 @@ async def _submitted(
 SubmittedJob = Annotated[Job, Depends(_submitted)]
 
 
-def _told(job: Job, studio: State) -> JobState:
-    """Return what is told of a job now."""
-    told, line = JobState.model_validate(job, from_attributes=True), studio.jobs.line()
-    told.place = line.index(job) + 1 if job in line else 0
-    return told
+def _state(job: Job, studio: State) -> JobState:
+    """Return the state of a job now. Its place is its position in the queue, from 1, or 0."""
+    state, queue = JobState.model_validate(job, from_attributes=True), studio.jobs.queue()
+    state.place = queue.index(job) + 1 if job in queue else 0
+    return state
 
 
 @router.post("/api/jobs", status_code=201)
 async def submit(job: SubmittedJob, studio: Studio) -> JobState:
-    """Queue a photo; answers with its id and its place in line."""
-    return _told(job, studio)
+    """Queue a photo, and return the state of its job with its id and its place in the queue."""
+    return _state(job, studio)
 
 
 @router.post("/api/vectorize", response_class=Response)
 async def vectorize(request: Request, job: SubmittedJob, studio: Studio) -> Response:
-    """The SVG of a photo; a client that goes away cancels it."""
+    """Return the SVG of a photo. The job is canceled if the client disconnects."""
     while not job.is_over:
         if await request.is_disconnected():
             studio.jobs.forget(job)
@@ -217,17 +223,20 @@ async def vectorize(request: Request, job: SubmittedJob, studio: Studio) -> Resp
 
 @router.get("/api/jobs/{name}")
 async def state(job: KnownJob, studio: Studio) -> JobState:
-    """State, progress, and the report once it is there."""
-    return _told(job, studio)
+    """Return the state of a job, with its progress, and with its report once there is an SVG."""
+    return _state(job, studio)
 
 
 @router.get("/api/jobs/{name}/events", response_class=EventSourceResponse)
 async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent]:
-    """Server-sent events: the state whenever it changes; a slow reader gets the newest."""
+    """Send the state of a job as a server-sent event whenever it changes.
+
+    A slow reader misses states, but gets the newest.
+    """
     with studio.jobs.reading(job):
         last = None
         while last is None or last.state in (QUEUED, RUNNING):
-            if (now := _told(job, studio)) != last:
+            if (now := _state(job, studio)) != last:
                 yield ServerSentEvent(data=now, event="state")
                 last = now
             await asyncio.sleep(LOOK_S)
@@ -235,9 +244,9 @@ async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent
 
 @router.get("/api/jobs/{name}/frame", response_class=Response)
 async def frame(job: KnownJob) -> Response:
-    """JPEG of the fit as it is; waits for the first."""
+    """Return a JPEG of the fit as it is now. Wait for the first one."""
     path = job.folder / "frame.jpg"
-    await until(lambda: path.exists() or job.is_over)
+    await wait_until(lambda: path.exists() or job.is_over)
     if not path.exists():
         raise HTTPException(404, f"the job was {job.state} before its first frame")
     return Response(path.read_bytes(), media_type="image/jpeg")
@@ -245,9 +254,9 @@ async def frame(job: KnownJob) -> Response:
 
 @router.post("/api/jobs/{name}/stop")
 async def stop(job: KnownJob, studio: Studio) -> JobState:
-    """End a fit with the best so far."""
+    """End a fit, and keep the best result so far."""
     studio.jobs.stop(job)
-    return _told(job, studio)
+    return _state(job, studio)
 
 
 @router.delete("/api/jobs/{name}", status_code=204, response_class=Response)
@@ -260,12 +269,12 @@ async def forget(job: KnownJob, studio: Studio) -> None:
 async def picture(
     job: FinishedJob, markup: Markup = None, gzip: bool = False, download: bool = False
 ) -> Response:
-    """The SVG: as it was written, or in another markup, or as SVGZ."""
+    """Return the SVG as it was written, in another markup, or gzipped as SVGZ."""
     svg, zipped = await _svg(job, markup), gzip or _is_zipped(job)
     headers = dict[str, str]()
     if download:
-        which = f"-{markup}" if markup else ""
-        headers = _attachment(job, f"{which}.svgz" if zipped else f"{which}.svg")
+        ending = f"-{markup}" if markup else ""
+        headers = _attachment(job, f"{ending}.svgz" if zipped else f"{ending}.svg")
     elif zipped:
         headers["Content-Encoding"] = "gzip"
     data = await asyncio.to_thread(file_bytes, svg, zipped)
@@ -279,7 +288,7 @@ async def png(
     width: Annotated[int | None, Query(ge=1)] = None,
     download: bool = False,
 ) -> Response:
-    """The SVG rasterised at a width in px; the height follows."""
+    """Return the SVG as a PNG of a width in px. The height follows from it."""
     svg, report = await _svg(job, None), job.report or {}
     wide = width or report["width"]
     high = max(1, round(wide * report["height"] / report["width"]))
@@ -295,7 +304,7 @@ async def png(
 
 @router.get("/api/jobs/{name}/data-uri.txt", response_class=Response)
 async def data_uri(job: FinishedJob, markup: Markup = None) -> Response:
-    """The SVG as a data URI."""
+    """Return the SVG as a data URI."""
     svg = await _svg(job, markup)
     text = f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
     return Response(text, media_type="text/plain")
@@ -307,7 +316,7 @@ async def file(
     file: Literal[tuple(_FILES)],  # pyright: ignore[reportInvalidTypeForm]
     download: bool = False,
 ) -> FileResponse:
-    """The photo as it was compared, the error map, the outlines, the report, the scene."""
+    """Return the photo as it was compared, the error map, the outlines, the report or the scene."""
     path = await _written(job, file)
     headers = _attachment(job, f"-{file}") if download else {}
     kind = guess_type(file)[0] or "application/octet-stream"
@@ -316,30 +325,30 @@ async def file(
 
 @router.get("/api/zip", response_class=Response)
 async def archive(ids: str, studio: Studio, markup: Markup = None, gzip: bool = False) -> Response:
-    """SVGs of several jobs, ids separated by commas, as one ZIP."""
+    """Return a ZIP with the SVGs of several jobs. Their ids are separated by commas."""
     stream, taken = io.BytesIO(), set[str]()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as zipped:
         for name in dict.fromkeys(ids.split(",")):
             job = await _finished(_job_named(name, studio))
             suffix = ".svgz" if gzip or _is_zipped(job) else ".svg"
             data = await asyncio.to_thread(file_bytes, await _svg(job, markup), suffix == ".svgz")
-            await asyncio.to_thread(zipped.writestr, _free(job, suffix, taken), data)
+            await asyncio.to_thread(zipped.writestr, _new_name(job, suffix, taken), data)
     headers = {"Content-Disposition": 'attachment; filename="gauss2svg.zip"'}
     return Response(stream.getvalue(), media_type="application/zip", headers=headers)
 
 
 async def _written(job: Job, name: str) -> Path:
-    """Return the path of a file of a finished job once it is written; raise HTTPException."""
+    """Wait for a file of a finished job, and return its path. Raise HTTPException if none comes."""
     path = job.folder / name
-    await until(lambda: path.is_file() or job.call.done())
+    await wait_until(lambda: path.is_file() or job.call.done())
     if not path.is_file():
         raise HTTPException(404, f"this job has no {name}" + (job.error and f": {job.error}"))
     return path
 
 
 async def _svg(job: Job, markup: Markup) -> str:
-    is_other = markup not in (None, (job.report or {})["markup"])
-    path = await _written(job, f"picture-{markup}.svg" if is_other else "picture.svg")
+    is_second = markup not in (None, (job.report or {})["markup"])
+    path = await _written(job, f"picture-{markup}.svg" if is_second else "picture.svg")
     return await asyncio.to_thread(path.read_text, "utf-8")
 
 
@@ -348,11 +357,11 @@ def _is_zipped(job: Job) -> bool:
     return bool(job.report and job.report["gzip"])
 
 
-def _free(job: Job, suffix: str, taken: set[str]) -> str:
-    """Return a name that no other of an archive has, on any system."""
+def _new_name(job: Job, suffix: str, taken: set[str]) -> str:
+    """Return a file name that differs from the taken ones on any system, and add it to these."""
     stem = uploads.stem_of(job.name)
     names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
-    name = next(one for one in names if f"{one}{suffix}".casefold() not in taken)
+    name = next(name for name in names if f"{name}{suffix}".casefold() not in taken)
     taken.add(f"{name}{suffix}".casefold())
     return f"{name}{suffix}"
 

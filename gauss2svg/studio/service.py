@@ -1,4 +1,4 @@
-"""The service, an ASGI application: photos in, progress and SVGs out; and the command's server."""
+"""The ASGI application of the studio, and the server that the command runs."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ def create_app(
 ) -> Bounded:
     """Return the ASGI application.
 
-    jobs     fits that run at once; None: by the cores
-    threads  of each; None: the cores, shared out
-    folder   whose photos can be picked; None: pictures of scikit-image
-    is_local  whether it is served to its own machine only, which the page then says
-    Raises InputError for more than the machine has, and for a folder without photos.
+    jobs      number of fits that run at the same time; None: it depends on the cores
+    threads   number of CPU threads of each fit; None: fits share the cores
+    folder    folder whose photos can be picked; None: pictures of scikit-image
+    is_local  whether only this machine can reach it, so that the page says that photos stay here
+    Raise InputError for more jobs or threads than cores, and for a folder without photos.
     """
     queue = Jobs(*workers_and_threads(jobs, threads))
 
@@ -65,26 +65,26 @@ def create_app(
         description="Photos in, SVGs of Gaussians out. Errors are {'error': one line}.",
         lifespan=lifespan,
         openapi_url="/api/openapi.json",
-        exception_handlers=dict.fromkeys(handled, _refusal),
-        # These pages load scripts from other sites.
+        exception_handlers=dict.fromkeys(handled, _error_response),
+        # FastAPI's pages of documentation load scripts from other sites.
         docs_url=None,
         redoc_url=None,
     )
     app.state.jobs = queue
     app.state.samples = {sample.name: sample for sample in samples_in(folder)}
     app.state.is_local = is_local
-    app.state.drawing = asyncio.Semaphore(1)  # a PNG takes the time and the memory of a fit
+    app.state.drawing = asyncio.Semaphore(1)  # one PNG at a time, because it is as costly as a fit
     app.include_router(router)
-    mimetypes.add_type("text/javascript", ".js")  # which a registry of Windows may not say
+    mimetypes.add_type("text/javascript", ".js")  # a registry of Windows may lack or change it
     packages = ["gauss2svg.studio", "gauss2svg.compare.pages"]
     app.mount("/static", StaticFiles(packages=[(package, "static") for package in packages]))
     return Bounded(app)
 
 
-async def _refusal(_: Request, error: Exception) -> JSONResponse:
-    """Return the answer to a request that raised an error."""
+async def _error_response(_: Request, error: Exception) -> JSONResponse:
+    """Return the response to a request that raised an error."""
     if isinstance(error, HTTPException) and isinstance(error.__cause__, OSError):
-        error = error.__cause__  # of a form that the disk did not take
+        error = error.__cause__  # the disk could not hold the form
     headers = None
     match error:
         case HTTPException():
@@ -96,7 +96,7 @@ async def _refusal(_: Request, error: Exception) -> JSONResponse:
             field = ".".join(name for name in first["loc"][1:] if isinstance(name, str))
             got = quoted(first["input"])
             status, line = 422, f"{field or 'the body'} must be valid; got {got} ({first['msg']})"
-        case OSError():  # without the path of a file, which is private
+        case OSError():  # str(error) would have the path of a file, which is private
             status, line = 507, f"a file cannot be kept: {error.strerror}"
         case _:
             status, line = 500, f"{type(error).__name__}: {error}"
@@ -104,13 +104,16 @@ async def _refusal(_: Request, error: Exception) -> JSONResponse:
 
 
 def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int]:
-    """Return fits at once, and threads of each; raise InputError for more than the cores."""
+    """Return the number of fits at the same time, and of threads of each.
+
+    Raise InputError if one of them is larger than the number of cores.
+    """
     cores = machine()["cores"]
     if threads is not None:
         Field("threads", int, 1, cores).checked(threads)
     if jobs is None:
-        # A fit on four threads takes 45 % of the time of one thread, on eight 36 %: more cores
-        # serve more fits (docs/decisions/studio.md).
+        # On four threads a fit takes 45 % of the time on one thread, and on eight 36 %. So more
+        # cores run more fits, with four threads each (docs/decisions/studio.md).
         jobs = max(1, cores // (threads or 4))
     Field("jobs", int, 1, cores).checked(jobs)
     return jobs, threads or max(1, cores // jobs)
@@ -126,9 +129,9 @@ def serve(
     browser: bool,
     say: Callable[[str], None],
 ) -> None:
-    """Serve the studio until a signal; say is called with lines for a person.
+    """Serve the studio until a signal comes. `say` prints a line for the user.
 
-    Raises InputError for an address that cannot be listened on.
+    Raise InputError if the address cannot be listened on.
     """
     Field("port", int, 0, 65535).checked(port)
     local, token = host.lower() in _LOCAL_NAMES, secrets.token_urlsafe(24)
@@ -146,10 +149,11 @@ def serve(
             )
         say(f"the studio is at {address}{token} (Ctrl-C ends it)")
         if browser:
-            # A browser in the terminal would keep its caller until it is left.
-            opened = f"{address}{guard.ticket}"
-            Thread(target=webbrowser.open, args=(opened,), daemon=True).start()
-        for number in HANDLED_SIGNALS:  # uvicorn raises them again, after they have ended it
+            # A browser in the terminal returns only after the user has left it.
+            ticket_address = f"{address}{guard.ticket}"
+            Thread(target=webbrowser.open, args=(ticket_address,), daemon=True).start()
+        # A signal ends uvicorn, which then raises it again. This second one is ignored.
+        for number in HANDLED_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         config = uvicorn.Config(
             guard,
@@ -163,7 +167,7 @@ def serve(
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """Return a socket that clients can reach already; they wait until they are served."""
+    """Return a socket to which clients can connect already. They wait until they are served."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         return socket.create_server((host, port), family=family)

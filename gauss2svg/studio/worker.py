@@ -1,10 +1,11 @@
-"""What runs in the processes of the pool: one fit, which leaves what becomes of it in its folder.
+"""The fit of a job in a worker process, which writes files into the folder of the job.
 
-    progress.json, frame.jpg     while it runs
-    picture.svg, report.json     once it is done
-    photo.png, errors.png, ..    what is looked at afterwards
+    progress.json, frame.jpg     during the fit
+    picture.svg, report.json     when it is done
+    photo.png, errors.png, ..    after that, for the page
 
-Files named stop and cancel ask it to end, with the best picture so far or without one.
+The server writes a file named stop to end the fit with the best picture so far, or a file named
+cancel to end it without a picture.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.compare.records import answered, finite
+from gauss2svg.compare.records import finite, record_or_error
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import as_json, as_png, saved, write_whole
 from gauss2svg.measure.heatmap import error_map
@@ -30,24 +31,25 @@ from gauss2svg.render.frame import FrameMaker, as_jpeg
 from gauss2svg.svg.document import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
+# Attributes of a fit's progress that progress.json has.
 _OF_A_FIT = ("round", "iteration", "done", "gaussians", "psnr", "elapsed_s", "remaining_s")
 
 
 class _CanceledError(Exception):
-    """The fit is not wanted any more."""
+    """The exception that ends a canceled fit."""
 
 
 def warm() -> None:
-    """Load the kernels and fit once."""
+    """Load the kernels, run a small fit and draw a frame, so that the first job starts quickly."""
     as_jpeg(warm_up({"quality": "draft"}).scene)
 
 
 def fit(request: Mapping[str, Any]) -> dict[str, str]:
-    """Write the files of a fit, and return {}, or {"error": line} without private paths.
+    """Write the files of a fit. Return {}, or {"error": line} without private paths.
 
-    request  name, folder (with the photo), options, workers, threads
+    request  name of the photo, folder of the job, options, workers, threads
     """
-    answer = answered(_fit, request)
+    answer = record_or_error(_fit, request)
     if "error" in answer:
         line = answer["error"].replace(str(request["folder"] / "photo"), request["name"])
         answer["error"] = line.replace(f"{request['folder']}{os.sep}", "")
@@ -84,7 +86,7 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
         figures: dict[str, Any] = {"phase": now.phase}
         if now.fit is not None:
             frame = maker.frame(now.fit.scene)
-            if not frame:  # which says how often a fit may be looked at
+            if not frame:  # neither a frame nor progress is due yet
                 return
             frames += 1
             _write(folder / "frame.jpg", frame)
@@ -97,22 +99,22 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
         options.changed(max_memory=share, threads=request["threads"]),
         folder / "photo",
         progress=progress,
-        # Before its first step a fit has nothing to keep.
+        # Before its first frame a fit has no picture to keep.
         stop=lambda: frames > 0 and (folder / "stop").exists(),
     )
 
 
 def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
-    """Yield names and bytes: the SVG, the report that says that it is done, then the rest."""
+    """Yield names and bytes of files. With the second, the report, the job counts as done."""
     yield "picture.svg", result.svg.encode()
     yield "report.json", as_json(result.report)
     yield "photo.png", as_png(result.photo)
     errors = error_map(over(result.raster), over(result.photo))
     yield "errors.png", saved(lambda stream: errors.save(stream, "PNG"))
-    with suppress(Gauss2SvgError):  # an additive picture has none
+    with suppress(Gauss2SvgError):  # an additive picture has no outlines
         yield "outlines.svg", result.outline().encode()
     other = MINIMAL if result.report["markup"] == EDITABLE else EDITABLE
-    with suppress(Gauss2SvgError):  # options that only one of them has
+    with suppress(Gauss2SvgError):  # the options may exclude the other markup
         form = Plan(options.changed(markup=other)).svg_format
         yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
     yield "scene.npz", saved(result.scene.save)

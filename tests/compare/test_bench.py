@@ -15,9 +15,9 @@ from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import table
-from gauss2svg.compare.peers import PEERS, converted
+from gauss2svg.compare.peers import PEERS, convert_by
 from gauss2svg.compare.records import finite
-from gauss2svg.compare.run import in_own_process, measured_alone
+from gauss2svg.compare.run import in_own_process, measure_alone
 from gauss2svg.compare.table import NAMES, plots_of, run_bench, summarise
 from gauss2svg.errors import InputError
 from gauss2svg.measure.scores import SCORES
@@ -57,7 +57,7 @@ def requests(monkeypatch):
         }  # fmt: skip
 
     monkeypatch.setattr(table, "Pool", PoolHere)
-    monkeypatch.setattr(table, "measured_alone", answer)
+    monkeypatch.setattr(table, "measure_alone", answer)
     return asked
 
 
@@ -121,7 +121,7 @@ def test_bytes_and_fidelity_of_images_rise_with_quality(measured, tool):
 
 def test_memory_of_a_run_is_its_own(picture, tmp_path):
     ours = np.ones(40_000_000)  # 320 MB, which the child must not be charged with
-    row = in_own_process(converted, "jpeg", {"quality": 30}, picture, tmp_path / "output.jpg")
+    row = in_own_process(convert_by, "jpeg", {"quality": 30}, picture, tmp_path / "output.jpg")
     assert ours.nbytes / 2 > row["peak_bytes"] > 5e6
 
 
@@ -139,17 +139,17 @@ def test_resuming_runs_only_what_is_missing(picture, tmp_path, requests, capsys)
 
 
 def test_interrupted_benchmark_keeps_what_is_finished(picture, tmp_path, requests, monkeypatch):
-    answer = table.measured_alone
+    answer = table.measure_alone
 
     def interrupt(request):
         if request["settings"]["gaussians"] == 7:
             raise KeyboardInterrupt
         return answer(request)
 
-    monkeypatch.setattr(table, "measured_alone", interrupt)
+    monkeypatch.setattr(table, "measure_alone", interrupt)
     assert main(["bench", str(picture), "-o", str(tmp_path), "--axis", "gaussians=5,7,9"]) == 130
     assert counts(json.loads((tmp_path / "bench.json").read_text())["rows"]) == [5]
-    monkeypatch.setattr(table, "measured_alone", answer)
+    monkeypatch.setattr(table, "measure_alone", answer)
     requests.clear()
     run_bench([picture], tmp_path, axes={"gaussians": [5, 7, 9]})
     assert counts(requests) == [7, 9]
@@ -199,7 +199,7 @@ def test_peer_writes_an_svg_that_is_scored_or_fails_or_times_out(picture, tmp_pa
     def line(body, seconds=60):
         program(tmp_path / "primitive", body)
         request = request_of("primitive", picture, shapes=3) | {"peer_timeout": seconds}
-        return in_own_process(measured_alone, request)["error"]
+        return in_own_process(measure_alone, request)["error"]
 
     assert "status 3: no luck" in line("echo no luck >&2; exit 3")
     assert line("exit 0") == "primitive wrote no file. Try running it by hand"
@@ -219,7 +219,7 @@ def test_output_of_a_peer_is_not_part_of_its_row(picture, tmp_path, monkeypatch)
     )
     (tmp_path / "vtracer.py").write_text(module)
     monkeypatch.syspath_prepend(tmp_path)
-    row = measured_alone(request_of("vtracer", picture, style="default"))
+    row = measure_alone(request_of("vtracer", picture, style="default"))
     with Image.open(picture) as white:
         error = np.mean((1 - np.asarray(white, np.float64) / 255) ** 2)
     assert row["psnr_svg"] == pytest.approx(-10 * math.log10(error), abs=1e-4)
@@ -228,7 +228,7 @@ def test_output_of_a_peer_is_not_part_of_its_row(picture, tmp_path, monkeypatch)
 
 def test_image_of_a_peer_that_is_exact_has_no_finite_psnr(tmp_path):
     picture = save(np.full((16, 16, 3), 128 / 255), tmp_path / "gray.png")
-    row = finite(measured_alone(request_of("jpeg", picture, quality=90)))
+    row = finite(measure_alone(request_of("jpeg", picture, quality=90)))
     assert (row["psnr_svg"], row["ssim_svg"]) == (None, 1.0)
     assert json.loads(json.dumps(row, allow_nan=False)) == row
 
@@ -310,5 +310,5 @@ def test_score_of_an_enlargement_is_a_column_where_it_was_measured(picture, tmp_
     source = tmp_path / "source.svg"
     source.write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"/>')
     request = request_of("gauss2svg", picture, gaussians=2, iterations=1)
-    assert measured_alone(request | {"reference": (source, 2.0)})["psnr_svg_enlarged"] > 0
-    assert measured_alone(request)["psnr_svg_enlarged"] is None
+    assert measure_alone(request | {"reference": (source, 2.0)})["psnr_svg_enlarged"] > 0
+    assert measure_alone(request)["psnr_svg_enlarged"] is None

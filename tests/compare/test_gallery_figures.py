@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gauss2svg.compare import chart
-from gauss2svg.compare.chart import BESIDE, COSTS, PAGE, scatter, template_environment
+from gauss2svg.compare.chart import COSTS, NARROW, WIDE, scatter, template_environment
 from gauss2svg.compare.run import crops_of
 from gauss2svg.measure.scores import PSNR, SSIM
 
@@ -49,7 +49,7 @@ points = st.lists(
 )
 
 
-@pytest.mark.parametrize("frame", [PAGE, BESIDE])
+@pytest.mark.parametrize("frame", [WIDE, NARROW])
 @given(points)
 @example([point(1.27, 30.0)])
 @example([point(7.0, None, 0)] * 2)

@@ -12,7 +12,7 @@ from galleries import BLANK, Page, Table, program, save
 from gauss2svg.cli.main import main
 from gauss2svg.compare.pages import build
 from gauss2svg.compare.pages.build import write_pages
-from gauss2svg.compare.records import answered
+from gauss2svg.compare.records import record_or_error
 from gauss2svg.compare.run import make_photo, make_svg
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError
 from gauss2svg.photo.load import load_image
@@ -249,5 +249,5 @@ def test_every_error_of_a_request_is_one_line(error, line, more):
     def fail(_):
         raise error
 
-    assert answered(fail, {}) == {"error": line, **more}
-    assert answered(make_photo, {})["error"].startswith("KeyError: ")
+    assert record_or_error(fail, {}) == {"error": line, **more}
+    assert record_or_error(make_photo, {})["error"].startswith("KeyError: ")

@@ -12,7 +12,7 @@ from starlette.exceptions import HTTPException
 
 from gauss2svg.pool import WorkerDiedError
 from gauss2svg.studio import jobs
-from gauss2svg.studio.jobs import Job, Jobs, until
+from gauss2svg.studio.jobs import Job, Jobs, wait_until
 
 
 class Waiting:
@@ -57,11 +57,11 @@ def with_queue(story) -> None:
     assert queue.folder.stat().st_mode & 0o077 == 0
     asyncio.run(asyncio.wait_for(story(queue), 20))
     assert not list(queue.folder.iterdir())
-    assert not queue.known
+    assert not queue.by_id
 
 
 def new_job(queue: Jobs, photo: bytes = b"photo") -> Job:
-    queue.check_room()
+    queue.make_space()
     job = Job(queue.new_folder(), "a.png", {}, 4, 4, {})
     (job.folder / "photo").write_bytes(photo)
     queue.submit(job)
@@ -79,11 +79,11 @@ def test_jobs_run_one_after_the_other_and_a_line_has_an_end(monkeypatch):
     async def story(queue):
         first, second, third, fourth = (new_job(queue) for _ in range(4))
         assert [job.state for job in (first, second)] == ["running", "queued"]
-        assert queue.line() == [second, third, fourth]
+        assert queue.queue() == [second, third, fourth]
         with pytest.raises(HTTPException, match="3 photos are waiting"):
             new_job(queue)
         queue.cancel(third)
-        assert queue.line() == [second, fourth]
+        assert queue.queue() == [second, fourth]
         finish(first)
         assert (first.state, second.state, third.state) == ("done", "running", "canceled")
         finish(second, "interrupted")
@@ -126,12 +126,12 @@ def test_a_fit_that_does_not_end_when_it_is_asked_is_ended_and_a_forgotten_one_l
         queue.forget(running)
         assert (running.folder / "cancel").exists()
         assert running.state == "canceled"
-        await until(lambda: not running.folder.exists())
+        await wait_until(lambda: not running.folder.exists())
         assert killed
         finish(done)
         queue.forget(done)
         assert not done.folder.exists()
-        assert not queue.known
+        assert not queue.by_id
 
     with_queue(story)
 
@@ -158,7 +158,7 @@ def test_the_oldest_finished_jobs_are_forgotten_and_those_that_wait_never(bound,
             made.append(new_job(queue, bytes(400)))
             finish(made[-1])
         waits = new_job(queue)
-        kept = [job.id in queue.known for job in made]
+        kept = [job.id in queue.by_id for job in made]
         assert kept == sorted(kept)
         assert 1 < sum(kept) < 4
         assert [job.folder.exists() for job in made] == kept
@@ -166,7 +166,7 @@ def test_the_oldest_finished_jobs_are_forgotten_and_those_that_wait_never(bound,
             (waits.folder / "photo").write_bytes(bytes(size))
             with pytest.raises(HTTPException, match="room"):
                 new_job(queue)
-        assert waits.id in queue.known
+        assert waits.id in queue.by_id
 
     with_queue(story)
 

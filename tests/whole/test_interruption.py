@@ -147,7 +147,7 @@ def test_signal_that_a_callback_loses_ends_a_benchmark_before_its_next_run(
         return {"error": "unlucky"}
 
     monkeypatch.setattr("gauss2svg.compare.table.Pool", PoolHere)
-    monkeypatch.setattr("gauss2svg.compare.table.measured_alone", answer)
+    monkeypatch.setattr("gauss2svg.compare.table.measure_alone", answer)
     axes = ["--axis", "gaussians=5,6", "--quiet"]
     assert main(["bench", command[0], "-o", str(tmp_path / "out"), *axes]) == STATUS[number]
     assert asked == [{"gaussians": 5}]

@@ -71,9 +71,9 @@ def test_a_process_ends_with_what_it_has_started():
 # Runs a peer in a process of its own, as the benchmark does.
 RUNS_PEER = """
 import sys
-from gauss2svg.compare.run import measured
-measured({"tool": "primitive", "settings": {"shapes": 3}, "source": sys.argv[1],
-          "options": {"max_pixels": 10**6}, "peer_timeout": 600})
+from gauss2svg.compare.run import measure_run
+measure_run({"tool": "primitive", "settings": {"shapes": 3}, "source": sys.argv[1],
+             "options": {"max_pixels": 10**6}, "peer_timeout": 600})
 """
 
 

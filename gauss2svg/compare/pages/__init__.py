@@ -1,4 +1,4 @@
-"""Galleries: static pages that show what the vectoriser makes of some photos, and their options."""
+"""Galleries, which are static web pages that compare results for photos, and their options."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gauss2svg.svg.document import check_text
 
 @dataclass(frozen=True, kw_only=True)
 class GalleryOptions(OptionGroup):
-    """How a gallery is made."""
+    """Options of a gallery."""
 
     jobs: Annotated[int, Interval(ge=1, le=256)] = 1
     """Number of worker processes. With several, each SVG takes longer."""
@@ -25,7 +25,7 @@ class GalleryOptions(OptionGroup):
     seed: Seed = 0
     """Random seed. The same seed gives the same files."""
 
-    photo_size: Annotated[int, Interval(ge=1, le=16383)] = 2048  # the largest WebP
+    photo_size: Annotated[int, Interval(ge=1, le=16383)] = 2048  # WebP holds at most 16383 px
     """Longest side (px). Larger photos are reduced to it first."""
 
     max_pixels: Annotated[int, Interval(ge=1, le=MOST_PIXELS)] = DEFAULT_MAX_PIXELS

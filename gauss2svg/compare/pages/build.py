@@ -1,4 +1,4 @@
-"""Building a gallery: make what is missing in worker processes, then write its pages and data."""
+"""Building of a gallery: worker processes make the missing SVGs, then the pages are written."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
 GalleryProgress = Progress
-# Keys of a report; a peer's report lacks some.
+# Keys of a report that are columns of the data. The report of a peer lacks some.
 NUMBERS = (
     "gaussians", "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
     *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
@@ -48,10 +48,12 @@ _PHOTOS, _ASSETS = "photos", "assets"
 class Gallery:
     """A finished gallery.
 
-    directory  its folder
-    rows       one per SVG; summary: one per variant, with medians and totals; failures: photos,
-               where variant is None, and SVGs that could not be made; all as in gallery.json
-    kept       number of SVGs that were kept from before; absent: peers that are not installed
+    directory  folder of its pages
+    rows       a row for each SVG, as in gallery.json
+    summary    a row for each variant, with medians and totals
+    failures   a row for each SVG that could not be made, and for each bad photo, with variant None
+    kept       number of SVGs that were kept from before
+    absent     names of the peers that are not installed
     """
 
     directory: Path
@@ -63,7 +65,7 @@ class Gallery:
 
     @property
     def index(self) -> Path:
-        """The first page."""
+        """Path of the first page."""
         return self.directory / _INDEX
 
 
@@ -82,23 +84,23 @@ def build_gallery(
 
     photos     paths
     directory  folder of the pages, created if missing
-    variants   names of presets; counts: numbers of Gaussians; if neither is given: draft,
-               balanced and high
-    peers      vtracer, splatthis, primitive, with their defaults or in a style of the benchmark,
-               such as "vtracer:detailed"; those not installed are skipped
+    variants   names of presets
+    counts     numbers of Gaussians. Without variants and counts: draft, balanced and high.
+    peers      names of other tools that write SVGs, such as "vtracer", or "vtracer:detailed" for
+               other settings. Tools that are not installed are skipped.
     options    all other options, such as GalleryOptions(jobs=2, title="Flowers")
-    command    the command that the pages show
-    progress   called with a GalleryProgress whenever a step begins or ends
+    command    command line that the pages show
+    progress   called with a GalleryProgress when a step begins or ends
 
-    Finished SVGs are kept, and made again only where the photo's bytes, the settings, this
-    package's code or the packages of scores have changed. An interruption loses only unfinished
-    ones. A photo that cannot be read is a failure, which the first page lists, and the others
-    continue. The pages need neither a server nor a network. Raise InputError for bad arguments
-    and OutputError for a folder that cannot be written, or that holds other files of the pages'
-    names.
+    A finished SVG is kept. It is made again only if the bytes of the photo, the settings, the code
+    of this package, the renderer or the packages of scores have changed. An interruption loses only
+    unfinished SVGs. A photo that cannot be read is a failure that the first page lists, and the
+    other photos continue. The pages need neither a server nor a network. Raise InputError for bad
+    arguments. Raise OutputError if the folder cannot be written, or has other files with the names
+    of the pages.
     """
     listed = listed_photos(photos)
-    wanted, absent = variants_of(variants, counts, peers)
+    chosen, absent = variants_of(variants, counts, peers)
     options = options or GalleryOptions()
     jobs, size, seed = options.jobs, options.photo_size, options.seed
     # By default the processes share the cores.
@@ -113,29 +115,29 @@ def build_gallery(
     def task_of(photo: ListedPhoto, variant: Variant | None = None) -> Task:
         page = f"{_PHOTOS}/{photo.slug}"
         folder = f"{page}/{variant.slug}" if variant else page
-        shown = root / page / run.PHOTO
-        request = {
-            "folder": str(root / folder), "shown": str(shown), "photo_size": size,
+        page_photo = root / page / run.PHOTO
+        parameters = {
+            "folder": str(root / folder), "page_photo": str(page_photo), "photo_size": size,
             "options": run_options, "peer_timeout": options.peer_timeout,
         }  # fmt: skip
-        # Processes, threads, memory and time limits change no image, other tools take no seed.
-        others = (size, seed) if variant and variant.is_own else (size,)
-        about = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
-        file = root / folder / run.PICTURE if variant else shown
-        return Task(photo, variant, request, others, about, file)
+        # Processes, threads, memory and time limits change no image. Other tools take no seed.
+        dependencies = (size, seed) if variant and variant.is_own else (size,)
+        columns = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
+        file = root / folder / run.PICTURE if variant else page_photo
+        return Task(photo, variant, parameters, dependencies, columns, file)
 
-    plan = {task_of(photo): [task_of(photo, variant) for variant in wanted] for photo in listed}
+    plan = {task_of(photo): [task_of(photo, variant) for variant in chosen] for photo in listed}
     grid = Grid(root / _RECORDS, [*plan, *chain(*plan.values())], progress)
 
     def write() -> Gallery:
-        shown = f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
+        call = f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
         date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-        made = {
+        about = {
             "gauss2svg": __version__, "title": options.title,
-            "command": on_one_line(command or shown), "date": date,
+            "command": on_one_line(command or call), "date": date,
             "seed": seed, "photo_size": size, "peers_absent": absent,
         }  # fmt: skip
-        document = write_pages(root, made, plan, grid)
+        document = write_pages(root, about, plan, grid)
         data = {name: document[name] for name in ("rows", "summary", "failures")}
         return Gallery(root, **data, kept=grid.kept, absent=absent)
 
@@ -143,9 +145,9 @@ def build_gallery(
         if jobs > 1:
             compile_kernels()  # once, because processes that start together would each do it
         with Pool(jobs) as pool:
-            for record in grid.run(plan, pool, run.make_photo):  # bad ones are known early
-                grid.total -= len(wanted) * ("error" in record)
-            svgs = [task for photo in plan if grid.is_made(photo) for task in plan[photo]]
+            for record in grid.run(plan, pool, run.make_photo):  # first, to report bad photos early
+                grid.total -= len(chosen) * ("error" in record)
+            svgs = [task for photo in plan if grid.has_succeeded(photo) for task in plan[photo]]
             for _ in grid.run(svgs, pool, run.make_svg):
                 pass
     except KeyboardInterrupt:
@@ -155,7 +157,10 @@ def build_gallery(
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:
-    """Return the folder, created if missing; refuse to overwrite files of others."""
+    """Return the folder of a gallery, created if missing.
+
+    Raise OutputError if a file or folder has the name of an output and is not part of a gallery.
+    """
     root = output_folder(directory, ())
     is_ours = (root / _RECORDS).exists()
     for name in (*_OUTPUTS, _PHOTOS, _ASSETS):
@@ -170,18 +175,18 @@ def _folder(directory: str | os.PathLike[str]) -> Path:
 
 
 def write_pages(
-    root: Path, made: Mapping[str, Any], plan: Mapping[Task, Sequence[Task]], grid: Grid
+    root: Path, about: Mapping[str, Any], plan: Mapping[Task, Sequence[Task]], grid: Grid
 ) -> dict[str, Any]:
-    """Write all pages, the data and the static files, or none of them; return the data.
+    """Write all pages, the data and the static files, or none of them. Return the data.
 
-    made  how the gallery was made
-    plan  the tasks of the SVGs of each photo
-    Raise OutputError where a file cannot be written.
+    about  title, command, date and options of the gallery
+    plan   tasks of the SVGs, by the task of their photo
+    Raise OutputError if a file cannot be written.
     """
     variants = list(dict.fromkeys(t.variant for svgs in plan.values() for t in svgs if t.variant))
     results: list[Row] = []
-    for photo in filter(grid.is_made, plan):
-        record, tasks = grid.records[photo], filter(grid.is_made, plan[photo])
+    for photo in filter(grid.has_succeeded, plan):
+        record, tasks = grid.records[photo], filter(grid.has_succeeded, plan[photo])
         svgs = [_svg(record, grid.records[task], task.variant) for task in tasks if task.variant]
         results.append({**record, "photo": photo.photo, "svgs": svgs})
     svgs = [svg for result in results for svg in result["svgs"]]
@@ -189,9 +194,9 @@ def write_pages(
     failed = {task: row["error"] for task, row in grid.records.items() if "error" in row}
     unfinished = [t for photo in plan.keys() - failed for t in plan[photo] if not grid.records[t]]
     document = {
-        **made,
+        **about,
         "renderers": sorted({row["renderer"] for row in rows}),
-        "missing": len(unfinished),  # by an interruption
+        "missing": len(unfinished),  # number of SVGs that an interruption left out
         "summary": summary_of(rows, variants),
         "rows": rows,
         "failures": [
@@ -200,7 +205,7 @@ def write_pages(
         ],
     }
     scores = [s for s in SCORES if s.always or any(row[s.key] is not None for row in rows)]
-    versions = {version for one in reports for version in one.get("versions", {}).items()}
+    versions = {version for report in reports for version in report.get("versions", {}).items()}
     versions |= {(row["tool"], row["tool_version"]) for row in rows if row["tool"] != TOOL}
     origins = Counter(
         (row["date"], chart.machine_text(row["machine"]), row["jobs"], row["threads"])
@@ -216,25 +221,28 @@ def write_pages(
     }  # fmt: skip
 
     def page(template: str, folder: str = "", **more: Any) -> bytes:
-        found = environment.get_template(f"{template}.html.jinja")
-        return found.render(page=template, root=folder, **more).encode()
+        html = environment.get_template(f"{template}.html.jinja")
+        return html.render(page=template, root=folder, **more).encode()
 
     static = files("gauss2svg.compare.pages") / "static"
-    written: dict[str | os.PathLike[str], bytes] = {
+    contents: dict[str | os.PathLike[str], bytes] = {
         root / _DATA: as_json(document),
         root / _TABLE: csv_text(rows).encode(),
         **{root / f"{name}.html": page(name) for name in _PAGES},
         **{root / _ASSETS / file.name: file.read_bytes() for file in static.iterdir()},
     }
-    for before, one, after in zip([None, *results], results, [*results[1:], None], strict=False):
-        path = root / one["folder"] / _INDEX
-        written[path] = page("photo", "../../", result=one, previous=before, next=after)
-    write_all_atomically(written)
+    for before, result, after in zip([None, *results], results, [*results[1:], None], strict=False):
+        path = root / result["folder"] / _INDEX
+        contents[path] = page("photo", "../../", result=result, previous=before, next=after)
+    write_all_atomically(contents)
     return document
 
 
 def _svg(photo: Row, record: Row, variant: Variant) -> Row:
-    """Return the record of an SVG with its row in the data, and with what scripts need of it."""
+    """Return the record of an SVG with its title, variant, row of the data, and `script`.
+
+    `script` has the values that the scripts of the pages read.
+    """
     report, folder = record["report"], record["folder"]
     names = {"SVG": run.PICTURE, "report": run.REPORT}
     names |= {"scene": run.SCENE, "outlines": run.OUTLINES} if variant.is_own else {}
@@ -271,16 +279,16 @@ def _svg(photo: Row, record: Row, variant: Variant) -> Row:
 
 
 def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
-    """Return one row per variant: number of photos, medians and totals.
+    """Return a row for each variant that has SVGs: number of photos, medians and totals.
 
-    Missing numbers, the infinite PSNR of an exact SVG among them, do not count.
+    Medians and totals leave out missing numbers, such as the infinite PSNR of an exact SVG.
     """
     summary = []
     for variant in variants:
         own = [row for row in rows if row["variant"] == variant.name]
-        known = {name: [row[name] for row in own if row[name] is not None] for name in _MEDIANS}
-        medians = {f"median_{n}": statistics.median(v) if v else None for n, v in known.items()}
-        totals = {f"total_{name}": sum(known[name]) for name in _TOTALS}
+        values = {name: [row[name] for row in own if row[name] is not None] for name in _MEDIANS}
+        medians = {f"median_{n}": statistics.median(v) if v else None for n, v in values.items()}
+        totals = {f"total_{name}": sum(values[name]) for name in _TOTALS}
         summary += [{"variant": variant.name, "photos": len(own), **medians, **totals}] * bool(own)
     return summary
 
@@ -288,17 +296,17 @@ def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
 def chart_of(
     results: Sequence[Row], variants: Sequence[Variant], axis: Score, cost: chart.Cost
 ) -> dict[str, Any] | None:
-    """Return the chart of a score over a cost; each point links to its page."""
+    """Return the chart of a score over a cost. Each point links to the page of its photo."""
     points = [
         {
             "cost": svg["report"][cost.key],
             "score": score,
             "series": variants.index(svg["variant"]),
-            "group": at if svg["variant"].is_own else None,
+            "group": index if svg["variant"].is_own else None,
             "text": f"{svg['title']}: {axis.text(score)}, {cost.text(svg['report'][cost.key])}",
             "href": f"{svg['row']['page']}#{svg['variant'].slug}",
         }
-        for at, result in enumerate(results)
+        for index, result in enumerate(results)
         for svg in result["svgs"]
         if axis.has(score := svg["report"].get(axis.key))
     ]

@@ -1,6 +1,6 @@
-// The server's answers; addresses are relative, so that the page works wherever it is mounted.
+// Requests to the server. Addresses are relative, so that the page works wherever it is mounted.
 
-/** @typedef {string | number | boolean | null} Value of an option */
+/** @typedef {string | number | boolean | null} Value value of an option */
 /** @typedef {Record<string, Value>} Options */
 /** @typedef {{ name: string, label: string, flag: string | null, type: "integer" | "number" | "boolean" | "choice" | "size" | "text",
  *   choices: (string | number)[] | null, min: number | null, max: number | null, default: Value, help: string, unit: string | null }} Option */
@@ -14,10 +14,10 @@
 /** @typedef {{ phase?: string, round?: number, iteration?: number, done?: number, frame?: number, gaussians?: number,
  *   psnr?: number | null, bytes_estimate?: number, elapsed_s?: number, remaining_s?: number }} Progress */
 /** @typedef {{ id: string, state: string, place: number, progress: Progress | null, report: Report, error: string,
- *   width: number | null, height: number | null, lines: Record<string, string> }} State of a job; its report once it is done */
+ *   width: number | null, height: number | null, lines: Record<string, string> }} State state of a job; the report is null until there is an SVG */
 
 export class ApiError extends Error {
-  /** @param {string} line @param {number} status of the answer; 0: none came @param {number} [retryAfter] in s */
+  /** @param {string} line @param {number} status HTTP status, or 0 without an answer @param {number} [retryAfter] seconds */
   constructor(line, status, retryAfter) {
     super(line);
     this.status = status;
@@ -37,8 +37,8 @@ async function answer(path, request) {
   if (response.ok) return response;
   let line = `The server answered ${response.status}.`;
   if (response.headers.get("content-type")?.includes("json")) {
-    const told = await response.json();
-    line = typeof told.error === "string" ? told.error : line;
+    const body = await response.json();
+    line = typeof body.error === "string" ? body.error : line;
   }
   throw new ApiError(line, response.status, Number(response.headers.get("retry-after")) || 1);
 }
@@ -52,12 +52,13 @@ export const getText = async (path) => (await answer(path)).text();
 /** @param {string} path */
 export const getBlob = async (path) => (await answer(path)).blob();
 
-/** @param {object} asked @param {AbortSignal} signal */
-export const getChart = async (asked, signal) => (await answer("api/chart", {
-  method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(asked), signal,
+/** @param {object} request @param {AbortSignal} signal */
+export const getChart = async (request, signal) => (await answer("api/chart", {
+  method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(request), signal,
 })).text();
 /**
- * A photo whose bytes the server has already is not sent again; a 404 says that it has them no longer.
+ * Posts a job. If an earlier job has the photo, only the id of that job is sent. The answer is 404 if
+ * the server has forgotten it.
  * @param {import("./job.js").Photo} photo
  * @param {Options} options
  * @returns {Promise<State>}

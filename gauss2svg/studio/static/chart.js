@@ -1,13 +1,13 @@
-// The chart of the runs: drawn by the server, its points made to be chosen here.
+// The chart of the runs. The server draws it, and its points become buttons here.
 
 import { getChart } from "./api.js";
 import { draw } from "./dom.js";
 
 /** @typedef {{ cost: number, score: number | null, series: number, text: string, run: number,
- *   choose: (event: MouseEvent | KeyboardEvent) => void }} Point a score of null is that of equal pictures */
+ *   choose: (event: MouseEvent | KeyboardEvent) => void }} Point the score is null if the SVG equals the photo */
 
 /**
- * The mark of a series, of which there are as many as the page has.
+ * Returns the mark of a series. Marks repeat if there are more series than marks.
  * @param {number} series
  */
 export function mark(series) {
@@ -16,15 +16,15 @@ export function mark(series) {
 }
 
 /**
- * The chart as SVG.
+ * Returns the chart as an SVG element.
  * @param {Point[]} points
- * @param {string} score the name of a report for the vertical axis
- * @param {string} cost
+ * @param {string} score key of a report, for the vertical axis
+ * @param {string} cost key of a report, for the horizontal axis
  * @param {AbortSignal} signal
  */
 export async function chartOf(points, score, cost, signal) {
-  const asked = points.map(({ choose, run, ...one }) => one);
-  const tree = new DOMParser().parseFromString(await getChart({ score, cost, points: asked }, signal), "image/svg+xml");
+  const sent = points.map(({ choose, run, ...fields }) => fields);
+  const tree = new DOMParser().parseFromString(await getChart({ score, cost, points: sent }, signal), "image/svg+xml");
   all(".point", tree, SVGElement).forEach((node, at) => {
     const { run, text, choose } = points[at];
     for (const [name, value] of Object.entries({ role: "button", tabindex: 0, "data-run": run, "aria-label": text }))
@@ -40,7 +40,7 @@ export async function chartOf(points, score, cost, signal) {
 }
 
 /**
- * Rings the points of the run that is shown, and of the one beside it.
+ * Draws rings around the points of the run that is shown, and of the run that it is compared with.
  * @param {ParentNode} chart
  * @param {number | undefined} shown
  * @param {number | undefined} compared

@@ -1,9 +1,9 @@
-// Elements (found by `by` and `all` of viewer.js), and the lines that tell what happened.
+// Functions that make elements and show messages. `by` and `all` of viewer.js find elements.
 
 const SVG = "http://www.w3.org/2000/svg";
 
-/** @typedef {Record<string, any>} Attributes by name; functions are listeners, null and false are left out */
-/** @typedef {(Node | string | null)[]} Children of which null is left out */
+/** @typedef {Record<string, any>} Attributes values by name; functions are listeners, null and false are left out */
+/** @typedef {(Node | string | null)[]} Children null is left out */
 
 /**
  * @template {Element} T
@@ -16,7 +16,7 @@ function fill(element, attributes, children) {
     if (typeof value === "function") element.addEventListener(name, value);
     else if (value !== null && value !== undefined && value !== false) element.setAttribute(name, value === true ? "" : value);
   }
-  for (const one of children) if (one !== null) element.append(one);
+  for (const child of children) if (child !== null) element.append(child);
   return element;
 }
 /**
@@ -31,7 +31,7 @@ export const make = (tag, attributes = {}, ...children) =>
 export const draw = (tag, attributes) => fill(document.createElementNS(SVG, tag), attributes, []);
 
 /**
- * Tells a line to screen readers, which read it when they pause.
+ * Announces a line to screen readers, which read it at their next pause.
  * @param {string} text
  */
 export function say(text) {
@@ -39,7 +39,7 @@ export function say(text) {
 }
 
 /**
- * Shows an error beside what caused it; "" takes it away.
+ * Shows an error in the element with an id, or hides that element if the text is "".
  * @param {string} id
  * @param {string} text
  */

@@ -1,4 +1,4 @@
-// The ways out: files, the clipboard, and the lines that make the same file.
+// Export of a run: files, the clipboard, and the command and Python lines that make the same file.
 
 import { getBlob, getText, ofJob } from "./api.js";
 import { complain, say } from "./dom.js";
@@ -65,8 +65,8 @@ export class Exports {
     if (what === "png") return navigator.clipboard.write([new ClipboardItem({ "image/png": getBlob(ofJob(id, "picture.png")) })]);
     if (what === "svg") return navigator.clipboard.writeText(picture.text);
     if (what === "data-uri") {
-      // Within the click: a browser may refuse it after the answer has come.
-      const text = getText(ofJob(id, "data-uri.txt")).then((found) => new Blob([found], { type: "text/plain" }));
+      // The promise is passed on at once, because a browser may refuse to copy some time after the click.
+      const text = getText(ofJob(id, "data-uri.txt")).then((uri) => new Blob([uri], { type: "text/plain" }));
       return navigator.clipboard.write([new ClipboardItem({ "text/plain": text })]);
     }
     return navigator.clipboard.writeText(lines[what]);
@@ -74,7 +74,7 @@ export class Exports {
 }
 
 /**
- * The largest width of a PNG of so many pixels, whose height follows.
+ * Returns the largest width of a PNG with the aspect ratio of `size` and at most `most` pixels.
  * @param {{ width: number, height: number }} size
  * @param {number} most
  */

@@ -1,9 +1,9 @@
-// The main control: what a run aims at, and how much of it.
+// The main control: the kind of goal of a run, such as a number of shapes, and its value.
 
 import { complain, make } from "./dom.js";
 import { shortSize, whole } from "./numbers.js";
 
-const TICKS = 100; // of the slider on a logarithmic scale
+const TICKS = 100; // steps of the slider on a logarithmic scale
 /** @typedef {{ toSlider: (value: number) => number, fromSlider: (at: number) => number, least: number, most: number, step: number }} Scale */
 /** @typedef {{ scale: Scale, start: number, unit: string, toOption: (value: number) => number, per: number, step: number | "any",
  *   text: (value: number) => string }} Kind */
@@ -17,7 +17,7 @@ const log = (least, most) => ({
 /** @param {number} least @param {number} most @param {number} step @returns {Scale} */
 const linear = (least, most, step) => ({ toSlider: Number, fromSlider: Number, least, most, step });
 
-// scale: of the slider, which spans what is usual; the number field takes all that the option does.
+// The scale of the slider spans usual values. The number field accepts every value of the option.
 const KINDS = /** @type {Record<string, Kind>} */ ({
   gaussians: {
     scale: log(20, 30000), start: 3000, unit: "shapes", toOption: Math.round, per: 1, step: 1,
@@ -37,7 +37,7 @@ const KINDS = /** @type {Record<string, Kind>} */ ({
   },
 });
 
-// What each kind of aim does, under the slider.
+// Text under the slider for each kind of goal.
 const MEANING = /** @type {Record<string, string>} */ ({
   quality: "draft is the smallest and quickest, max the closest to the photo.",
   gaussians: "Number of shapes. More shapes are closer to the photo, and take more bytes and time.",
@@ -47,7 +47,7 @@ const MEANING = /** @type {Record<string, string>} */ ({
 });
 
 export class Goal {
-  /** @param {Record<string, import("./api.js").Option>} options by their names @param {(kind: string) => void} kindChanged called with the option that the control stands for */
+  /** @param {Record<string, import("./api.js").Option>} options by their names @param {(kind: string) => void} kindChanged called with the name of the option that the control sets */
   constructor(options, kindChanged) {
     this.slider = by("amount", HTMLInputElement);
     this.number = by("exact", HTMLInputElement);
@@ -80,7 +80,7 @@ export class Goal {
   }
 
   /**
-   * The option that the control stands for, and its value.
+   * Returns the option that the control sets, and its value.
    * @returns {import("./api.js").Options}
    */
   chosen() {
@@ -88,7 +88,7 @@ export class Goal {
     return { [this.kind]: KINDS[this.kind].toOption(this.values[this.kind]) };
   }
 
-  /** What is wrong with the exact value, or "". */
+  /** Returns the reason why the exact value is not valid, or "". */
   fault() {
     if (this.kind === "quality" || (this.number.validity.valid && this.number.value !== "")) return "";
     return this.number.validationMessage || "A number is missing.";

@@ -1,4 +1,4 @@
-// Photos come in: dropped, pasted, chosen, or picked among the samples.
+// Intake of photos that are dropped, pasted, chosen, or picked from the samples.
 
 import { make } from "./dom.js";
 
@@ -12,15 +12,15 @@ export function listen(take, complain) {
   for (const id of ["choose", "add"]) by(id).addEventListener("click", () => files.click());
   files.addEventListener("change", () => {
     take([...files.files ?? []].map(ofFile));
-    files.value = ""; // so that the same file may be chosen again
+    files.value = ""; // so that the same file can be chosen again
   });
   /** @param {DataTransfer | null} transfer */
-  const given = (transfer) => {
-    const found = [...transfer?.files ?? []].map(ofFile);
-    if (found.length) take(found);
+  const takeFrom = (transfer) => {
+    const photos = [...transfer?.files ?? []].map(ofFile);
+    if (photos.length) take(photos);
     else complain(NO_PHOTO);
   };
-  let depth = 0; // of elements that the pointer is over
+  let depth = 0; // number of nested elements that a dragged file is over
   /** @param {number} change */
   const over = (change) => {
     depth = Math.max(depth + change, 0);
@@ -32,13 +32,13 @@ export function listen(take, complain) {
   window.addEventListener("dragleave", (event) => { if (hasFiles(event)) over(-1); });
   window.addEventListener("dragover", (event) => { if (hasFiles(event)) event.preventDefault(); });
   window.addEventListener("drop", (event) => {
-    event.preventDefault(); // the browser would leave the page for the file
+    event.preventDefault(); // otherwise the browser would open the file instead of the page
     over(-Infinity);
-    given(event.dataTransfer);
+    takeFrom(event.dataTransfer);
   });
   window.addEventListener("paste", (event) => {
     const isText = event.target instanceof Element && event.target.closest("input, textarea, select");
-    if (event.clipboardData?.files.length || !isText) given(event.clipboardData);
+    if (event.clipboardData?.files.length || !isText) takeFrom(event.clipboardData);
   });
 }
 

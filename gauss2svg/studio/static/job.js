@@ -1,15 +1,16 @@
-// Runs: posted to the server a few at a time, followed by their events.
+// Runs: they are posted to the server, a few at a time, and followed by their events.
 
 import { ApiError, cancelJob, ofJob, postJob, stopJob } from "./api.js";
 
-const MOST_FOLLOWED = 3; // by streams: a browser has six connections to a server, also for pictures and answers
-const PAUSE_MS = 1000; // before a full queue is asked again, where the server names no time
+// Largest number of event streams. A browser has six connections to a server, for pictures and answers too.
+const MOST_FOLLOWED = 3;
+const PAUSE_MS = 1000; // pause before a run is posted again to a full queue, if the server names none
 const LOST = "The server does not answer. Trying again.";
 const GONE = "The server no longer knows this run. Try to run it again";
 
 /** @import { Options, Progress, State } from "./api.js" */
 /** @typedef {{ name: string, url: string, file?: File, width?: number, height?: number, series?: number, cannotBeSeen?: boolean,
- *   job?: string | null }} Photo series: its mark; job: one whose photo the server has; without a file it is a sample */
+ *   job?: string | null }} Photo a sample has no file; series is the number of its mark; job is the id of a job with this photo */
 /** @typedef {{ number: number, photo: Photo, asked: Options, aim: string, lost?: string, isStopping?: boolean, isCanceled?: boolean,
  *   isEnded?: boolean, status?: number, figures?: Progress, lastFrame?: Shown, picture?: import("./rounds.js").Picture,
  *   end?: () => void }} OfPage */
@@ -24,9 +25,9 @@ export const isActive = (run) => !ENDED.includes(run.state);
 /** @param {Run | null | undefined} run @returns {run is DoneRun} */
 export const hasPicture = (run) => run?.picture !== undefined;
 
-// Runs wait here, not at the server, beyond what it fits and the page follows at once.
-export class Lane {
-  /** @param {number} most that run at once @param {(run: Run) => void} changed called with a run whenever it changes */
+// A queue of runs in the page. A run is posted to the server only when fewer than `most` others are followed.
+export class RunQueue {
+  /** @param {number} most number of runs at the same time @param {(run: Run) => void} changed called with a run when it changes */
   constructor(most, changed) {
     this.most = Math.min(most, MOST_FOLLOWED);
     this.changed = changed;
@@ -39,10 +40,10 @@ export class Lane {
     run.state = "waiting";
     this.waiting.push(run);
     this.next();
-    this.tell();
+    this.showPlaces();
   }
 
-  tell() {
+  showPlaces() {
     this.waiting.forEach((run, at) => {
       run.place = at + this.running;
       this.changed(run);
@@ -61,7 +62,7 @@ export class Lane {
         this.running -= 1;
         this.changed(run);
         this.next();
-        this.tell();
+        this.showPlaces();
       });
     }
   }
@@ -73,12 +74,12 @@ export class Lane {
     const posted = await this.post(run);
     if (posted === null) return;
     run.id = posted.id;
-    if (run.isCanceled) { // while it was posted
+    if (run.isCanceled) { // the user canceled it while it was posted
       await cancelJob(posted.id);
       return;
     }
     run.photo.job = posted.id;
-    Object.assign(run, posted); // later only what changes is sent
+    Object.assign(run, posted); // events follow only when the state changes
     await /** @type {Promise<void>} */ (new Promise((ended) => {
       const events = new EventSource(ofJob(posted.id, "events"));
       const end = () => {
@@ -132,13 +133,13 @@ export class Lane {
   async cancel(run) {
     run.isCanceled = true;
     run.state = "canceled";
-    this.waiting = this.waiting.filter((one) => one !== run);
+    this.waiting = this.waiting.filter((other) => other !== run);
     this.changed(run);
     if (run.id) {
       if (run.photo.job === run.id) run.photo.job = null;
       run.end?.();
       await cancelJob(run.id);
     }
-    this.tell();
+    this.showPlaces();
   }
 }

@@ -1,18 +1,18 @@
-// What the page knows, and what follows from a change of it.
+// The state of the page, and the updates of the page when it changes.
 
 import { ApiError, getBlob, getJob, getOptions, getSamples, ofJob, zipOf } from "./api.js";
 import { complain, say } from "./dom.js";
 import { Exports } from "./exports.js";
 import { Goal } from "./goal.js";
 import { listen, showSamples } from "./intake.js";
-import { hasPicture, isActive, isDone, Lane } from "./job.js";
+import { hasPicture, isActive, isDone, RunQueue } from "./job.js";
 import { More } from "./more.js";
 import { decibels, seconds, size, whole } from "./numbers.js";
 import { figuresOf, showProgress, Strip } from "./progress.js";
 import { Picture } from "./rounds.js";
 import { named, Trade } from "./trade.js";
 
-const OF_JOB = /^api\/jobs\/([^/]+)\/((?!frame).*)/; // frames are followed by others
+const OF_JOB = /^api\/jobs\/([^/]+)\/((?!frame).*)/; // frames are left out, because the next one replaces a lost one
 const FORGOTTEN = "The server has forgotten this run, because it keeps only its newest ones. Try to run it again.";
 
 /** @import { Form, Options } from "./api.js" */
@@ -34,11 +34,11 @@ class Studio {
     this.trade = new Trade(scores, (run) => this.show(run), (run) => this.compare(run));
     this.exports = new Exports(limits);
     this.strip = new Strip((photo) => this.open(photo));
-    this.lane = new Lane(Number(document.body.dataset.workers), (run) => this.changed(run));
-    this.hear();
+    this.queue = new RunQueue(Number(document.body.dataset.workers), (run) => this.changed(run));
+    this.addListeners();
   }
 
-  hear() {
+  addListeners() {
     listen((photos) => this.take(photos), (line) => complain("photo-error", line));
     by("goal").addEventListener("submit", (event) => {
       event.preventDefault();
@@ -76,24 +76,24 @@ class Studio {
   /** @param {Photo[]} photos */
   run(photos) {
     complain("goal-error", "");
-    const asked = this.asked();
+    const asked = this.chosenOptions();
     if (asked === null) return;
     for (const photo of photos) {
       const number = Math.max(0, ...this.runs.map((run) => run.number)) + 1;
       const run = /** @type {Run} */ ({ number, photo, asked, aim: this.aim(), state: "waiting", progress: null });
       this.runs.push(run);
       if (photo === this.photo) this.setShown(run);
-      this.lane.add(run);
+      this.queue.add(run);
     }
     this.showAll();
     say(photos.length > 1 ? `${photos.length} runs started` : "Run started");
   }
 
   /**
-   * The options of the form; null where a field of it holds what it may not.
+   * Returns the options of the form, or null if a field is not valid.
    * @returns {Options | null}
    */
-  asked() {
+  chosenOptions() {
     const fault = this.goal.fault();
     if (fault) {
       complain("goal-error", fault);
@@ -131,7 +131,7 @@ class Studio {
         Object.assign(run, { state: "failed", error: error.message });
       }
     }
-    if (isDone(run) && run.photo.cannotBeSeen) this.tried(this.fetchPhoto(run));
+    if (isDone(run) && run.photo.cannotBeSeen) this.reportErrors(this.fetchPhoto(run));
     if (!isDone(run)) this.drop(run);
     if (this.shown === run) this.viewer.setRounds(roundsOf(run));
     if (isDone(run)) say(`${named(run)} is done: ${figuresOf(run)}`);
@@ -139,7 +139,7 @@ class Studio {
   }
 
   /**
-   * A run without a result leaves no point; its reason stands beside what caused it.
+   * Removes a run without a result, and shows its error beside the control that caused it.
    * @param {Run} run
    */
   drop(run) {
@@ -162,7 +162,7 @@ class Studio {
   }
 
   /**
-   * The photo in a format that every browser shows, where it came in another.
+   * Replaces a photo that the browser cannot show by the PNG that the server made of it.
    * @param {Run & { id: string }} run
    */
   async fetchPhoto(run) {
@@ -176,7 +176,7 @@ class Studio {
     return this.runs.findLast((run) => run.photo === photo);
   }
 
-  // The run under way of the photo that is shown.
+  // Returns the active run of the photo that is shown, or null.
   active() {
     if (this.shown && isActive(this.shown)) return this.shown;
     return this.runs.find((run) => run.photo === this.photo && isActive(run)) ?? null;
@@ -187,18 +187,18 @@ class Studio {
     if (run === null) return;
     run.isStopping = true;
     showProgress(run);
-    await this.tried(this.lane.stop(run));
+    await this.reportErrors(this.queue.stop(run));
   }
 
   async cancel() {
     const run = this.active();
-    if (run) await this.tried(this.lane.cancel(run));
+    if (run) await this.reportErrors(this.queue.cancel(run));
   }
 
-  /** @param {Promise<void>} asked */
-  async tried(asked) {
+  /** @param {Promise<void>} request */
+  async reportErrors(request) {
     try {
-      await asked;
+      await request;
     } catch (error) {
       if (!(error instanceof ApiError)) throw error;
       complain("photo-error", error.message);
@@ -253,7 +253,7 @@ class Studio {
     if (isOther) this.open(run.photo);
     if (this.shown !== run) this.setShown(run);
     this.showAll();
-    by("stage").scrollIntoView({ block: "nearest" }); // the table is far below
+    by("stage").scrollIntoView({ block: "nearest" }); // the click may come from the table far below
     say(`${named(run)}: ${figuresOf(run)}`);
   }
 
@@ -308,7 +308,7 @@ class Studio {
     if (done && isErrors) viewer.show("right", { src: ofJob(done.id, "errors.png"), name: "error map", alt: `Error map of ${named(done)}`, badge: `Errors, run ${done.number}`, isErrors });
     else if (done) viewer.show("right", pictureSide(done, done.picture.upTo(viewer.round), !beside));
     else viewer.show("right", frameSide(shown));
-    // The photo until there are shapes, the shapes as they come, and in the end both.
+    // The page shows the photo until there are shapes, then the shapes alone, and half of each in the end.
     viewer.divide(done ? 50 : frameSide(shown) ? 0 : 100);
     const strokesOf = (/** @type {DoneRun | null} */ run) => (run && outlined.checked ? ofJob(run.id, "outlines.svg") : null);
     viewer.outline("right", strokesOf(done));
@@ -316,7 +316,7 @@ class Studio {
   }
 
   /**
-   * Lists what may be left of the divider: the photo, or another run of it.
+   * Lists the choices for the left side: the photo, and its other finished runs.
    * @param {DoneRun | null} done
    */
   listSides(done) {
@@ -331,7 +331,7 @@ class Studio {
   }
 
   /**
-   * Asks for a picture that the browser could not show once more; else the server says why.
+   * Loads a picture once more that the browser could not show, or shows the reason of the server.
    * @param {string} source
    */
   async missing(source) {
@@ -346,7 +346,7 @@ class Studio {
       await getJob(id);
       isKnown = true;
       await getBlob(source);
-      if (!this.viewer.again(source)) complain("photo-error", `The browser could not show ${file}. Try to save the SVG.`);
+      if (!this.viewer.retry(source)) complain("photo-error", `The browser could not show ${file}. Try to save the SVG.`);
     } catch (error) {
       if (!(error instanceof ApiError)) throw error;
       complain("photo-error", error.status === 404 && !isKnown ? FORGOTTEN : error.message);

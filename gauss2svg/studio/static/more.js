@@ -1,4 +1,4 @@
-// The less used options, made from the server's description of them.
+// Controls of the less used options, made from the server's description of the options.
 
 import { make } from "./dom.js";
 
@@ -8,7 +8,7 @@ import { make } from "./dom.js";
 export class More {
   /** @param {Group[]} groups */
   constructor(groups) {
-    this.fields = /** @type {Map<string, OptionField>} */ (new Map()); // by the names of options
+    this.fields = /** @type {Map<string, OptionField>} */ (new Map()); // keys are names of options
     for (const group of groups) {
       const rows = group.options.map((option) => this.row(option));
       by("groups").append(make("details", { class: "group" },
@@ -69,57 +69,57 @@ export class More {
   }
 
   /**
-   * Hides the row of an option that is set elsewhere, and shows the others.
-   * @param {string} main its name
+   * Hides the row of the option that the main control sets, and shows the others.
+   * @param {string} main name of that option
    */
   leaveOut(main) {
-    for (const [name, one] of this.fields) one.row.hidden = name === main;
+    for (const [name, field] of this.fields) field.row.hidden = name === main;
   }
 
   /**
-   * Options that differ from their defaults.
-   * @param {string} main the name of one that is set elsewhere
+   * Returns the options that differ from their defaults.
+   * @param {string} main name of the option that the main control sets, which is left out
    */
   chosen(main) {
-    const found = /** @type {Options} */ ({});
-    for (const [name, one] of this.fields) {
-      const value = this.value(one);
-      if (name !== main && value !== one.option.default) found[name] = value;
+    const chosen = /** @type {Options} */ ({});
+    for (const [name, field] of this.fields) {
+      const value = this.value(field);
+      if (name !== main && value !== field.option.default) chosen[name] = value;
     }
-    return found;
+    return chosen;
   }
 
   count() {
-    let many = 0;
-    for (const one of this.fields.values()) {
-      const isChanged = this.value(one) !== one.option.default;
-      one.row.classList.toggle("changed", isChanged);
-      many += Number(isChanged);
-      one.error.hidden = true;
+    let changed = 0;
+    for (const field of this.fields.values()) {
+      const isChanged = this.value(field) !== field.option.default;
+      field.row.classList.toggle("changed", isChanged);
+      changed += Number(isChanged);
+      field.error.hidden = true;
     }
-    by("changed").textContent = many ? `${many} changed` : "";
-    by("reset").hidden = many === 0;
+    by("changed").textContent = changed ? `${changed} changed` : "";
+    by("reset").hidden = changed === 0;
   }
 
-  // The first field that the browser refuses gets the focus.
+  // Returns whether all fields are valid. The first that is not gets the focus.
   check() {
-    const bad = [...this.fields.values()].find((one) => !one.control.validity.valid);
+    const bad = [...this.fields.values()].find((field) => !field.control.validity.valid);
     if (bad) this.refuse(bad, bad.control.validationMessage);
     return !bad;
   }
 
   /**
-   * Shows a line of the server at the option that it names; false where it is not seen there.
+   * Shows an error of the server at the option that it names. Returns whether it is visible there.
    * @param {string} line
    */
   blame(line) {
-    const one = this.fields.get(/^[a-z_]+/.exec(line)?.[0] ?? "");
-    if (one) this.refuse(one, line);
-    return one !== undefined && one.error.checkVisibility();
+    const field = this.fields.get(/^[a-z_]+/.exec(line)?.[0] ?? "");
+    if (field) this.refuse(field, line);
+    return field !== undefined && field.error.checkVisibility();
   }
 
   /**
-   * Shows a line at a field, which gets the focus.
+   * Shows an error at a field, and focuses it.
    * @param {OptionField} field
    * @param {string} line
    */

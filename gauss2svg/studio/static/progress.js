@@ -1,4 +1,4 @@
-// The run that is under way: its figures, its bar, and the line of photos.
+// Progress of the active run: its figures and its bar. Also the strip of photos.
 
 import { make } from "./dom.js";
 import { isActive, isDone } from "./job.js";
@@ -30,11 +30,11 @@ export function showProgress(run) {
   by("progress").hidden = run === null;
   if (run === null) return;
   const now = run.progress ?? {}, isFitting = now.iteration !== undefined;
-  const figures = run.figures ?? now; // those of the fit stay while it is written
+  const figures = run.figures ?? now; // the figures of the fit stay while the SVG is written
   if (isFitting) run.figures = now;
   by("standing").textContent = standing(run);
   const bar = by("bar", HTMLProgressElement);
-  // Without a value the bar says only that something happens, such as a measurement.
+  // Without a value the bar shows only that something happens, such as a measurement.
   if (!isFitting) bar.removeAttribute("value");
   else bar.value = now.done ?? 0;
   const has = figures.gaussians !== undefined;
@@ -66,7 +66,7 @@ function inShort(run) {
   return run.progress?.done === undefined ? "running" : `${Math.round(100 * run.progress.done)} %`;
 }
 
-// The line of photos, where there are several; kept in place, so that the focus stays.
+// A row of all photos, if there are several. Its elements are updated and not replaced, so that the focus stays.
 export class Strip {
   /** @param {(photo: Photo) => void} choose */
   constructor(choose) {

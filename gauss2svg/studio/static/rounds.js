@@ -1,4 +1,4 @@
-// The picture of a run as the page keeps it, and its rounds.
+// The SVG of a run in the page, and its rounds.
 
 import { getText, ofJob } from "./api.js";
 
@@ -7,7 +7,7 @@ const ROUND = /^round-(\d+)$/;
 const address = (text) => URL.createObjectURL(new Blob([text], { type: "image/svg+xml" }));
 
 export class Picture {
-  /** @param {string} id of its job */
+  /** @param {string} id id of the job */
   static async of(id) {
     return new Picture(await getText(ofJob(id, "picture.svg")));
   }
@@ -18,7 +18,7 @@ export class Picture {
     this.whole = address(text);
     this.addresses = /** @type {Map<number, string>} */ (new Map());
     let count = 0;
-    // With the shapes up to it; minimal markup has no groups of rounds.
+    // Each round has the number of shapes up to its end. Minimal markup has no groups of rounds.
     this.rounds = this.groups(this.parsed()).map((group) => {
       count += group.querySelectorAll("circle").length;
       return { number: Number(ROUND.exec(group.id)?.[1]), count };
@@ -34,15 +34,18 @@ export class Picture {
     return [...tree.documentElement.children].filter((one) => ROUND.test(one.id));
   }
 
-  /** @param {number} many of the first rounds, after which the picture is that of the address */
-  upTo(many) {
-    if (many >= this.rounds.length) return this.whole;
-    const known = this.addresses.get(many);
-    if (known) return known;
+  /**
+   * Returns the address of the picture with only the first rounds.
+   * @param {number} count number of these rounds
+   */
+  upTo(count) {
+    if (count >= this.rounds.length) return this.whole;
+    const kept = this.addresses.get(count);
+    if (kept) return kept;
     const tree = this.parsed();
-    for (const group of this.groups(tree).slice(many)) group.remove();
-    const made = address(new XMLSerializer().serializeToString(tree));
-    this.addresses.set(many, made);
-    return made;
+    for (const group of this.groups(tree).slice(count)) group.remove();
+    const partial = address(new XMLSerializer().serializeToString(tree));
+    this.addresses.set(count, partial);
+    return partial;
   }
 }

@@ -1,4 +1,4 @@
-// Every finished run: a point of the chart, a row of the table.
+// The chart and the table of finished runs. Each run is a point and a row.
 
 import { ApiError } from "./api.js";
 import { chartOf, mark, ring } from "./chart.js";
@@ -10,9 +10,9 @@ import { score, seconds, size, whole } from "./numbers.js";
 
 export class Trade {
   /**
-   * @param {Score[]} scores the axes of the server
-   * @param {(run: DoneRun) => void} show called by clicks
-   * @param {(run: DoneRun) => void} compare
+   * @param {Score[]} scores all scores that can be an axis
+   * @param {(run: DoneRun) => void} show called by a click on a run
+   * @param {(run: DoneRun) => void} compare called by a click with Shift, and by the button Compare
    */
   constructor(scores, show, compare) {
     this.scores = scores;
@@ -52,7 +52,7 @@ export class Trade {
     return this.measured.find((axis) => axis.key === chosen) ?? this.measured[0];
   }
 
-  // Asks for the chart anew where its points or axes are others; the one of before stays until then.
+  // Requests a new chart if its points or axes have changed. The old chart stays until the new one comes.
   async drawChart() {
     const axis = this.axis(), cost = String(new FormData(this.axes).get("cost"));
     /** @param {DoneRun} run */

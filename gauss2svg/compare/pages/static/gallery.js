@@ -1,4 +1,4 @@
-// Interaction of the pages, which are complete without it.
+// Interaction of the pages. Without scripts they show the same results.
 (() => {
   "use strict";
 
@@ -21,7 +21,7 @@
     function numberOf(card, key) {
       const svg = card.svgs.find((one) => one.slug === variant.value);
       if (!svg) return null;
-      if (key === "psnr_svg" && svg[key] === null) return Infinity; // equal to its photo
+      if (key === "psnr_svg" && svg[key] === null) return Infinity; // the SVG equals its photo
       return key === "gaussians" ? svg.gaussians ?? svg.elements : svg[key];
     }
     /** @param {Card} a @param {Card} b */
@@ -34,11 +34,11 @@
       return (x === y ? 0 : turn * (x - y)) || a.order - b.order; // x - y is NaN for two infinities
     }
     function arrange() {
-      const wanted = find.value.trim().toLocaleLowerCase(), floor = least.valueAsNumber;
+      const searched = find.value.trim().toLocaleLowerCase(), floor = least.valueAsNumber;
       let shown = 0;
       for (const card of [...cards].sort(compare)) {
         const psnr = numberOf(card, "psnr_svg");
-        const fits = card.name.toLocaleLowerCase().includes(wanted)
+        const fits = card.name.toLocaleLowerCase().includes(searched)
           && (Number.isNaN(floor) || (psnr !== null && psnr >= floor));
         card.node.hidden = !fits;
         shown += Number(fits);
@@ -58,7 +58,7 @@
         }
         const source = `${one.folder}/${live.checked ? "picture.svg" : "thumbnail.png"}`;
         if (picture.getAttribute("src") !== source) {
-          if (live.checked) picture.loading = "lazy"; // rasterised when it comes into view
+          if (live.checked) picture.loading = "lazy"; // rasterise it when it comes into view
           picture.src = source;
         }
         label.textContent = one.name;
@@ -72,11 +72,11 @@
     by("controls").addEventListener("submit", (event) => event.preventDefault());
     showVariant();
     arrange();
-    // By then a browser that navigates back has restored the state of the controls.
+    // If the user navigates back, the browser restores the state of the controls before pageshow.
     window.addEventListener("pageshow", () => { showVariant(); arrange(); });
   }
 
-  // ---- photo: its variants, in the viewer
+  // ---- page of a photo: show its variants in the viewer
   function photo() {
     const variants = /** @type {Svg[]} */ (JSON.parse(by("data", HTMLScriptElement).text));
     const form = by("controls", HTMLFormElement), outlined = by("outlined", HTMLInputElement);
@@ -90,8 +90,8 @@
 
     function showPicture() {
       const one = variant(), isErrors = chosen("side") === "errors";
-      // The query gives this image an address of its own: browsers share one document, and its
-      // fragment, between all images of the same address.
+      // The query makes the address of this image different from others. Browsers share one document,
+      // with its fragment, between all images of the same address.
       const upTo = viewer.round < one.rounds.length ? `?rounds#round-${one.rounds[viewer.round - 1][0]}` : "";
       viewer.show("right", isErrors
         ? { src: `${one.slug}/errors.png`, name: "error map", alt: `Error map of ${one.name}`, badge: `Errors, ${one.name}`, isErrors }

@@ -1,37 +1,37 @@
-// The stage: two pictures under the divider, zoomed and moved in step, of galleries and the studio.
-// A classic script: a page that is opened from a disk may not import modules.
+// The viewer of galleries and of the studio: two pictures beside a divider, zoomed and moved together.
+// This is a classic script, because a page that is opened from a disk may not import modules.
 "use strict";
 
-const MOST_ZOOM = 16; // pixels of the screen for one of the photo
-const SHARP_MS = 160; // without a further step of the zoom; only then pictures are drawn anew
-const STEP = 1.5; // of a key or button
-const PAN_PX = 60;
-const YET_TO_COME = /\/(errors\.png|outlines\.svg)$/;
+const MOST_ZOOM = 16; // largest number of screen pixels across one pixel of the photo
+const SHARP_MS = 160; // pause after the last step of the zoom, before pictures are drawn in their new size
+const ZOOM_STEP = 1.5; // factor of the zoom for each press of a key or button
+const PAN_PX = 60; // distance for each press of an arrow key
+const MADE_LATER = /\/(errors\.png|outlines\.svg)$/; // files that the studio's server makes after the SVG
 const ARROWS = new Map([["ArrowLeft", [1, 0]], ["ArrowRight", [-1, 0]], ["ArrowUp", [0, 1]], ["ArrowDown", [0, -1]]]);
-const STEPS = new Map([
+const DIVIDER_STEPS = new Map([
   ["Home", -100], ["End", 100], ["PageUp", 10], ["PageDown", -10],
   ["ArrowLeft", -2], ["ArrowDown", -2], ["ArrowRight", 2], ["ArrowUp", 2],
-]); // percent
+]); // percent of the width
 
 /** @typedef {"left" | "right"} Side */
 /** @typedef {{ src: string, name: string, alt: string, badge: string, isErrors?: boolean }} Shown */
 /** @typedef {HTMLElement & { value: number, handle: string }} Slider */
 
 /**
- * The element of an id; throws where it is not of its kind.
+ * Returns the element with an id. Throws TypeError if it is missing or of another kind.
  * @template {Element} [T=HTMLElement]
  * @param {string} id
  * @param {new () => T} [kind]
  * @returns {T}
  */
 function by(id, kind) {
-  const found = document.getElementById(id);
-  if (!(found instanceof (kind ?? HTMLElement))) throw new TypeError(`#${id} must be a ${(kind ?? HTMLElement).name}; got ${found}.`);
-  return /** @type {any} */ (found);
+  const element = document.getElementById(id);
+  if (!(element instanceof (kind ?? HTMLElement))) throw new TypeError(`#${id} must be a ${(kind ?? HTMLElement).name}; got ${element}.`);
+  return /** @type {any} */ (element);
 }
 
 /**
- * The elements that a selector finds, all of one kind.
+ * Returns the elements that match a selector and are of a kind.
  * @template {Element} [T=HTMLElement]
  * @param {string} selector
  * @param {ParentNode} [root]
@@ -40,21 +40,22 @@ function by(id, kind) {
  */
 function all(selector, root = document, kind) {
   return [...root.querySelectorAll(selector)].filter(
-    /** @returns {one is T} */ (one) => one instanceof (kind ?? HTMLElement));
+    /** @returns {element is T} */ (element) => element instanceof (kind ?? HTMLElement));
 }
 
 /** @param {number} value @param {number} least @param {number} most */
 const clamped = (value, least, most) => Math.min(Math.max(value, least), most);
 
-// One source at a time: a large SVG takes a while to load, and of those that pass in that time
-// only the last is needed. Files that a server has yet to make are not waited for.
+// An image that loads one source at a time. A large SVG takes a while to load, and if several sources
+// are shown in that time, only the last one is loaded next. A file that the server has yet to make is
+// given up for the next source at once.
 class Layer {
   /** @param {HTMLImageElement} image @param {(source: string) => void} failed */
   constructor(image, failed) {
     this.image = image;
     this.wanted = /** @type {string | null} */ (null);
     this.isLoading = false;
-    this.failed = new Set(); // sources that were asked for twice
+    this.retried = new Set(); // sources that were loaded twice
     for (const kind of ["load", "error"]) image.addEventListener(kind, () => {
       this.load(null);
       if (this.wanted !== null && kind === "error" && image.getAttribute("src") === this.wanted) failed(this.wanted);
@@ -63,17 +64,17 @@ class Layer {
   }
 
   /**
-   * Asks for a source that has failed once more; whether anybody still wants it, and had not before.
+   * Loads a source that failed once more. Returns false if it is not shown now, or was retried before.
    * @param {string} source
    */
-  again(source) {
-    if (this.wanted !== source || this.failed.has(source)) return false;
-    this.failed.add(source);
+  retry(source) {
+    if (this.wanted !== source || this.retried.has(source)) return false;
+    this.retried.add(source);
     this.load(source);
     return true;
   }
 
-  /** @param {string | null} source null: nothing more */
+  /** @param {string | null} source null if nothing is loading any more */
   load(source) {
     this.isLoading = source !== null;
     this.image.ariaBusy = String(this.isLoading);
@@ -87,7 +88,7 @@ class Layer {
     if (source === null) {
       this.image.removeAttribute("src");
       this.load(null);
-    } else if (this.image.getAttribute("src") !== source && (!this.isLoading || YET_TO_COME.test(this.image.src))) {
+    } else if (this.image.getAttribute("src") !== source && (!this.isLoading || MADE_LATER.test(this.image.src))) {
       this.load(source);
     }
   }
@@ -95,8 +96,8 @@ class Layer {
 
 class Viewer {
   /**
-   * @param {(zoom: number | null, shown: number) => void} zoomed called with the zoom, null where
-   *   the picture fits, and with the pixels of the screen for one of the photo
+   * @param {(zoom: number | null, shown: number) => void} zoomed called with the zoom (null if the
+   *   picture fits the stage), and with the screen pixels across one pixel of the photo
    * @param {(source: string) => void} [failed] called with a source that the browser cannot show
    */
   constructor(zoomed, failed = () => {}) {
@@ -104,10 +105,10 @@ class Viewer {
     this.stage = by("stage");
     this.slider = /** @type {Slider} */ (by("slider"));
     this.size = { w: 1, h: 1 };
-    this.zoom = /** @type {number | null} */ (null); // null: fit
-    this.drawn = /** @type {number | null} */ (null); // the zoom at which the pictures are drawn
-    this.sharpening = 0;
-    this.centre = { x: 0.5, y: 0.5 }; // of the visible part, as a fraction of the picture
+    this.zoom = /** @type {number | null} */ (null); // null if the picture fits the stage
+    this.drawn = /** @type {number | null} */ (null); // zoom at which the pictures are drawn, before they are scaled
+    this.sharpening = 0; // timer that ends when the pictures are to be drawn at the new zoom
+    this.centre = { x: 0.5, y: 0.5 }; // centre of the visible part, as a fraction of the picture
     this.names = { left: "photo", right: "SVG" };
     this.isTouched = false; // whether the divider was moved by hand
     this.rounds = by("rounds", HTMLInputElement);
@@ -123,7 +124,7 @@ class Viewer {
     new ResizeObserver(() => this.layOut()).observe(this.stage);
   }
 
-  /** @param {number} width @param {number} height of the pictures, in px */
+  /** @param {number} width width of the pictures in px @param {number} height their height in px */
   open(width, height) {
     if (this.size.w === width && this.size.h === height) return;
     this.size = { w: width, h: height };
@@ -135,21 +136,21 @@ class Viewer {
     this.fit();
   }
 
-  /** @param {Side} side @param {Shown | null} one null where there is none */
-  show(side, one) {
+  /** @param {Side} side @param {Shown | null} picture null for no picture */
+  show(side, picture) {
     const layer = this.layers[side], badge = by(`badge-${side}`);
-    layer.show(one === null ? null : one.src);
-    badge.hidden = one === null || !one.badge;
+    layer.show(picture === null ? null : picture.src);
+    badge.hidden = picture === null || !picture.badge;
     if (side === "right") {
-      by("legend").hidden = !one?.isErrors;
-      this.rounds.disabled = one?.isErrors === true;
+      by("legend").hidden = !picture?.isErrors;
+      this.rounds.disabled = picture?.isErrors === true;
     }
-    if (one === null) return;
-    layer.image.alt = one.alt;
-    layer.image.classList.toggle("pixels", one.isErrors === true);
-    badge.textContent = one.badge;
-    this.names[side] = one.name;
-    this.tellDivider();
+    if (picture === null) return;
+    layer.image.alt = picture.alt;
+    layer.image.classList.toggle("pixels", picture.isErrors === true);
+    badge.textContent = picture.badge;
+    this.names[side] = picture.name;
+    this.describeDivider();
   }
 
   /** @param {Side} side @param {string | null} source */
@@ -158,7 +159,7 @@ class Viewer {
   }
 
   /**
-   * What each round is called; the last is chosen.
+   * Sets the texts of the rounds, and chooses the last round.
    * @param {string[]} texts
    */
   setRounds(texts) {
@@ -166,43 +167,43 @@ class Viewer {
     this.rounds.max = String(Math.max(texts.length, 1));
     this.rounds.value = this.rounds.max;
     by("rounds-field").hidden = texts.length < 2;
-    this.tellRound();
+    this.describeRound();
   }
 
-  /** The chosen round, from 1. */
+  /** Number of the chosen round, from 1. */
   get round() {
     return Number(this.rounds.value);
   }
 
-  tellRound() {
+  describeRound() {
     const text = this.roundTexts[this.round - 1] ?? "";
     by("round").textContent = text;
     this.rounds.setAttribute("aria-valuetext", text);
   }
 
   /**
-   * Loads a picture once more that has failed; false where that was done before.
+   * Loads a source that failed once more. Returns false if no layer shows it, or if it was retried before.
    * @param {string} source
    */
-  again(source) {
-    return [...Object.values(this.layers), ...Object.values(this.strokes)].map((layer) => layer.again(source)).some(Boolean);
+  retry(source) {
+    return [...Object.values(this.layers), ...Object.values(this.strokes)].map((layer) => layer.retry(source)).some(Boolean);
   }
 
   /**
-   * Moves the divider unless someone has.
+   * Moves the divider, unless the user has moved it before.
    * @param {number} percent
    */
   divide(percent) {
     if (this.isTouched) return;
     this.slider.value = percent;
-    this.tellDivider();
+    this.describeDivider();
   }
 
   /** @param {number} percent */
   divideByHand(percent) {
     this.slider.value = clamped(percent, 0, 100);
     this.isTouched = true;
-    this.tellDivider();
+    this.describeDivider();
   }
 
   fit() {
@@ -215,16 +216,16 @@ class Viewer {
     return Math.min(this.stage.clientWidth / this.size.w, this.stage.clientHeight / this.size.h) || 1;
   }
 
-  /** @param {number} zoom also one that is smaller than the stage */
+  /** @param {number} zoom it may leave the picture smaller than the stage */
   zoomTo(zoom) {
     this.zoom = this.drawn = zoom;
     this.layOut();
   }
 
   /**
-   * Zooms around a place of the stage; the smallest zoom is the one that fits.
+   * Zooms around a point of the stage. At the smallest zoom the picture fits the stage.
    * @param {number} factor
-   * @param {[number, number]} place in px from the middle
+   * @param {[number, number]} point distance from the middle of the stage, in px
    */
   zoomBy(factor, [x, y] = [0, 0]) {
     const fit = this.fitZoom(), before = this.zoom ?? fit;
@@ -242,14 +243,14 @@ class Viewer {
   }
 
   closer() {
-    this.zoomBy(STEP);
+    this.zoomBy(ZOOM_STEP);
   }
 
   farther() {
-    this.zoomBy(1 / STEP);
+    this.zoomBy(1 / ZOOM_STEP);
   }
 
-  /** @param {number} dx @param {number} dy in px */
+  /** @param {number} dx distance in px @param {number} dy distance in px */
   move(dx, dy) {
     if (this.zoom === null) return;
     this.centre.x -= dx / (this.size.w * this.zoom);
@@ -257,11 +258,11 @@ class Viewer {
     this.layOut();
   }
 
-  // Properties of the stage lay out both sides and the outlines.
+  // Sets CSS properties of the stage, from which the pictures and outlines of both sides get their places.
   layOut() {
     const { stage, size, zoom, centre } = this, isFit = zoom === null;
     stage.classList.toggle("zoomed", !isFit);
-    this.slider.handle = String(!isFit); // elsewhere, dragging moves the picture
+    this.slider.handle = String(!isFit); // if zoomed, only the handle moves the divider
     by("hint").textContent = isFit ? this.hints.fit : this.hints.zoomed;
     this.zoomed(zoom, zoom ?? this.fitZoom());
     if (isFit) {
@@ -285,15 +286,15 @@ class Viewer {
     for (const [name, value] of [["role", "slider"], ["aria-label", "Divider between the two pictures"],
       ["aria-valuemin", "0"], ["aria-valuemax", "100"], ["aria-orientation", "horizontal"], ["aria-describedby", "hint"]])
       this.slider.setAttribute(name, value);
-    // The slider glides by itself, also for those who want no motion.
-    const still = new CSSStyleSheet();
-    still.replaceSync("@media (prefers-reduced-motion: reduce) { * { transition: none !important; } }");
-    this.slider.shadowRoot?.adoptedStyleSheets.push(still);
+    // The slider element animates the divider even if the user prefers reduced motion.
+    const withoutMotion = new CSSStyleSheet();
+    withoutMotion.replaceSync("@media (prefers-reduced-motion: reduce) { * { transition: none !important; } }");
+    this.slider.shadowRoot?.adoptedStyleSheets.push(withoutMotion);
   }
 
-  tellDivider() {
+  describeDivider() {
     const share = Math.round(this.slider.value), { left, right } = this.names;
-    // A side that is hardly seen needs no name.
+    // A side that is hardly visible needs no badge.
     this.stage.classList.toggle("all-right", share < 12);
     this.stage.classList.toggle("all-left", share > 88);
     this.slider.setAttribute("aria-valuenow", String(share));
@@ -304,12 +305,12 @@ class Viewer {
     const { stage, slider } = this;
     slider.addEventListener("slide", () => {
       this.isTouched = true;
-      this.tellDivider();
+      this.describeDivider();
     });
     slider.addEventListener("keydown", (event) => this.key(event), { capture: true });
-    this.rounds.addEventListener("input", () => this.tellRound());
-    // The slider reacts to all mouse buttons, so that opening a menu would move it, and to each
-    // of two fingers.
+    this.rounds.addEventListener("input", () => this.describeRound());
+    // The slider element reacts to every mouse button, so that opening a menu would move it. It also
+    // reacts to each of two fingers.
     slider.addEventListener("mousedown", (event) => {
       if (event.button !== 0) event.stopImmediatePropagation();
     }, { capture: true });
@@ -323,7 +324,7 @@ class Viewer {
     stage.addEventListener("touchmove", keepTwoFingers, { capture: true, passive: false });
     stage.addEventListener("wheel", (event) => {
       const isMeant = event.ctrlKey || event.metaKey || this.zoom !== null || stage.contains(document.activeElement);
-      // Where the picture fits already, turning back scrolls the page.
+      // If the picture fits already, zooming out scrolls the page instead.
       if (!isMeant || (this.zoom === null && event.deltaY >= 0 && !event.ctrlKey)) return;
       event.preventDefault();
       const pixels = event.deltaY * (event.deltaMode === WheelEvent.DOM_DELTA_PIXEL ? 1 : 30);
@@ -346,7 +347,7 @@ class Viewer {
     const { key } = event, [x, y] = ARROWS.get(key) ?? [0, 0];
     if (event.altKey || event.ctrlKey || event.metaKey) return;
     if (event.shiftKey && ARROWS.has(key) && this.zoom !== null) this.move(x * PAN_PX, y * PAN_PX);
-    else if (STEPS.has(key)) this.divideByHand(this.slider.value + (STEPS.get(key) ?? 0));
+    else if (DIVIDER_STEPS.has(key)) this.divideByHand(this.slider.value + (DIVIDER_STEPS.get(key) ?? 0));
     else if (key === "+" || key === "=") this.closer();
     else if (key === "-") this.farther();
     else if (key === "0") this.fit();
@@ -356,7 +357,7 @@ class Viewer {
     event.stopImmediatePropagation(); // the slider's own listener would move the divider as well
   }
 
-  // One pointer moves the zoomed picture, two zoom and move it.
+  // One pointer moves the zoomed picture. Two pointers zoom and move it.
   followPointers() {
     const { stage } = this, down = /** @type {Map<number, PointerEvent>} */ (new Map());
     const middle = () => {
