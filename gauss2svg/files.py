@@ -67,6 +67,8 @@ def check_writable(path: FileName) -> None:
             raise OutputError(f"cannot write {target}: it is a folder. Try a file name")
         if target.exists() and not os.access(target, os.W_OK):
             raise OutputError(f"cannot write {target}: it is read-only. Try another name")
+        if sys.platform == "win32" and target.is_file():
+            replace(target, target)  # changes nothing, but fails while a program holds it open
         if not target.exists() or target.is_file():
             with tempfile.TemporaryFile(dir=os.path.dirname(os.path.realpath(target))):
                 pass

@@ -95,10 +95,11 @@ def module_command(name: str, *words: str) -> list[str]:
 
 
 def module_path() -> dict[str, str]:
-    """The variable by which another Python imports as this one; "" is the folder of this one."""
+    """Variables by which another Python imports as this one, and prints UTF-8."""
     entries = [os.path.abspath(entry) for entry in sys.path if entry]
-    # Last: the package itself may be imported from the current folder, which is left out.
-    return {"PYTHONPATH": os.pathsep.join([*entries, str(Path(__file__).parents[1])])}
+    # Last: the package itself may be imported from the current folder, "", which is left out.
+    path = os.pathsep.join([*entries, str(Path(__file__).parents[1])])
+    return {"PYTHONPATH": path, "PYTHONIOENCODING": "utf-8"}
 
 
 def end_tree(process_id: int) -> None:

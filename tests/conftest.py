@@ -154,6 +154,8 @@ def pytest_collection_modifyitems(items) -> None:
     One of `nightly` that had another lane's marker would run in that lane too.
     """
     for item in items:
+        if os.name == "nt" and item.get_closest_marker("posix"):
+            item.add_marker(pytest.mark.skip(reason="needs POSIX"))
         given = getattr(item, "callspec", None)
         values = [] if given is None else given.params.values()
         renderers = {value for value in values if isinstance(value, str)}

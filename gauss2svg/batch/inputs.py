@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from gauss2svg.batch.stores import PARTS_OF, is_url, reached
-from gauss2svg.errors import refusal
+from gauss2svg.errors import brief, refusal
 from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.photo.formats import SUFFIXES
 
@@ -41,13 +41,16 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
 def expanded(names: Iterable[str]) -> list[str]:
     """Return names of files, with those that match in place of a pattern such as *.jpg.
 
-    Shells of Windows leave that to programs. A name that exists is no pattern; a pattern that
-    matches nothing stays, as in other shells.
+    Shells of Windows leave that to programs. A name that exists is no pattern. Raise InputError for
+    a pattern that matches nothing.
     """
-    found: list[str] = []
+    paths: list[str] = []
     for name in names:
-        found += (_is_pattern(name) and sorted(glob.glob(name, recursive=True))) or [name]
-    return found
+        matches = sorted(glob.glob(name, recursive=True)) if _is_pattern(name) else [name]
+        if not matches:
+            raise refusal("files", "one or more", f"none that match {brief(name)}", "a name")
+        paths += matches
+    return paths
 
 
 def local_photos(sources: Iterable[str]) -> list[str]:

@@ -76,7 +76,8 @@ def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
             _write_parquet(f"{folder}/table.csv", f"{folder}/table.parquet")
         for name in (names := sorted(os.listdir(folder))):
             fs.put_file(f"{folder}/{name}", f"{root}/{STATE}/{name}")
-    return [f"{root}/{STATE}/{name}" for name in names]
+    paths = [f"{root}/{STATE}/{name}" for name in names]
+    return paths if is_url(root) else [os.path.normpath(path) for path in paths]
 
 
 def _write_parquet(table: str, path: str) -> None:

@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import secrets
+import sys
 import time
 import warnings
 from collections.abc import Sequence
@@ -138,8 +139,11 @@ def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
         write(spec.root, photo[1] + MARK, mark.encode(), sync=False)
         return record
     except Exception as error:  # a fault of ours or of a library costs no other photo
-        number = getattr(error.__cause__, "errno", None)
-        if isinstance(error, OutputError) and number not in _OF_ITS_NAME:
+        cause = error.__cause__
+        is_of_name = getattr(cause, "errno", None) in _OF_ITS_NAME
+        if sys.platform == "win32":  # by a rename: its path is too long, or the old file is open
+            is_of_name = is_of_name or getattr(cause, "filename2", None) is not None
+        if isinstance(error, OutputError) and not is_of_name:
             raise
         line, code = str(error), type(error).__name__
         if isinstance(error, MemoryError):
@@ -152,7 +156,8 @@ def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
 def _written(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
     """Write the SVG of a photo, and return entries of its record."""
     options, (source, output) = spec.options, photo
-    if (target := f"{spec.root}/{output}") in (source, os.path.realpath(source)):
+    target = f"{spec.root}/{output}"
+    if os.path.realpath(source) == os.path.realpath(target):
         raise refusal("output", "a file of its own", f"{target}, the photo", "another folder")
     image: Any = source
     if is_url(source):

@@ -15,7 +15,7 @@ from cyclopts import App, CycloptsError, Group, Parameter
 
 from gauss2svg.cli.parameters import read_options_file, refuse_options
 from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
-from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
+from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, print_utf8, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError
 from gauss2svg.options import field_of
@@ -107,6 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run() -> None:
     """Run the command and exit with its status."""
+    print_utf8()
     status = main()
     ignore()
     # If a KeyboardInterrupt leaves a string that exec() runs, `python -m` ends itself by SIGINT in

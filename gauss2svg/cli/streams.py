@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import time
@@ -47,6 +48,13 @@ def hold_closed_descriptors() -> None:
             os.open(os.devnull, os.O_RDWR)  # the new descriptor has the lowest free number
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (it stays open until the process ends)
+
+
+def print_utf8() -> None:
+    """Encode what is printed to a pipe or a file as UTF-8, which on Windows is not the default."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and not stream.isatty():
+            stream.reconfigure(encoding="utf-8", errors=stream.errors)
 
 
 def drop_output() -> None:

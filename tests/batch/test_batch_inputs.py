@@ -57,6 +57,7 @@ def test_other_commands_take_what_a_batch_takes(folder, tmp_path, refusal):
     assert not (folder / "site").exists()
 
 
+@pytest.mark.posix
 def test_links_to_folders_are_not_followed(folder):
     os.symlink(folder, folder / "b/circle")
     assert names("in") == ["a", "b/c", "b/d/e"]
@@ -69,15 +70,15 @@ def test_glob_is_relative_to_its_part_without_wildcards(folder):
 
 def test_photo_keeps_its_last_part_whatever_its_suffix(folder):
     assert names("in/b/d/e.jpeg", "in/note.md") == ["e", "note"]
-    odd = folder / "[a]*.jpg"
+    odd = folder / "[a].jpg"
     odd.write_bytes(b"")
-    assert names(odd) == ["[a]*"]
+    assert names(odd) == ["[a]"]
 
 
 def test_list_keeps_whole_names_without_root_and_steps_upwards(folder, monkeypatch):
     lines = "\ufeffin/a.jpg\n# not/this.png\r\n\n/x y/b.png\n../up/./c.png\ns3://bucket/d/e.png\nno.picture\n"
     expected = ["bucket/d/e", "in/a", "no", "up/c", "x y/b"]
-    (folder / "list.txt").write_text(lines)
+    (folder / "list.txt").write_text(lines, encoding="utf-8")
     assert names("in/list.txt") == expected
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(lines.encode())))
     assert names("-") == expected
@@ -91,6 +92,7 @@ def test_a_list_is_read_line_by_line():
     assert next(inputs._listed(endless())) == ("a.png", "a.png")
 
 
+@pytest.mark.posix
 def test_photo_counts_once_and_links_to_nothing_are_photos(folder, tmp_path):
     os.symlink("gone", folder / "b/z.png")
     assert names("in") == ["a", "b/c", "b/d/e", "b/z"]
@@ -114,6 +116,7 @@ def test_folders_that_vanish_while_they_are_listed_have_no_photos(folder, monkey
         names("in")
 
 
+@pytest.mark.posix  # two such names are one file on Windows
 @pytest.mark.parametrize("folds", [False, True])
 def test_names_that_differ_by_case_are_one_where_the_disk_folds_it(folds, tmp_path, monkeypatch):
     save_photos(tmp_path / "in", ["X.png", "x.png"])
@@ -142,10 +145,13 @@ def refused(tmp_path, monkeypatch, refusal):
     [
         (["empty", "-o", "out"], "photos must be one or more; got none in empty. Try"),
         (["in/*.gif", "-o", "out"], "photos must be one or more; got none in in/*.gif. Try"),
-        (["gone.png", "-o", "out"], "cannot read gone.png: No such file or directory. Try"),
+        (["gone.png", "-o", "out"], "cannot read gone.png: "),
         (["gone.txt", "-o", "out"], "cannot read gone.txt: No such file or directory. Try"),
-        (["in", "in2", "-o", "out"], "in/a.png and in2/a.png, which would both write a.svg. Try"),
-        (["in/*/../../x.png", "-o", "out"], "output must be in the output folder and outside "),
+        (["in", "in2", "-o", "out"], "a.png, which would both write a.svg. Try"),
+        pytest.param(
+            ["in/*/../../x.png", "-o", "out"], "output must be in the output folder and outside ",
+            marks=pytest.mark.posix,  # Windows reads this as the name of a file
+        ),
         (["state", "-o", "out"], "output must be in the output folder and outside of its gauss2"),
         (["in", "-o", "in/a.png"], "cannot create "),
         (["in", "-o", "file"], "cannot create "),

@@ -27,6 +27,7 @@ def picture(photo, tmp_path):
 
 
 def run(*arguments, **options):
+    """A command whose output is read as UTF-8, although Windows has a code page of its own."""
     command = [sys.executable, "-m", "gauss2svg", *map(str, arguments)]
     return subprocess.run(command, check=False, capture_output=True, **options)
 
@@ -200,6 +201,7 @@ def test_without_arguments_the_short_help_is_shown(capsys):
     assert "--help-all" in capsys.readouterr().out
 
 
+@pytest.mark.posix
 def test_link_stays_a_link(picture, tmp_path):
     real, link = tmp_path / "real.svg", tmp_path / "link.svg"
     real.write_text("old")
@@ -209,6 +211,7 @@ def test_link_stays_a_link(picture, tmp_path):
     assert real.read_text().startswith("<?xml")
 
 
+@pytest.mark.posix
 def test_pipe_is_written_to_not_replaced(picture, tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -219,7 +222,7 @@ def test_pipe_is_written_to_not_replaced(picture, tmp_path):
     assert pipe.is_fifo()
 
 
-@pytest.mark.parametrize("name", ["a[/b].svg", "out[red].svg", "ä ö.svg", 'it\'s "it".svg'])
+@pytest.mark.parametrize("name", ["a[/b].svg", "out[red].svg", "ä ö 中.svg", "it's.svg"])
 def test_any_file_name_is_written_and_shown_as_it_is(name, picture, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     out = tmp_path / name

@@ -193,6 +193,7 @@ def test_absent_peer_is_named_and_left_out(picture, tmp_path, requests, monkeypa
     assert {row["tool"] for row in document["rows"]} == {"gauss2svg", "webp"}
 
 
+@pytest.mark.posix
 def test_peer_writes_an_svg_that_is_scored_or_fails_or_times_out(picture, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path), os.pathsep)
 

@@ -5,8 +5,10 @@ import json
 import os
 import re
 import statistics
+from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -87,6 +89,7 @@ def write(path, text):
     return path
 
 
+@pytest.mark.posix
 def test_photo_named_twice_is_one_where_it_is_named_first(tmp_path, monkeypatch):
     one, other = write(tmp_path / "one.png", "1"), write(tmp_path / "other.png", "2")
     link = tmp_path / "link.png"
@@ -99,7 +102,8 @@ def test_photo_named_twice_is_one_where_it_is_named_first(tmp_path, monkeypatch)
 
 @given(st.sets(st.lists(st.sampled_from("ab"), max_size=3).map(tuple), min_size=1))
 def test_name_of_a_photo_is_the_shortest_end_of_its_path_that_no_other_has(folders):
-    paths = ["/" + "/".join([*folder, "x"]) for folder in folders]
+    root = Path.cwd().anchor.replace(os.sep, "/")
+    paths = [root + "/".join([*folder, "x"]) for folder in folders]
     found = {photo.path: photo.name for photo in listed_photos(paths)}
     assert len(set(found.values())) == len(found) == len(paths)
     for path, name in found.items():
@@ -141,6 +145,7 @@ def test_variants_are_presets_counts_and_peers_each_once():
     assert [variant.name for variant in counts] == ["5 Gaussians", "6 Gaussians"]
 
 
+@pytest.mark.posix
 def test_styles_of_a_peer_are_variants_of_their_own(monkeypatch, tmp_path):
     fake = write(tmp_path / "primitive", "")
     fake.chmod(0o755)

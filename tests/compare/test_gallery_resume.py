@@ -167,6 +167,7 @@ def test_svg_that_an_interrupted_gallery_overwrote_is_made_again(two, tmp_path, 
     assert asked == [("variant", "a/gaussians-5")]
 
 
+@pytest.mark.posix
 def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(photo, tmp_path, asked):
     picture, out = save(photo, tmp_path / "a.png"), tmp_path / "out"
     arguments = ["gallery", str(picture), "-o", str(out), "--counts", "20,60000"]

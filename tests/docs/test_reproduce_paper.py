@@ -3,6 +3,7 @@
 import math
 import sys
 
+import with_torch  # noqa: F401  # isort: skip, for the script needs it
 import numpy as np
 import pytest
 import reproduce_paper as paper

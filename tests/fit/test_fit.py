@@ -5,7 +5,6 @@ import itertools
 import numba
 import numpy as np
 import pytest
-import torch
 from conftest import random_scene
 from flat import choices, fit_config, fit_in
 from skimage import data
@@ -26,7 +25,6 @@ from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost, squared_error
-from gauss2svg.render.reference import composite
 from gauss2svg.scene import Scene
 from gauss2svg.scene.parameters import STEPPED
 
@@ -275,6 +273,9 @@ def test_state_activates_to_the_scene_it_came_from():
 
 @pytest.mark.parametrize(("dtype", "off"), [(np.float32, 2e-3), (np.float64, 1e-12)])
 def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
+    torch = pytest.importorskip("torch")
+    from gauss2svg.render.reference import composite
+
     scene = random_scene(6, 40, 30, seed=2, sigma=(2.0, 7.0))
     # a Gaussian proper leaves out what the exponent's gradient needs
     scene = scene.replace(beta=np.maximum(scene.beta, 1 + 1e-9))

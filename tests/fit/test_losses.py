@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 from flat import choices
 
 from gauss2svg.fit.losses import image_gradient, structural_similarity
@@ -18,7 +17,7 @@ def planes(height: int, width: int, dtype: type = np.float64, channels: int = 3)
     return image.astype(dtype), target.astype(dtype)
 
 
-def torch_similarity(image, other):
+def torch_similarity(torch, image, other):
     """Mean SSIM of two planes by torch's convolution, differentiable: the oracle."""
     side = min(11, *(s - 1 + s % 2 for s in image.shape))
     offset = torch.arange(side, dtype=image.dtype) - side // 2
@@ -48,10 +47,11 @@ def torch_similarity(image, other):
     ],
 )
 def test_ssim_and_its_gradient_are_those_of_torch(size, dtype, tolerance):
+    torch = pytest.importorskip("torch")
     image, target = (p[0] for p in planes(*size, dtype))
     value, gradient = structural_similarity(image, target)
     variable = torch.from_numpy(image.astype(np.float64)).requires_grad_()
-    oracle = torch_similarity(variable, torch.from_numpy(target.astype(np.float64)))
+    oracle = torch_similarity(torch, variable, torch.from_numpy(target.astype(np.float64)))
     oracle.backward()
     assert variable.grad is not None
     expected = variable.grad.numpy() * image.size

@@ -149,7 +149,7 @@ def test_what_browsers_draw_is_not_called_left_out(renderer, halves, monkeypatch
     )  # fmt: skip
 
 
-@pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
+@pytest.mark.posix
 def test_nothing_is_left_of_a_drawing_that_takes_too_long(halves, tmp_path, monkeypatch):
     fake, begun = (tmp_path / name for name in ("rsvg-convert", "begun"))
     fake.write_text(

@@ -126,7 +126,7 @@ def test_flip_whose_process_fails_has_a_reason(photo, monkeypatch):
 
 
 @pytest.mark.sweep
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="only where processes fork")
+@pytest.mark.posix
 @pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_a_forked_child_of_a_process_that_measured_measures(photo):
     wanted = flip(noisy(photo, 0.1), photo)

@@ -2,7 +2,6 @@ import io
 
 import numpy as np
 import pytest
-import torch
 from pictures import encoded
 from PIL import Image
 
@@ -30,8 +29,6 @@ def test_every_kind_of_source_gives_the_same_pixels(tmp_path):
         BYTES,
         BYTES.astype(np.float64) / 255,
         BYTES.astype(np.uint16) * 257,
-        torch.from_numpy(np.moveaxis(BYTES, -1, 0).copy()),
-        torch.from_numpy(np.moveaxis(BYTES, -1, 0) / np.float32(255)),
     ]
     for source in sources:
         photo = load_image(source)
@@ -94,10 +91,24 @@ def test_grey_integers_are_of_sixteen_bits_and_others_are_refused():
         load_image(levels)
 
 
-def test_unusual_tensors_are_read():
-    tensor = torch.from_numpy(np.moveaxis(BYTES, -1, 0) / np.float32(255))
+def test_tensors_are_read_or_refused():
+    torch = pytest.importorskip("torch")
+    levels = torch.from_numpy(np.moveaxis(BYTES, -1, 0).copy())
+    tensor = levels / 255
+    for one in (levels, tensor, tensor.to_sparse()):
+        photo = load_image(one)
+        assert photo.pixels.dtype == np.float32
+        np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
     assert np.abs(load_image(tensor.bfloat16()).pixels - BYTES / 255).max() < 1 / 128
-    np.testing.assert_allclose(load_image(tensor.to_sparse()).pixels, BYTES / 255, atol=1e-7)
+    complex_ones = torch.zeros(3, 4, 4, dtype=torch.complex64)
+    for wrong, line in (
+        (torch.full((3, 2, 2), float("nan")), "got nan at row 0"),
+        (complex_ones.conj(), "NumPy can hold; got .* conjugate"),
+        (torch.empty(3, 4, 4, device="meta"), "tensor must be one that NumPy can hold; got Cannot"),
+    ):
+        with pytest.raises(InputError, match=line) as caught:
+            load_image(wrong)
+        assert "\n" not in str(caught.value)
 
 
 class Odd(np.ndarray):
@@ -155,7 +166,6 @@ def test_picture_opened_lazily_and_broken_is_refused():
         (np.zeros((0, 4, 3)), "must be at least 1x1 px; got 4x0 px"),
         (np.zeros((4, 4), np.int64), "type of array must be uint8, .*; got int64"),
         (np.full((4, 4), 1.5), "must be finite and in 0..1; got 1.5 at row 0, column 0, channel 0"),
-        (torch.full((3, 2, 2), float("nan")), "got nan at row 0"),
         (np.array([[0, float("inf")]]), "got inf at row 0, column 1, channel 0"),
         (42, "got int"),
         (np.ma.array(BYTES, mask=BYTES > 100), r"array must be without masked .* Try .filled\(0\)"),
@@ -163,8 +173,6 @@ def test_picture_opened_lazily_and_broken_is_refused():
         (np.zeros((4, 4), [("r", "u1")]), "type of array must be uint8, .*; got .*'r'"),
         (np.array(3), r"shape of array must be .*; got \(\)"),
         (np.full((4, 4), "a"), "type of array must be uint8, .*; got <U1"),
-        (torch.zeros(3, 4, 4, dtype=torch.complex64).conj(), "NumPy can hold; got .* conjugate"),
-        (torch.empty(3, 4, 4, device="meta"), "tensor must be one that NumPy can hold; got Cannot"),
         (io.StringIO("text"), "must be binary; got one that reads str"),
     ],
 )

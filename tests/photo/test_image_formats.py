@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flat import vectorize
+from names import possible
 from pictures import chunk, encoded, png, srgb_curve
 from PIL import Image
 
@@ -264,7 +265,7 @@ def test_proportions_of_pixels_in_no_unit_are_noted():
 def test_nothing_of_the_file_reaches_the_svg(tmp_path):
     words = b"</svg><script>alert(1)</script>&\x1b[31m"
     text = b"".join(chunk(b"tEXt", key + b"\0" + words) for key in (b"Title", b"Description"))
-    path = tmp_path / "<script>&'\".png"
+    path = tmp_path / possible("<script>&'\".png")
     path.write_bytes(png(BYTES, text))
     result = vectorize(path, gaussians=3, iterations=2)
     assert "script" not in result.svg

@@ -1,7 +1,6 @@
 """Laws of memory: what a run takes is known before the fit, and kept under a limit."""
 
 import io
-import resource
 import subprocess
 import sys
 from dataclasses import replace
@@ -193,7 +192,10 @@ def test_control_groups_bound_what_is_free(version, row, place, tmp_path):
     assert free_bytes(process, groups) == 100
 
 
+@pytest.mark.posix
 def test_limits_of_the_process_bound_what_is_free(monkeypatch):
+    import resource
+
     none = resource.RLIM_INFINITY, resource.RLIM_INFINITY
     for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA):
         held = psutil.Process().memory_info()

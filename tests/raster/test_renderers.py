@@ -42,7 +42,6 @@ STRAIGHT, SHEARED = (SVG.format(BLUR.format(m)) for m in ("6 0 0 3 20 15", "6 3 
 LEAST_DB = {
     "resvg": 52, "cairo": 50, "chromium": 55, "librsvg": 50, "firefox": 52, "inkscape": 50
 }  # fmt: skip
-posix = pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
 
 
 def refusing(svg: str) -> set[str]:
@@ -153,7 +152,7 @@ MISSING = {
 }  # fmt: skip
 
 
-@posix
+@pytest.mark.posix
 @pytest.mark.parametrize("case", MISSING)
 def test_a_missing_or_broken_program_is_one_line_that_says_what_to_do(case, monkeypatch, tmp_path):
     name, script, line = MISSING[case]
@@ -187,7 +186,7 @@ def test_a_missing_or_broken_program_is_one_line_that_says_what_to_do(case, monk
             break
 
 
-@posix
+@pytest.mark.posix
 def test_a_chromium_that_does_not_start_is_one_line_with_its_complaint(monkeypatch, tmp_path):
     pytest.importorskip("playwright")
     (tmp_path / "chromium").write_text(FAILING)
@@ -199,7 +198,7 @@ def test_a_chromium_that_does_not_start_is_one_line_with_its_complaint(monkeypat
     assert "\n" not in str(caught.value)
 
 
-@posix
+@pytest.mark.posix
 def test_a_program_that_hangs_or_fails_is_an_error_and_its_children_end(tmp_path):
     mark = tmp_path / "mark"
     for command, line in (

@@ -18,7 +18,6 @@ from PIL import Image
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.document import SvgFormat
@@ -80,6 +79,9 @@ def load(name: str) -> tuple[Scene, np.ndarray]:
 
 
 def test_reference_draws_the_golden_picture(golden):
+    pytest.importorskip("torch")
+    from gauss2svg.render.reference import render_reference
+
     scene, picture = golden
     np.testing.assert_allclose(render_reference(scene).numpy(), picture, atol=1 / 65535)
 

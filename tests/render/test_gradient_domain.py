@@ -12,10 +12,10 @@ k = sqrt(1 - rho^2) and a step t
 and the rest as it is. Pixels on a cut, where gradients jump, have no weight in the loss.
 """
 
+from with_torch import torch  # isort: skip, for the next module needs it
 import extremes
 import numpy as np
 import pytest
-import torch
 from extreme_scenes import extreme_scenes, near_the_cut, picture, whitened
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st

@@ -84,7 +84,7 @@ def test_the_variable_of_the_system_moves_the_users_folder(home, tmp_path, monke
     assert folder() == tmp_path / "caches" / "gauss2svg"
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="temporary files are beside the caches there")
+@pytest.mark.posix
 def test_without_a_home_kernels_are_kept_among_the_temporary_files(no_home, tmp_path):
     assert cached()(_twice)(2) == 4
     assert len(kept_below(tmp_path / "temporary")) == 1
@@ -124,7 +124,7 @@ def _refused(*_):
     raise PermissionError
 
 
-@pytest.mark.skipif(not hasattr(os, "getuid"), reason="there is no such folder")
+@pytest.mark.posix
 def test_no_kernel_is_read_from_a_folder_that_another_user_may_write(
     no_home, tmp_path, monkeypatch
 ):

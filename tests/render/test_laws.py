@@ -6,12 +6,12 @@ from xml.etree import ElementTree
 import numba
 import numpy as np
 import pytest
-import torch
 from both_renderers import TORCH, drawn, in_both, tensors_of
 from extreme_scenes import extreme_scenes, rounding_of, whitened
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from with_torch import torch
 
 from gauss2svg.errors import SceneError
 from gauss2svg.render import render

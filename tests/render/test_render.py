@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-import torch
 from both_renderers import (
     GRADIENT_OFF,
     OFF,
@@ -20,6 +19,7 @@ from both_renderers import (
 from conftest import random_scene, random_sum
 from hypothesis import example, given
 from hypothesis import strategies as st
+from with_torch import torch
 
 from gauss2svg.errors import InputError
 from gauss2svg.render import render

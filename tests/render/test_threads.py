@@ -17,7 +17,6 @@ from gauss2svg.render import render
 from gauss2svg.render.cpu import add_pairs, kernel_lock
 from gauss2svg.render.threads import in_shares
 
-forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")  # of forks beside threads
 
 
@@ -66,7 +65,7 @@ def test_pairs_are_added_to_their_gaussian(dtype, shares):
     np.testing.assert_array_equal(totals, expected)
 
 
-@forks
+@pytest.mark.posix
 @pytest.mark.parametrize("loss", ["mse", "l1+ssim"])
 def test_a_forked_process_renders_and_fits_with_threads_of_its_own(loss, threads_given_back, photo):
     numba.set_num_threads(2)
@@ -115,7 +114,7 @@ class HeldElsewhere:
         self.thread.join()
 
 
-@forks
+@pytest.mark.posix
 def test_a_process_that_is_forked_while_another_thread_fits_can_fit(photo):
     options = {"gaussians": 3, "iterations": 2}
     svg = vectorize(photo[:9, :9], **options).svg
@@ -123,7 +122,7 @@ def test_a_process_that_is_forked_while_another_thread_fits_can_fit(photo):
         assert forked(lambda: vectorize(photo[:9, :9], **options).svg == svg)
 
 
-@forks
+@pytest.mark.posix
 def test_a_process_that_is_forked_inside_of_a_fit_keeps_its_lock_and_can_give_it_back():
     def taken_by_another_thread():
         with ThreadPoolExecutor(1) as pool:
@@ -138,7 +137,7 @@ def test_a_process_that_is_forked_inside_of_a_fit_keeps_its_lock_and_can_give_it
         assert forked(own_lock_is_still_held)
 
 
-@forks
+@pytest.mark.posix
 def test_a_process_that_is_forked_while_another_thread_compiles_can_compile():
     with HeldElsewhere(global_compiler_lock) as other:
         threading.Timer(0.2, other.let.set).start()

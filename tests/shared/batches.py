@@ -63,7 +63,7 @@ def save_photos(folder: Path, names: list[str]) -> Path:
 def outputs(folder: Path) -> dict[str, bytes]:
     """The SVGs of an output folder by their names."""
     return {
-        os.fspath(path.relative_to(folder)): path.read_bytes()
+        path.relative_to(folder).as_posix(): path.read_bytes()
         for path in folder.rglob("*")
         if path.is_file() and STATE not in path.parts and not path.name.endswith(MARK)
     }

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-import torch
 from conftest import random_scene, random_sum
 from numpy.typing import NDArray
+from with_torch import torch
 
 from gauss2svg.render.autograd import fast_accumulate, fast_composite
 from gauss2svg.render.cpu import render_planar, splats_of

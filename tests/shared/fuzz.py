@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import mmap
-import resource
 import signal
 import subprocess
 import sys
@@ -37,6 +36,8 @@ def made(target: str, seed: int, number: int) -> bytes:
 
 def work(target: str, seed: int, first: int, last: int, place: str) -> None:
     """Read inputs first..last - 1; the number of each is in the file `place` before it is read."""
+    import resource  # which Windows has not
+
     from fuzzing import message_class, outcome, picture_seeds
     from svg_fuzzing import svg_seeds
 

@@ -289,6 +289,7 @@ def test_the_size_of_a_photo_is_that_of_it_upright_without_its_pixels(tmp_path, 
     assert size_of(tmp_path / "turned", "a.jpg") == size
 
 
+@pytest.mark.posix
 def test_samples_are_the_photos_of_a_folder_by_names_that_an_address_can_have(tmp_path):
     names = [b"caf\xe9.png", b"plain.png", "größe.JFIF".encode(), b".hidden.png", b"note.md"]
     for name in names:

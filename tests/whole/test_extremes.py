@@ -3,10 +3,10 @@
 import math
 import re
 
+from with_torch import torch  # isort: skip, for the next module needs it
 import extremes
 import numpy as np
 import pytest
-import torch
 from conftest import random_scene, random_sum
 from extreme_scenes import picture, rounding_of, whitened
 

@@ -44,6 +44,7 @@ def test_whole_svgs_are_rasterised_or_refused_by_what_they_use(index):
     assert said == "accepted" or "what the SVG uses" in said
 
 
+@pytest.mark.posix
 def test_the_long_form_runs_by_itself_and_counts_its_inputs(tmp_path):
     command = [fuzz.__file__, "--inputs", "3", "--jobs", "1", "--folder", str(tmp_path / "found")]
     # As a program: without the folders that pytest imports from.

@@ -14,7 +14,7 @@ from conftest import has_ended
 from gauss2svg import processes
 from gauss2svg.processes import Ended, run
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="a shell stands in for a program")
+pytestmark = pytest.mark.posix
 
 
 def shell(script, data=None, **options):

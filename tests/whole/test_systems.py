@@ -77,7 +77,7 @@ measure_run({"tool": "primitive", "settings": {"shapes": 3}, "source": sys.argv[
 """
 
 
-@pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
+@pytest.mark.posix
 @pytest.mark.process
 def test_a_run_of_the_benchmark_ends_with_its_parent(tmp_path):
     galleries.program(tmp_path / "primitive", f"echo $$ > {tmp_path}/pid\nsleep 600")
@@ -112,7 +112,7 @@ def test_a_command_is_shown_as_one_types_it(words, posix, windows):
     assert command_line(words) == (windows if sys.platform == "win32" else posix)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
+@pytest.mark.posix
 def test_a_program_off_path_is_found_and_one_on_path_comes_first(tmp_path, monkeypatch):
     installed = galleries.program(tmp_path / "Inkscape" / "inkscape", "")
     names = "inkscape", "Inkscape/inkscape"
@@ -143,6 +143,17 @@ def test_a_file_that_is_held_open_for_a_moment_is_replaced(tmp_path):
         closing.join()
     assert target.read_text() == "new"
     assert not made.exists()
+
+
+@pytest.mark.skipif(sys.platform != "win32", reason="open files are replaced")
+def test_a_file_that_stays_open_is_refused_before_the_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_PAUSES_S", (0.01,))
+    target = tmp_path / "target"
+    target.write_text("old")
+    files.check_writable(target)
+    with target.open(), pytest.raises(OutputError, match=r"cannot write .*target: "):
+        files.check_writable(target)
+    assert target.read_text() == "old"
 
 
 def test_a_folder_is_refused_as_one_and_a_missing_file_is_not(tmp_path):
@@ -201,7 +212,9 @@ def test_patterns_are_expanded_in_order_and_names_are_kept(pictures):
     assert expanded(["e.png", "[ab].jpg", "-"]) == ["e.png", "a.jpg", "b.jpg", "-"]
     assert expanded([os.path.join("**", "*.jpg")])[-1] == os.path.join("deep", "d.jpg")
     assert expanded(["c[1].jpg"]) == ["c[1].jpg"]  # a file of that name
-    assert expanded(["none*.jpg", "nul\0*"]) == ["none*.jpg", "nul\0*"]
+    for name in ("none*.jpg", "nul\0*"):
+        with pytest.raises(InputError, match="files must be one or more; got none that match"):
+            expanded(["a.jpg", name])
 
 
 @pytest.mark.usefixtures("asked", "drawn_here")

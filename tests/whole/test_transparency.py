@@ -15,7 +15,6 @@ from gauss2svg.fit.target import target_of
 from gauss2svg.photo.alpha import BACKDROPS, from_views, matte_color, over, shrunk, straight
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import splats_of
-from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
 
 FIELDS = ("mean", "sigma", "rho", "color", "opacity", "beta", "background", "round_index")
@@ -60,6 +59,9 @@ def test_two_backdrops_determine_colour_and_alpha():
 
 def oracle_loss(scene, rgba, weight):
     """Half the weighted squared error of a scene over white and over black, by the reference."""
+    pytest.importorskip("torch")
+    from gauss2svg.render.reference import render_reference
+
     total = 0.0
     for backdrop in BACKDROPS:
         shown = render_reference(scene.replace(background=np.full(3, backdrop))).numpy()

@@ -13,7 +13,6 @@ from gauss2svg.errors import SceneError
 from gauss2svg.photo.alpha import BACKDROPS
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.render import render, render_rgba
-from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
@@ -47,6 +46,9 @@ def test_colour_and_alpha_are_finite_and_within_their_range(dtype, scene):
 @in_both
 @given(clear_scenes)
 def test_over_a_backdrop_it_is_the_scene_on_that_background(dtype, scene):
+    pytest.importorskip("torch")
+    from gauss2svg.render.reference import render_reference
+
     rgba, allowed = render_rgba(scene, dtype=dtype), ROUNDING[dtype] + 2 * rounding_of(scene)
     for backdrop in BACKDROPS:
         expected = render(on_backdrop(scene, backdrop), dtype=dtype)
