@@ -166,9 +166,9 @@ def check(
     Raises InputError for a photo or an SVG that cannot be used, RendererError for an SVG that
     cannot be drawn and for a renderer that is missing, TypeError for another option.
     """
-    unknown = options.keys() - {field.name for field in fields_of(CheckOptions)}
-    if unknown:
-        raise TypeError(f"option of check must be a field of CheckOptions; got {min(unknown)}")
+    names = [field.name for field in fields_of(CheckOptions)]
+    if unknown := options.keys() - set(names):
+        raise TypeError(f"option of check must be one of {', '.join(names)}; got {min(unknown)}")
     asked = CheckOptions(**options)
     renderer = renderer_version(asked.renderer)
     matte = None if asked.matte is None else matte_color(asked.matte)

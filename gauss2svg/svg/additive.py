@@ -24,9 +24,9 @@ with a margin. The canvas begins inverted, as the first one adds:
     circle, .4 s = .784        .7                   .208   |.992 - .784|
     filter                     .7 = .807 - .51 * .208
 
-Every layer rounds to 8 bits, so that a larger s_c is more accurate: gauss2svg.svg.additive.encode
-finds the order that allows it, gauss2svg.svg.stops stops with little rounding. A focal offset
-changes nothing here (docs/decisions/svg.md).
+Every layer rounds to 8 bits, so that a larger s_c is more accurate: gauss2svg.svg.headroom finds
+the order that allows it, gauss2svg.svg.stops stops with little rounding. A focal offset changes
+nothing here (docs/decisions/svg.md).
 
 Gaussians are drawn in phases, because a canvas holds a limited range of values. A Gaussian is added
 to a channel or subtracted from it, until the channel is inverted. So Gaussians of one pattern of
@@ -47,7 +47,7 @@ scale (docs/decisions/svg.md).
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,21 +57,13 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.document import SvgFormat
-from gauss2svg.svg.element import (
-    Element,
-    hex_color,
-    number,
-    radial_gradient,
-    short_id,
-)
-from gauss2svg.svg.encode import Drawing, layer, matrices_of, view_of
-from gauss2svg.svg.headroom import order_of, range_of, samples_of
+from gauss2svg.svg.element import Element, hex_color, number, short_id
+from gauss2svg.svg.encode import Drawing, layer, matrices_of, radial_gradient, sides_of
+from gauss2svg.svg.headroom import phases_of
 from gauss2svg.svg.stops import whole_stops
 
 Ramp = Sequence[tuple[str, str]]  # the offset and the colour of each stop of a gradient
 _TRANSFER_DECIMALS = 5
-_EQUAL = 1e-3
-_GRAY = np.array([k ^ (k >> 1) for k in range(8)])
 WHITE = 255
 # Levels of 255 that are added in the end: resvg and Chromium truncate a filter's result to whole
 # levels (bias -0.5 levels), the others round.
@@ -80,8 +72,6 @@ HALF_WAY = 0.25
 MARGIN = 0.01  # share of the span that is left at either end for the rounding of layers
 # Least span of partial sums. A smaller one only magnifies the rounding of renderers.
 LEAST_SPAN = 0.1
-# Share of a channel that is spared at either end, so that fewer Gaussians wait for each other.
-SPARE = 0.02
 
 
 def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
@@ -109,8 +99,8 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
         for i in phase.tolist():
             if ramps[i] and matrices[i]:
                 key = ids.setdefault(ramps[i], short_id(len(ids)))
-                shown = {"fill": f"url(#{key})", "r": "1", "transform": matrices[i]}
-                discs.append(Element("circle", shown))
+                fill = f"url(#{key})"
+                discs.append(Element("circle", fill=fill, r="1", transform=matrices[i]))
         if discs:
             drawn.append((scene.color[phase[0]] >= 0, discs))
 
@@ -125,50 +115,23 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     slope = np.where(inverted, -1, 1) * span
     level = np.where(inverted, WHITE - begin, begin) / WHITE
     intercept = scene.background - slope * level + HALF_WAY / WHITE
-    transfer = tuple(
-        (number(a, _TRANSFER_DECIMALS), number(b, _TRANSFER_DECIMALS))
-        for a, b in zip(slope, intercept, strict=True)
-    )
+    columns = ([number(v, _TRANSFER_DECIMALS) for v in column] for column in (slope, intercept))
+    transfer = tuple(zip(*columns, strict=True))
     background = hex_color(np.where(first, WHITE - begin, begin).astype(int))
     # Two additive drawings inline in one page keep their own filter. The ids are longer than those
     # of gradients, so that they cannot collide.
     key = f"{zlib.crc32(repr((transfer, background)).encode()):08x}"
     group = f"additive-{key}"
-    inside = [_cover(background, {"id": "background"}), *groups]
-    return Drawing(
-        view=view_of(scene, svg_format.precision),
-        gaussians=sum(len(discs) for _, discs in drawn),
-        definitions=[_transfer_filter(transfer, f"transfer-{key}"), *map(_gradient, ids.items())],
-        body=[layer("Additive", inside, id=group, filter=f"url(#transfer-{key})")],
-        # Under its first rectangle the group is transparent, where a difference draws its source.
-        sheet=f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}",
+    inside = [_cover(background, "background"), *groups]
+    view, gaussians = (
+        sides_of(scene, svg_format.precision, 6),
+        sum(len(discs) for _, discs in drawn),
     )
-
-
-def phases_of(
-    scene: Scene,
-) -> tuple[list[NDArray[np.intp]], NDArray[np.float64], NDArray[np.float64]]:
-    """Indices of an additive scene's phases in drawing order, and the range (3,) of each channel.
-
-    Gaussians of a phase have the same signs, and each is in one phase. The canvas must hold the
-    lowest and the highest value of a channel: they include the image
-    (gauss2svg.svg.headroom.range_of) and all partial sums between and within phases,
-    except values of a sample that equal its image.
-    """
-    samples = samples_of(scene)
-    picture, low, high = range_of(samples, scene.background)
-    pattern = (scene.color < 0) @ [1, 2, 4]
-    mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
-    total = np.tile(scene.background.astype(np.float32), (len(samples.place), 1))
-    lowest, highest = total.copy(), total.copy()
-    order = order_of(
-        samples, picture, low - SPARE, high + SPARE, total, lowest, highest,
-        pattern, _GRAY, np.argsort(-mass, kind="stable"),
-    )  # fmt: skip
-    lowest[lowest > picture - _EQUAL] = np.inf
-    highest[highest < picture + _EQUAL] = -np.inf
-    low, high = np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
-    return np.split(order, np.flatnonzero(np.diff(pattern[order])) + 1), low, high
+    definitions = [_transfer_filter(transfer, f"transfer-{key}"), *map(_gradient, ids.items())]
+    body = [layer("Additive", inside, id=group, filter=f"url(#transfer-{key})")]
+    # Under its first rectangle the group is transparent, where a difference draws its source.
+    sheet = f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}"
+    return Drawing(view, gaussians, definitions, body, sheet)
 
 
 def _ramps(
@@ -194,7 +157,7 @@ def _ramps(
 
 def _gradient(named: tuple[Ramp, str]) -> Element:
     stops, name = named
-    inside = [Element("stop", {"offset": at, "stop-color": color}) for at, color in stops]
+    inside = [Element("stop", offset=at, stop_color=color) for at, color in stops]
     return radial_gradient(name, inside)
 
 
@@ -206,23 +169,22 @@ def _label(index: int, count: int, adds: NDArray[np.bool_]) -> str:
     return f"Phase {index}: {count} Gaussian{'s' * (count > 1)} that {' and '.join(does)}"
 
 
-def _cover(fill: str, more: Mapping[str, str] | None = None) -> Element:
-    """A rectangle over the canvas and beyond, so that the filter maps opaque pixels only.
+def _cover(fill: str, key: str | None = None) -> Element:
+    """Return a rectangle over the canvas and beyond, so that the filter maps opaque pixels only.
 
     The filter region is extended to whole pixels; a rectangle that ends within a pixel would leave
     it half inverted, which the filter makes an opaque line along the edge.
     """
-    size = {"width": "120%", "x": "-10%", "y": "-10%"}
-    return Element("rect", {"fill": fill, "height": "120%", **(more or {}), **size})
+    return Element("rect", fill=fill, height="120%", id=key, width="120%", x="-10%", y="-10%")
 
 
 def _transfer_filter(transfer: Iterable[tuple[str, str]], name: str) -> Element:
-    """The filter that maps channels by slope and intercept, all over the canvas at any size."""
+    """Return the filter that maps channels by slope and intercept, on all of any canvas."""
     functions = [
-        Element(f"feFunc{channel}", {"intercept": intercept, "slope": slope, "type": "linear"})
+        Element(f"feFunc{channel}", intercept=intercept, slope=slope, type="linear")
         for channel, (slope, intercept) in zip("RGB", transfer, strict=True)
     ]
+    step = Element("feComponentTransfer", functions, **{"in": "SourceGraphic"})
+    kind = {"color-interpolation-filters": "sRGB", "filterUnits": "userSpaceOnUse"}
     region = {"height": "100%", "id": name, "width": "100%", "x": "0", "y": "0"}
-    attributes = {"color-interpolation-filters": "sRGB", "filterUnits": "userSpaceOnUse", **region}
-    step = Element("feComponentTransfer", {"in": "SourceGraphic"}, functions)
-    return Element("filter", attributes, [step])
+    return Element("filter", [step], **kind, **region)

@@ -23,14 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene import ADD, BLURRED, LEAST_SIGMA, MOST_SIGMA, PLAIN, SOFT, Scene
-from gauss2svg.scene.falloff import (
-    BETA_CLASSES,
-    LEAST_BETA,
-    MOST_BETA,
-    half_radius,
-    nearest_class,
-    profile,
-)
+from gauss2svg.scene.falloff import BETA_CLASSES, half_radius, nearest_class, profile
 from gauss2svg.svg.document import Form
 from gauss2svg.svg.plain_ellipse import is_plain
 
@@ -127,7 +120,7 @@ def _differing(step: int, index: int) -> float:
     r = np.linspace(0, 4, 400)  # in sigmas of the profile
     own = r * float(half_radius(blur.beta) / half_radius(beta))
     drawn = blur.peak * blurred_disc(own / blur.radius, 1 / blur.deviation)
-    return float(np.abs(drawn - profile(r, min(max(beta, LEAST_BETA), MOST_BETA))).max())
+    return float(np.abs(drawn - profile(r, beta)).max())
 
 
 def snapped(scene: Scene, form: str) -> Scene:

@@ -78,8 +78,7 @@ class Document(OptionGroup):
     @property
     def layered(self) -> list[str]:
         """Return the names of the given options that need layers of rounds."""
-        given = {"animate": self.animate is not None, "fragments": self.fragments}
-        return [name for name, is_given in given.items() if is_given]
+        return ["animate"] * (self.animate is not None) + ["fragments"] * self.fragments
 
     def check_without_layers(self, name: str, reason: str, advice: str) -> None:
         """Raise InputError for an option that needs layers of rounds, which `name` lacks."""
@@ -108,8 +107,8 @@ class Document(OptionGroup):
 
     def mm_each(self, width: float) -> float:
         """Millimetres of a px of a canvas of so many px across, on paper."""
-        given = None if self.size == RESPONSIVE else self.size
-        across, unit = (width, "px") if given is None else _width_of("size", given)
+        has_size = self.size is not None and not self.is_responsive
+        across, unit = _width_of("size", self.size) if has_size else (width, "px")
         return across * MM[unit] / width
 
     def style(self, rounds: Sequence[int]) -> str:

@@ -9,7 +9,6 @@ Numbers of a file are limited, because renderers compute in float32 and some cra
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,65 +19,48 @@ from gauss2svg.scene import Scene
 _LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
 
-@dataclass(frozen=True, slots=True)
 class Element:
-    """One element: its tag, its attributes in the order of the file, and what is inside it.
+    """One element: its tag, what is inside it, and its attributes in the order of the file.
 
-    inside  None for a tag that closes itself; or elements; or a text. Text and attributes are
-            written as they are: what users say is escaped before
+    inside      None for a tag that closes itself; or elements; or a text. Text and attributes are
+                written as they are: what users say is escaped before
+    attributes  fill_opacity is fill-opacity; those that are None are left out
     """
 
-    tag: str
-    attributes: Mapping[str, str] = field(default_factory=dict)
-    inside: Sequence[Element] | str | None = None
+    __slots__ = "attributes", "inside", "tag"
 
-    def without(self, *names: str) -> Element:
-        """The element without some attributes."""
-        kept = {name: value for name, value in self.attributes.items() if name not in names}
-        return Element(self.tag, kept, self.inside)
+    def __init__(
+        self, tag: str, inside: Sequence[Element] | str | None = None, /, **attributes: str | None
+    ) -> None:
+        self.tag, self.inside = tag, inside
+        self.attributes = {k.replace("_", "-"): v for k, v in attributes.items() if v is not None}
+
+    def replace(self, **attributes: str | None) -> Element:
+        """Return the element with some attributes replaced, added, or if they are None left out."""
+        return Element(self.tag, self.inside, **{**self.attributes, **attributes})
 
     def text(self) -> str:
-        """The element as SVG text, without white space between tags."""
+        """Return the element as SVG text, without white space between tags."""
         begin, inside = f"<{self.tag}{attributes_text(self.attributes)}", self.inside
         if inside is None:
             return begin + "/>"
         if not isinstance(inside, str):
-            return f"{begin}>{''.join([one.text() for one in inside])}</{self.tag}>"
+            inside = "".join([one.text() for one in inside])
         return f"{begin}>{inside}</{self.tag}>"
 
 
 def attributes_text(attributes: Mapping[str, str]) -> str:
-    """Attributes as they follow a tag's name, each with a space before it."""
+    """Return attributes as they follow a tag's name, each with a space before it."""
     return "".join([f' {name}="{value}"' for name, value in attributes.items()])
 
 
-def with_default(name: str, value: str, default: str) -> dict[str, str]:
-    """The attribute, or none where its value is the one that renderers assume."""
-    return {} if value == default else {name: value}
-
-
-def radial_gradient(key: str, stops: Sequence[Element], r: str = "1", fx: str = "") -> Element:
-    """A radial gradient of radius r around the origin of user space.
-
-    fx moves resvg to its accurate gradient (docs/decisions/svg.md); "" for none.
-    """
-    focus = {"fx": fx} if fx else {}
-    attributes = {"cx": "0", "cy": "0", **focus, "gradientUnits": "userSpaceOnUse"}
-    return Element("radialGradient", {**attributes, "id": key, "r": r}, stops)
+def unless(default: str, value: str) -> str | None:
+    """Return the value of an attribute, or None for the one that renderers assume without it."""
+    return None if value == default else value
 
 
 def number(value: float, decimals: int) -> str:
-    """Shortest text of a value rounded to some decimals.
-
-    Raises SceneError for NaN and infinity, which renderers draw wrongly or crash on, and for
-    numbers above LARGEST_NUMBER.
-    """
-    if not abs(value) <= LARGEST_NUMBER:
-        raise SceneError(
-            f"a number in an SVG must be finite and at most {LARGEST_NUMBER:g}; got "
-            f"{value!s}. Try to scale the scene, to drop shapes that lie so far off, or a "
-            "coarser precision"
-        )
+    """Return the shortest text of a finite value rounded to some decimals."""
     text = f"{value:.{decimals}f}"
     if "." in text:
         text = text.rstrip("0").rstrip(".")
@@ -110,23 +92,25 @@ _SMALLEST_CANVAS = 0.01
 _FARTHEST = 8e6
 
 
-def check_canvas(scene: Scene) -> None:
-    """Raise SceneError for a canvas that is too small to be written."""
-    if min(scene.width, scene.height) < _SMALLEST_CANVAS:
+def check_view(scene: Scene, precision: float = 1.0) -> None:
+    """Raise SceneError for a canvas that is too small, or too wide in units of `precision` px."""
+    low, high = sorted((scene.width, scene.height))
+    most = LARGEST_NUMBER * precision
+    if low < _SMALLEST_CANVAS or high > most:
         raise SceneError(
-            f"canvas must be at least {_SMALLEST_CANVAS} px a side in an SVG; got "
-            f"{scene.width:g}x{scene.height:g} px. Try to scale the scene up"
+            f"canvas of an SVG must be {_SMALLEST_CANVAS}..{most:g} px a side at a precision of "
+            f"{precision:g} px; got {scene.width:g}x{scene.height:g} px. Try to scale the scene"
         )
 
 
 def writable(
     scene: Scene, radius: ArrayLike, precision: float, unit: ArrayLike = 1
 ) -> NDArray[np.bool_]:
-    """(n,) whether each shape's numbers, in user units of `precision` px, fit into a file.
+    """Return (n,) whether each shape's numbers, in user units of `precision` px, fit into a file.
 
     radius  in sigmas, of the drawn discs, whose matrices are for circles of radius `unit`
     A shape whose numbers do not fit, or that reaches too far for renderers, can be left out where
-    it lies entirely off the canvas. Raises SceneError for one that may be visible.
+    it lies entirely off the canvas. Raise SceneError for one that may be visible.
     """
     extent = np.asarray(radius)[..., None] * scene.sigma
     offset = np.abs(scene.mean)

@@ -46,17 +46,8 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.blur import BLURS, CLEAR, Blur, drawn_blurs, snapped
 from gauss2svg.svg.document import INKS, Document, SvgFormat, round_id
-from gauss2svg.svg.element import (
-    Element,
-    check_canvas,
-    hex_color,
-    number,
-    radial_gradient,
-    short_id,
-    with_default,
-    writable,
-)
-from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
+from gauss2svg.svg.element import Element, check_view, hex_color, number, short_id, unless, writable
+from gauss2svg.svg.plain_ellipse import drawn_radius, is_plain
 from gauss2svg.svg.stops import gradient_stops
 
 _LARGE = 100  # radius of gradients of large exponents
@@ -82,6 +73,7 @@ class Drawing(NamedTuple):
     body         the background and the groups of shapes, bottom first
     sheet        the style sheet, "" for none
     root         more attributes of the root
+    size         width with its unit, None for that of the document
     """
 
     view: tuple[str, str]
@@ -90,6 +82,7 @@ class Drawing(NamedTuple):
     body: Sequence[Element]
     sheet: str = ""
     root: Mapping[str, str] = MappingProxyType({})
+    size: str | None = None
 
 
 def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
@@ -111,11 +104,10 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     shared, entry, uses = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     # The shortest ids go to those that are used most; argsort of argsort is the rank.
     ids = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
-    links = np.full(len(scene), "", dtype=object)
+    links = np.full(len(scene), None, dtype=object)
     links[~plain] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
 
-    radius, opacity = cut_radius(scene.beta), scene.opacity.copy()
-    radius[plain] = plain_radius(scene.beta[plain])
+    radius, opacity = drawn_radius(scene.beta, plain), scene.opacity.copy()
     radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
     opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
     unit = np.where((scene.beta >= LARGE_FROM) & shaded, _LARGE, 1)
@@ -123,31 +115,21 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     shapes = []
     for i, matrix in enumerate(matrices_of(scene, radius, svg_format.precision, unit)):
         shown = number(min(opacity[i], 1.0), svg_format.opacity_decimals)
-        if shown == "0" or not matrix:
-            continue
-        attributes = {"fill": links[i] if shaded[i] else hex_color(color[i])}
-        attributes |= with_default("fill-opacity", shown, "1")
-        attributes |= {"filter": links[i]} if blurred[i] else {}
-        attributes |= {"r": number(circle[i], 1), "transform": matrix}
-        shapes.append((i, Element("circle", attributes)))
+        if matrix and shown != "0":
+            fill, link = (links[i], None) if shaded[i] else (hex_color(color[i]), links[i])
+            more = {"fill_opacity": unless("1", shown), "filter": link, "r": number(circle[i], 1)}
+            shapes.append((i, Element("circle", fill=fill, **more, transform=matrix)))
     # What only shapes without extent or opacity would refer to is not written.
-    used, definitions = set(links[[i for i, _ in shapes]].tolist()), []
-    for name, (which, *shade) in zip(ids, shared, strict=True):
-        if f"url(#{name})" in used:
-            if which < len(BETA_CLASSES):
-                gradient = _gradient(name, BETA_CLASSES[which], shade, svg_format.stops)
-                definitions.append(gradient)
-            else:
-                definitions.append(_filter(name, BLURS[which - len(BETA_CLASSES)]))
+    used = set(links[[i for i, _ in shapes]].tolist())
+    definitions = [
+        _definition(name, kind, shade, svg_format.stops)
+        for name, (kind, *shade) in zip(ids, shared, strict=True)
+        if f"url(#{name})" in used
+    ]
     rounds = rounds_of(shapes, scene)
     layers = ink_layers(rounds) if svg_format.layers == INKS else round_layers(rounds)
-    return Drawing(
-        view=view_of(scene, svg_format.precision),
-        gaussians=len(shapes),
-        definitions=definitions,
-        body=[*_background(scene), *layers],
-        sheet=document.style([index for index, _ in rounds]),
-    )
+    view, sheet = sides_of(scene, svg_format.precision, 6), document.style([k for k, _ in rounds])
+    return Drawing(view, len(shapes), definitions, [*_background(scene), *layers], sheet)
 
 
 def rounds_of(drawn: Sequence[tuple[int, Element]], scene: Scene) -> list[Round]:
@@ -169,31 +151,29 @@ def ink_layers(rounds: Sequence[Round]) -> list[Element]:
     """Return shapes in groups, each of one ink, which has the fill."""
     layers = []
     for index, inside in rounds:
-        fill = inside[0].attributes["fill"]
+        fill, bare = inside[0].attributes["fill"], [one.replace(fill=None) for one in inside]
         name = fill if len(fill) == 7 else "#" + "".join(2 * digit for digit in fill[1:])
-        plain = [one.without("fill") for one in inside]
-        label = f"Ink {name}: {len(inside)} ellipses"
-        layers.append(layer(label, plain, fill=fill, id=f"ink-{index + 1}"))
+        label, key = f"Ink {name}: {len(inside)} ellipses", f"ink-{index + 1}"
+        layers.append(layer(label, bare, fill=fill, id=key))
     return layers
 
 
 def layer(label: str, inside: Sequence[Element], **attributes: str) -> Element:
     """Return a group that Inkscape shows as a layer."""
     shown = {"inkscape:groupmode": "layer", "inkscape:label": label, **attributes}
-    return Element("g", dict(sorted(shown.items())), inside)
+    return Element("g", inside, **dict(sorted(shown.items())))
 
 
-def view_of(scene: Scene, precision: float) -> tuple[str, str]:
-    """Return the width and height of a canvas in user units."""
-    return number(scene.width / precision, 6), number(scene.height / precision, 6)
+def sides_of(scene: Scene, unit: float = 1.0, decimals: int = 3) -> tuple[str, str]:
+    """Return the width and height of a canvas in units of so many px."""
+    return number(scene.width / unit, decimals), number(scene.height / unit, decimals)
 
 
 def _background(scene: Scene) -> list[Element]:
     if scene.transparent:
         return []
-    fill = hex_color(np.round(scene.background * 255).astype(np.uint8))
-    size = {"width": "100%", "x": "0", "y": "0"}
-    return [Element("rect", {"fill": fill, "height": "100%", "id": "background", **size})]
+    fill, whole = hex_color(np.round(scene.background * 255).astype(np.uint8)), "100%"
+    return [Element("rect", fill=fill, height=whole, id="background", width=whole, x="0", y="0")]
 
 
 def matrices_of(
@@ -207,7 +187,7 @@ def matrices_of(
     too large. Raise SceneError for any other with such numbers (gauss2svg.svg.element.writable),
     and for a canvas that is too small.
     """
-    check_canvas(scene)
+    check_view(scene, precision)
     unit = np.broadcast_to(unit, len(scene))
     factor, mean = scene.factor * radius[:, None, None], scene.mean / precision
     factor = factor.transpose(0, 2, 1).reshape(-1, 4) / (unit * precision)[:, None]
@@ -220,25 +200,38 @@ def matrices_of(
     return texts
 
 
-def _gradient(name: str, beta: float, color: Sequence[int], count: int) -> Element:
-    """Return the gradient of an exponent and a colour, with `count` stops."""
-    shade, unit, stops = hex_color(color), _LARGE if beta >= LARGE_FROM else 1, []
-    for offset, value in zip(*gradient_stops(count, beta), strict=True):
-        opacity = with_default("stop-opacity", number(value, 3), "1")
-        attributes = {"offset": number(offset, 4), "stop-color": shade, **opacity}
-        stops.append(Element("stop", attributes))
+def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Element:
+    """Return the gradient of a class of exponents and a colour, or the blur after the classes."""
+    if kind >= len(BETA_CLASSES):
+        return _filter(name, BLURS[kind - len(BETA_CLASSES)])
+    beta, shade = BETA_CLASSES[kind], hex_color(color)
+    unit, stops = _LARGE if beta >= LARGE_FROM else 1, []
+    for at, value in zip(*gradient_stops(count, beta), strict=True):
+        look = {"stop_color": shade, "stop_opacity": unless("1", number(value, 3))}
+        stops.append(Element("stop", offset=number(at, 4), **look))
     return radial_gradient(name, stops, str(unit), number(unit * _FOCUS, 3))
+
+
+def radial_gradient(
+    key: str, stops: Sequence[Element], r: str = "1", fx: str | None = None
+) -> Element:
+    """Return a radial gradient of radius r around the origin of user space.
+
+    fx moves resvg to its accurate gradient (docs/decisions/svg.md).
+    """
+    units = "userSpaceOnUse"
+    return Element("radialGradient", stops, cx="0", cy="0", fx=fx, gradientUnits=units, id=key, r=r)
 
 
 def _filter(name: str, blur: Blur) -> Element:
     """Return a blur of a circle of radius 1, in a region of its box with a margin around it."""
     margin = number(CLEAR * blur.deviation / 2, 2)  # in diameters
-    start, size = f"-{margin}", number(1 + 2 * float(margin), 2)
+    size, start = number(1 + 2 * float(margin), 2), f"-{margin}"
     # The default, linearRGB, rounds colours once more.
-    attributes = {"color-interpolation-filters": "sRGB", "height": size, "id": name}
-    attributes |= {"width": size, "x": start, "y": start}
-    deviation = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
-    return Element("filter", attributes, [Element("feGaussianBlur", deviation)])
+    region = {"height": size, "id": name, "width": size, "x": start, "y": start}
+    source = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
+    step = Element("feGaussianBlur", **source)
+    return Element("filter", [step], color_interpolation_filters="sRGB", **region)
 
 
 def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:

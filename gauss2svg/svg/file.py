@@ -62,10 +62,8 @@ def bytes_by_part(svg: str) -> dict[str, int]:
     the root, names, background, groups and a style sheet
     """
     data = svg.encode()
-    found = _DEFS.search(data)
-    gradients = len(found[0]) if found else 0
     # Text and attributes contain no < or > themselves, as both are written as entities.
-    geometry = sum(len(tag) for tag in _SHAPES.findall(data))
+    gradients, geometry = (sum(map(len, part.findall(data))) for part in (_DEFS, _SHAPES))
     overhead = len(data) - gradients - geometry
     return {"gradients": gradients, "geometry": geometry, "overhead": overhead}
 

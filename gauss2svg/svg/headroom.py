@@ -31,8 +31,12 @@ from gauss2svg.scene.falloff import cut_radius, profile
 _kernel = cached()
 # A smaller contribution to a colour channel of a sample needs no room there.
 _LEAST_ADDED = 1e-3
-# Equal values of a colour channel: the rounding of float32 is smaller.
-_EQUAL = 1e-4
+# Equal values of a colour channel: the rounding of float32 is smaller. Those of a sample and of the
+# image, which it may have wherever the canvas ends, may differ more.
+_EQUAL, _EQUAL_IN_IMAGE = 1e-4, 1e-3
+_GRAY = np.array([k ^ (k >> 1) for k in range(8)])  # patterns of signs, of which one changes a step
+# Share of a channel that is spared at either end, so that fewer Gaussians wait for each other.
+SPARE = 0.02
 _RADIUS = float(cut_radius(1.0))
 _STEPS = 4096  # of the falloff by squared radius
 _FALLOFF = profile(_RADIUS * np.sqrt(np.arange(_STEPS + 1) / _STEPS), 1.0)
@@ -45,6 +49,9 @@ SIDE = 1536  # most samples of a side
 # Samples that all Gaussians together may touch, without means. A coarser grid is enough for wider
 # Gaussians.
 TOUCHED = 3e7
+
+
+Range = NDArray[np.float64]  # (3,) of the channels
 
 
 class Samples(NamedTuple):
@@ -66,7 +73,37 @@ class Samples(NamedTuple):
     color: NDArray[np.float64]
 
 
-def samples_of(scene: Scene) -> Samples:
+def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Range, Range]:
+    """Return an additive scene's phases in drawing order, and the range (3,) of each channel.
+
+    A phase is the indices of Gaussians of the same signs, and each Gaussian is in one. The canvas
+    must hold the lowest and the highest value of a channel: they include the image and all partial
+    sums between and within phases, except values of a sample that equal its image.
+
+    Values of the image outside fold: v above the highest h becomes 2 h - v. Values above 1 are
+    clipped in the end, so that 2 h - v >= 1 is enough; likewise below 0.
+    """
+    samples, background = _samples_of(scene), scene.background
+    total = np.tile(background.astype(np.float32), (len(samples.place), 1))
+    picture = total.copy()
+    _add_all(samples, picture)
+    low, high = picture.min(axis=0).astype(np.float64), picture.max(axis=0).astype(np.float64)
+    low = np.minimum(background, np.where(low < 0, 0.5 * low, low))
+    high = np.maximum(background, np.where(high > 1, 0.5 * (1 + high), high))
+    pattern = (scene.color < 0) @ [1, 2, 4]
+    mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
+    lowest, highest = total.copy(), total.copy()
+    order = _order_of(
+        samples, picture, low - SPARE, high + SPARE, total, lowest, highest,
+        pattern, _GRAY, np.argsort(-mass, kind="stable"),
+    )  # fmt: skip
+    lowest[lowest > picture - _EQUAL_IN_IMAGE] = np.inf
+    highest[highest < picture + _EQUAL_IN_IMAGE] = -np.inf
+    low, high = np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
+    return np.split(order, np.flatnonzero(np.diff(pattern[order])) + 1), low, high
+
+
+def _samples_of(scene: Scene) -> Samples:
     """Return the samples of an additive scene; they depend only on the scene."""
     canvas = np.array([scene.width, scene.height])
     touched = float(np.minimum(2 * _RADIUS * scene.sigma, canvas).prod(axis=1).sum())
@@ -84,31 +121,15 @@ def samples_of(scene: Scene) -> Samples:
     return Samples(place, start, mean, whitening, _RADIUS * sigma, scene.color.copy())
 
 
-def range_of(
-    samples: Samples, background: NDArray[np.float64]
-) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
-    """The image (m, 3), and the lowest and highest value (3,) that a canvas must hold to show it.
-
-    Values outside fold: v above the highest h becomes 2 h - v. Values above 1 are clipped in the
-    end, so that 2 h - v >= 1 is enough; likewise below 0.
-    """
-    picture = np.tile(background.astype(np.float32), (len(samples.place), 1))
-    add_all(samples, np.arange(len(samples.color)), picture, picture, picture)
-    least, most = picture.min(axis=0).astype(np.float64), picture.max(axis=0).astype(np.float64)
-    low = np.minimum(background, np.where(least < 0, 0.5 * least, least))
-    high = np.maximum(background, np.where(most > 1, 0.5 * (1 + most), most))
-    return picture, low, high
+@_kernel
+def _add_all(samples, total):
+    """Add all Gaussians to total (m, 3)."""
+    for i in range(len(samples.color)):
+        _add(samples, i, total, total, total)
 
 
 @_kernel
-def add_all(samples, order, total, lowest, highest):
-    """Add Gaussians one by one to total (m, 3); lowest and highest (m, 3) follow it."""
-    for i in order:
-        _add(samples, i, total, lowest, highest)
-
-
-@_kernel
-def order_of(samples, picture, low, high, total, lowest, highest, pattern, patterns, by_mass):
+def _order_of(samples, picture, low, high, total, lowest, highest, pattern, patterns, by_mass):
     """All Gaussians, each once, in the order in which to draw them on a canvas of low..high.
 
     They are added to total (m, 3) one by one; lowest and highest (m, 3) follow it. A sample may

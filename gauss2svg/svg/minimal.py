@@ -45,22 +45,8 @@ from gauss2svg.errors import instance
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.document import DEFAULT_TITLE, STOP_COUNTS, Document
-from gauss2svg.svg.element import (
-    Element,
-    attributes_text,
-    hex_color,
-    number,
-    short_id,
-    with_default,
-)
-from gauss2svg.svg.minimal_shapes import (
-    OPACITY_DECIMALS,
-    Shapes,
-    color_levels,
-    path_data,
-    rounded_scene,
-    shapes_of,
-)
+from gauss2svg.svg.element import Element, attributes_text, hex_color, number, short_id, unless
+from gauss2svg.svg.minimal_shapes import OPACITY_DIGITS, Shapes, color_levels, path_data, shapes_of
 from gauss2svg.svg.stops import gradient_stops, grey_stops
 
 MASK_STOPS = (3, 5)  # of few soft shapes, and of many
@@ -80,7 +66,7 @@ def minimal_svg(
     digits: int = 3,
     document: Document | None = None,
     *,
-    opacity_decimals: int = OPACITY_DECIMALS,
+    opacity_decimals: int = OPACITY_DIGITS,
     stops: int = STOP_COUNTS[0],
     masked: bool | None = None,
 ) -> str:
@@ -90,7 +76,7 @@ def minimal_svg(
     digits  of colours, 3 or 6
     stops   of a gradient, one of STOP_COUNTS
     masked  whether soft shapes are drawn under masks, not by gradients. None: as many as
-            masked_count says
+            gauss2svg.svg.minimal_shapes says
     What it draws is minimal_rounded(scene, unit, digits): shapes whose extent or opacity is written
     as 0 are left out. Title, alt, size and aspect of the document are written where they are given;
     otherwise the file has no names, and a size only where a unit is less than a pixel or a side is
@@ -102,21 +88,21 @@ def minimal_svg(
     document.check_without_layers("minimal markup", "which has no layers", "--markup editable")
     shapes = shapes_of(scene, unit, digits, opacity_decimals, masked)
     width, height = (_view(side, unit) for side in (scene.width, scene.height))
-    cover = []
+    named, cover = _names(document), []
     if not scene.transparent:
         across, down = (number(math.ceil(float(side)), 0) for side in (width, height))
         fill = _fill(color_levels(scene.background, digits))
-        cover = [Element("path", {**fill, "d": f"M0 0h{across}v{down}H0"})]
+        cover = [Element("path", fill=fill, d=f"M0 0h{across}v{down}H0")]
     definitions, drawn = _drawing(shapes, opacity_decimals, stops)
-    named = _names(document)
-    attributes = {
-        "xmlns": "http://www.w3.org/2000/svg",
+    defs = [Element("defs", definitions)] if definitions else []
+    return Element(
+        "svg",
+        [*named, *defs, *cover, *drawn],
+        xmlns="http://www.w3.org/2000/svg",
         **_presented(document, scene, unit),
-        **({"role": "img"} if named else {}),
-        "viewBox": f"0 0 {width} {height}",
-    }
-    defs = [Element("defs", inside=definitions)] if definitions else []
-    return Element("svg", attributes, [*named, *defs, *cover, *drawn]).text()
+        role="img" if named else None,
+        viewBox=f"0 0 {width} {height}",
+    ).text()
 
 
 def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
@@ -125,7 +111,7 @@ def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
     Means, extents, colours, opacities and exponents are those of the file; a plain ellipse has the
     exponent whose profile it draws best. Arguments and errors are those of minimal_svg.
     """
-    return rounded_scene(scene, shapes_of(scene, unit, digits, OPACITY_DECIMALS), unit, digits)
+    return shapes_of(scene, unit, digits, OPACITY_DIGITS).rounded(scene, unit, digits)
 
 
 def whole_unit(width: int, height: int, about: float = 0) -> float:
@@ -149,7 +135,7 @@ def _view(side: float, unit: float) -> str:
     )
 
 
-def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str]:
+def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str | None]:
     """Attributes of the root that say how large the picture is, where the view box does not."""
     sides = document.sides(scene.width, scene.height)
     canvas = scene.width / unit, scene.height / unit
@@ -157,14 +143,14 @@ def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str]:
     is_exact = unit >= 1 and all(u >= 0.5 and abs(u - round(u)) <= 1e-9 * u for u in canvas)
     if sides is None and not is_exact and not document.is_responsive:
         sides = number(scene.width, 3), number(scene.height, 3)
-    size = {} if sides is None else {"width": sides[0], "height": sides[1]}
-    return size | ({"preserveAspectRatio": document.aspect} if document.aspect else {})
+    width, height = sides or (None, None)
+    return {"width": width, "height": height, "preserveAspectRatio": document.aspect}
 
 
 def _names(document: Document) -> list[Element]:
     title = "" if document.title == DEFAULT_TITLE else document.title
     named = {"title": title, "desc": document.alt or ""}
-    return [Element(tag, inside=escape(text)) for tag, text in named.items() if text]
+    return [Element(tag, escape(text)) for tag, text in named.items() if text]
 
 
 def _drawing(
@@ -181,29 +167,26 @@ def _drawing(
     used = sum("id" in definition.attributes for definition in definitions)
     # Opaque ellipses of one colour are one path; of others each is blended by itself.
     opaque = (shapes.falloff < 0) & (np.round(shapes.opacity, opacity_decimals) == 1)
-    path_of = [fills[i].get("fill", "") if opaque[i] else i for i in range(len(fills))]
     elements = []
-    for _, run in groupby(range(len(fills)), lambda i: path_of[i]):
+    for _, run in groupby(range(len(fills)), lambda i: fills[i] if opaque[i] else i):
         index = list(run)
         i, kind = index[0], int(shapes.falloff[index[0]])
         name = "opacity" if shapes.masked[i] or not circles else "fill-opacity"
-        opacity = with_default(name, number(shapes.opacity[i], opacity_decimals), "1")
+        look = {"fill": fills[i], name: unless("1", number(shapes.opacity[i], opacity_decimals))}
         if kind < 0:
-            shape = Element("path", {**fills[i], **opacity, "d": path_data(shapes.numbers[index])})
+            elements.append(Element("path", **look, d=path_data(shapes.numbers[index])))
         else:
             soft = (uses if shapes.masked[i] else circles)[kind]
-            place = {"transform": _matrix(shapes.numbers[i])}
-            shape = Element(soft.tag, {**soft.attributes, **fills[i], **opacity, **place})
-        elements.append(shape)
+            elements.append(soft.replace(**look, transform=_matrix(shapes.numbers[i])))
     if uses:
         templates, elements = _shared(elements, used)
         definitions += templates
     return definitions, _grouped(elements)
 
 
-def _fill(levels: NDArray[np.intp], name: str = "fill") -> dict[str, str]:
-    """The attribute of a colour in levels (3,) of 255; black is the default."""
-    return with_default(name, hex_color(levels), "#000")
+def _fill(levels: NDArray[np.intp]) -> str | None:
+    """Return a colour in levels (3,) of 255, None for black."""
+    return unless("#000", hex_color(levels))
 
 
 def _most_used(falloff: NDArray[np.intp]) -> list[int]:
@@ -222,27 +205,22 @@ def _masked(falloff: NDArray[np.intp]) -> tuple[list[Element], dict[int, Element
     uses, definitions = {}, []
     for k, kind in enumerate(kinds):
         name, mask, ramp = (short_id(k + part * len(kinds)) for part in range(3))
-        uses[kind] = Element("use", {"href": f"#{name}"})
+        uses[kind] = Element("use", href=f"#{name}")
         stops = [
-            Element("stop", {"offset": number(o, 3), **_fill(np.full(3, 17 * grey), "stop-color")})
-            for o, grey in zip(*grey_stops(count, BETA_CLASSES[kind]), strict=True)
+            Element("stop", offset=number(at, 3), stop_color=_fill(np.full(3, 17 * grey)))
+            for at, grey in zip(*grey_stops(count, BETA_CLASSES[kind]), strict=True)
         ]
-        r = {"r": _circle(kind)}
-        disc = {"href": f"#{short_id(2 * len(kinds))}"} if k else _UNIT_DISC  # of the first
+        r, disc = _circle(kind), {"href": f"#{short_id(2 * len(kinds))}"} if k else _UNIT_DISC
         definitions += [
-            Element("radialGradient", {"id": ramp, **disc}, stops),
-            Element("mask", {"id": mask}, [Element("circle", {**r, "fill": f"url(#{ramp})"})]),
-            Element("circle", {"id": name, **r, "mask": f"url(#{mask})"}),
+            Element("radialGradient", stops, id=ramp, **disc),
+            Element("mask", [Element("circle", r=r, fill=f"url(#{ramp})")], id=mask),
+            Element("circle", id=name, r=r, mask=f"url(#{mask})"),
         ]
     return definitions, uses
 
 
 def _gradients(
-    shapes: Shapes,
-    index: NDArray[np.intp],
-    fills: list[dict[str, str]],
-    stops: int,
-    used: int,
+    shapes: Shapes, index: NDArray[np.intp], fills: list[str | None], stops: int, used: int
 ) -> tuple[list[Element], dict[int, Element]]:
     """Return a gradient for each exponent and colour, and circles by exponent.
 
@@ -251,28 +229,29 @@ def _gradients(
     used   number of ids there are already
     """
     kinds = _most_used(shapes.falloff[index])
-    circles = {kind: Element("circle", {"r": _circle(kind)}) for kind in kinds}
-    rules, definitions, first, ramps = [], [], {}, {}
+    rules, definitions, first, ramps = "", [], {}, {}
     for k, kind in enumerate(kinds, used):
         name = first[kind] = short_id(k)
         offsets, values = gradient_stops(stops, BETA_CLASSES[kind])
         for at, value in enumerate(values):
             color = "" if at else "stop-color:currentColor;"
-            stop = "+".join(["stop"] * (at + 1))
-            rules.append(f'[href="#{name}"] {stop}{{{color}stop-opacity:{number(value, 3)}}}')
+            rules += (
+                f'[href="#{name}"] stop{"+stop" * at}{{{color}stop-opacity:{number(value, 3)}}}'
+            )
         # fx moves resvg to its accurate gradient.
-        definitions.append(Element("radialGradient", {"id": name, **_UNIT_DISC, "fx": ".001"}))
-        ramps[kind] = [Element("stop", {"offset": number(o, 4)}) for o in offsets]
-    keys = {i: (int(shapes.falloff[i]), fills[i].get("fill", "#000")) for i in index.tolist()}
+        definitions.append(Element("radialGradient", id=name, **_UNIT_DISC, fx=".001"))
+        ramps[kind] = [Element("stop", offset=number(at, 4)) for at in offsets]
+    keys = {i: (int(shapes.falloff[i]), fills[i] or "#000") for i in index.tolist()}
     ids = {}
     for k, (key, _) in enumerate(Counter(keys.values()).most_common(), used + len(kinds)):
         kind, color = key
         ids[key] = name = short_id(k)
-        attributes = {"id": name, "href": f"#{first[kind]}", "color": color}
-        definitions.append(Element("radialGradient", attributes, ramps[kind]))
+        href = f"#{first[kind]}"
+        definitions.append(Element("radialGradient", ramps[kind], id=name, href=href, color=color))
     for i, key in keys.items():
-        fills[i] = {"fill": f"url(#{ids[key]})"}
-    return [Element("style", inside="".join(rules)), *definitions], circles
+        fills[i] = f"url(#{ids[key]})"
+    circles = {kind: Element("circle", r=_circle(kind)) for kind in kinds}
+    return [Element("style", rules), *definitions], circles
 
 
 def _circle(kind: int) -> str:
@@ -286,7 +265,7 @@ def _matrix(numbers: NDArray[np.float64]) -> str:
 
 
 def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Element]]:
-    """Definitions of common fills and opacities where these make the file shorter.
+    """Return definitions of common fills and opacities where these make the file shorter.
 
     used  how many ids there are already
     """
@@ -294,33 +273,29 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
     # Colours with an opacity first, then the opacities of colours that too few shapes have.
     for names in (("fill", "opacity"), ("opacity",)):
         ids = {}
-        keys = [tuple(e.attributes.get(name, "") for name in ("href", *names)) for e in elements]
-        for key, uses in Counter(keys).most_common():
-            href, values = key[0], zip(names, key[1:], strict=True)
-            common = {name: value for name, value in values if value}
+        keys = [tuple(map(one.attributes.get, ("href", *names))) for one in elements]
+        for key, uses in Counter(key for key in keys if key[0]).most_common():
+            href, common = key[0], dict(zip(names, key[1:], strict=True))
             name = short_id(used + len(definitions))
-            definition = Element("use", {"id": name, "href": href, **common})
+            definition = Element("use", id=name, href=href, **common)
             # Each use is without them, and refers to the new id in place of the old one.
-            shorter = len(attributes_text(common)) + len(href) - len(f"#{name}")
-            if href and common and uses * shorter > len(definition.text()):
+            saved = len(definition.text()) - len(Element("use", id=name, href=f"#{name}").text())
+            if uses * saved > len(definition.text()):
                 ids[key] = name
                 definitions.append(definition)
         elements = [
-            Element(e.tag, {"href": f"#{ids[key]}", **e.without("href", *names).attributes})
-            if key in ids
-            else e
-            for e, key in zip(elements, keys, strict=True)
+            one.replace(href=f"#{ids[key]}", **dict.fromkeys(names)) if key in ids else one
+            for one, key in zip(elements, keys, strict=True)
         ]
     return definitions, elements
 
 
 def _grouped(elements: list[Element]) -> list[Element]:
-    """All elements, consecutive ones of one fill in a group where that is shorter."""
-    found = []
-    for fill, run in groupby(elements, key=lambda e: e.attributes.get("fill")):
-        inside, group = list(run), {} if fill is None else {"fill": fill}
-        if len(attributes_text(group)) * (len(inside) - 1) > len("<g></g>"):
-            found.append(Element("g", group, [e.without("fill") for e in inside]))
-        else:
-            found += inside
-    return found
+    """Return all elements, consecutive ones of one fill in a group where that is shorter."""
+    grouped = []
+    for fill, run in groupby(elements, key=lambda one: one.attributes.get("fill")):
+        inside = list(run)
+        group = Element("g", [one.replace(fill=None) for one in inside], fill=fill)
+        saved = len(attributes_text(group.attributes)) * (len(inside) - 1)
+        grouped += [group] if saved > len("<g></g>") else inside
+    return grouped

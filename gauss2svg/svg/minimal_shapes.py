@@ -22,24 +22,14 @@ from numpy.typing import NDArray
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Scene
-from gauss2svg.scene.falloff import (
-    BETA_CLASSES,
-    MOST_BETA,
-    RIM_WIDTH,
-    cut_radius,
-    nearest_class,
-)
+from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
 from gauss2svg.svg.blur import with_falloffs
-from gauss2svg.svg.element import check_canvas, number, writable
-from gauss2svg.svg.plain_ellipse import (
-    LEAST_PLAIN_BETA,
-    looks_plain,
-    plain_beta,
-    plain_radius,
-)
+from gauss2svg.svg.element import check_view, number, writable
+from gauss2svg.svg.plain_ellipse import arc_beta, drawn_radius, is_arc
 
+Floats = NDArray[np.float64]
 HEX_DIGITS = (3, 6)
-OPACITY_DECIMALS = 2
+OPACITY_DIGITS = 2
 
 
 # Masks, gradients and plain ellipses of a minimal file (docs/decisions/minimal.md).
@@ -48,9 +38,6 @@ MOST_MASKED = 500
 # Shapes that leave the masks for each shape beyond MOST_MASKED, until none is left. If all left
 # at once, the file would grow by a third at one shape more.
 FADING = 2
-# Px of rim across the major axis under which a shape is a plain ellipse, whose edge, of about a
-# pixel, is no crisper.
-CRISP_RIM = 1.0
 
 
 @dataclass(frozen=True)
@@ -69,12 +56,28 @@ class Shapes:
 
     index: NDArray[np.intp]
     falloff: NDArray[np.intp]
-    numbers: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    factor: NDArray[np.float64]
+    numbers: Floats
+    mean: Floats
+    factor: Floats
     levels: NDArray[np.intp]
-    opacity: NDArray[np.float64]
+    opacity: Floats
     masked: NDArray[np.bool_]
+
+    def rounded(self, scene: Scene, unit: float, digits: int) -> Scene:
+        """Return the scene that a file with these shapes of a scene draws."""
+        plain = self.falloff < 0
+        beta = np.array([*BETA_CLASSES, 1.0])[self.falloff]
+        beta[plain] = arc_beta(np.sort(unit * self.numbers[plain, :2], axis=1)[:, ::-1])
+        # A minimal file has no layers, and its painter's order is not that of the rounds.
+        one_round = scene.replace(round_index=np.zeros_like(scene.round_index))
+        rounded = one_round.select(self.index).replace(
+            color=self.levels / 255,
+            opacity=self.opacity,
+            background=color_levels(scene.background, digits) / 255,
+            beta=beta,
+            drawn=np.where(plain, PLAIN, SOFT),
+        )
+        return _placed(rounded, self.mean, self.factor, drawn_radius(beta, plain), unit)
 
 
 def shapes_of(
@@ -82,7 +85,7 @@ def shapes_of(
 ) -> Shapes:
     """Shapes of a scene in units of so many px; those written as nothing are left out.
 
-    masked  whether soft shapes are drawn under masks; None: as many of them as masked_count says
+    masked  whether soft shapes are drawn under masks; None: MOST_MASKED, fewer of more
 
     Raises InputError for a unit out of range, other digits than 3 or 6, and an additive scene;
     SceneError for shapes whose numbers do not fit into a file.
@@ -93,15 +96,15 @@ def shapes_of(
     if scene.blend == ADD:
         advice = "--portable, or --markup editable"
         raise refusal("blend in minimal markup", "'over'", quoted(scene.blend), advice)
-    check_canvas(scene)
+    check_view(scene, unit)
     kind = nearest_class(scene.beta)
-    plain = (scene.drawn == PLAIN) | _is_arc(scene.ellipse_axes[0], scene.beta)
+    plain = (scene.drawn == PLAIN) | is_arc(scene.ellipse_axes[0], scene.beta)
     opacity = np.round(scene.opacity, opacity_decimals)
     more = np.zeros(0, np.intp)
     while True:
         plain[more] = True
         snapped = with_falloffs(scene, np.where(plain, scene.beta, np.array(BETA_CLASSES)[kind]))
-        radius = _radius(snapped.beta, plain)
+        radius = drawn_radius(snapped.beta, plain)
         factor = snapped.factor * radius[:, None, None]
         entries = [factor[:, 0, 0], factor[:, 1], snapped.mean]
         numbers = np.round(np.column_stack(entries) / unit) + 0.0  # no -0
@@ -112,7 +115,7 @@ def shapes_of(
         soft = np.flatnonzero(drawn & ~plain)
         mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
         placed = _placed(snapped.select(soft), mean[soft], factor[soft], radius[soft], unit)
-        more = soft[_is_arc(placed.ellipse_axes[0], placed.beta)]
+        more = soft[is_arc(placed.ellipse_axes[0], placed.beta)]
         if not len(more):
             break
     arcs = drawn & plain
@@ -123,7 +126,9 @@ def shapes_of(
         keys = np.stack([mean[:, 0], mean[:, 1], falloff])[:, index]
         index = index[colors_together(mean[index], factor[index], levels[index], keys, 1 / unit)]
     soft = np.flatnonzero(~plain[index])
-    count = masked_count(len(soft)) if masked is None else int(masked) * len(soft)
+    count = len(soft) if masked is not False else 0
+    if masked is None and count > MOST_MASKED:
+        count = max(MOST_MASKED - FADING * (count - MOST_MASKED), 0)
     under = np.zeros(len(index), bool)
     # The upper ones, which are smaller and quicker to paint.
     under[soft[len(soft) - count :]] = True
@@ -133,67 +138,13 @@ def shapes_of(
     )  # fmt: skip
 
 
-def masked_count(soft: int) -> int:
-    """Return how many of so many soft shapes are drawn under masks."""
-    most = MOST_MASKED
-    return soft if soft <= most else max(most - FADING * (soft - most), 0)
-
-
-def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Scene:
-    """The scene that a file with these shapes of a scene draws."""
-    plain = shapes.falloff < 0
-    beta = np.array([*BETA_CLASSES, 1.0])[shapes.falloff]
-    beta[plain] = arc_beta(np.sort(unit * shapes.numbers[plain, :2], axis=1)[:, ::-1])
-    # A minimal file has no layers, and its painter's order is not that of the rounds.
-    one_round = scene.replace(round_index=np.zeros_like(scene.round_index))
-    rounded = one_round.select(shapes.index).replace(
-        color=shapes.levels / 255,
-        opacity=shapes.opacity,
-        background=color_levels(scene.background, digits) / 255,
-        beta=beta,
-        drawn=np.where(plain, PLAIN, SOFT),
-    )
-    return _placed(rounded, shapes.mean, shapes.factor, _radius(beta, plain), unit)
-
-
-def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) exponents of arcs round ellipses of semi_axes (n, 2) px, larger first.
-
-    That which a plain ellipse draws best, or the crispest where a shape of the best one would be
-    written as a soft shape: a thin one.
-    """
-    beta = plain_beta(semi_axes)
-    axes = semi_axes / plain_radius(beta)[:, None]
-    return np.where(_is_arc(axes, beta), beta, MOST_BETA)
-
-
-def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
+def color_levels(color: Floats, digits: int) -> NDArray[np.intp]:
     """Levels in 0..255 of colours that so many hex digits can say; any shape."""
     most = 15 if digits == HEX_DIGITS[0] else 255
     return np.round(color * most).astype(np.intp) * (255 // most)
 
 
-def _is_arc(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) whether an arc draws shapes of such one-sigma axes: nearly their rim, or a wider one."""
-    across = RIM_WIDTH * axes[:, 0] / beta
-    crisp = (beta >= LEAST_PLAIN_BETA) & (across < CRISP_RIM)
-    return looks_plain(axes, beta) | crisp
-
-
-def _radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(n,) radius in sigmas of the circle that is drawn."""
-    radius = cut_radius(beta)
-    radius[plain] = plain_radius(beta[plain])
-    return radius
-
-
-def _placed(
-    scene: Scene,
-    mean: NDArray[np.float64],
-    factor: NDArray[np.float64],
-    radius: NDArray[np.float64],
-    unit: float,
-) -> Scene:
+def _placed(scene: Scene, mean: Floats, factor: Floats, radius: Floats, unit: float) -> Scene:
     """The scene with ellipses of these centres (n, 2) and factors (n, 3), in units."""
     a, b, d = unit * factor.T
     sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
@@ -204,7 +155,7 @@ def _placed(
 _TILT_DECIMALS = 1  # of long ellipses; of the others none
 
 
-def arc_numbers(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
+def arc_numbers(scene: Scene, radius: Floats, unit: float) -> Floats:
     """(n, 5) radii and start in whole units and the tilt between: rx ry tilt x y.
 
     radius  (n,) of the ellipses in sigmas
@@ -226,7 +177,7 @@ def arc_numbers(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArr
     return np.column_stack([radii, tilt, start]) + 0.0  # no -0
 
 
-def arc_geometry(numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def arc_geometry(numbers: Floats) -> tuple[Floats, Floats]:
     """Centres (n, 2) and Cholesky factors (n, 3) l11 l21 l22 of ellipses, in units."""
     (rx, ry), tilt_rad = numbers[:, :2].T, np.radians(numbers[:, 2])
     co, si = np.cos(tilt_rad), np.sin(tilt_rad)
@@ -235,7 +186,7 @@ def arc_geometry(numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
     return numbers[:, 3:] + _from_start(numbers[:, :2], numbers[:, 2])[0], factor
 
 
-def path_data(numbers: NDArray[np.float64]) -> str:
+def path_data(numbers: Floats) -> str:
     """The d of a path of arcs."""
     text, (x, y) = "", (np.nan, np.nan)
     _, chords = _from_start(numbers[:, :2], numbers[:, 2])
@@ -250,9 +201,7 @@ def path_data(numbers: NDArray[np.float64]) -> str:
     return text.replace(" -", "-")
 
 
-def _from_start(
-    radii: NDArray[np.float64], tilt: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
     """Offsets (n, 2) in units from each arc's start to the centre of its ellipse, and to its end.
 
     The chord that is shorter where the ellipse is mapped onto the unit circle cuts off less; u is
@@ -280,10 +229,7 @@ _ROWS = 64  # of all pairs at a time, a multiple of the 8 bits of a byte
 
 
 def overlaps(
-    mean: NDArray[np.float64],
-    factor: NDArray[np.float64],
-    kind: NDArray[np.generic],
-    margin: float,
+    mean: Floats, factor: Floats, kind: NDArray[np.generic], margin: float
 ) -> NDArray[np.uint8]:
     """(n, n / 8) bits: whether the shape of a row lies below that of a column and is not apart.
 
@@ -311,11 +257,7 @@ def overlaps(
 
 
 def colors_together(
-    mean: NDArray[np.float64],
-    factor: NDArray[np.float64],
-    color: NDArray[np.intp],
-    key: NDArray[np.float64],
-    margin: float,
+    mean: Floats, factor: Floats, color: NDArray[np.intp], key: Floats, margin: float
 ) -> NDArray[np.intp]:
     """(n,) order of n shapes with few changes of colour; it does not depend on equivalent orders.
 

@@ -13,18 +13,48 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.options import Field
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.scene.inks import MOST_INKS, ink_colors, inks_of
 from gauss2svg.scene.nearest import nearest_entry
-from gauss2svg.svg.element import Element, hex_color, number, writable
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.element import Element, check_view, hex_color, number, writable
+from gauss2svg.svg.encode import Drawing, layer, round_layers, rounds_of, sides_of
 
+Floats = NDArray[np.float64]
 OUTLINE_WIDTH = 0.5  # px
 STROKE_WIDTHS = 0.01, 100.0
 STROKE_DECIMALS = 2  # of px, and of degrees
 MOST_PENS = MOST_INKS
 # A piece of an arc; of longer ones rounded ends would move the centre.
 _PIECE_RAD = 0.5 * math.pi
+
+
+def encode_outlines(
+    scene: Scene, document: Document, stroke_width: float, pens: int | None
+) -> Drawing:
+    """Return the drawing of gauss2svg.svg.write.outline_svg, which has the arguments and errors."""
+    check_view(scene)
+    width = number(
+        Field("stroke_width", float, *STROKE_WIDTHS).checked(stroke_width), STROKE_DECIMALS
+    )
+    if pens is None:
+        shapes, root = outlines(scene), {"fill": "none", "stroke-width": width}
+        rounds = rounds_of(shapes, scene)
+        sheet = document.style([index for index, _ in rounds])
+        return Drawing(sides_of(scene), len(shapes), [], round_layers(rounds), sheet, root)
+    count = Field("pens", int, 1, MOST_PENS).checked(pens)
+    document.check_without_layers("pens", "whose layers are no rounds", "outlines without pens")
+    each = document.mm_each(scene.width)
+    on_paper = scene.scaled(each)
+    layers, strokes = [], 0
+    for at, (pen, inside) in enumerate(pen_strokes(on_paper, count), start=1):
+        label, strokes = f"{at} {pen}: {len(inside)} strokes", strokes + len(inside)
+        layers.append(layer(label, inside, id=f"pen-{at}", stroke=pen))
+    root = {"fill": "none", "stroke-width": number(float(width) * each, STROKE_DECIMALS + 1)}
+    view = sides_of(on_paper)
+    return Drawing(view, strokes, [], layers, root=root, size=f"{view[0]}mm")
 
 
 def outlines(scene: Scene) -> list[tuple[int, Element]]:
@@ -44,9 +74,10 @@ def outlines(scene: Scene) -> list[tuple[int, Element]]:
         rx, ry, x, y, angle = (number(v, STROKE_DECIMALS) for v in numbers)
         if "0" in (rx, ry):
             continue
-        turned = {} if angle == "0" or rx == ry else {"transform": f"rotate({angle} {x} {y})"}
-        attributes = {"cx": x, "cy": y, "rx": rx, "ry": ry, "stroke": hex_color(levels[i])}
-        drawn.append((i, Element("ellipse", {**attributes, **turned})))
+        turn = None if angle == "0" or rx == ry else f"rotate({angle} {x} {y})"
+        stroke = hex_color(levels[i])
+        ellipse = Element("ellipse", cx=x, cy=y, rx=rx, ry=ry, stroke=stroke, transform=turn)
+        drawn.append((i, ellipse))
     return drawn
 
 
@@ -73,13 +104,11 @@ def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
     strokes: list[list[Element]] = [[] for _ in pens]
     matrices = scene.factor * half_radius(scene.beta)[:, None, None]
     for (i, ellipse), pen in zip(drawn, entry.tolist(), strict=True):
-        strokes[pen] += _on_page(ellipse.without("stroke"), matrices[i], scene.mean[i], scene)
+        strokes[pen] += _on_page(ellipse.replace(stroke=None), matrices[i], scene.mean[i], scene)
     return [(pen, inside) for pen, inside in zip(pens, strokes, strict=True) if inside]
 
 
-def _on_page(
-    ellipse: Element, matrix: NDArray[np.float64], center: NDArray[np.float64], scene: Scene
-) -> list[Element]:
+def _on_page(ellipse: Element, matrix: Floats, center: Floats, scene: Scene) -> list[Element]:
     """Return the part on the page of the ellipse center + matrix (cos t, sin t), if there is one.
 
     It crosses a side x = k where m11 cos t + m12 sin t = k - x, at atan2(m12, m11) +- acos(..).
@@ -106,10 +135,8 @@ def _on_page(
         places = np.clip(_points(angles, matrix, center), 0, page)
         texts = [" ".join(number(v, STROKE_DECIMALS) for v in place) for place in places]
         data += f"M{texts[0]}" + "".join(f"{arc} {text}" for text in texts[1:])
-    return [Element("path", {"d": data})] if data else []
+    return [Element("path", d=data)] if data else []
 
 
-def _points(
-    t: NDArray[np.float64], matrix: NDArray[np.float64], center: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _points(t: Floats, matrix: Floats, center: Floats) -> Floats:
     return center + np.stack([np.cos(t), np.sin(t)], axis=1) @ matrix.T

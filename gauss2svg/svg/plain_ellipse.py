@@ -34,6 +34,9 @@ LARGEST_ERROR = 0.003  # share of the squared mass: a compromise of PSNR and byt
 # Px, times the rim's length: the error of rims of 0.5 and of 1.2 px. Without this limit large
 # soft discs would become visibly crisper.
 LARGEST_ON_RIM = 0.013
+# Px of rim across the major axis under which a shape is a plain ellipse, whose edge, of about a
+# pixel, is no crisper.
+CRISP_RIM = 1.0
 
 
 def is_plain(scene: Scene) -> NDArray[np.bool_]:
@@ -77,6 +80,24 @@ def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
     return beta
 
 
+def is_arc(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) whether an arc draws shapes of such one-sigma axes: nearly their rim, or a wider one."""
+    across = RIM_WIDTH * axes[:, 0] / beta
+    crisp = (beta >= LEAST_PLAIN_BETA) & (across < CRISP_RIM)
+    return looks_plain(axes, beta) | crisp
+
+
+def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) exponents of arcs round ellipses of semi_axes (n, 2) px, larger first.
+
+    That which a plain ellipse draws best, or the crispest where a shape of the best one would be
+    written as a soft shape: a thin one.
+    """
+    beta = plain_beta(semi_axes)
+    axes = semi_axes / plain_radius(beta)[:, None]
+    return np.where(is_arc(axes, beta), beta, MOST_BETA)
+
+
 def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) squared error of plain ellipses as a multiple of the largest one allowed."""
     angle_rad = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
@@ -94,6 +115,13 @@ def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.
 def plain_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) radii in sigmas of ellipses that cover what profiles of exponents (n,) sum up to."""
     return np.sqrt([_integrals(b)[0] / np.pi for b in np.round(beta, 2)])
+
+
+def drawn_radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return (n,) radii in sigmas of the circles that are drawn, of plain ellipses where plain."""
+    radius = cut_radius(beta)
+    radius[plain] = plain_radius(beta[plain])
+    return radius
 
 
 def drawn_beta(scene: Scene, plain: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.scene import Scene
 from gauss2svg.svg.element import hex_color
-from gauss2svg.svg.minimal_shapes import colors_together, overlaps
+from gauss2svg.svg.minimal_shapes import color_levels, colors_together, overlaps
 from gauss2svg.svg.plain_ellipse import plain_radius
 
 _MARGIN = 1.0  # px from which two ellipses count as apart, for edges are antialiased
@@ -27,7 +27,7 @@ def inks_of_scene(scene: Scene) -> NDArray[np.float64]:
 
 def ink_name(ink: NDArray[np.float64]) -> str:
     """An ink (3,) as #rrggbb."""
-    return hex_color(_levels(ink), short=False)
+    return hex_color(color_levels(ink, 6), short=False)
 
 
 def grouped_by_ink(scene: Scene) -> Scene:
@@ -38,9 +38,9 @@ def grouped_by_ink(scene: Scene) -> Scene:
     inks_of_scene(scene)
     mean, factor = _ellipses(scene)
     keys = np.stack([mean[:, 0], mean[:, 1], scene.beta])
-    order = colors_together(mean, factor, _levels(scene.color), keys, _MARGIN)
+    order = colors_together(mean, factor, color_levels(scene.color, 6), keys, _MARGIN)
     scene = scene.replace(round_index=np.zeros(len(scene), np.int32)).select(order)
-    changes = (np.diff(_levels(scene.color), axis=0) != 0).any(axis=1)
+    changes = (np.diff(color_levels(scene.color, 6), axis=0) != 0).any(axis=1)
     index = np.concatenate([[0], np.cumsum(changes)])[: len(scene)]
     return scene.replace(round_index=index)
 
@@ -55,8 +55,8 @@ def plate_of(scene: Scene, ink: str) -> Scene:
     if ink not in names:
         raise refusal("ink", f"one of {', '.join(names)}", quoted(ink))
     wanted = np.array(list(bytes.fromhex(ink[1:])))
-    printed = (_levels(scene.color) == wanted).all(axis=1)
-    ground = not scene.transparent and bool((_levels(scene.background) == wanted).all())
+    printed = (color_levels(scene.color, 6) == wanted).all(axis=1)
+    ground = not scene.transparent and bool((color_levels(scene.background, 6) == wanted).all())
     shows = printed != ground
     # What has the colour of the ground shows where it covers something else.
     below = overlaps(*_ellipses(scene), shows, _MARGIN)[shows]
@@ -74,7 +74,3 @@ def _ellipses(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centres (n, 2) and factors (n, 3) of the ellipses that are drawn, in px."""
     factor = scene.factor * plain_radius(scene.beta)[:, None, None]
     return scene.mean, np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1)
-
-
-def _levels(color: NDArray[np.float64]) -> NDArray[np.intp]:
-    return np.round(color * 255).astype(np.intp)

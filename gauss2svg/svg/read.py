@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -35,8 +36,7 @@ from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg import read_shapes
 from gauss2svg.svg.canvas import CANVAS, NUMBER, frame_of, numbers
 from gauss2svg.svg.file import Scene
-from gauss2svg.svg.minimal_shapes import arc_beta
-from gauss2svg.svg.plain_ellipse import plain_radius
+from gauss2svg.svg.plain_ellipse import arc_beta, plain_radius
 from gauss2svg.svg.read_shapes import Affine, Fill, color_of, compose, share_of, styled, target_of
 from gauss2svg.svg.source import INKSCAPE, MOST_BYTES, SVG, from_root, parse, read_source
 
@@ -54,19 +54,17 @@ _SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "filter", "mas
 _EFFECTS = {
     "stroke", "clip-path", "mix-blend-mode", "transform-origin", "transform-box", "rotate", "all",
     "translate", "scale", "offset-path", "zoom", "systemLanguage", "animation", "filter", "mask",
+    "visibility",
 }  # fmt: skip
 _READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
-_OFF = {"none", "normal", "inherit"}
-_COVER = re.compile(r"M0 0h(\d+)v(\d+)H0")  # the background of gauss2svg.svg.minimal
-_STOP_RULE = re.compile(
+_OFF = {"none", "normal", "inherit", "visible"}
+_COVER = re.compile(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0")  # of gauss2svg.svg.minimal
+# Rules of write_svg without blanks. All but those of stops change nothing in the end.
+_RULE = re.compile(
     rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
-    rf"stop-opacity:({NUMBER})\}}"
-)
-# The sheets of gauss2svg.svg.document.Document.style without blanks: neither changes the end.
-_SHEET = re.compile(
-    r"(?:svg>g:target~g\{display:none;?\})?(?:@media\(prefers-reduced-motion:no-preference\)\{"
-    r"@keyframesfade-in\{from\{opacity:0;?\}\}"
-    rf"(?:#round-\d+\{{animation:fade-in{NUMBER}s{NUMBER}sbackwards;?\}})*+\}})?"
+    rf"stop-opacity:({NUMBER})\}}|svg>g:target~g\{{display:none;?\}}"
+    r"|@media\(prefers-reduced-motion:no-preference\)\{@keyframesfade-in\{from\{opacity:0;?\}\}"
+    rf"(?:#round-\d+\{{animation:fade-in{NUMBER}s{NUMBER}sbackwards;?\}})*+\}}"
 )
 
 
@@ -99,19 +97,11 @@ def read_svg(
     texts, images, other paths, strokes, masks, clips and style sheets, several shapes under one
     group opacity (docs/reference/svg.md).
     """
-    root = parse_document(source, max_bytes, max_elements)
-    return _Reader(root, background, skip_hidden).scene()
-
-
-def parse_document(
-    source: Any, max_bytes: int = MOST_BYTES, max_elements: int = MOST_ELEMENTS
-) -> Any:
-    """Return the root of a source as of read_source; raise InputError for one beyond the limits."""
     text = from_root(read_source(source, max_bytes, "source", "max_bytes")[1])
     if text.count("<") - text.count("</") > max_elements:
         needed = f"of at most {max_elements} elements"
         raise refusal("the SVG", needed, "more", "a larger max_elements if you trust it")
-    return parse(text)
+    return _Reader(parse(text), background, skip_hidden).scene()
 
 
 class _State(NamedTuple):
@@ -120,16 +110,16 @@ class _State(NamedTuple):
     onto: Affine
     fill: str = "black"
     fill_opacity: str = "1"
-    visibility: str = "visible"
     opacity: float = 1.0
     round: int = 0
     depth: int = 0
 
 
 class _Shape(NamedTuple):
-    """One shape, whose fill ends at `disc`, in canvas px."""
+    """One shape: maps of the unit circle onto its outline, and onto where its fill ends, in px."""
 
     element: Any
+    edge: Affine
     disc: Affine
     fill: Fill
     opacity: float
@@ -142,30 +132,30 @@ class _Reader:
     def __init__(self, root: Any, background: ArrayLike | None, skip_hidden: bool) -> None:
         self._skip_hidden = skip_hidden
         self._by_id = {e.get("id"): e for e in root.iter() if e.get("id")}
-        self._opacities: dict[str, list[str]] = {}
+        self._opacities = defaultdict[str, list[str]](list)  # of stops, by the id of a gradient
         self._gradient = cache(self._read_gradient)
         self._arcs = read_shapes.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
         self._shapes: list[_Shape] = []
         self._background = None if background is None else np.asarray(background, np.float64)
         for sheet in root.iter(SVG + "style"):
             with _naming(sheet):
-                self._read_sheet("".join(sheet.itertext()))
+                self._read_sheet(sheet)
         with _naming(root):
             if root.tag != SVG + "svg":
                 raise refusal("the root", "an <svg> in the namespace of SVG", root.tag[:80])
             self._size, self._user_size, onto = _canvas(root.attrib)
         self._visit(root, _State(onto))
 
-    def _read_sheet(self, sheet: str) -> None:
-        """Add the opacities of stops that the sheet of a minimal file says; refuse other sheets."""
-        text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet, flags=re.DOTALL)
-        rules = list(_STOP_RULE.finditer(text))
-        for rule in rules:
-            self._opacities.setdefault(rule[1], []).append(rule[2])
-        if text != "".join(rule[0] for rule in rules) and not _SHEET.fullmatch(text):
+    def _read_sheet(self, sheet: Any) -> None:
+        """Add the opacities of stops that a sheet of write_svg says; refuse other sheets."""
+        text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
+        if len(sheet) or _RULE.sub("", text):
             needed = "one that write_svg writes for a scene whose blend is 'over'"
             advice = "to write what it sets into the elements, or the scene of --save-scene"
-            raise refusal("the style sheet", needed, quoted(sheet.strip()), advice)
+            raise refusal("the style sheet", needed, quoted((sheet.text or "").strip()), advice)
+        for key, opacity in _RULE.findall(text):
+            if key:
+                self._opacities[key].append(opacity)
 
     def _visit(self, element: Any, parent: _State) -> None:
         """Add what an element draws."""
@@ -179,8 +169,7 @@ class _Reader:
                 raise refusal("elements", needed, brief(tag), advice)
             attributes = styled(element)
             state = _inherited(attributes, parent, tag)
-            hidden = tag not in _GROUPS and state.visibility != "visible"
-            if hidden or attributes.get("display", "").lower() == "none":
+            if attributes.get("display", "").lower() == "none":
                 if self._skip_hidden and parent.depth:
                     return
                 advice = "to show it, to delete it, or read_svg(.., skip_hidden=True)"
@@ -206,38 +195,30 @@ class _Reader:
     def _add(self, element: Any, tag: str, attributes: dict[str, str], state: _State) -> None:
         """Add the shapes of an element, several where it is a path of minimal markup."""
         alpha = state.opacity * share_of(state.fill_opacity, "fill-opacity")
-        cover = _COVER.fullmatch(attributes.get("d", "")) if tag == "path" else None
+        data = attributes.get("d", "") if tag == "path" else ""
+        cover, arcs = _COVER.fullmatch(data), self._arcs.get(data)
         if cover or tag == "rect":
-            sides = {"width": cover[1], "height": cover[2]} if cover else attributes
-            self._cover(sides, state, 0.05 if cover else 0.0)
-            if state.fill != "none" and alpha < 1:
-                raise refusal("opacity of the background", "1", quoted(alpha), "to delete it")
-            if state.fill != "none":
-                self._background = np.array(color_of(state.fill, "fill"))
-            return
+            return self._cover(cover.groupdict() if cover else attributes, state, alpha)
         number = max(self._shapes[-1].round if self._shapes else 0, state.round)
-        arcs = self._arcs.get(attributes.get("d", "")) if tag == "path" else None
-        edges = arcs or [read_shapes.outline_of(tag, attributes)]
-        for edge in edges:
+        for edge in arcs or [read_shapes.outline_of(tag, attributes)]:
             fill = self._fill_of(state.fill, attributes, edge)
-            if len(edges) > 1 and (alpha < 1 or fill.drawn != PLAIN):
+            if len(arcs or ()) > 1 and (alpha < 1 or fill.drawn != PLAIN):
                 raise refusal("ellipses of one path", "opaque and of one colour", "another fill")
-            if not read_shapes.shows(edge, fill.disc or edge, state.onto):
-                needed = "an ellipse with an extent that shows all of its gradient"
-                raise refusal("it", needed, "another", "to undo what changed it, or to delete it")
-            disc, opacity = compose(state.onto, fill.disc or edge), min(1.0, alpha * fill.peak)
-            self._shapes.append(_Shape(element, disc, fill, opacity, number))
+            outline, opacity = compose(state.onto, edge), min(1.0, alpha * fill.peak)
+            disc = compose(state.onto, fill.disc) if fill.disc else outline
+            self._shapes.append(_Shape(element, outline, disc, fill, opacity, number))
+        return None
 
     def _fill_of(self, fill: str, attributes: Mapping[str, str], edge: Affine) -> Fill:
         """Return the fill of a shape with an outline; raise InputError for one of another file."""
         said = fill, attributes.get("filter", ""), attributes.get("mask", "")
         key, blur, mask = map(read_shapes.reference_of, said)
-        if mask is not None:
-            inside = read_shapes.mask_key(target_of(self._by_id, mask, "mask"), edge)
-            return self._gradient(inside, True)._replace(color=color_of(fill, "fill"))
-        if key is not None and blur is None:
+        if key is not None and blur is None and mask is None:
             return self._gradient(key, False)
         color = color_of(fill, "fill")
+        if mask is not None:
+            inside = read_shapes.mask_key(target_of(self._by_id, mask, "mask"), edge)
+            return self._gradient(inside, True)._replace(color=color)
         if blur is None:
             return Fill(color)
         known = read_shapes.blur_of(target_of(self._by_id, blur, "filter"), edge)
@@ -251,43 +232,48 @@ class _Reader:
             name = read_shapes.link_of(chain[-1])
         said = {name: value for e in reversed(chain) for name, value in e.attrib.items()}
         owner = next((e for e in chain if len(e)), chain[-1])
-        sheet = self._opacities.get(read_shapes.link_of(owner), ())
+        sheet = self._opacities[read_shapes.link_of(owner)]
         color, beta = read_shapes.stops_of(owner, sheet, in_mask)
         disc = read_shapes.disc_of(said)
         return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), disc)
 
-    def _cover(self, sides: Mapping[str, str], state: _State, free: float) -> None:
-        """Raise InputError unless a rectangle is upright over all of the canvas, under all shapes.
+    def _cover(self, sides: Mapping[str, str], state: _State, alpha: float) -> None:
+        """Keep the fill of a rectangle as the background.
 
-        free  units that it may leave free, as those of minimal markup are whole
+        Raise InputError unless it is opaque and upright over all of the canvas, under all shapes.
+        It may miss a hundredth of a px, and a twentieth of a unit, as sides of minimal markup do.
         """
-        a, b, c, d, e, f = state.onto
-        x, y, across, down = (
-            _side(sides.get(name, "0"), name, self._user_size[name in ("y", "height")])
-            for name in ("x", "y", "width", "height")
-        )
-        left, top = a * x + e, d * y + f
-        right, bottom = left + a * across, top + d * down
-        beyond = min(-left, -top, right - self._size[0], bottom - self._size[1])
-        least = -max(0.01, free * abs(a), free * abs(d))  # px
-        if self._shapes or b or c or not beyond >= least or {"rx", "ry"} & sides.keys():
-            needed = f"the background, over all {self._size[0]:g}x{self._size[1]:g} px and upright"
+        whole = dict(zip(("x", "y", "width", "height"), 2 * self._user_size, strict=True))
+        x, y, across, down = (_side(sides.get(name, "0"), name, whole[name]) for name in whole)
+        a, b, c, d, left, top = compose(state.onto, (across, 0.0, 0.0, down, x, y))
+        right, bottom, (width, height) = left + a, top + d, self._size
+        missed = max(left, top, width - right, height - bottom)
+        most = max(0.01, 0.05 * abs(state.onto[0]), 0.05 * abs(state.onto[3]))  # px
+        if self._shapes or b or c or not missed <= most or {"rx", "ry"} & sides.keys():
+            needed = f"the background, over all {width:g}x{height:g} px and upright"
             got = f"x {left:g}..{right:g}, y {top:g}..{bottom:g} px over {len(self._shapes)} shapes"
             raise refusal("a rectangle", needed, got, "to resize or to delete it")
+        if state.fill != "none":
+            if alpha < 1:
+                raise refusal("opacity of the background", "1", quoted(alpha), "to delete it")
+            self._background = np.array(color_of(state.fill, "fill"))
 
     def scene(self) -> Scene:
         """Return the scene of all shapes; raise InputError for those that it cannot hold."""
         shapes = self._shapes
-        disc = np.array([shape.disc for shape in shapes]).reshape(-1, 3, 2).swapaxes(1, 2)
+        maps = np.array([(shape.edge, shape.disc) for shape in shapes]).reshape(-1, 2, 3, 2)
+        edge, disc = maps.transpose(1, 0, 3, 2)
         rows = disc[:, :, :2]  # M, (n, 2, 2)
         with np.errstate(all="ignore"):
             extent = np.hypot(rows[:, :, 0], rows[:, :, 1])
             unit = rows / extent[:, :, None]
             rho = np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -RHO_LIMIT, RHO_LIMIT)
-            bad = ~(np.isfinite(rho) & (np.linalg.det(rows) != 0))
-        if bad.any():
-            with _naming(shapes[int(bad.argmax())].element):
-                raise refusal("it", "an ellipse with an extent", "another", "to delete it")
+            good = np.isfinite(rho) & (np.linalg.det(maps[:, :, :2]) != 0).all(axis=1)
+            good &= read_shapes.beyond_px(edge, disc) <= read_shapes.MOST_BEYOND_PX
+        if not good.all():
+            with _naming(shapes[int(good.argmin())].element):
+                needed = "an ellipse with an extent that shows all of its gradient"
+                raise refusal("it", needed, "another", "to undo what changed it, or to delete it")
         beta = np.array([shape.fill.beta for shape in shapes])
         radius = np.array([shape.fill.radius for shape in shapes])
         plain = beta == 0
@@ -321,7 +307,7 @@ def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ..
     x, y, across, down = frame.view_box
     scale_x, scale_y = width / across, height / down
     # Sides of a minimal file are rounded.
-    if not abs(scale_x / scale_y - 1) <= 1e-3 + 0.05 / min(across, down):
+    if not abs(scale_x - scale_y) <= (1e-3 + 0.05 / min(across, down)) * scale_y:
         needed = f"of the proportions of the viewBox, {across:g}x{down:g}"
         advice = f"to write its size in px into {CANVAS}, or to remove that"
         raise refusal("the canvas", needed, f"{width:g}x{height:g} px", advice)
@@ -332,7 +318,7 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
     """Return the state under an element; raise InputError for effects that a scene cannot hold."""
     changes: dict[str, Any] = {}
     for name, value in attributes.items():
-        if name in ("fill", "fill-opacity", "visibility") and value != "inherit":
+        if name in ("fill", "fill-opacity") and value != "inherit":
             changes[name.replace("-", "_")] = value
         elif name == "transform":
             changes["onto"] = compose(parent.onto, read_shapes.transform_of(value))

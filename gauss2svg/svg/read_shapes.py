@@ -22,7 +22,8 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, reduce
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,14 +44,14 @@ from gauss2svg.svg.stops import MOST_GREY, gradient_stops, grey_stops
 Color = tuple[float, float, float]
 Affine = tuple[float, float, float, float, float, float]
 IDENTITY: Affine = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
-_CALL = re.compile(r"[\s,]*([a-zA-Z]+)\s*\(([^()]*)\)[\s,]*")
+_CALL = re.compile(r"[\s,]*+(matrix|translate|scale|rotate)\s*+\(([^()]*+)\)[\s,]*+")
+_CALLS = re.compile(rf"(?:{_CALL.pattern})*+\s*+")
 _REFERENCE = re.compile(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""")
-_COMMENT = re.compile(r"/\*.*?(?:\*/|\Z)", re.DOTALL)
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
 # Largest difference of a stop from that of a file. Those of two exponents are .1 apart.
 _SAME_STOP = 0.02
-_ROUNDING = 0.05  # px by which a gradient may reach beyond its ellipse
-_TOLERANCE = 0.01  # share of the radius by which 8 digits move the ends of a thin arc
+MOST_BEYOND_PX = 0.05  # of a gradient beyond its ellipse, by the rounding of an editor
+_TOLERANCE = 0.02  # share of the radius by which 8 digits move the ends of a thin arc
 _GAP = r"[\s,]*"
 _N = rf"({NUMBER}){_GAP}"
 _ARC = re.compile(rf"{_GAP}([Aa]?){_GAP}{_N}{_N}{_N}([01]){_GAP}([01]){_GAP}{_N}{_N}")
@@ -84,18 +85,13 @@ def transform_of(text: str, name: str = "transform") -> Affine:
 
     Raise InputError for anything else.
     """
-    total, at = IDENTITY, 0
-    while at < len(text.rstrip()):
-        call = _CALL.match(text, at)
-        try:
-            one = _FUNCTIONS[call[1]](*numbers(call[2], name)) if call else None
-        except (KeyError, TypeError):  # of another function, or of another number of values
-            one = None
-        if call is None or one is None:
-            needed = "a list of matrix, translate, scale, rotate"
-            raise refusal(name, needed, quoted(text))
-        total, at = compose(total, one), call.end()
-    return total
+    try:
+        maps = [_FUNCTIONS[call](*numbers(values, name)) for call, values in _CALL.findall(text)]
+    except TypeError:  # of another number of values
+        maps = None
+    if maps is None or not _CALLS.fullmatch(text):
+        raise refusal(name, "a list of matrix, translate, scale, rotate", quoted(text))
+    return reduce(compose, maps, IDENTITY)
 
 
 def _rotation(angle_rad: float, x: float, y: float) -> Affine:
@@ -129,18 +125,14 @@ def styled(element: Any) -> dict[str, str]:
 
     Raise InputError for escapes in names and for what is !important.
     """
-    attributes: dict[str, str] = element.attrib
-    if "style" not in attributes:
-        return attributes
-    attributes = dict(attributes)
-    for part in _COMMENT.sub(" ", attributes["style"]).split(";"):
-        name, colon, value = part.partition(":")
-        if "\\" in name or "!" in value:
-            needed = "without escapes and !important"
-            raise refusal("its style", needed, quoted(part.strip()))
-        if colon:
-            attributes[name.strip().lower()] = value.strip()
-    return attributes
+    if "style" not in element.attrib:
+        return element.attrib
+    style = re.sub(r"/\*.*?(?:\*/|\Z)", " ", element.get("style"), flags=re.DOTALL)
+    if "\\" in style or "!" in style:
+        raise refusal("its style", "without escapes and !important", quoted(style.strip()))
+    parts = (part.partition(":") for part in style.split(";"))
+    own = {name.strip().lower(): value.strip() for name, colon, value in parts if colon}
+    return {**element.attrib, **own}
 
 
 class Fill(NamedTuple):
@@ -176,40 +168,35 @@ def link_of(element: Any) -> str:
 
 def disc_of(gradient: Mapping[str, str]) -> Affine:
     """Return the map of the unit circle onto the edge of a gradient with these attributes."""
-    focus = {"fx": gradient.get("cx", ""), "fy": gradient.get("cy", "")}
-    said = {"spreadMethod": "pad", "fr": "0", **focus, **gradient}
-    cx, cy, r, fx, fy = (
-        numbers(said.get(name, ""), f"{name} of its gradient", 1)[0]
-        for name in ("cx", "cy", "r", "fx", "fy")
-    )
+    center = {"fx": gradient.get("cx", ""), "fy": gradient.get("cy", "")}
+    said = {"spreadMethod": "pad", "fr": "0", **center, **gradient}
+    texts = (said.get(name, "") for name in ("cx", "cy", "r", "fx", "fy"))
+    cx, cy, r, fx, fy = (numbers(text, "a number of its gradient", 1)[0] for text in texts)
     kind = said.get("gradientUnits"), said["spreadMethod"], said["fr"]
     # Within a hundredth of the radius the focus changes the image by under a level.
-    is_round = r > 0 and 100 * math.hypot(fx - cx, fy - cy) <= r
-    if kind != ("userSpaceOnUse", "pad", "0") or not is_round:
+    off_center = 100 * math.hypot(fx - cx, fy - cy)
+    if kind != ("userSpaceOnUse", "pad", "0") or not r > 0 or off_center > r:
         needed = "in user space, with its focus at the centre"
         raise refusal("its gradient", needed, "another", "to undo what changed it")
     onto = transform_of(said.get("gradientTransform", ""), "gradientTransform")
     return compose(onto, (r, 0.0, 0.0, r, cx, cy))
 
 
-def shows(edge: Affine, disc: Affine, onto: Affine) -> bool:
-    """Return whether an ellipse with an extent shows all of a gradient, but for a rounding.
+def beyond_px(edge: NDArray[np.float64], disc: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far (n,) in px gradients reach beyond the ellipses that show them, at most.
 
-    edge, disc  maps of the unit circle onto the ellipse and onto the gradient's edge
-    onto        map onto the canvas in px
+    edge, disc  (n, 2, 3) maps of the unit circle onto the ellipses and onto the gradients' edges
     """
-    a, b, c, d, e, f = edge
-    size = a * d - b * c
-    if edge == disc or not size:
-        return bool(size)
-    onto_unit = d / size, -b / size, -c / size, a / size, 0.0, 0.0
-    p, q, r, s, x, y = disc
-    p, q, r, s, x, y = compose(onto_unit, (p, q, r, s, x - e, y - f))
-    larger_axis = 0.5 * (math.hypot(p + s, q - r) + math.hypot(p - s, q + r))
-    beyond = larger_axis + math.hypot(x, y) - 1  # in radii of the ellipse
-    a, b, c, d, _, _ = compose(onto, edge)
-    minor_axis = 0.5 * abs(math.hypot(a + d, b - c) - math.hypot(a - d, b + c))
-    return beyond * minor_axis <= _ROUNDING
+    linear, area = edge[:, :, :2], np.abs(np.linalg.det(edge[:, :, :2]))
+    # This maps the ellipses onto circles of their areas as radii; as an inverse it need not exist.
+    adjugate = linear[:, ::-1, ::-1].swapaxes(1, 2) * [[1, -1], [-1, 1]]
+    offset = np.linalg.norm(adjugate @ (disc - edge)[:, :, 2:], axis=(1, 2))
+    return (_larger_axis(adjugate @ disc[:, :, :2]) + offset - area) / _larger_axis(linear)
+
+
+def _larger_axis(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    (a, c), (b, d) = linear.transpose(1, 2, 0)
+    return 0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c))
 
 
 def stops_of(owner: Any, sheet: Sequence[str], in_mask: bool) -> tuple[Color, float]:
@@ -242,13 +229,10 @@ def stops_of(owner: Any, sheet: Sequence[str], in_mask: bool) -> tuple[Color, fl
 @lru_cache(maxsize=2)
 def _known_stops(in_mask: bool) -> list[tuple[float, NDArray[np.float64]]]:
     """Return the exponents of files, each with the offsets and heights (k, 2) of its stops."""
-    known = []
-    for beta in BETA_CLASSES:
-        for count in MASK_STOPS if in_mask else STOP_COUNTS:
-            offsets, heights = (grey_stops if in_mask else gradient_stops)(count, beta)
-            scale = MOST_GREY if in_mask else 1
-            known.append((beta, np.column_stack([offsets, np.divide(heights, scale)])))
-    return known
+    counts, stops = (MASK_STOPS, grey_stops) if in_mask else (STOP_COUNTS, gradient_stops)
+    unit = np.array([1, MOST_GREY if in_mask else 1])
+    rows = product(BETA_CLASSES, counts)
+    return [(beta, np.column_stack(stops(count, beta)) / unit) for beta, count in rows]
 
 
 def mask_key(mask: Any, edge: Affine) -> str:
@@ -265,10 +249,9 @@ def blur_of(element: Any, edge: Affine) -> Blur:
     steps = [step.attrib for step in element if step.tag == SVG + "feGaussianBlur"]
     if len(steps) == len(element) == 1 and set(steps[0]) <= {"in", "stdDeviation", "id"}:
         deviation = numbers(steps[0].get("stdDeviation", ""), "stdDeviation", 1)[0]
-        # An editor rounds.
-        known = [b for b in BLURS if abs(edge[0] * b.deviation - deviation) < 0.005 * deviation]
-        if known and edge[0] == edge[3] and not edge[1]:
-            return known[0]
+        for blur in BLURS if edge[0] == edge[3] and not edge[1] else ():
+            if abs(edge[0] * blur.deviation - deviation) < 0.005 * deviation:  # an editor rounds
+                return blur
     raise refusal("its filter", "a blur of a circle that write_svg writes", "another", "to undo")
 
 
@@ -278,11 +261,7 @@ def outline_of(tag: str, attributes: Mapping[str, str]) -> Affine:
     Raise InputError for a radius under 0 and for any other path.
     """
     if tag == "path":
-        outline = _closed(attributes.get("d", ""))
-        if outline is None:
-            needed, got = "an ellipse of four arcs", quoted(attributes.get("d", ""))
-            raise refusal("its d", needed, got, "to undo the edit of its nodes")
-        return outline
+        return _closed(attributes.get("d", ""))
     names = ("r", "r", "cx", "cy") if tag == "circle" else ("rx", "ry", "cx", "cy")
     rx, ry, cx, cy = (numbers(attributes.get(name, "0"), name, 1)[0] for name in names)
     if rx < 0 or ry < 0:
@@ -307,27 +286,24 @@ def open_arcs(paths: Iterable[str]) -> dict[str, list[Affine]]:
     return ellipses
 
 
-def _closed(data: str) -> Affine | None:
-    """Return the outline of a closed path of four arcs that go round one ellipse, or None."""
-    path = _CLOSED.fullmatch(data)
-    if path is None:
-        return None
-    ends, ellipses, letter = [complex(float(path[1]), float(path[2]))], set(), ""
-    for kind, rx, ry, tilt, _, _, x, y in _ARC.findall(path[3]):
-        letter = kind or letter
-        ends.append(complex(float(x), float(y)) + (ends[-1] if letter == "a" else 0))
-        ellipses.add((float(rx), float(ry), math.radians(float(tilt))))
-    rx, ry, tilt_rad = ellipses.pop()
-    # The ends lie symmetrically, so that their mean is the centre; where the ellipse is the unit
-    # circle they are a quarter of a turn apart.
-    with np.errstate(all="ignore"):
-        center = complex(np.mean(ends[1:]))
-        turned = (np.array(ends) - center) * np.exp(-1j * tilt_rad)
-        at = turned.real / rx + 1j * turned.imag / ry
-        turns = at[1:] / at[:-1]
-        is_round = np.allclose(np.abs(at), 1, atol=_TOLERANCE)
-        quarter = 1j if turns[0].imag > 0 else -1j
-        if ellipses or not is_round or not np.allclose(turns, quarter, atol=2 * _TOLERANCE):
-            return None
-    a, b, c, d, _, _ = _rotation(tilt_rad, 0.0, 0.0)
-    return rx * a, rx * b, ry * c, ry * d, center.real, center.imag
+def _closed(data: str) -> Affine:
+    """Return the outline of a closed path of four arcs, each a quarter of the same ellipse."""
+    if path := _CLOSED.fullmatch(data):
+        ends, letter = [complex(float(path[1]), float(path[2]))], ""
+        arcs = _ARC.findall(path[3])
+        for kind, *_, x, y in arcs:
+            letter = kind or letter
+            ends.append(complex(float(x), float(y)) + (ends[-1] if letter == "a" else 0))
+        rx, ry, tilt_rad = float(arcs[0][1]), float(arcs[0][2]), math.radians(float(arcs[0][3]))
+        center = sum(ends[1:]) / 4
+        # Where the ellipse is the unit circle, the ends are a quarter of a turn apart.
+        with np.errstate(all="ignore"):
+            turned = (np.array(ends) - center) * np.exp(-1j * tilt_rad)
+            at = turned.real / rx + 1j * turned.imag / ry
+            quarter = 1j if (at[1] / at[0]).imag > 0 else -1j
+            errors = np.abs([np.abs(at) - 1, at / quarter ** np.arange(5) - at[0]])
+        if {arc[1:4] for arc in arcs} == {arcs[0][1:4]} and errors.max() <= _TOLERANCE:
+            a, b, c, d, _, _ = _rotation(tilt_rad, 0.0, 0.0)
+            return rx * a, rx * b, ry * c, ry * d, center.real, center.imag
+    needed = "an ellipse of four arcs"
+    raise refusal("its d", needed, quoted(data), "to undo the edit of its nodes")

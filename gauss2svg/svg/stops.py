@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.scene.falloff import cut_radius, profile
 
+Floats = NDArray[np.float64]
 FEWEST_STOPS = 3
 LENIENCE = 1.2  # ratio of another exponent's allowed error to that of beta = 1
 # Exponent from which offsets have four decimals, for a thousandth of the radius shifts a crisp rim
@@ -68,12 +69,10 @@ _SAMPLES_A_PLACE = 8
 TRIED = 24  # offsets that are tried for a stop between its neighbours
 SWEEPS = 3  # moves of each stop
 GAP = 8  # least distance in places between two stops
-_Integrals = tuple[NDArray[np.float64], ...]
+_Integrals = tuple[Floats, ...]
 
 
-def whole_stops(
-    levels: NDArray[np.float64], count: int
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def whole_stops(levels: Floats, count: int) -> tuple[Floats, NDArray[np.intp]]:
     """Offsets (n, count) and colours (n, count, 3) in levels of 255 for peaks levels (n, 3) >= 0.
 
     The last stop is black.
@@ -81,7 +80,7 @@ def whole_stops(
     return _moved(levels, gradient_stops(count), 1.0, 255, 1)
 
 
-def grey_stops(count: int, beta: float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def grey_stops(count: int, beta: float) -> tuple[Floats, NDArray[np.intp]]:
     """Offsets (count,) and greys (count,) in 0..15 of the profile of an exponent, which ends at 0.
 
     count  3..5; offsets have two decimals, of crisp exponents three
@@ -93,12 +92,8 @@ def grey_stops(count: int, beta: float) -> tuple[NDArray[np.float64], NDArray[np
 
 
 def _moved(
-    levels: NDArray[np.float64],
-    stops: Stops,
-    beta: float,
-    most: int,
-    step: int,
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    levels: Floats, stops: Stops, beta: float, most: int, step: int
+) -> tuple[Floats, NDArray[np.intp]]:
     """Offsets (n, count) in multiples of `step` places, and colours (n, count, 3) in 0..most."""
     offsets, values = (np.array(part) for part in stops)
     count, moments = len(offsets), _moments(beta)
@@ -128,10 +123,10 @@ def _around(
     k: int,
     tried: NDArray[np.intp],
     places: NDArray[np.intp],
-    colors: NDArray[np.float64],
-    levels: NDArray[np.float64],
+    colors: Floats,
+    levels: Floats,
     moments: _Integrals,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats, Floats]:
     """Squared error between a stop's neighbours if the stop were at the places tried (n, t).
 
     With colour u there it is, up to a constant, the sum over channels of

@@ -16,24 +16,16 @@ import svgwrite
 from svgwrite.extensions import Inkscape
 
 from gauss2svg.errors import instance, quoted, refusal, required
-from gauss2svg.options import Field
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.additive import encode_additive
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.canvas import CANVAS
 from gauss2svg.svg.document import INKS, MINIMAL, ROUNDS, Document, SvgFormat
-from gauss2svg.svg.element import Element, number
-from gauss2svg.svg.encode import Drawing, encode, layer, round_layers, rounds_of
+from gauss2svg.svg.element import Element
+from gauss2svg.svg.encode import Drawing, encode, sides_of
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
-from gauss2svg.svg.outlines import (
-    MOST_PENS,
-    OUTLINE_WIDTH,
-    STROKE_DECIMALS,
-    STROKE_WIDTHS,
-    outlines,
-    pen_strokes,
-)
+from gauss2svg.svg.outlines import OUTLINE_WIDTH, encode_outlines
 from gauss2svg.svg.plates import grouped_by_ink, plate_of
 from gauss2svg.version import __version__
 
@@ -94,9 +86,8 @@ def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
     All plates of a scene are of one size and lie over each other. Raises InputError for a scene
     that is not in inks (Scene.inks), and for another ink.
     """
-    scene = required(scene, "scene", Scene)
-    document = instance(document, "document", Document)
-    return write_svg(plate_of(scene, ink), SvgFormat(layers=INKS), document)
+    plate = plate_of(required(scene, "scene", Scene), ink)
+    return write_svg(plate, SvgFormat(layers=INKS), document)
 
 
 def outline_svg(
@@ -123,40 +114,13 @@ def outline_svg(
     if scene.blend == ADD:
         got = "'add', whose colours are differences and show nothing by themselves"
         raise refusal("blend of a scene with outlines", "'over'", got, _PORTABLE)
-    width = Field("stroke_width", float, *STROKE_WIDTHS).checked(stroke_width)
-    width = number(width, STROKE_DECIMALS)
-    if pens is not None:
-        count = Field("pens", int, 1, MOST_PENS).checked(pens)
-        return _pens_svg(scene, document, float(width), count)
-    shapes = outlines(scene)
-    rounds, root = rounds_of(shapes, scene), {"fill": "none", "stroke-width": width}
-    sheet = document.style([index for index, _ in rounds])
-    drawing = Drawing(_sides(scene), len(shapes), [], round_layers(rounds), sheet, root)
-    return _text(drawing, scene, document)
-
-
-def _pens_svg(scene: Scene, document: Document, width: float, count: int) -> str:
-    document.check_without_layers("pens", "whose layers are no rounds", "outlines without pens")
-    each = document.mm_each(scene.width)
-    on_paper = scene.scaled(each)
-    pens = pen_strokes(on_paper, count)
-    layers = [
-        layer(f"{at} {pen}: {len(inside)} strokes", inside, id=f"pen-{at}", stroke=pen)
-        for at, (pen, inside) in enumerate(pens, start=1)
-    ]
-    root = {"fill": "none", "stroke-width": number(width * each, STROKE_DECIMALS + 1)}
-    view, strokes = _sides(on_paper), sum(len(inside) for _, inside in pens)
-    document = dataclasses.replace(document, size=f"{view[0]}mm")
-    return _text(Drawing(view, strokes, [], layers, root=root), scene, document)
-
-
-def _sides(scene: Scene) -> tuple[str, str]:
-    return number(scene.width, 3), number(scene.height, 3)
+    return _text(encode_outlines(scene, document, stroke_width, pens), scene, document)
 
 
 def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
     """Return the file of a drawing: a root with size, title and description, and what is in it."""
-    canvas = _sides(scene)
+    canvas = sides_of(scene)
+    document = dataclasses.replace(document, size=drawing.size or document.size)
     sides = document.sides(scene.width, scene.height)
     # debug=True, svgwrite's default, triples the time and still lets NaN through;
     # the numbers are checked by number().
@@ -173,8 +137,8 @@ def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
     usual = f"{drawing.gaussians} Gaussians, fitted and written by gauss2svg {__version__}"
     root.set_desc(title=document.title, desc=document.alt or usual)
     head, _, end = root.tostring().partition("<defs />")
-    inside = [Element("defs", inside=drawing.definitions or None)]
+    inside = [Element("defs", drawing.definitions or None)]
     if drawing.sheet:
-        inside.append(Element("style", {"type": "text/css"}, f"<![CDATA[{drawing.sheet}]]>"))
+        inside.append(Element("style", f"<![CDATA[{drawing.sheet}]]>", type="text/css"))
     texts = [element.text() for element in (*inside, *drawing.body)]
     return "".join(['<?xml version="1.0" encoding="utf-8"?>\n', head, *texts, end, "\n"])

@@ -36,16 +36,9 @@ def picture(photo, tmp_path):
     return path
 
 
-@pytest.mark.parametrize("text", ["a <b> & 'c' \"d\"", "]]> --> &amp; </title>", "Größe 写真 🌄"])
-def test_names_are_the_text_whatever_is_in_it(text):
-    root = parse(write_svg(SCENE, document=Document(title=text, alt=text)))
-    assert [child.tag for child in root][:2] == [SVG + "title", SVG + "desc"]
-    assert [root[0].text, root[1].text] == [text, text]
-    assert root.get("role") == "img"
-
-
 def test_default_names_include_the_count():
     root = parse(write_svg(SCENE))
+    assert root.get("role") == "img"
     assert root[0].text == DEFAULT_TITLE
     assert (root[1].text or "").startswith("30 Gaussians, fitted and written by gauss2svg ")
 

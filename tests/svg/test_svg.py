@@ -37,39 +37,15 @@ def test_size_background_title_and_layers_are_there():
     assert re.fullmatch("#[0-9a-f]{3}([0-9a-f]{3})?", backdrop.get("fill", ""))
 
 
-def test_only_the_stated_subset_is_written():
-    root = parse(write_svg(random_scene(40)))
-    names = {element.tag.removeprefix(SVG) for element in root.iter()}
-    assert names == {
-        "svg", "title", "desc", "defs", "radialGradient", "stop", "rect", "g", "circle"
-    }  # fmt: skip
-    for gradient in root.iter(SVG + "radialGradient"):
-        assert gradient.get("gradientUnits") == "userSpaceOnUse"
-        # resvg is 13 dB worse without the focal offset
-        assert gradient.get("r") in ("1", "100")
-        assert float(gradient.get("fx")) / float(gradient.get("r")) == 0.001
-    assert "href" not in write_svg(random_scene(4)).replace("xmlns:xlink", "")
-
-
 def test_every_gradient_is_used_and_every_reference_defined():
     root = parse(write_svg(quantize(random_scene(200), palette=20)))
     defined = [g.get("id") for g in root.iter(SVG + "radialGradient")]
+    for gradient in root.iter(SVG + "radialGradient"):  # resvg is 13 dB worse without the focus
+        assert float(gradient.get("fx")) / float(gradient.get("r")) == 0.001
     fills = {c.get("fill", "") for c in root.iter(SVG + "circle")}
     used = {fill[5:-1] for fill in fills if not fill.startswith("#")}
     assert len(defined) == len(set(defined)) <= 20
     assert set(defined) == used
-
-
-def test_text_depends_on_nothing_but_scene_and_options():
-    scene = random_scene(100, seed=3)
-    assert write_svg(scene) == write_svg(scene.replace())
-
-
-def test_gaussians_that_would_be_written_as_nothing_are_left_out():
-    scene = random_scene(3).replace(
-        opacity=np.array([0.0004, 1, 1]), sigma=np.array([[5, 5], [0.001, 5], [5, 5]])
-    )
-    assert write_svg(scene).count("<circle") == 1
 
 
 def test_empty_scene_is_a_rectangle():

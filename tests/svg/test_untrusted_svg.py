@@ -228,10 +228,11 @@ HOSTILE = {
     "media": f"{ROOT}<style>{'@media no-preference){a{' * MANY}animation:a</style>",
     "open media": f"{ROOT}<style>{'@media ' * MANY}animation:a</style>",
     "comments": f"{ROOT}<style><![CDATA[{'<!-- <use title ' * MANY} href]]></style>",
+    "sheets": f"{ROOT}{'<style>' * MANY}{'</style>' * MANY}",
     "urls": f"{ROOT}<style>{'url(#' * MANY}</style>",
     "prolog": f"{'<!-- -->' * MANY}{'<?a ?>' * MANY}<svg",
     "chain": f"{ROOT}{CHAIN}" + "".join(f'<circle r="1" fill="url(#c{i})"/>' for i in range(5000)),
-    "one attribute": f'{ROOT[:-1]} a="{"x" * 20_000_000}"',
+    "one attribute": f'{ROOT[:-1]} a="{"x" * 5_000_000}"',
 }
 
 

@@ -162,3 +162,24 @@ def test_what_must_not_be_there_is_seen():
             read(whole.replace("</svg>", f"{bad}</svg>"))
     with pytest.raises(AssertionError):
         read(whole.replace("<svg", "<!DOCTYPE svg><svg", 1))
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_text_depends_on_nothing_but_what_is_given(writer):
+    assert WRITERS[writer]() == WRITERS[writer]()
+
+
+@pytest.mark.parametrize(
+    ("write", "element"),
+    [
+        (write_svg, "<circle"), (outline_svg, "<ellipse"),
+        (lambda scene: write_svg(scene, MINIMAL), "<use"),
+        (lambda scene: write_svg(scene.replace(opacity=np.ones(4), blend="add")), "<circle"),
+    ],
+)  # fmt: skip
+def test_shapes_that_would_be_written_as_nothing_are_left_out(write, element):
+    scene = random_scene(4).replace(
+        sigma=[[8, 8], [1e-4, 8], [8, 1e-4], [8, 8]], opacity=[1, 1, 1, 1e-4], rho=np.zeros(4),
+        color=[[0.5, 0, 0], [1, 1, 1], [1, 1, 1], [1e-5, 0, 0]], beta=np.ones(4), round_index=None,
+    )  # fmt: skip
+    assert write(scene).count(element) == 1
