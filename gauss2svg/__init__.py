@@ -1,8 +1,8 @@
-"""gauss2svg: photos as SVG, fitted by 2D Gaussians and measured by a real renderer."""
+"""gauss2svg: photos as SVGs of fitted 2D Gaussians, measured by a real renderer."""
 
 import lazy_loader
 
-# Names load on first use, so that `import gauss2svg` costs milliseconds; __init__.pyi has them.
+# Names load on first use, so `import gauss2svg` takes milliseconds. __init__.pyi lists them.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-# An extra, which `import *` must not load.
-__all__.remove("studio")  # pyright: ignore[reportUnsupportedDunderAll] (the stub is what it reads)
+# The studio is an optional extra, so `import *` must not load it.
+__all__.remove("studio")  # pyright: ignore[reportUnsupportedDunderAll] (pyright reads the stub)

@@ -1,10 +1,10 @@
-"""The program `gauss2svg`: signals are handled before anything slow is imported."""
+"""Entry point of the program `gauss2svg`. It handles signals before it imports anything slow."""
 
 from gauss2svg.cli.signals import exit_before_fits
 
 
 def run() -> None:
-    """The command as a program."""
+    """Run the command line as a program."""
     exit_before_fits()
     from gauss2svg.cli.main import run as run_command
 

@@ -1,18 +1,18 @@
-"""Exceptions, whose messages are one line that says what to try."""
+"""Exceptions, and the wording of their messages: one line that says what to try."""
 
 from __future__ import annotations
 
 from typing import Any, TypeVar
 
 _Kind = TypeVar("_Kind")
-_MOST_SHOWN = 200  # characters of a value in an error
+_MAX_LENGTH = 200  # characters that an error message quotes of a value
 
 
 class Gauss2SvgError(Exception):
-    """Base of every error that gauss2svg raises on purpose; its message is one line."""
+    """Base of all errors that gauss2svg raises on purpose. The message is one line."""
 
     def __init__(self, message: str) -> None:
-        super().__init__(on_one_line(message))  # names of files may have several
+        super().__init__(on_one_line(message))  # file names may contain line breaks
 
 
 class InputError(Gauss2SvgError, ValueError):
@@ -40,42 +40,42 @@ class ClusterError(Gauss2SvgError, RuntimeError):
 
 
 def refusal(name: str, needed: str, got: str, advice: str = "") -> InputError:
-    """Return the error of a value that cannot be used: what is needed, what was given, what to try.
+    """Return the error "NAME must be NEEDED; got GOT. Try ADVICE" for a value that cannot be used.
 
-    "NAME must be NEEDED; got GOT. Try ADVICE". Texts of users go through `quoted` or `brief`.
+    Pass text of users through `quoted` or `brief` first.
     """
     return InputError(f"{name} must be {needed}; got {got}" + (f". Try {advice}" if advice else ""))
 
 
 def on_one_line(text: str) -> str:
-    """Return text for a terminal: one line, its control characters escaped."""
+    """Return text as one line for a terminal, with control characters escaped."""
     if text.isprintable():
         return text
-    plain = (" " if c.isspace() else c for c in text)
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in plain)
+    line = (" " if c.isspace() else c for c in text)
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
 def error_line(text: str) -> str:
-    """Return the text of an error for a record: one line of at most 400 characters."""
+    """Return the text of an error as one line of at most 400 characters, for a record."""
     return " ".join(text.split())[:400]
 
 
 def quoted(value: Any) -> str:
-    """Return a value for the sentence of an error, as Python writes it: one line, not at length."""
+    """Return the repr of a value for an error message, on one line and shortened."""
     try:
         return brief(" ".join(repr(plain_scalar(value)).split()))
-    except Exception:  # of the value's own methods: the error is about the value all the same
+    except Exception:  # a method of the value failed, so the message names its type only
         return type(value).__name__
 
 
 def brief(text: Any) -> str:
-    """Return text for the sentence of an error: at most 200 characters of it."""
+    """Return text for an error message, shortened to 200 characters."""
     text = str(text)
-    return text if len(text) <= _MOST_SHOWN else text[:_MOST_SHOWN] + "..."
+    return text if len(text) <= _MAX_LENGTH else text[:_MAX_LENGTH] + "..."
 
 
 def plain_scalar(value: Any) -> Any:
-    """Return the Python value that a NumPy scalar holds; any other value as it is."""
+    """Return the Python value of a NumPy scalar or 0-d array, and any other value unchanged."""
     item = getattr(value, "item", None)
     return item() if item is not None and getattr(value, "ndim", 1) == 0 else value
 
@@ -86,7 +86,7 @@ def instance(value: _Kind | None, name: str, kind: type[_Kind]) -> _Kind:
 
 
 def required(value: Any, name: str, kind: type[_Kind]) -> _Kind:
-    """Return `value`. Raise InputError that names it if it is not a `kind`."""
+    """Return `value`. Raise InputError with its name if it is not a `kind`."""
     if not isinstance(value, kind):
         raise refusal(name, f"a {kind.__name__}", type(value).__name__)
     return value

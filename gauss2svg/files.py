@@ -1,4 +1,4 @@
-"""Files: read only if they are regular, written whole or not at all, never over an input."""
+"""Read regular files only, and write files whole or not at all, never over an input."""
 
 from __future__ import annotations
 
@@ -26,25 +26,26 @@ if TYPE_CHECKING:
 STANDARD_STREAM = "-"
 FileName = str | os.PathLike[str]
 _Name = TypeVar("_Name", str, Path, FileName)
-# Devices of Windows, also with a suffix; Microsoft, "Naming Files, Paths, and Namespaces".
+# Device names of Windows, with or without a suffix.
+# Source: Microsoft, "Naming Files, Paths, and Namespaces".
 _DEVICE = re.compile(
     r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9¹²³]) *([.:]|$)", re.IGNORECASE
 )
-# s between tries to rename on Windows: scanners for viruses hold a new file open for moments.
+# Pauses (s) between attempts to rename on Windows, where virus scanners hold new files open.
 _PAUSES_S = (0.01, 0.03, 0.1, 0.3, 1.0)
 _NOT_BLOCKING, _BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
 
 
 @contextmanager
 def reading(path: FileName, advice: str) -> Iterator[BinaryIO]:
-    """A regular file open for reading; raises InputError, with advice on what to try.
+    """Open a regular file for reading. Raise InputError, with advice, if it cannot be read.
 
-    Pipes and devices are refused unread: a pipe that nobody writes to would block for ever.
+    Pipes and devices are refused unread, because a pipe that nobody writes to blocks for ever.
     """
     try:
         descriptor = os.open(path, os.O_RDONLY | _NOT_BLOCKING | _BINARY)
     except (OSError, ValueError) as error:
-        # Windows, which opens no folder, says that permission was denied.
+        # Windows reports "permission denied" for a folder.
         is_folder = os.path.isdir(path)
         reason = "it is a folder, not a regular file" if is_folder else reason_of(error)
         raise _cannot_read(path, reason, advice) from error
@@ -58,11 +59,11 @@ def reading(path: FileName, advice: str) -> Iterator[BinaryIO]:
 
 
 def check_writable(path: FileName) -> None:
-    """Raise OutputError if no file can be written there; change no existing file."""
+    """Raise OutputError if no file can be written at `path`. Change no existing file."""
     target = Path(path)
     try:
         _refuse_device(target)
-        _mode_of(target)  # raises for links in a circle, which neither exist nor can be made
+        _mode_of(target)  # raises OSError for circular links, which exists() reports as missing
         if target.is_dir():
             raise OutputError(f"cannot write {target}: it is a folder. Try a file name")
         if target.exists() and not os.access(target, os.W_OK):
@@ -79,7 +80,7 @@ def check_writable(path: FileName) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder and those above it; raises OutputError where that is not possible."""
+    """Create a folder and its parents. Raise OutputError if that is not possible."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
@@ -88,10 +89,11 @@ def make_folder(folder: Path) -> None:
 
 
 def write_atomically(path: FileName, data: bytes) -> None:
-    """Write beside the target and rename, which leaves either the old file or the whole new one.
+    """Write a file so that an interruption leaves either the old file or the whole new one.
 
-    Permissions of an existing file are kept, and a symbolic link stays one; other hard links keep
-    the old file. Raises OutputError if it cannot be written.
+    The new file is written beside the target and renamed. The permissions of an existing file are
+    kept, and a symbolic link stays a link. Other hard links keep the old content. Raise OutputError
+    if the file cannot be written.
     """
     write_all_atomically({path: data})
 
@@ -99,21 +101,21 @@ def write_atomically(path: FileName, data: bytes) -> None:
 def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
     """Write each file as write_atomically does, and rename none before all are on the disk.
 
-    A full disk thus leaves every old file as it was. The files are renamed one by one: where one
-    cannot be, or an interruption comes between two, the earlier ones are new and the others old.
-    Pipes and devices, which cannot be renamed, are written just before. Raise OutputError for the
-    first that cannot be written.
+    So a full disk leaves every old file as it was. The files are renamed one by one. If a rename
+    fails or is interrupted, the files before it are new and the others are old. Pipes and devices
+    cannot be renamed, and are written just before the renames. Raise OutputError for the first
+    file that cannot be written.
     """
     for path in files:
         check_writable(path)
-    parts: dict[Path, Path] = {}  # where each regular file is written at first, and goes
+    parts: dict[Path, Path] = {}  # temporary path of each regular file -> final path
     target = Path()
     try:
         for target, data in zip(map(Path, files), files.values(), strict=True):
             if not target.exists() or target.is_file():
-                real = Path(os.path.realpath(target))  # what a link points to is replaced
+                real = Path(os.path.realpath(target))  # a link stays, its target is replaced
                 part = real.with_name(f".{real.name[:40]}.{secrets.token_hex(6)}")
-                parts[part] = real  # before it is made, so that an interruption leaves no part
+                parts[part] = real  # listed before it exists, so an interruption leaves none
                 _write_new(part, data, _mode_of(real))
         for target, data in zip(map(Path, files), files.values(), strict=True):
             if target.exists() and not target.is_file():
@@ -125,23 +127,23 @@ def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
         raise _cannot_write(target, error) from error
     finally:
         for part in parts:
-            with suppress(OSError):  # it was renamed
+            with suppress(OSError):  # a renamed part no longer exists
                 os.unlink(part)
 
 
-def replace(made: FileName, target: FileName) -> None:
-    """Rename a file over another; on Windows try for 1.4 s while a program holds that one open."""
+def replace(source: FileName, target: FileName) -> None:
+    """Rename a file over another. On Windows retry for 1.4 s while a program holds a file open."""
     if sys.platform == "win32":
         for pause in _PAUSES_S:
             try:
-                return os.replace(made, target)
+                return os.replace(source, target)
             except PermissionError:
                 time.sleep(pause)
-    return os.replace(made, target)
+    return os.replace(source, target)
 
 
 def is_device(name: str) -> bool:
-    """Whether Windows takes a name for that of a device, such as con, aux.svg and COM1.txt."""
+    """Return whether Windows takes a file name for a device: con, aux.svg, COM1.txt."""
     return _DEVICE.match(name) is not None
 
 
@@ -152,16 +154,17 @@ def _refuse_device(path: Path) -> None:
 
 
 def write_whole(path: Path, data: bytes, part: Path, sync: bool = True) -> None:
-    """Write to `part`, on the same disk, and rename it: one file of many that are known to be ours.
+    """Write `part`, which is on the same disk, and rename it to `path`. Raise OutputError.
 
-    Unlike write_atomically it tries nothing beforehand. Raise OutputError.
+    Unlike write_atomically, check nothing beforehand and keep no permissions. This is for many
+    files that are surely the program's own. Without `sync`, a power cut may leave an empty file.
     """
     try:
         _refuse_device(path)
         _write_new(part, data, None, sync)
         replace(part, path)
     except BaseException as error:
-        with suppress(OSError, ValueError):  # it may not be there
+        with suppress(OSError, ValueError):  # the part may not exist
             part.unlink()
         if isinstance(error, (OSError, ValueError)):
             raise _cannot_write(path, error) from error
@@ -169,7 +172,7 @@ def write_whole(path: Path, data: bytes, part: Path, sync: bool = True) -> None:
 
 
 def _mode_of(target: Path) -> int | None:
-    """Return the permissions of a file, None where there is none."""
+    """Return the permissions of a file, or None if it does not exist."""
     try:
         return stat.S_IMODE(target.stat().st_mode)
     except FileNotFoundError:
@@ -177,9 +180,9 @@ def _mode_of(target: Path) -> int | None:
 
 
 def _write_new(path: Path, data: bytes, mode: int | None, sync: bool = True) -> None:
-    """Create a file, on the disk with `sync`, with the usual permissions if mode is None."""
+    """Create a file with permissions `mode`, or the usual ones if None. Flush it if `sync`."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
-    # Private until it has its final permissions.
+    # The file is private until it has its final permissions.
     descriptor = os.open(path, flags, 0o666 if mode is None else 0o600)
     try:
         _write_all(descriptor, data)
@@ -198,11 +201,11 @@ def _write_all(descriptor: int, data: bytes) -> None:
 
 
 def folds_case(folder: FileName) -> bool:
-    """Whether the file system of a folder ignores case in names; raises OutputError if unknown."""
+    """Return whether a folder's file system ignores case. Raise OutputError if that is unknown."""
     try:
         with tempfile.NamedTemporaryFile(dir=folder, prefix=".aA") as probe:
-            place, name = os.path.split(probe.name)
-            return os.path.exists(os.path.join(place, name.swapcase()))
+            parent, name = os.path.split(probe.name)
+            return os.path.exists(os.path.join(parent, name.swapcase()))
     except OSError as error:
         raise _cannot_write(Path(folder), error) from error
 
@@ -224,22 +227,24 @@ def _cannot_read(path: FileName, reason: str, advice: str) -> InputError:
 def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
     """Refuse outputs that cannot be written or would overwrite an input or each other.
 
-    inputs  what each input file is, by its name: {"photo.jpg": "the photo"}; - is standard input
-    Raises InputError for a clash, OutputError for a target that cannot be written.
+    inputs  file name -> description for the error: {"photo.jpg": "the photo"}. The name - stands
+            for standard input
+
+    Raise InputError for a clash, and OutputError for a target that cannot be written.
     """
-    taken = dict(inputs)
+    descriptions = dict(inputs)
     for target in map(os.fspath, targets):
-        for name, what in taken.items():
-            if _are_one(name, target):
-                got = f"{target}, which is also {what}"
+        for name, description in descriptions.items():
+            if _is_same_file(name, target):
+                got = f"{target}, which is also {description}"
                 raise refusal("output", "a file of its own", got, "another name")
-        taken[target] = "another output"
+        descriptions[target] = "another output"
     for target in targets:
         check_writable(target)
 
 
-def _are_one(name: str, other: str) -> bool:
-    """Whether two names are of one file: by links, or by case where the file system ignores it."""
+def _is_same_file(name: str, other: str) -> bool:
+    """Return whether two names lead to one file, through links or because case is ignored."""
     if name == STANDARD_STREAM:
         return _is_standard_input(other)
     try:
@@ -249,29 +254,30 @@ def _are_one(name: str, other: str) -> bool:
         if os.path.lexists(first) and os.path.lexists(second):
             return os.path.samefile(first, second)
     except (OSError, ValueError):
-        return False  # reading or writing it raises the error
-    # At most one exists; a file system that ignores case would find it by both names.
+        return False  # reading or writing the file will raise the error
+    # At most one of them exists. They are one file if they differ in case only, and if the file
+    # system ignores case.
     return first.casefold() == second.casefold() and folds_case(os.path.dirname(second))
 
 
 def _is_standard_input(path: str) -> bool:
-    """Whether a file is what standard input reads, as by `< photo.png`."""
+    """Return whether standard input reads this file, as after `< photo.png`."""
     try:
-        read = os.fstat(sys.stdin.fileno())
-        return stat.S_ISREG(read.st_mode) and os.path.samestat(read, os.stat(path))
-    except (AttributeError, OSError, ValueError):  # it is closed or no file, or nothing is there
+        status = os.fstat(sys.stdin.fileno())
+        return stat.S_ISREG(status.st_mode) and os.path.samestat(status, os.stat(path))
+    except (AttributeError, OSError, ValueError):  # no open standard input, or no file at path
         return False
 
 
 def saved(save: Callable[[BinaryIO], object]) -> bytes:
-    """What a function writes to a stream."""
+    """Return the bytes that `save` writes to a stream."""
     stream = io.BytesIO()
     save(stream)
     return stream.getvalue()
 
 
 def as_png(pixels: NDArray[np.floating]) -> bytes:
-    """PNG of 8 bits per channel of an image (h, w, 3) or (h, w, 4) in 0..1."""
+    """Return a PNG of 8 bits per channel of an image (h, w, 3) or (h, w, 4) in 0..1."""
     import numpy as np
     from PIL import Image
 
@@ -280,5 +286,5 @@ def as_png(pixels: NDArray[np.floating]) -> bytes:
 
 
 def as_json(report: Mapping[str, Any]) -> bytes:
-    """A report as indented JSON; raises ValueError for infinity and NaN."""
+    """Return a report as indented JSON. Raise ValueError for infinity and NaN."""
     return (json.dumps(report, indent=2, allow_nan=False) + "\n").encode()

@@ -1,4 +1,4 @@
-"""Kernels that are kept on disk between processes, any number of which may save them at once."""
+"""Compiled kernels, saved on disk for later processes. Several processes may save at once."""
 
 from __future__ import annotations
 
@@ -21,47 +21,47 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
-_CONSTANTS = Path(__file__).parent / "scene" / "falloff.py"  # constants that kernels inline
-_config: Any = config  # which creates its attributes dynamically
-_lost = False  # whether code of this process could not be kept
+_CONSTANTS = Path(__file__).parent / "scene" / "falloff.py"  # module whose constants kernels inline
+_config: Any = config  # not typed, because numba creates its attributes at run time
+_lost = False  # whether some code of this process could not be saved
 
 
 def are_kept() -> bool:
-    """Return whether all kernels of this process are on the disk, for later ones."""
+    """Return whether later processes find all kernels of this process on the disk."""
     return not _lost
 
 
 def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorate a function of a module by numba's njit; machine code is kept in `folder()`.
+    """Return a decorator that compiles by numba's njit and saves the machine code in `folder()`.
 
-    Where there is no such folder, each process compiles, and are_kept() is False.
+    If there is no such folder, each process compiles anew, and are_kept() is False.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
         global _lost
         dispatcher: Any = numba.njit(**options)(function)
-        place = folder()
-        if place is None:
+        cache_path = folder()
+        if cache_path is None:
             _lost = True
-        elif not _config.DISABLE_JIT:  # which leaves functions as they are
-            dispatcher._cache = KernelCache(function, place)
+        elif not _config.DISABLE_JIT:  # else njit has returned the function itself
+            dispatcher._cache = KernelCache(function, cache_path)
         return dispatcher
 
     return compiled
 
 
 def folder() -> Path | None:
-    """Return the folder for compiled code, or None where no such folder can be written.
+    """Return the folder for compiled code, or None if no folder can be written.
 
-    It is $NUMBA_CACHE_DIR, which may be one that can only be read. Without that variable it is
-    `gauss2svg` in the user's folder for caches, or a private one among the temporary files.
+    It is $NUMBA_CACHE_DIR, which may be read-only. Without that variable it is `gauss2svg` in the
+    user's cache folder, or else a private temporary folder.
     """
     return Path(_config.CACHE_DIR) if _config.CACHE_DIR else _folder_of_user()
 
 
 @lru_cache
 def _folder_of_user() -> Path | None:
-    with suppress(OSError, RuntimeError):  # the second where no home is known
+    with suppress(OSError, RuntimeError):  # RuntimeError if no home folder is known
         caches = _caches()
         caches.mkdir(parents=True, exist_ok=True)
         if os.access(caches, os.W_OK):
@@ -72,7 +72,7 @@ def _folder_of_user() -> Path | None:
 
 
 def _caches() -> Path:
-    """Return `gauss2svg` in the folder for caches that this system has for each user."""
+    """Return `gauss2svg` in the user's cache folder on this system."""
     if sys.platform == "win32":
         caches = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
     elif sys.platform == "darwin":
@@ -83,12 +83,12 @@ def _caches() -> Path:
 
 
 def _temporary() -> Path | None:
-    """Return a folder among the temporary files that nobody else can write, or None.
+    """Return a temporary folder that only this user can write, or None.
 
-    What is in it is executed, and others could have made a folder of its name before.
+    Its files are executed, so a folder of its name that another user has made is refused.
     """
     if sys.platform == "win32":
-        return None  # temporary files are in the folder that has the caches
+        return None  # temporary files are in %LOCALAPPDATA% as well
     user = os.getuid()
     private = Path(tempfile.gettempdir(), f"gauss2svg-{user}")
     private.mkdir(mode=0o700, exist_ok=True)
@@ -98,44 +98,45 @@ def _temporary() -> Path | None:
 
 
 @lru_cache
-def _digest(room: Path) -> str:
-    """Return a digest of all modules that a kernel of a folder may inline."""
+def _digest(package: Path) -> str:
+    """Return a digest of all modules that a kernel of a package may inline."""
     digest = hashlib.sha256()
-    for path in (*sorted(room.glob("*.py")), _CONSTANTS):
+    for path in (*sorted(package.glob("*.py")), _CONSTANTS):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
 class KernelCache:
-    """The kept code of one function: a file for each combination of argument types and CPU.
+    """Saved code of one function: a file for each combination of argument types and CPU.
 
-    The name of a file has a digest of all that its code depends on, so files that two processes
-    write at once are the same. numba's own cache has an index, which processes can mix up, and
-    first imports all that compiled code may call, SciPy's linear algebra among it, which takes a
-    fifth of a run on a small picture (docs/decisions/start.md). A compilation does so by itself.
+    The name of a file has a digest of everything that its code depends on. So files that two
+    processes write at once are equal. numba's own cache has an index file, which concurrent
+    processes can mix up. It also imports everything that compiled code may call before it loads
+    any, such as SciPy's linear algebra. That takes a fifth of a run on a small picture
+    (docs/decisions/start.md). Here only a compilation imports these modules.
     """
 
-    def __init__(self, function: Callable[..., Any], place: Path) -> None:
-        assert function.__closure__ is None  # the digest knows files, not values
+    def __init__(self, function: Callable[..., Any], cache_path: Path) -> None:
+        assert function.__closure__ is None  # the digest covers files, not values of a closure
         module = Path(function.__code__.co_filename)
-        self.cache_path = place  # numba's statistics have it
+        self.cache_path = cache_path  # numba's statistics read this attribute
         self._name = f"{module.stem}.{function.__name__}"
         line = function.__code__.co_firstlineno
         self._stamp = f"{_digest(module.parent)} {line} {numba.__version__} {sys.version}"
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
-        """Return the code for these types, or None where none can be read."""
-        rtsys.initialize(target_context)  # the memory of arrays, which kept code links to
+        """Return the saved code for these argument types, or None if none can be read."""
+        rtsys.initialize(target_context)  # numba's allocator of arrays, which saved code links to
         try:
-            kept = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())
+            fields = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())
         except (OSError, EOFError, pickle.UnpicklingError):
             return None
-        return CompileResult._rebuild(target_context, *kept)
+        return CompileResult._rebuild(target_context, *fields)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the code for these types; a disk that is full costs the next process the time."""
+        """Save the code for these argument types. If that fails, the next process compiles anew."""
         global _lost
-        assert not data.library.has_dynamic_globals  # addresses, which no later process has
+        assert not data.library.has_dynamic_globals  # addresses, valid in this process alone
         path = self._file(sig, data.codegen)
         part = path.with_suffix(f".{secrets.token_hex(8)}")
         try:
@@ -145,7 +146,7 @@ class KernelCache:
         except OSError:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
-            _lost |= not os.path.exists(path)  # on Windows another process may be reading it
+            _lost |= not os.path.exists(path)  # Windows does not replace a file that is being read
 
     def _file(self, sig: Any, codegen: Any) -> Path:
         key = f"{self._stamp} {sig} {codegen.magic_tuple()}"

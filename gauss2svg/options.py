@@ -1,15 +1,17 @@
-"""Option classes: what a field may hold is said once, by its annotation.
+"""Option classes, in which the annotation of a field states once what it may hold.
 
     @dataclass(frozen=True, kw_only=True)
     class FitOptions(OptionGroup):
         learning_rate: Annotated[float, Interval(ge=1e-6, le=1e6)] = 1.0
         '''Factor by which every learning rate is multiplied.'''
 
-An annotation is bool, int, float or a Literal, or several of them, and None where an option may be
-left out. Beside it stand a range by annotated_types, a text that says which values to try, or, for
-any other kind of value, a function of name and value that returns what is stored. The Python call,
-the command line (cyclopts reads annotations, defaults and the texts under the fields), the form and
-the requests of the studio, the axes of the benchmark, the report and the reference follow.
+A type is bool, int, float, a Literal, or a union of these. It includes None if the option may be
+left out. `Annotated` adds a range by annotated_types, or a text of values to try. For any other
+kind of value it adds a function (name, value) that returns the value to store.
+
+The Python call, the command line, the studio's form and requests, the axes of the benchmark, the
+report and the reference all follow. cyclopts makes the command line of the annotations, the
+defaults and the texts under the fields.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ from gauss2svg.errors import InputError, plain_scalar, quoted, refusal
 
 Renderer = Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"]
 Seed = Annotated[int, Interval(ge=0, le=2**63 - 1)]
-_MOST = 2**31 - 1  # of a whole number without a largest one
+_MAX_INT = 2**31 - 1  # upper bound of a whole number whose annotation has none
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 _SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([kmg]?)b?", re.IGNORECASE)
 _NUMBERS: Any = (numbers.Number, decimal.Decimal)
@@ -43,16 +45,18 @@ _BOOLS = {"True": True, "False": False, "true": True, "false": False}
 
 @dataclass(frozen=True)
 class Field:
-    """What an option or another argument may hold.
+    """The rule for the values of an option or another argument.
 
-    name         as errors have it
-    kind         bool, int, float, or None where other rules say it all
+    name         name in error messages
+    kind         bool, int or float; None if `words` or `check` decide alone
     least, most  range of an int or a float
-    is_above     whether it must be larger than `least`
-    words        values that are taken too, such as "auto"
-    check        returns what is stored for any other value; raises InputError
-    is_optional  whether None is taken
-    advice       values to try
+    is_above     whether the value must be larger than `least`, not equal to it
+    words        values that are allowed as well, such as "auto"
+    check        function (name, value) for any other value: it returns the value to store, or
+                 raises InputError
+    is_optional  whether None is allowed
+    advice       values to try, for error messages
+    default      default of the option
     """
 
     name: str
@@ -67,27 +71,27 @@ class Field:
     default: Any = None
 
     def checked(self, value: Any) -> Any:
-        """Return the value as it is stored. Raise InputError that names the option."""
+        """Return the value to store. Raise InputError with the option's name if it is refused."""
         if value is None and self.is_optional:
             return None
-        taken = None
+        accepted = None
         try:
-            taken = self._taken(plain_scalar(value))
+            accepted = self._accepted(plain_scalar(value))
         except InputError:
             raise
         except Exception:
             pass
-        if taken is None:
+        if accepted is None:
             raise refusal(self.name, self._needed, quoted(value), self.advice)
-        return taken
+        return accepted
 
     def parsed(self, text: str) -> Any:
-        """Return the value that a text stands for. Raise InputError for one that is not valid."""
+        """Return the value that a text stands for. Raise InputError if it is not valid."""
         value: Any = {str(word): word for word in self.words}.get(text, text)
-        with suppress(ValueError):  # which `checked` refuses
+        with suppress(ValueError):  # `checked` refuses a text that is no number
             if self.kind is bool:
                 value = _BOOLS.get(text, text)
-            elif self.kind is int and text.isdecimal():  # int() takes " 1_0" too
+            elif self.kind is int and text.isdecimal():  # int() would accept " 1_0" too
                 value = int(text)
             elif self.kind is float:
                 value = float(text)
@@ -95,11 +99,11 @@ class Field:
 
     @property
     def choices(self) -> tuple[Any, ...]:
-        """All values of the option, where there are only a few; else none."""
+        """All values of the option, if they can be listed; else none."""
         return (False, True) if self.kind is bool else self.words if self.kind is None else ()
 
-    def _taken(self, value: Any) -> Any:
-        """Return the value as it is stored, None for one that is refused."""
+    def _accepted(self, value: Any) -> Any:
+        """Return the value to store, or None if it is refused."""
         for word in self.words:
             if type(word) is type(value) and word == value:
                 return word
@@ -111,10 +115,10 @@ class Field:
             return value if self.kind is bool and isinstance(value, bool) else None
         if self.kind is int:
             number = operator.index(value)
-        else:  # float() takes texts too
+        else:  # float() would accept texts too
             number = float(value) if isinstance(value, _NUMBERS) else math.nan
-        is_over = self.least < number if self.is_above else self.least <= number
-        return number if is_over and number <= self.most else None
+        is_large = self.least < number if self.is_above else self.least <= number
+        return number if is_large and number <= self.most else None
 
     @property
     def _needed(self) -> str:
@@ -132,7 +136,7 @@ class Field:
 
 
 class OptionGroup:
-    """Base of frozen, keyword-only dataclasses of options: checks every field."""
+    """Base of frozen, keyword-only dataclasses of options. It checks every field."""
 
     def __post_init__(self) -> None:
         for field in fields_of(type(self)):
@@ -141,56 +145,56 @@ class OptionGroup:
 
 @cache
 def fields_of(group: type[OptionGroup]) -> tuple[Field, ...]:
-    """The options of a group, in order."""
+    """Return the options of a group, in order."""
     hints = get_type_hints(group, include_extras=True)
     fields = dataclasses.fields(group)  # pyright: ignore[reportArgumentType]
-    return tuple(field_of(one.name, hints[one.name], one.default) for one in fields)
+    return tuple(field_of(field.name, hints[field.name], field.default) for field in fields)
 
 
 def field_of(name: str, hint: Any, default: Any = None) -> Field:
-    """Return the option of an annotation."""
-    members, beside = _parts_of(hint)
-    check = next((one for one in beside if callable(one)), None)
+    """Return the option that an annotation describes."""
+    members, metadata = _types_and_metadata(hint)
+    check = next((item for item in metadata if callable(item)), None)
     kinds = [kind for kind in (bool, int, float) if kind in members and check is None]
     kind = kinds[0] if kinds else None
-    limits: Any = next((one for one in beside if isinstance(one, Interval)), Interval())
-    most = _MOST if kind is int else math.inf
+    limits: Any = next((item for item in metadata if isinstance(item, Interval)), Interval())
+    most = _MAX_INT if kind is int else math.inf
     return Field(
         name=name,
         kind=kind,
-        least=next((one for one in (limits.ge, limits.gt) if one is not None), -math.inf),
+        least=next((bound for bound in (limits.ge, limits.gt) if bound is not None), -math.inf),
         most=most if limits.le is None else limits.le,
         is_above=limits.gt is not None,
-        words=tuple(w for one in members if get_origin(one) is Literal for w in get_args(one)),
+        words=tuple(w for each in members if get_origin(each) is Literal for w in get_args(each)),
         check=check,
         is_optional=type(None) in members,
-        advice=next((one for one in beside if isinstance(one, str)), ""),
+        advice=next((item for item in metadata if isinstance(item, str)), ""),
         default=default,
     )
 
 
-def _parts_of(hint: Any) -> tuple[list[Any], list[Any]]:
-    """Return the types of an annotation, and what stands beside them."""
+def _types_and_metadata(hint: Any) -> tuple[list[Any], list[Any]]:
+    """Return the types of an annotation, and the metadata that `Annotated` adds to them."""
     if get_origin(hint) is Annotated:
-        members, beside = _parts_of(get_args(hint)[0])
-        return members, [*beside, *hint.__metadata__]
+        members, metadata = _types_and_metadata(get_args(hint)[0])
+        return members, [*metadata, *hint.__metadata__]
     if get_origin(hint) not in (Union, types.UnionType):
         return [hint], []
-    parts = [_parts_of(one) for one in get_args(hint)]
-    return [one for ones, _ in parts for one in ones], [one for _, ones in parts for one in ones]
+    pairs = [_types_and_metadata(member) for member in get_args(hint)]
+    return [kind for kinds, _ in pairs for kind in kinds], [m for _, ms in pairs for m in ms]
 
 
 def byte_size(name: str, value: Any) -> int:
-    """Bytes of a size: 150000, "150000", "150k", "1.5M", "150 kB"; k, M and G are decimal.
+    """Return the bytes of a size: 150000, "150000", "150k", "1.5M", "150 kB". Units are decimal.
 
-    Raises InputError that names it for anything else, and for less than one byte.
+    Raise InputError with the option's name for anything else, and for less than one byte.
     """
     size = 0.0
     if isinstance(value, str):
         match = _SIZE.fullmatch(value.strip())
         size = float(match[1]) * _UNITS[match[2].lower()] if match else 0.0
     elif not isinstance(value, bool):
-        with suppress(Exception):  # of the value's own methods
+        with suppress(Exception):  # methods of the value may raise anything
             size = operator.index(value)
     if not 1 <= size < 2**63:
         raise InputError(
@@ -200,10 +204,10 @@ def byte_size(name: str, value: Any) -> int:
 
 
 def file_name(name: str, value: Any, needed: str = "the path of a file") -> str:
-    """A path as text; raises InputError that names it."""
+    """Return a path as text. Raise InputError with the option's name if it is none."""
     path = ""
     if isinstance(value, (str, os.PathLike)):
-        with suppress(Exception):  # of a __fspath__ that returns something else, or raises
+        with suppress(Exception):  # __fspath__ may raise, or return no path
             path = str(os.fsdecode(value))
     if not path:
         raise InputError(f"{name} must be {needed}; got {quoted(value)}")

@@ -1,7 +1,7 @@
-"""Jobs of many processes: a death, a time limit or a cancellation fails one job and no other.
+"""A pool of processes: a crash, a time limit or a cancellation fails one job and no other.
 
-Every process has pipes of its own. A pool whose processes share a pipe and its lock loses more than
-a job where one is killed (docs/decisions/batch.md).
+Every process has its own pipes. If processes share a pipe and its lock, killing one of them fails
+other jobs too (docs/decisions/batch.md).
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from gauss2svg import processes
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.processes import end_of, end_tree, end_with_parent
 
-_WATCH_S = 0.1  # between two looks at the time and the memory of jobs
-_IDLE_S = 1.0  # after which the width is asked for again
+_WATCH_S = 0.1  # seconds between two checks of the time and memory of jobs
+_IDLE_S = 1.0  # seconds after which `width` is called again, although no job has ended
 
 
 class WorkerDiedError(Gauss2SvgError, RuntimeError):
-    """A process that crashed or was killed at a job."""
+    """A worker process that crashed or was killed during a job."""
 
 
 class _Job(Future[Any]):
-    """A job whose cancellation ends the process that works on it."""
+    """A job. Its cancellation kills the process that works on it."""
 
-    lock = threading.Lock()  # of the process, which another job may have next
+    lock = threading.Lock()  # one for all jobs, because the next job may get the same process
     process: subprocess.Popen[bytes] | None = None
     ends_at = float("inf")
-    reason: Exception | None = None  # for which the process was killed
+    reason: Exception | None = None  # why the process was killed
 
     def cancel(self) -> bool:
         return super().cancel() or self.end(CancelledError())
 
     def end(self, reason: Exception) -> bool:
-        """Kill the process of this job, which fails with the reason; return whether it had one."""
+        """Kill the job's process, if any, so that the job fails. Return whether it had one."""
         with self.lock:
             if self.process is not None:
                 self.reason = reason
@@ -53,9 +53,9 @@ class _Job(Future[Any]):
 
 
 class Pool:
-    """Up to `workers` processes, started as jobs need them; its with statement kills them all.
+    """Up to `workers` processes, started when jobs need them and killed by its with statement.
 
-    memory  bytes of a process, above which it is killed; None: no limit
+    memory  bytes that a process may hold before it is killed. None means no limit
     """
 
     def __init__(self, workers: int, memory: int | None = None) -> None:
@@ -78,7 +78,7 @@ class Pool:
             _end(process)
 
     def submit(self, function: Callable[..., Any], *args: Any, timeout: float = 0.0) -> Future[Any]:
-        """Return the future of a call, which is killed after `timeout` seconds of work if not 0."""
+        """Return the future of a call. It is killed after `timeout` seconds of work (0: never)."""
         job = _Job()
         self._jobs.add(job)
         request = pickle.dumps(pickle.dumps((function, args)))
@@ -86,21 +86,21 @@ class Pool:
         return job
 
     def _work(self, job: _Job, request: bytes, timeout: float) -> None:
-        """Have a process do a job; runs in a thread of its own."""
+        """Run a job in a process and set its result. A thread waits here for each running job."""
         if job.set_running_or_notify_cancel():
             try:
-                answer = self._answered(job, request, timeout)
+                answer = self._answer(job, request, timeout)
             except OSError as error:
                 answer = (False, WorkerDiedError(f"no process could be started: {error}"))
             (job.set_result if answer[0] else job.set_exception)(answer[1])
         self._jobs.discard(job)
 
-    def _answered(self, job: _Job, request: bytes, timeout: float) -> tuple[bool, Any]:
-        """Return (True, result) or (False, exception) of a job; raise OSError without a process."""
+    def _answer(self, job: _Job, request: bytes, timeout: float) -> tuple[bool, Any]:
+        """Return (True, result) or (False, exception). Raise OSError if no process starts."""
         with job.lock:
-            process = self._idle.pop() if self._idle else _started()
+            process = self._idle.pop() if self._idle else _start()
             if process.poll() is not None:
-                process = _started()
+                process = _start()
             job.process, job.ends_at = process, time.monotonic() + timeout
         if self._is_closed.is_set():
             job.cancel()
@@ -108,7 +108,7 @@ class Pool:
             process.stdin.write(request)  # pyright: ignore[reportOptionalMemberAccess]
             process.stdin.flush()  # pyright: ignore[reportOptionalMemberAccess]
             answer = pickle.load(process.stdout)  # pyright: ignore[reportArgumentType]
-        except Exception:  # of a pipe that is closed, or of an answer that is cut
+        except Exception:  # the pipe is closed, or the answer is cut off
             answer = (False, job.reason or WorkerDiedError(end_of(_end(process))))
         with job.lock:
             job.process = None
@@ -116,20 +116,20 @@ class Pool:
                 self._idle.append(process)
             else:
                 _end(process)
-        # An answer that the job's own processes gave as they were killed does not count.
+        # An answer does not count if the job gave it because its child processes were killed.
         return answer if job.reason is None else (False, job.reason)
 
     def _watch(self) -> None:
-        """End jobs that take more time than they may, or more memory than a process may."""
+        """Kill the processes of jobs that exceed their time limit or the memory limit."""
         while not self._is_closed.wait(_WATCH_S):
             for job in tuple(self._jobs):
                 if time.monotonic() > job.ends_at:
                     job.end(TimeoutError("it took too long"))
                 with suppress(psutil.NoSuchProcess):
                     if self._memory and (process := job.process) is not None:
-                        held = psutil.Process(process.pid).memory_info().rss
-                        if held > self._memory:
-                            job.end(WorkerDiedError(f"it took {held / 1e6:.0f} MB of memory"))
+                        rss = psutil.Process(process.pid).memory_info().rss
+                        if rss > self._memory:
+                            job.end(WorkerDiedError(f"it took {rss / 1e6:.0f} MB of memory"))
 
 
 def completed(
@@ -137,10 +137,12 @@ def completed(
     requests: Iterator[Any],
     width: Callable[[], int],
 ) -> Iterator[tuple[Any, Future[Any]]]:
-    """Yield (request, its ended future) as jobs end; cancel the others when the iterator is closed.
+    """Yield each request with its finished future, in the order in which jobs end.
 
-    requests  are taken as they can be submitted
-    width     how many may be submitted at once
+    Closing the iterator cancels the remaining jobs.
+
+    requests  iterator that is advanced only when a request can be submitted
+    width     function that returns how many requests may be submitted at once
     """
     jobs: dict[Future[Any], Any] = {}
     try:
@@ -157,7 +159,7 @@ def completed(
             job.cancel()
 
 
-def _started() -> subprocess.Popen[bytes]:
+def _start() -> subprocess.Popen[bytes]:
     command, pipe = processes.module_command("gauss2svg.pool"), subprocess.PIPE
     return subprocess.Popen(
         command,
@@ -170,18 +172,18 @@ def _started() -> subprocess.Popen[bytes]:
 
 
 def _end(process: subprocess.Popen[bytes]) -> int:
-    """Kill a process with what it has started, and return its exit status."""
+    """Kill a process and all processes that it has started, and return its exit status."""
     end_tree(process.pid)
-    with suppress(BrokenPipeError), process:  # closes its pipes
+    with suppress(BrokenPipeError), process:  # the with statement closes its pipes
         pass
     return process.wait()
 
 
 def _serve() -> None:
-    """Answer requests of standard input on standard output, until the pool closes them or ends."""
+    """Answer requests from standard input on standard output, until the pool closes it or ends."""
     end_with_parent(os.getppid())
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a job prints is no answer
+    os.dup2(2, 1)  # text that a job prints goes to standard error, not among the answers
     with suppress(EOFError, BrokenPipeError):
         while True:
             request = pickle.load(sys.stdin.buffer)

@@ -1,4 +1,4 @@
-"""Child processes: `run` waits for one, `NEW_GROUP` and `end_tree` are for those that stay."""
+"""Child processes. `run` waits for one. `NEW_GROUP` and `end_tree` are for those that go on."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-# Popen's creationflags beside start_new_session: no Ctrl-C here reaches the process, and `end_tree`
-# ends it. Windows knows only the one, the other systems only the other.
+# Pass this as Popen's creationflags, along with start_new_session=True. Windows uses the flags, the
+# other systems the session. A Ctrl-C here then does not reach the process, and `end_tree` ends it.
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
-_LOOK_S = 0.2  # between two looks whether the parent is alive
+_CHECK_S = 0.2  # seconds between two checks that the parent is alive
 
 
 def nothing() -> None:
-    """Raise nothing, for no signal has come."""
+    """Do nothing, because no signal has come. This is the default of `pending`."""
 
 
-# Raises again what a signal has raised; called between tasks and at the end of a command. A Ctrl-C
-# is lost where what it raises is in a callback of Python's garbage collector or of C code: the
-# handler of a command leaves it here as well.
+# Raises the exception of a signal once more. It is called between tasks and at a command's end.
+# Python drops the exception of a Ctrl-C that comes during a callback of its garbage collector or of
+# C code. Therefore a command's signal handler also sets `pending` to a function that raises it.
 pending: Callable[[], None] = nothing
 
 
 class Ended(NamedTuple):
-    """How a process ended.
+    """The end of a process.
 
-    status     its exit status
-    output     its standard output
-    complaint  the last line of its standard error, "" for none
+    status     exit status
+    output     standard output
+    complaint  last line of standard error, or ""
     """
 
     status: int
@@ -51,18 +51,20 @@ def run(
     folder: Path | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Ended:
-    """Run a command to its end, which is that of its children too, or to an exception here.
+    """Run a command to its end, and then kill the processes that it has left behind.
 
-    data         standard input; None: none
-    environment  variables besides those of this process
+    An exception, such as an interrupt, kills the command as well.
 
-    Raises TimeoutError, and another OSError where the command cannot be started.
+    data         bytes for standard input, which is empty for None
+    environment  variables to set besides those of this process
+
+    Raise TimeoutError after `timeout_s` seconds, or OSError if the command cannot be started.
     """
     import subprocess
     import tempfile
 
     with (
-        # No pipes, which have no end while anything that the process has left behind is alive.
+        # Files and not pipes, because any process that is left behind would keep a pipe open.
         tempfile.TemporaryFile() as stdout,
         tempfile.TemporaryFile() as stderr,
         subprocess.Popen(
@@ -80,51 +82,51 @@ def run(
             process.communicate(data, timeout_s)
         except subprocess.TimeoutExpired as error:
             raise TimeoutError(f"not done in {timeout_s:g} s") from error
-        finally:  # after an interrupt too, which another group does not receive
+        finally:  # also after an interrupt, which a process of another group does not receive
             end_tree(process.pid)
         stdout.seek(0)
         stderr.seek(0)
-        # The last line of a standard error mostly says why a program failed.
+        # The last line of standard error usually says why a program failed.
         complaint = stderr.read().decode(errors="replace").strip().rpartition("\n")[2].strip()
         return Ended(process.returncode, stdout.read(), complaint)
 
 
 def module_command(name: str, *words: str) -> list[str]:
-    """The command that runs a module in a Python of its own, to start with `module_path`."""
+    """Return the command that runs a module in a new Python, with `module_path` as environment."""
     return [sys.executable, "-P", "-m", name, *words]
 
 
 def module_path() -> dict[str, str]:
-    """Variables by which another Python imports as this one, and prints UTF-8."""
+    """Return variables with which another Python finds the same modules, and prints UTF-8."""
     entries = [os.path.abspath(entry) for entry in sys.path if entry]
-    # Last: the package itself may be imported from the current folder, "", which is left out.
+    # The current folder, "", is left out. The package may be in it, so its own folder comes last.
     path = os.pathsep.join([*entries, str(Path(__file__).parents[1])])
     return {"PYTHONPATH": path, "PYTHONIOENCODING": "utf-8"}
 
 
 def end_tree(process_id: int) -> None:
-    """Kill a process of a group of its own, and what it has started."""
+    """Kill a process that leads its own group, and all processes that it has started."""
     import psutil
 
     with suppress(psutil.NoSuchProcess):
         root = psutil.Process(process_id)
-        # What it has started may lead a group of its own.
+        # A child may lead another group.
         for process in (*root.children(recursive=True), root):
             with suppress(psutil.NoSuchProcess):
                 process.kill()
     if sys.platform != "win32":
-        # It may be gone; macOS refuses where only its exit status is left.
+        # The group may be gone. macOS refuses if only the exit status of its leader is left.
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(process_id, signal.SIGKILL)
 
 
 def end_with_parent(parent: int) -> None:
-    """Let this process end, with what it has started, once its parent has."""
+    """Start a thread that kills this process and its children after process `parent` has ended."""
     import psutil
 
     def wait() -> None:
         while (now := psutil.Process().parent()) is not None and now.pid == parent:
-            time.sleep(_LOOK_S)
+            time.sleep(_CHECK_S)
         end_tree(os.getpid())
 
     threading.Thread(target=wait, daemon=True).start()
@@ -134,8 +136,8 @@ def end_of(status: int) -> str:
     """Return how a process with this exit status ended."""
     if 0 <= status < 256:
         return f"ended with status {status}"
-    killer = f"status {status:#x}"  # as exceptions of Windows are known
-    with suppress(ValueError):  # no signal, or one for programs' own use
+    killer = f"status {status:#x}"  # exceptions of Windows are known by hexadecimal numbers
+    with suppress(ValueError):  # the status is no signal, or one without a name
         killer = signal.Signals(-status).name
     return f"killed by {killer}; was there enough memory?"
 

@@ -1,4 +1,4 @@
-"""Many photos: options, inputs, what becomes of one, its mark, the table, and Dask's clusters."""
+"""Vectorise many photos, here or on a Dask cluster, with a record of each and one table."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -8,14 +8,14 @@ from annotated_types import Interval
 
 from gauss2svg.options import OptionGroup, file_name
 
-_MOST_WORKERS = 1024  # more cores than a machine has; more processes are a slip of the keyboard
+_MAX_WORKERS = 1024  # more than the cores of any machine, so a larger number is a typing error
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions(OptionGroup):
-    """Where a batch runs."""
+    """Options of the processes that run a batch."""
 
-    workers: Annotated[int | None, Interval(ge=1, le=_MOST_WORKERS)] = None
+    workers: Annotated[int | None, Interval(ge=1, le=_MAX_WORKERS)] = None
     """Number of worker processes on this machine. The default is one for each core, or as many as
     the memory allows."""
 

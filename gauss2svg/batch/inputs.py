@@ -1,4 +1,4 @@
-"""The one rule of inputs for all commands that take many photos: folders, patterns, lists, URLs."""
+"""The inputs of all commands that take many photos: folders, patterns, lists and URLs."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.photo.formats import SUFFIXES
 
 MANIFESTS = (".txt", ".lst")
-PATTERN = re.compile(r"[*?\[]")  # what makes a name that of many files
+PATTERN = re.compile(r"[*?\[]")  # wildcards of a pattern
 
 
 def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:
-    """Yield the path or URL of all photos of folders, globs, lists and names, and an output's name.
+    """Yield the path or URL of each photo of the sources, and the name of its output.
 
-    A folder gives all pictures in and under it, except hidden ones, by their suffix; their outputs
-    keep the names relative to it. So does a glob, relative to its part without wildcards. A list
-    (.txt, .lst, or - for standard input) has a path or a URL on each line, whose outputs keep the
-    whole name. Anything else is a photo, whose output keeps its last part. Names have no suffix.
-    Raise InputError for a source that has no photo or, if it must exist, is no file.
+    A folder has all pictures in and under it, known by their suffixes, except hidden ones. Their
+    outputs are named relative to the folder. The outputs of a glob are named relative to its part
+    before the first wildcard. A list (.txt, .lst, or - for standard input) has a path or URL on
+    each line, and outputs keep the whole name. Any other source is one photo, and the output keeps
+    the last part of its name. Names of outputs have no suffix. Raise InputError for a source
+    without photos, and for one that is no file if `must_exist`.
     """
     for source in sources:
         photo = None
@@ -39,10 +40,10 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
 
 
 def expanded(names: Iterable[str]) -> list[str]:
-    """Return names of files, with those that match in place of a pattern such as *.jpg.
+    """Return file names, in which a pattern such as *.jpg is replaced by the files that match.
 
-    Shells of Windows leave that to programs. A name that exists is no pattern. Raise InputError for
-    a pattern that matches nothing.
+    Shells of Windows leave that to programs. A name that exists is not a pattern. Raise InputError
+    for a pattern that matches nothing.
     """
     paths: list[str] = []
     for name in names:
@@ -54,9 +55,9 @@ def expanded(names: Iterable[str]) -> list[str]:
 
 
 def local_photos(sources: Iterable[str]) -> list[str]:
-    """Return the paths of `photos_of`, for commands that read files alone.
+    """Return the paths of `photos_of`, for commands that read local files only.
 
-    URLs and names of no file stay, because reading reports them.
+    URLs and names of missing files stay, because reading them raises the error.
     """
     paths: list[str] = []
     for source in sources:
@@ -65,12 +66,12 @@ def local_photos(sources: Iterable[str]) -> list[str]:
 
 
 def is_picture(name: str) -> bool:
-    """Whether a file of this name is taken for a photo where a folder is given."""
+    """Return whether a file of this name in a folder counts as a photo."""
     return name.lower().endswith(SUFFIXES) and not name.startswith(".")
 
 
 def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
-    """Yield paths or URLs, and names of outputs with suffixes."""
+    """Yield the paths or URLs of one source, and names of outputs that still have suffixes."""
     if source == STANDARD_STREAM:
         if sys.stdin is None:
             raise refusal("standard input", "open", "a closed stream", "the name of a list")
@@ -91,7 +92,7 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
                     yield path, os.path.relpath(path, _base(source) or ".")
         else:
             if must_exist:
-                os.lstat(source)  # raises for none
+                os.lstat(source)  # raises OSError if it does not exist
             yield source, os.path.basename(source)
 
 
@@ -109,17 +110,17 @@ def _listed(lines: Iterable[bytes]) -> Iterator[tuple[str, str]]:
         line = line.removeprefix(codecs.BOM_UTF8) if number == 0 else line
         path = os.fsdecode(line.rstrip(b"\r\n"))
         if path.strip() and not path.lstrip().startswith("#"):
-            # All of it but the root, the protocol and steps upwards.
+            # The output's name is the path without root, protocol and steps upwards.
             rest = path.partition("://")[2] if is_url(path) else os.path.splitdrive(path)[1]
             parts = [part for part in PARTS_OF.split(rest) if part not in ("", ".", "..")]
             yield path, "/".join(parts) or path
 
 
 def _pictures(root: str) -> Iterator[str]:
-    """Yield the pictures of a folder and of those in it; links to folders are not followed."""
+    """Yield the pictures in and under a folder. Links to folders are not followed."""
 
     def failed(error: OSError) -> None:
-        if not isinstance(error, FileNotFoundError):  # of a folder that vanished since
+        if not isinstance(error, FileNotFoundError):  # the folder has been removed meanwhile
             raise error
 
     for folder, folders, files in os.walk(root, onerror=failed):
@@ -128,13 +129,13 @@ def _pictures(root: str) -> Iterator[str]:
 
 
 def _remote(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
-    """Yield the photo of a URL, or all that are under it or match it."""
-    host, is_whole, _ = url.partition(path.rstrip("/"))  # fsspec leaves out the host
+    """Yield the photo at a URL, or all photos that are under it or match it."""
+    host, is_whole, _ = url.partition(path.rstrip("/"))  # fsspec's names lack the host
     is_pattern = PATTERN.search(url) is not None
     names = [path] if url.startswith("http") else (fs.glob if is_pattern else fs.find)(path)
     base = (_base(path) if is_pattern else path).rstrip("/")
     for name in names:
         inside = name.removeprefix(base).lstrip("/") or os.path.basename(name)
-        is_named = is_pattern or name == path  # whatever its suffix
+        is_named = is_pattern or name == path  # then it may have any suffix
         if is_named or (is_picture(inside) and "/." not in f"/{inside}"):
             yield host + name if is_whole else fs.unstrip_protocol(name), inside

@@ -1,4 +1,4 @@
-"""Files of this machine, or of a store of fsspec's, by one set of functions."""
+"""Local files and files of stores that fsspec knows, by the same functions."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from typing import Any
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, refusal
 from gauss2svg.files import check_writable, make_folder, reason_of, replace, write_whole
 
-STATE = "gauss2svg-batch"  # the folder, beside the outputs, of the table and of unfinished files
-PARTS = f"{STATE}/parts"
-PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
-# Stores on which a put is whole or not there.
+STATE = "gauss2svg-batch"  # folder in the output folder for the table and unfinished files
+PARTS = f"{STATE}/parts"  # folder of unfinished files
+PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # separator of a path's parts
+# Protocols of stores on which nobody sees a file half written.
 _WHOLE_PUT = "s3, s3a, gs, gcs, az, abfs, abfss, oss, oci, memory"
 
 
-class _Here:
-    """Files of this machine, by those functions of fsspec's file systems that are used."""
+class _Local:
+    """Local files, with the functions of fsspec's file systems that are used here."""
 
     open = staticmethod(open)
     put_file = staticmethod(replace)
@@ -34,16 +34,16 @@ class _Here:
         return Path(path).read_bytes()
 
     def ukey(self, path: str) -> str:
-        """Return size and date, which change with a file."""
-        found = os.stat(path)
-        return f"{found.st_size} {found.st_mtime_ns}"
+        """Return the size and date of a file, which change if its content does."""
+        status = os.stat(path)
+        return f"{status.st_size} {status.st_mtime_ns}"
 
 
-_HERE = _Here()
+_LOCAL = _Local()
 
 
 def is_url(path: str) -> bool:
-    """Whether a name is a URL, such as s3://bucket/photo.jpg."""
+    """Return whether a name is a URL, such as s3://bucket/photo.jpg."""
     return "://" in path
 
 
@@ -51,7 +51,7 @@ def is_url(path: str) -> bool:
 def reached(
     name: str, verb: str = "read", kind: type[Gauss2SvgError] = InputError
 ) -> Iterator[tuple[Any, str]]:
-    """Yield a file system and the path in it. Raise an error of the kind for what fails inside."""
+    """Yield a file system and the path in it. Turn errors inside into errors of class `kind`."""
     advice = "the path or the URL of a photo, a folder, a glob or a list"
     try:
         if is_url(name):
@@ -60,36 +60,37 @@ def reached(
 
             advice = "another URL, or the same command again"
             fs, path = url_to_fs(name)
-            # Listings that are kept would hold a million names, and hide what was written since.
+            # fsspec's cache of listings would hold a million names, and hide files written since.
             fs.dircache.use_listings_cache = False
             yield fs, path
         else:
-            yield _HERE, name
+            yield _LOCAL, name
     except (Gauss2SvgError, MemoryError):
         raise
-    except Exception as error:  # each store raises its own
+    except Exception as error:  # stores raise exceptions of their own classes
         raise kind(f"cannot {verb} {name}: {reason_of(error)}. Try {advice}") from error
 
 
 def write(root: str, name: str, data: bytes, sync: bool = True) -> None:
-    """Write a file of a folder, whole or not at all, or empty after a power cut without `sync`.
+    """Write a file of a folder, whole or not at all. Raise OutputError.
 
-    Raise OutputError.
-    The folder of unfinished files is not made: a machine that does not see it writes nothing.
+    Without `sync`, a power cut may leave an empty file. The folder of unfinished files is not
+    created here, so a machine that does not see the output folder of the run writes nothing.
     """
-    where = f"{root}/{name}"
-    if is_url(where):
-        with reached(where, "write", OutputError) as (fs, path):
+    target = f"{root}/{name}"
+    if is_url(target):
+        with reached(target, "write", OutputError) as (fs, path):
             fs.pipe_file(path, data)
         return
-    make_folder(Path(where).parent)
-    write_whole(Path(where), data, Path(root, PARTS, secrets.token_hex(8)), sync)
+    make_folder(Path(target).parent)
+    write_whole(Path(target), data, Path(root, PARTS, secrets.token_hex(8)), sync)
 
 
 def prepare(root: str) -> None:
-    """Create a folder, and remove the unfinished files of runs that were killed. Raise OutputError.
+    """Create a folder, and remove the unfinished files of runs that were killed.
 
-    Raise InputError for a store on which a file would be seen half written.
+    Raise OutputError if it cannot be written, and InputError for a store on which others could see
+    a file half written.
     """
     if is_url(root):
         if root.partition("://")[0] not in _WHOLE_PUT.split(", "):
@@ -100,7 +101,7 @@ def prepare(root: str) -> None:
     make_folder(parts)
     check_writable(parts / "writable")
     for part in parts.iterdir():
-        with suppress(OSError):  # another run removes them too, or another user wrote them
-            # After a minute a live worker has written its part, which takes moments.
+        with suppress(OSError):  # another run removes it at the same time, or another user owns it
+            # A live worker renames its part within moments, so a part of a minute ago is left over.
             if part.stat().st_mtime < time.time() - 60:
                 shutil.rmtree(part) if part.is_dir() else part.unlink()

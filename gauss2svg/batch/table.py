@@ -1,4 +1,4 @@
-"""The end of a batch: one table of all photos, and a summary."""
+"""The table of all photos of a batch, and the summary that is printed."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.errors import OutputError
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # by OWASP's page on CSV injection
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas (OWASP, CSV injection)
 
 
 class Summary:
-    """What became of the photos so far: how many are done, skipped and failed."""
+    """The numbers of photos that are done, skipped and failed so far."""
 
     def __init__(self) -> None:
         self.total = self.done = self.skipped = self.failed = 0
-        self._failures: list[str] = []  # the first few
+        self._failures: list[str] = []  # lines on the first five failures
         self._begun = time.monotonic()
 
     def add(self, record: PhotoRecord) -> None:
@@ -37,13 +37,13 @@ class Summary:
             self._failures.append(f"failed: {record.input}: {record.error}")
 
     def state(self, count: int) -> str:
-        """Return photos a second, failures and time left, of so many photos."""
+        """Return the speed, the failures and the time left for `count` photos in all, as text."""
         rate = (self.done + self.failed) / max(time.monotonic() - self._begun, 0.2)
         left = timedelta(seconds=round((count - self.total) / rate)) if rate else "unknown time"
         return f"{rate:.3g} photos/s, {self.failed:,} failed, {left} left"
 
     def lines(self) -> Iterator[str]:
-        """Yield the summary for a terminal."""
+        """Yield the lines of the final summary."""
         seconds = time.monotonic() - self._begun
         counts = f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed"
         yield f"{counts} in {seconds:.1f} s: {self.done / seconds:.3g} photos a second"
@@ -51,16 +51,16 @@ class Summary:
 
 
 def as_cell(value: Any) -> Any:
-    """Return a value for a CSV: text that a spreadsheet would calculate begins with a '."""
+    """Return a value for a CSV. Text that a spreadsheet would take for a formula gets a ' first."""
     if not isinstance(value, str):
         return value
-    # Names of files need not be Unicode.
+    # File names may have bytes that are no valid Unicode.
     text = value if value.isascii() else value.encode(errors="backslashreplace").decode()
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
-    """Write what became of all photos as CSV, and as Parquet with pyarrow; return the paths."""
+    """Write the records of photos as CSV, and as Parquet if pyarrow is there. Return the paths."""
     parts = None if is_url(root) else f"{root}/{PARTS}"
     with (
         reached(f"{root}/{TABLE}", "write", OutputError) as (fs, _),
@@ -72,7 +72,7 @@ def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
             for record in records:
                 row = record._replace(unreached="; ".join(record.unreached))
                 writer.writerow(map(as_cell, row))
-        if find_spec("pyarrow") is not None:  # an extra
+        if find_spec("pyarrow") is not None:  # pyarrow is an optional extra
             _write_parquet(f"{folder}/table.csv", f"{folder}/table.parquet")
         for name in (names := sorted(os.listdir(folder))):
             fs.put_file(f"{folder}/{name}", f"{root}/{STATE}/{name}")

@@ -1,4 +1,8 @@
-"""What becomes of a photo: its SVG by the same pipeline as the command's, and its mark."""
+"""Vectorise a photo of a batch: write its SVG by the usual pipeline, and its mark.
+
+The mark is a JSON file beside the SVG with the record of the photo. A later run skips the photo if
+the mark shows that it would become the same again.
+"""
 
 from __future__ import annotations
 
@@ -23,30 +27,30 @@ from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
-MARK = ".gauss2svg.json"  # after the name of an SVG: the name of its mark
+MARK = ".gauss2svg.json"  # suffix added to the name of an SVG for that of its mark
 _OF_REPORT = {"width", "height", "gaussians", "psnr_svg", "ssim_svg", "paint_ms", "stop_reason"}
-# Why a file of one name cannot be written where others can.
+# Errors by which a single name cannot be written, although other files in the folder can.
 _OF_ITS_NAME = {errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EINVAL}
 
 
 class PhotoRecord(NamedTuple):
-    """What became of a photo.
+    """The result of a photo.
 
     input                 path or URL of the photo
     output                name of the SVG, relative to the output folder
     options               identity of the version and the options
-    stamp                 size and date of the photo, or what the store says; empty of a failure
-    width, height         px of the photo
-    gaussians, bytes      of the SVG
-    psnr_svg              dB, None where it is infinite
-    seconds, cpu_seconds  that the photo took, of the clock and of its worker's cores
-    error                 why there is no SVG, one line; None where it is written
+    stamp                 size and date of the photo, or its version in a store. "" after an error
+    width, height         size of the photo in px
+    gaussians, bytes      number of Gaussians and bytes of the SVG
+    psnr_svg              PSNR of the SVG in dB, None if it is infinite
+    seconds, cpu_seconds  time in seconds that the photo took, and the CPU time of its worker
+    error                 reason why there is no SVG, on one line. None if it is written
     unreached             targets that were missed
-    ssim_svg              -1..1
-    paint_ms              estimate of what a browser takes to paint it
-    stop_reason           why the fit ended, as in the report
-    error_code            class of the error, such as InputError, or WorkerDied; None without
-    skipped               True where an earlier run wrote it
+    ssim_svg              SSIM of the SVG, -1..1
+    paint_ms              estimated time in ms that a browser takes to paint the SVG
+    stop_reason           reason why the fit ended, as in the report
+    error_code            class of the error, such as InputError, or WorkerDied. None without error
+    skipped               True if an earlier run wrote the SVG
     """
 
     input: str
@@ -69,21 +73,24 @@ class PhotoRecord(NamedTuple):
     skipped: bool = False
 
 
-Photo = tuple[str, str]  # its path or URL, and the name of its output
+Photo = tuple[str, str]  # path or URL of a photo, and the name of its output
 
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions that workers must have as the command has them."""
+    """Return the versions of packages that must be the same for the command and its workers."""
     return {"gauss2svg": __version__} | {name: version(name) for name in ("numba", "numpy")}
 
 
 @dataclass(frozen=True)
 class BatchSpec:
-    """What all photos share: options, the output folder, and versions that workers must have.
+    """The settings that all photos of a batch share.
 
+    options     options of each vectorisation
+    root        output folder, or its URL
+    versions    versions that workers must have
     identity    hash of the version and of the options on which an SVG depends
-    may_reduce  whether a photo is fitted smaller where memory is short, else it fails
+    may_reduce  whether a photo is fitted smaller if memory is short. Otherwise it fails
     run         random name of this run, which is in its marks
     """
 
@@ -96,37 +103,40 @@ class BatchSpec:
 
 
 def stamp_of(source: str) -> str:
-    """Return what changes with a photo: size and date, or what a store says. Raise InputError."""
+    """Return the size and date of a photo, or the identifier of its version in a store.
+
+    Raise InputError if it cannot be read.
+    """
     with reached(source) as (fs, path):
         return fs.ukey(path)
 
 
-def kept(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
-    """Return the record of a photo that would become the same again; None of any other."""
-    # An error is a mark that is not there or none of ours: the photo is done again.
+def finished_record(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
+    """Return the record in a photo's mark, or None if the photo must be vectorised (again)."""
+    # An error means that there is no mark, or a file of another origin.
     with suppress(Gauss2SvgError), reached(f"{spec.root}/{photo[1]}") as (fs, path):
         mark = json.loads(fs.cat_file(path + MARK))
-        # A photo of this run whose answer was lost with its worker is done, and not skipped.
+        # A mark of this run belongs to a worker that died before it answered. It counts as done.
         is_old = mark.pop("run") != spec.run
         record = PhotoRecord(**mark)
-        as_now = (*photo, spec.identity, stamp_of(photo[0]))
-        if record[:4] == as_now and record.bytes == fs.size(path):
+        expected = (*photo, spec.identity, stamp_of(photo[0]))
+        if record[:4] == expected and record.bytes == fs.size(path):
             return record._replace(skipped=is_old)
     return None
 
 
 def work(spec: BatchSpec, photos: Sequence[Photo]) -> list[PhotoRecord]:
-    """Return what becomes of photos. Raise OutputError where no output can be written."""
-    if (here := versions()) != spec.versions:
+    """Vectorise photos and return their records. Raise OutputError if no output can be written."""
+    if (installed := versions()) != spec.versions:
         advice = "installing the same there"
-        raise ClusterError(f"workers must have {spec.versions}; got {here}. Try {advice}")
+        raise ClusterError(f"workers must have {spec.versions}; got {installed}. Try {advice}")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of decoders; nobody would read them
-        return [kept(spec, photo) or vectorized(spec, photo) for photo in photos]
+        warnings.simplefilter("ignore")  # nobody would read the warnings of decoders
+        return [finished_record(spec, photo) or vectorized(spec, photo) for photo in photos]
 
 
 def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
-    """Write the SVG of a photo, then its mark, and return what became of it."""
+    """Write the SVG of a photo and then its mark, and return its record."""
     begun, cpu_begun = time.perf_counter(), time.process_time()
     try:
         stamp = stamp_of(photo[0])
@@ -138,10 +148,11 @@ def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
         mark = json.dumps({"run": spec.run, **record._asdict()})
         write(spec.root, photo[1] + MARK, mark.encode(), sync=False)
         return record
-    except Exception as error:  # a fault of ours or of a library costs no other photo
+    except Exception as error:  # a bug here or in a library must not stop the other photos
         cause = error.__cause__
         is_of_name = getattr(cause, "errno", None) in _OF_ITS_NAME
-        if sys.platform == "win32":  # by a rename: its path is too long, or the old file is open
+        # A rename has failed: on Windows the path is too long, or the old file is open.
+        if sys.platform == "win32":
             is_of_name = is_of_name or getattr(cause, "filename2", None) is not None
         if isinstance(error, OutputError) and not is_of_name:
             raise
@@ -166,10 +177,10 @@ def _written(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
     result = vectorize_by(options, image, may_reduce=spec.may_reduce)
     data = file_bytes(result.svg, options.svg.gzip)
     with reached(target) as (fs, path):
-        # A run that was killed may have left its SVG without a mark.
-        is_ours = fs.exists(path + MARK) or not fs.exists(path) or fs.cat_file(path) == data
-    if not is_ours:
+        # A file of the same content is an SVG whose run was killed before it wrote the mark.
+        may_write = fs.exists(path + MARK) or not fs.exists(path) or fs.cat_file(path) == data
+    if not may_write:
         raise refusal("output", "a new file, or one of a batch", target, "another folder")
     write(spec.root, output, data)
-    of_report = {name: result.report[name] for name in _OF_REPORT}
-    return of_report | {"bytes": len(data), "unreached": result.report["unreached"]}
+    entries = {name: result.report[name] for name in _OF_REPORT}
+    return entries | {"bytes": len(data), "unreached": result.report["unreached"]}

@@ -1,4 +1,4 @@
-"""How closely an SVG matches a photo: metrics, the round trip, any SVG, and options of `check`."""
+"""Measure how closely an SVG matches a photo: metrics, round trip, any SVG, options of `check`."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 
 
 def color_name(name: str, value: Any) -> str:
-    """Return a colour that is valid for `matte_color`, or raise InputError that names it."""
-    from gauss2svg.photo.alpha import matte_color  # with NumPy, which the help does not need
+    """Return a colour. Raise InputError with the option's name if `matte_color` refuses it."""
+    from gauss2svg.photo.alpha import matte_color  # imports NumPy, which the help does not need
 
     matte_color(value, name)
     return value
@@ -21,7 +21,7 @@ def color_name(name: str, value: Any) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOptions(OptionGroup):
-    """How an SVG is measured."""
+    """Options of measuring an SVG."""
 
     renderer: Renderer = "resvg"
     """Renderer that rasterises the SVG. resvg comes with gauss2svg, cairo needs the system library

@@ -1,4 +1,4 @@
-"""Error map of two images, on one fixed scale so that maps can be compared."""
+"""Error maps of two images, on one fixed scale so that maps can be compared."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from gauss2svg.measure.metrics import LEVELS
 
-MOST = 64  # levels of 255 of the brightest colour, which stands for larger errors too
+MOST = 64  # end of the scale in levels of 255. Larger errors have its colour, the brightest
 # Every sixteenth colour of matplotlib's inferno, by Nathaniel J. Smith and Stefan van der Walt
 # (CC0): perceptually uniform from no error, black, to the largest, pale yellow.
 _COLORS = np.array(
@@ -20,17 +20,17 @@ _COLORS = np.array(
         0xD04545, 0xE35933, 0xF1711F, 0xF98C0A, 0xFCAA0F, 0xF9C932, 0xF2E865, 0xFCFFA4,
     ]
 )[:, None] >> (16, 8, 0) & 0xFF  # fmt: skip
-_BAR, _TEXT = 10, 12  # px of height: the legend's colours, its labels
+_BAR, _TEXT = 10, 12  # heights in px of the legend's colours and of its labels
 _SCALE = f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
 
 
 def errors(image: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Largest difference of any channel at each pixel (h, w), in levels of 255."""
+    """Return the largest difference of any channel at each pixel (h, w), in levels of 255."""
     return np.abs(np.subtract(image, other, dtype=np.float64)).max(axis=2) * LEVELS
 
 
 def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image.Image:
-    """The map of `heatmap` without its legend, in whole levels and a palette of 65 colours."""
+    """Return the map of `heatmap` without its legend, in whole levels and with 65 colours."""
     levels = np.minimum(np.round(errors(image, other)), MOST).astype(np.uint8)
     picture = Image.fromarray(levels, "P")
     picture.putpalette(colors_of(np.arange(MOST + 1.0)).tobytes())
@@ -38,28 +38,29 @@ def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image
 
 
 def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Colours (..., 3) of errors (...) in levels of 255; those over 64 are drawn as 64."""
-    place = np.clip(levels, 0, MOST) * ((len(_COLORS) - 1) / MOST)
-    low = np.minimum(place.astype(np.intp), len(_COLORS) - 2)
-    share = (place - low)[..., None]
-    return np.round(_COLORS[low] * (1 - share) + _COLORS[low + 1] * share).astype(np.uint8)
+    """Return colours (..., 3) of errors (...) in levels of 255. Errors over 64 have that of 64."""
+    position = np.clip(levels, 0, MOST) * ((len(_COLORS) - 1) / MOST)
+    low = np.minimum(position.astype(np.intp), len(_COLORS) - 2)
+    weight = (position - low)[..., None]
+    return np.round(_COLORS[low] * (1 - weight) + _COLORS[low + 1] * weight).astype(np.uint8)
 
 
 def legend() -> list[str]:
-    """Colours as #rrggbb at even steps, from no error to the largest."""
+    """Return colours as #rrggbb at even steps, from no error to MOST."""
     return ["#" + bytes(color).hex() for color in colors_of(np.linspace(0, MOST, 9))]
 
 
 def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:
-    """PNG of the largest difference of any channel at each pixel, 0..64 levels of 255.
+    """Return a PNG of the largest difference of any channel at each pixel, 0..64 levels of 255.
 
-    Both are (h, w, 3) in 0..1. The map is the PNG's first h rows; under them is a legend, with
-    labels where the picture is at least 120 px wide.
+    Both images are (h, w, 3) in 0..1. The map is the first h rows of the PNG. Below it is a legend,
+    which has labels if the image is at least 120 px wide.
     """
     height, width = image.shape[:2]
     labelled = width >= 120
     sheet = Image.new("RGB", (width, height + _BAR + (_TEXT if labelled else 0)), "white")
-    for top in range(0, height, _BAR):  # in bands: the table is looked up in float64
+    # Bands save memory, because colours are looked up in float64.
+    for top in range(0, height, _BAR):
         band = slice(top, top + _BAR)
         sheet.paste(Image.fromarray(colors_of(errors(image[band], other[band]))), (0, top))
     ramp = np.broadcast_to(np.linspace(0, MOST, width), (_BAR, width))

@@ -1,4 +1,4 @@
-"""Memory that is left to this process, by the machine, its container and its own limits."""
+"""Memory that the machine, the container and its own limits leave to this process."""
 
 from __future__ import annotations
 
@@ -6,27 +6,31 @@ from pathlib import Path
 
 import psutil
 
-SHARE = 0.8  # of the free memory, which work may take by default
+SHARE = 0.8  # share of the free memory that work may take by default
 
 
 def held_bytes() -> int:
-    """Memory that this process holds."""
+    """Return the memory (bytes) that this process holds."""
     return psutil.Process().memory_info().rss
 
 
 def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = Path("/sys/fs/cgroup")) -> int:
-    """Memory that is left to this process by the machine, its container and its own limits."""
-    bounds = [psutil.virtual_memory().available, *_cgroup_rooms(process, cgroups), *_rlimit_rooms()]
+    """Return the memory (bytes) that is left to this process."""
+    bounds = [
+        psutil.virtual_memory().available,
+        *_left_by_cgroups(process, cgroups),
+        *_left_by_rlimits(),
+    ]
     return max(0, min(bounds))
 
 
-def _cgroup_rooms(process: Path, cgroups: Path) -> list[int]:
-    """Bytes that each control group of this process leaves, version 1 and 2; only on Linux."""
+def _left_by_cgroups(process: Path, cgroups: Path) -> list[int]:
+    """Return the bytes that each control group of this process leaves: on Linux, v1 or v2."""
     try:
         lines = (process / "cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:
         return []
-    rooms: list[int | None] = []
+    left: list[int | None] = []
     for _, controllers, path in (line.split(":", 2) for line in lines):
         root = cgroups
         names = "memory.max", "memory.current", "inactive_file"
@@ -35,35 +39,36 @@ def _cgroup_rooms(process: Path, cgroups: Path) -> list[int]:
             names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
         elif controllers:
             continue
-        # In a container the path may be the host's, of which only the root is mounted.
+        # In a container the path may be that of the host, of which only the root is mounted.
         groups = [root / path.strip("/"), *(root / path.strip("/")).parents]
-        rooms += [_room(group, *names) for group in groups[: groups.index(root) + 1]]
-    return [room for room in rooms if room is not None]
+        left += [_left_by_cgroup(group, *names) for group in groups[: groups.index(root) + 1]]
+    return [free for free in left if free is not None]
 
 
-def _room(group: Path, most: str, used: str, cached: str) -> int | None:
-    """Bytes that a control group leaves; None if it has no limit or does not exist."""
+def _left_by_cgroup(group: Path, limit_file: str, usage_file: str, cached: str) -> int | None:
+    """Return the bytes that a control group leaves, or None if it has no limit or is missing."""
     try:
-        limit, taken, stat = (
-            (group / name).read_text(encoding="utf-8") for name in (most, used, "memory.stat")
+        limit, used, stat = (
+            (group / name).read_text(encoding="utf-8")
+            for name in (limit_file, usage_file, "memory.stat")
         )
         # cgroup v1 without a limit reports more than any machine has.
         if limit.strip() == "max" or int(limit) >= 1 << 60:
             return None
-        # Cached files count as used, and are dropped when memory is short.
+        # Cached files count as used, but the system drops them when memory is short.
         idle = int(dict(line.split() for line in stat.splitlines()).get(cached, 0))
-        return int(limit) - max(int(taken) - idle, 0)
+        return int(limit) - max(int(used) - idle, 0)
     except (OSError, ValueError):
         return None
 
 
-def _rlimit_rooms() -> list[int]:
-    """Bytes that RLIMIT_AS and RLIMIT_DATA leave, where they are set."""
+def _left_by_rlimits() -> list[int]:
+    """Return the bytes that RLIMIT_AS and RLIMIT_DATA leave, if they are set."""
     try:
         import resource
     except ImportError:  # Windows
         return []
-    held = psutil.Process().memory_info()
-    limited = (resource.RLIMIT_AS, held.vms), (resource.RLIMIT_DATA, held.rss)
-    limits = [(resource.getrlimit(kind)[0], taken) for kind, taken in limited]
-    return [soft - taken for soft, taken in limits if soft != resource.RLIM_INFINITY]
+    memory = psutil.Process().memory_info()
+    usages = (resource.RLIMIT_AS, memory.vms), (resource.RLIMIT_DATA, memory.rss)
+    limits = [(resource.getrlimit(kind)[0], used) for kind, used in usages]
+    return [soft - used for soft, used in limits if soft != resource.RLIM_INFINITY]

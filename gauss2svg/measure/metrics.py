@@ -12,20 +12,21 @@ from gauss2svg.render.smooth import smoothed
 
 LEVELS = 255  # differences are reported in levels of an 8-bit channel
 LEAST_SIDE_FOR_SSIM = 3  # px
-LEAST_SIDE_FOR_MS_SSIM = 176  # px: 11 taps at a sixteenth of the size
-_SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # of MS-SSIM, the paper's
-_FULL_WINDOW, _SIGMA, _CUT = 11, 1.5, 3.5  # taps of a Gaussian, its px, and where it is cut
-_K1, _K2 = 0.01, 0.03  # of SSIM
-# K1 at which its luminance term is 1, so that contrast times structure is left.
+LEAST_SIDE_FOR_MS_SSIM = 176  # px; at a sixteenth of the size, 11 px are left for a window
+_SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # weights of MS-SSIM in its paper
+# Gaussian window of SSIM: its taps, its sigma in px, and the number of sigmas at which it is cut.
+_FULL_WINDOW, _SIGMA, _CUT = 11, 1.5, 3.5
+_K1, _K2 = 0.01, 0.03  # constants of SSIM
+# K1 for which the luminance term of SSIM is 1, so that only contrast times structure is left.
 _NO_LUMINANCE = 1e6
-_BAND = 256  # rows of windows at a time
-_BAND_VALUES = 65536  # of differences at a time, which stay in the processor's cache
-_FLAT = 0.02  # of 0..1, the largest step to the next pixel of a flat area: five levels
-_AWAY = 4  # px from a flat pixel to any steeper step
+_BAND = 256  # rows of windows that are computed at a time
+_BAND_VALUES = 65536  # differences that are computed at a time, in the processor's cache
+_FLAT = 0.02  # smallest step to the next pixel, in 0..1, that is steep: five levels
+_AWAY = 4  # px around a flat pixel in which no step is steep
 
 
 def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
-    """Raise InputError for two images that are not of one shape (h, w, channels)."""
+    """Raise InputError unless two images have the same shape (h, w, channels)."""
     if image.shape != other.shape or image.ndim != 3:
         raise InputError(
             f"two images must be of one shape (h, w, channels); got {image.shape} and {other.shape}"
@@ -35,7 +36,7 @@ def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> No
 def _bands(
     image: NDArray[np.floating], other: NDArray[np.floating]
 ) -> Iterator[tuple[NDArray[np.floating], NDArray[np.floating]]]:
-    """Bands of rows (n, w channels) of both: few copies at a time, and few steps of Python."""
+    """Yield bands of rows (n, w * channels) of both images, so that copies stay small."""
     check_shapes(image, other)
     height = len(image)
     step = max(1, _BAND_VALUES * height // max(image.size, 1))
@@ -50,7 +51,7 @@ def _mean(
     image: NDArray[np.floating],
     other: NDArray[np.floating],
 ) -> float:
-    """Mean over pixels and channels of a difference of bands of both, summed in float64."""
+    """Return the mean of a difference of both images, summed in float64."""
     total = math.fsum(
         row
         for a, b in _bands(image, other)
@@ -60,24 +61,27 @@ def _mean(
 
 
 def mean_squared_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Mean over pixels and channels of the squared difference, summed in float64."""
+    """Return the mean squared difference over pixels and channels, summed in float64."""
     return _mean(lambda a, b: np.square(np.subtract(a, b, dtype=np.float64)), image, other)
 
 
 def psnr(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Peak signal-to-noise ratio -10 log10(mean squared error) in dB; infinite if equal."""
+    """Return the peak signal-to-noise ratio in dB: -10 log10(mean squared error).
+
+    It is infinite for equal images.
+    """
     error = mean_squared_error(image, other)
     return -10 * math.log10(error) if error > 0 else math.inf
 
 
 def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Structural similarity in -1..1, mean over channels; at least 3 px a side.
+    """Return the structural similarity in -1..1, the mean over channels.
 
-    mean of (2 m_a m_b + C1) (2 s_ab + C2) / ((m_a^2 + m_b^2 + C1) (s_aa + s_bb + C2)) over all
-    windows inside, with means m and covariances s under a Gaussian window of sigma 1.5 px, as in
-    Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment", 2004; by scikit-image. Images
-    under 11 px a side have no full window: the largest odd box that fits is used.
-    Raises InputError for smaller images.
+    It is the mean of (2 m_a m_b + C1) (2 s_ab + C2) / ((m_a^2 + m_b^2 + C1) (s_aa + s_bb + C2))
+    over all windows inside, with means m and covariances s under a Gaussian window of sigma 1.5 px.
+    Source: Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment", 2004. The numbers are
+    scikit-image's. An image under 11 px a side has no full window, so the largest odd box that fits
+    is used. Raise InputError under 3 px a side.
     """
     check_shapes(image, other)
     height, width, channels = image.shape
@@ -85,22 +89,23 @@ def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     if side < LEAST_SIDE_FOR_SSIM:
         raise InputError(f"an image for SSIM must be at least 3 px a side; got {width}x{height} px")
     box = None if side >= _FULL_WINDOW else side - 1 + side % 2
-    # In float32, which is what photos and rasters are: half the memory of float64.
+    # Photos and rasters are float32, which takes half the memory of float64.
     planes = ((image[:, :, c], other[:, :, c]) for c in range(channels))
     return math.fsum(_similarity(a, b, np.float32, box=box) for a, b in planes) / channels
 
 
 def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Multi-scale structural similarity in 0..1, mean over channels; at least 176 px a side.
+    """Return the multi-scale structural similarity in 0..1, the mean over channels.
 
-    l_5^w5 * prod_j cs_j^wj over five scales, each half the size of the one before by means of
-    2x2 px (an odd last row or column counts twice), w = .0448 .2856 .3001 .2363 .1333; cs_j is
-    the mean of contrast times structure over the windows that lie inside, at scale five times
-    luminance; window and constants are those of SSIM. Wang, Simoncelli and Bovik,
-    "Multi-scale structural similarity for image quality assessment", 2003, and their
+    It is the product of cs_j^w_j over five scales, w = .0448 .2856 .3001 .2363 .1333. Each scale
+    halves the one before by means of 2x2 px, in which an odd last row or column counts twice. cs_j
+    is the mean of contrast times structure over the windows that lie inside, and at scale five of
+    luminance times both. Window and constants are those of SSIM. Source: Wang, Simoncelli and
+    Bovik, "Multi-scale structural similarity for image quality assessment", 2003, and their
     implementation. A scale with a negative mean, as of a negative film, counts as 0, because a
     fractional power of it is not a real number.
-    Raises InputError for smaller images: at scale five no window would fit.
+
+    Raise InputError under 176 px a side, because no window fits at scale five.
     """
     check_shapes(image, other)
     height, width = image.shape[:2]
@@ -111,31 +116,32 @@ def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
         )
     channels = []
     for c in range(image.shape[2]):
-        one, two = image[:, :, c], other[:, :, c]
+        a, b = image[:, :, c], other[:, :, c]
         product = 1.0
         for scale, weight in enumerate(_SCALE_WEIGHTS, 1):
             k1 = _K1 if scale == len(_SCALE_WEIGHTS) else _NO_LUMINANCE
-            product *= max(_similarity(one, two, np.float64, k1=k1), 0.0) ** weight
-            one, two = _halved(one), _halved(two)
+            product *= max(_similarity(a, b, np.float64, k1=k1), 0.0) ** weight
+            a, b = _halved(a), _halved(b)
         channels.append(product)
     return float(np.mean(channels))
 
 
 def _similarity(
-    one: NDArray[np.floating],
-    two: NDArray[np.floating],
+    plane: NDArray[np.floating],
+    other: NDArray[np.floating],
     dtype: Any,
     box: int | None = None,
     k1: float = _K1,
 ) -> float:
-    """Mean SSIM of two planes (h, w) over the windows inside: Gaussian, or boxes of `box` px."""
+    """Return the mean SSIM of two planes (h, w) over Gaussian windows, or boxes of `box` px."""
     rim = (box or _FULL_WINDOW) // 2
-    rows = one.shape[0] - 2 * rim
+    rows = plane.shape[0] - 2 * rim
     total = 0.0
-    # In bands of windows, to save memory: whole planes of float32 take 60 bytes a pixel.
+    # Bands of windows save memory. Whole planes of float32 would take 60 bytes a pixel.
     for top in range(0, rows, _BAND):
         a, b = (
-            np.ascontiguousarray(plane[top : top + _BAND + 2 * rim], dtype) for plane in (one, two)
+            np.ascontiguousarray(each[top : top + _BAND + 2 * rim], dtype)
+            for each in (plane, other)
         )
         mean = _in_windows(a, b, k1) if box is None else _in_boxes(a, b, box)
         total += (a.shape[0] - 2 * rim) * mean
@@ -143,7 +149,7 @@ def _similarity(
 
 
 def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K1) -> float:
-    """Mean SSIM over the Gaussian windows inside; scikit-image's, without its imports."""
+    """Return scikit-image's mean SSIM over Gaussian windows inside, without importing it."""
     mean_x, mean_y, xx, yy, xy = (
         smoothed(plane, _SIGMA, _CUT) for plane in (x, y, x * x, y * y, x * y)
     )
@@ -156,8 +162,8 @@ def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K
 
 
 def _in_boxes(x: NDArray[np.floating], y: NDArray[np.floating], side: int) -> float:
-    """Mean SSIM over the boxes of so many px inside."""
-    from skimage.metrics import structural_similarity  # a third of a second, and seldom needed
+    """Return scikit-image's mean SSIM over boxes of `side` px inside."""
+    from skimage.metrics import structural_similarity  # takes 0.3 s, and is seldom needed
 
     mean: Any = structural_similarity(
         x, y, data_range=1.0, use_sample_covariance=False, win_size=side
@@ -172,22 +178,22 @@ def _halved(plane: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def largest_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Largest absolute difference of any channel, in levels of 255."""
+    """Return the largest absolute difference of any channel, in levels of 255."""
     return max(float(np.abs(a - b).max()) for a, b in _bands(image, other)) * LEVELS
 
 
 def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Mean of image - other over pixels and channels, in levels of 255."""
+    """Return the mean of image - other over pixels and channels, in levels of 255."""
     return _mean(np.subtract, image, other) * LEVELS
 
 
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
-    """Mean error of the worst thousandth of the reference's flat pixels, in levels of 255.
+    """Return the mean error of the worst thousandth of flat pixels, in levels of 255.
 
-    It shows streaks across paper or a flat colour, which squared error hardly does. A pixel is flat
-    where the reference has no step of 0.02 or more within 4 px; its error is that of its worst
-    channel. The mean of the worst grows with the height, length and number of streaks
-    (docs/decisions/metrics.md). NaN where no pixel is flat.
+    It shows streaks across paper or a flat colour, which squared error hardly shows. A pixel is
+    flat if the reference has no step of 0.02 or more within 4 px. Its error is that of its worst
+    channel. The mean grows with the height, length and number of streaks
+    (docs/decisions/metrics.md). It is NaN if no pixel is flat.
     """
     from scipy.ndimage import maximum_filter
 

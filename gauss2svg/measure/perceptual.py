@@ -1,9 +1,9 @@
-"""The scores that are measured on request, and those of the optional extra gauss2svg[scores].
+"""Scores that are measured on request. They need packages of the extra gauss2svg[scores].
 
 SSIMULACRA2 (package ssimulacra2) and FLIP (package flip-evaluator) are nearer to what people see
-than PSNR and SSIM, and take about a second each for half a megapixel (docs/decisions/metrics.md).
-Both see 8 bits a channel, as their command lines do. `python -m gauss2svg.measure.perceptual` is
-the process in which FLIP runs.
+than PSNR and SSIM. Each takes about a second for half a megapixel (docs/decisions/metrics.md). Both
+see 8 bits a channel, as their command lines do. FLIP runs in a process of
+`python -m gauss2svg.measure.perceptual`.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ _ADVICE = 'Try pip install "gauss2svg[scores]"'
 
 
 class ScoresMissingError(InputError, ImportError):
-    """A package that scores are asked of is not installed."""
+    """A requested score needs a package that is not installed."""
 
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of a raster on request; of a transparent one the worse of over white and over black.
+    """Scores of a raster on request. With alpha, each is the worse of over white and over black.
 
-    values   by the names of the scores; each is an attribute as well, None where it is not measured
-    missing  one line for each reason that a score is None
+    values   scores by slug. Each is an attribute as well, which is None if it is not measured
+    missing  one line for each reason why a score is None
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -52,9 +52,9 @@ class Scores:
 
     @property
     def report(self) -> dict[str, Any]:
-        """The scores by the keys of a report."""
-        found = {score.key: self.values.get(score.slug) for score in ON_REQUEST}
-        return {**found, "scores_missing": list(self.missing)}
+        """Scores by the keys of a report."""
+        scores = {score.key: self.values.get(score.slug) for score in ON_REQUEST}
+        return {**scores, "scores_missing": list(self.missing)}
 
 
 def perceptual_scores(
@@ -63,37 +63,37 @@ def perceptual_scores(
     spare: int | None = None,
     known: Mapping[str, float] | None = None,
 ) -> Scores:
-    """The scores on request of a raster against its photo, (h, w, 3) or (h, w, 4) in 0..1.
+    """Return the scores on request of a raster against its photo, (h, w, 3) or (h, w, 4) in 0..1.
 
-    spare  bytes of memory that may be taken; None: SHARE of those that are free
-    known  what has been measured already, by name
+    spare  bytes of memory that may be taken. None means SHARE of the free memory
+    known  scores that are measured already, by slug
 
-    A score is None, with a line that says why, where its package is not installed, where the
-    picture is too small or too large for it, where it would take more memory, and where its package
-    fails. Raises InputError for pictures that differ in shape.
+    A score is None, with a line that says why, if its package is not installed or fails, if the
+    picture is too small or too large for it, or if it would take more memory than `spare`. Raise
+    InputError for pictures that differ in shape.
     """
     check_shapes(raster, photo)
     spare = int(SHARE * free_bytes()) if spare is None else spare
-    found, missing = dict(known or {}), list(packages_missing())
+    values, missing = dict(known or {}), list(packages_missing())
     for score in ON_REQUEST:
-        if score.slug in found or not score.is_installed:
+        if score.slug in values or not score.is_installed:
             continue
         try:
             _check_size(score, photo.shape[0], photo.shape[1], spare)
-            found[score.slug] = measured(score, raster, photo)
+            values[score.slug] = measured(score, raster, photo)
         except (ChildProcessError, InputError) as error:
             missing.append(f"{score.name} is not measured: {error}")
-    return Scores(found, tuple(missing))
+    return Scores(values, tuple(missing))
 
 
 def measured(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
-    """A score of a raster against a photo of its shape; with alpha the worse of white and black."""
+    """Return a raster's score. With alpha, it is the worse of over white and over black."""
     pairs = zip(views(raster), views(photo), strict=True)
     return score.worst([score.function(*pair) for pair in pairs])
 
 
 def _check_size(score: Score, height: int, width: int, spare: int) -> None:
-    """Raise InputError for a picture that cannot be measured in so much memory."""
+    """Raise InputError if a score cannot measure a picture of this size in `spare` bytes."""
     if min(height, width) < score.least_side:
         raise InputError(f"it needs at least {score.least_side} px a side")
     if height * width > DEFAULT_MAX_PIXELS:
@@ -107,7 +107,7 @@ def _check_size(score: Score, height: int, width: int, spare: int) -> None:
 
 
 def packages_missing() -> tuple[str, ...]:
-    """A line that names the scores whose packages are not installed; nothing where all are."""
+    """Return a line that names the scores whose packages are not installed, or nothing."""
     names = [score.name for score in ON_REQUEST if not score.is_installed]
     return (_not_installed(names),) if names else ()
 
@@ -117,34 +117,34 @@ def _not_installed(names: Sequence[str]) -> str:
     return f"{' and '.join(names)} {verb} not measured: not installed. {_ADVICE}"
 
 
-def require_packages(asked: Score | None = None) -> None:
-    """Raise ScoresMissingError, which says how to get it, unless a score's package is installed.
+def require_packages(score: Score | None = None) -> None:
+    """Raise ScoresMissingError unless the package of a score is installed.
 
-    Without a score any is enough, for FLIP has no package for the newest Python.
+    Without a score, the package of any is enough, because FLIP has none for the newest Python.
     """
-    scores = [score for score in ON_REQUEST if score.module] if asked is None else [asked]
-    if not any(score.is_installed for score in scores):
-        raise ScoresMissingError(_not_installed([score.name for score in scores]))
+    scores = [each for each in ON_REQUEST if each.module] if score is None else [score]
+    if not any(each.is_installed for each in scores):
+        raise ScoresMissingError(_not_installed([each.name for each in scores]))
 
 
 def packages() -> dict[str, str]:
-    """Versions of the installed packages, by their names on PyPI."""
+    """Return the versions of the installed packages, by their names on PyPI."""
     return {s.package: version(s.package) for s in ON_REQUEST if s.package and s.is_installed}
 
 
 def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
-    """SSIMULACRA2 of an image against its photo, (h, w, 3) in 0..1; equal ones have 100.
+    """Return SSIMULACRA2 of an image against its photo, (h, w, 3) in 0..1. Equal ones have 100.
 
-    100 - 10 s^0.63, with s a cubic polynomial of the weighted sum of 108 means: of the errors of
-    structure, of edges that the photo does not have and of edges that are lost, in the three
-    channels of XYB, at six scales, by the 1-norm and the 4-norm. The weights were fitted to
-    opinions of compressed photos: 30 is low quality, 50 medium, 70 high, 90 visually lossless;
-    poor pictures are below 0. Jon Sneyers, https://github.com/cloudinary/ssimulacra2; by the
-    package ssimulacra2, whose own function this is. The order matters.
+    It is 100 - 10 s^0.63, where s is a cubic polynomial of the weighted sum of 108 means. They are
+    of errors of structure, of edges that the photo does not have, and of edges that are lost. Each
+    is taken in the three channels of XYB, at six scales, by the 1-norm and the 4-norm. The weights
+    were fitted to opinions of compressed photos: 30 is low quality, 50 medium, 70 high, 90 visually
+    lossless. Poor pictures are below 0. The order of the arguments matters. Source: Jon Sneyers,
+    https://github.com/cloudinary/ssimulacra2, in the package ssimulacra2.
 
-    Raises InputError under 225 px a side, where a scale falls away and the weights of the
-    reference implementation, and of the package, meet the wrong means. Raises ScoresMissingError
-    where the package is not installed.
+    Raise InputError under 225 px a side, because the smallest scale is then left out, and the
+    package applies its weights to the wrong means, as the reference implementation does. Raise
+    ScoresMissingError if the package is not installed.
     """
     check_shapes(image, photo)
     height, width = image.shape[:2]
@@ -157,27 +157,27 @@ def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> flo
         from ssimulacra2 import compute_ssimulacra2
     except ImportError as error:
         raise ScoresMissingError(f"SSIMULACRA2 cannot be imported: {error}. {_ADVICE}") from error
-    # The package reads files; these are in memory.
+    # The package reads files, which are in memory here.
     return float(compute_ssimulacra2(_as_file(photo), _as_file(image)))
 
 
 def flip(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
-    """Mean of the LDR-FLIP map of an image and its photo, (h, w, 3) in 0..1; equal ones have 0.
+    """Return the mean LDR-FLIP of an image and its photo, (h, w, 3) in 0..1. Equal ones have 0.
 
-    At each pixel dE_c^(1 - dE_f): dE_c is the HyAB distance in a Hunt-adjusted L*a*b* after
-    filters of contrast sensitivity, dE_f the difference of edges and points; both in 0..1, at 67
-    pixels per degree, the package's default (0.7 m from a display of 3840 px in 0.7 m). Andersson,
-    Nilsson, Akenine-Moller, Oskarsson, Astrom and Fairchild, "FLIP: A Difference Evaluator for
-    Alternating Images", 2020; by the package flip-evaluator, in a process of its own.
+    At each pixel it is dE_c^(1 - dE_f). dE_c is the HyAB distance in a Hunt-adjusted L*a*b* after
+    filters of contrast sensitivity, and dE_f the difference of edges and points. Both are in 0..1,
+    at 67 pixels per degree, the package's default (0.7 m from a display of 3840 px in 0.7 m).
+    Source: Andersson, Nilsson, Akenine-Moller, Oskarsson, Astrom and Fairchild, "FLIP: A Difference
+    Evaluator for Alternating Images", 2020, in the package flip-evaluator.
 
-    Raises ScoresMissingError where the package is not installed, ChildProcessError where its
-    process fails.
+    Raise ScoresMissingError if the package is not installed, and ChildProcessError if its process
+    fails.
     """
     check_shapes(image, photo)
     if not FLIP.is_installed:
         raise ScoresMissingError(f"FLIP is not installed. {_ADVICE}")
     height, width = photo.shape[:2]
-    # In a process of its own: its OpenMP hangs in the child of a process that has used it.
+    # FLIP gets a new process, because its OpenMP hangs in a fork of a process that has used it.
     command = module_command("gauss2svg.measure.perceptual", str(height), str(width))
     data = _eight_bits(photo).tobytes() + _eight_bits(image).tobytes()
     ended = run(command, data, environment=module_path())

@@ -1,4 +1,4 @@
-"""Round trip: the SVG is rasterised by a real renderer and compared with the photo."""
+"""Round trip: rasterise an SVG by a real renderer and compare it with the photo."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ from gauss2svg.svg.file import file_bytes
 
 @dataclass(frozen=True, eq=False)
 class RoundTrip:
-    """A raster and its errors; PSNR in dB, differences in levels of 255.
+    """A raster and its errors. PSNR is in dB, and differences are in levels of 255.
 
-    psnr_model       fitted model against the photo
-    psnr_svg, ssim_svg, largest_error_svg, bias_svg   raster against the photo
+    psnr_model                                                fitted model against the photo
+    psnr_svg, ssim_svg, largest_error_svg, bias_svg           raster against the photo
     psnr_roundtrip, largest_error_roundtrip, bias_roundtrip   raster against the model
-    ssim_svg is None for images under 3 px a side
 
-    All these are over white. psnr_model_black and psnr_svg_black are over black, psnr_model_alpha
-    and psnr_svg_alpha are those of the alpha channel; None where the photo is opaque. raster is
-    (h, w, 4) where it is not.
+    These are over white. ssim_svg is None for images under 3 px a side. psnr_model_black and
+    psnr_svg_black are over black. psnr_model_alpha and psnr_svg_alpha compare the alpha channel.
+    These four are None if the photo is opaque. If it is not, raster is (h, w, 4), else (h, w, 3).
     """
 
     raster: NDArray[np.float32]
@@ -63,13 +62,13 @@ def round_trip(
 ) -> RoundTrip:
     """Rasterise the SVG of a scene and compare it with the photo (h, w, 3 or 4) and the scene.
 
-    covering is as in `gauss2svg.render.render`. Both are compared at the size of these pixels,
-    whatever the canvas of the scene is. Raises RendererError if the renderer cannot draw.
+    covering is as in `gauss2svg.render.render`. All are compared at the size of the photo, whatever
+    the canvas of the scene is. Raise RendererError if the renderer cannot draw.
     """
     height, width = photo.shape[:2]
     raster = rasterize_like(svg, photo, renderer)
-    shown = over(raster)
-    # The exact composite lies in 0..1; float32 may pass the ends by a rounding.
+    over_white = over(raster)
+    # The exact composite lies in 0..1, but float32 may round beyond that.
     model = render(scene, width, height, covering=covering)
     np.clip(model, 0, 1, out=model)
     model_black, model_alpha = None, None
@@ -84,31 +83,34 @@ def round_trip(
         psnr_model_black=model_black,
         psnr_model_alpha=model_alpha,
         **measure_pixels(raster, photo),
-        psnr_roundtrip=metrics.psnr(shown, model),
-        largest_error_roundtrip=metrics.largest_error(shown, model),
-        bias_roundtrip=metrics.bias(shown, model),
+        psnr_roundtrip=metrics.psnr(over_white, model),
+        largest_error_roundtrip=metrics.largest_error(over_white, model),
+        bias_roundtrip=metrics.bias(over_white, model),
         svg_bytes=len(file_bytes(svg, gzipped=False)),
         svgz_bytes=len(file_bytes(svg, gzipped=True)),
     )
 
 
 def model_psnr(scene: Scene, picture: NDArray[np.float32]) -> float:
-    """PSNR in dB of a scene against an image of its canvas; with alpha over white and black."""
+    """Return the PSNR in dB of a scene against an image of its canvas size.
+
+    If the image has alpha, it is measured over white and over black at once.
+    """
     if has_alpha(picture):
         return metrics.psnr(stacked(render_rgba(scene)), stacked(picture))
     return metrics.psnr(render(scene), picture)
 
 
 def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:
-    """The numbers of RoundTrip that depend only on raster and photo, of one shape."""
-    shown, wanted = over(raster), over(photo)
+    """Return the fields of RoundTrip that depend only on a raster and a photo of its shape."""
+    raster_white, photo_white = over(raster), over(photo)
     measurable = min(photo.shape[:2]) >= metrics.LEAST_SIDE_FOR_SSIM
     black, alpha = _psnr_with_alpha(raster, photo)
     return {
-        "psnr_svg": metrics.psnr(shown, wanted),
-        "ssim_svg": metrics.ssim(shown, wanted) if measurable else None,
-        "largest_error_svg": metrics.largest_error(shown, wanted),
-        "bias_svg": metrics.bias(shown, wanted),
+        "psnr_svg": metrics.psnr(raster_white, photo_white),
+        "ssim_svg": metrics.ssim(raster_white, photo_white) if measurable else None,
+        "largest_error_svg": metrics.largest_error(raster_white, photo_white),
+        "bias_svg": metrics.bias(raster_white, photo_white),
         "psnr_svg_black": black,
         "psnr_svg_alpha": alpha,
     }
@@ -117,7 +119,7 @@ def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> d
 def _psnr_with_alpha(
     image: NDArray[np.float32], photo: NDArray[np.float32]
 ) -> tuple[float | None, float | None]:
-    """PSNR over black, and of alpha; None where the photo is opaque."""
+    """Return the PSNR over black and that of alpha. Both are None if the photo is opaque."""
     if not has_alpha(photo):
         return None, None
     over_black = metrics.psnr(over(image, BLACK), over(photo, BLACK))

@@ -1,1 +1,1 @@
-"""Photo files: what is opened, decoded and turned, and how its colours become sRGB."""
+"""Photo files: open, decode, turn upright and convert to sRGB."""

@@ -1,4 +1,4 @@
-"""HEIC photos, of phones, by libheif as pi-heif has it."""
+"""Open HEIC photos, which phones take, by libheif in the package pi-heif."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import pyvips
 from gauss2svg.photo.srgb import ColorSpace
 from gauss2svg.photo.stored import Stored
 
-# References of metadata, which have nothing that is used, and on which pi-heif 1.4 may crash.
+# References to metadata, which is not used, and on which pi-heif 1.4 may crash.
 _METADATA = re.compile(rb"(\0\0..)cdsc", re.DOTALL)
-_REDUCED_BYTES = 10  # for each pixel and 8 bits, while a photo is decoded and reduced
-pi_heif.options.DECODE_THREADS = 1  # which --threads would have to limit
+_REDUCED_BYTES = 10  # memory (bytes) per pixel and 8 bits of depth while a photo is reduced
+pi_heif.options.DECODE_THREADS = 1  # more threads would not obey --threads
 
 
 def opened(file: bytes, _loader: str) -> Stored:
-    """Read the header of the primary image, which libheif turns and crops."""
+    """Read the header of the primary image. libheif turns and crops it."""
     file = _METADATA.sub(rb"\1free", file)
     heif = pi_heif.open_heif(io.BytesIO(file), convert_hdr_to_8bit=False, hdr_to_16bit=False)
     if not len(heif):
@@ -29,12 +29,12 @@ def opened(file: bytes, _loader: str) -> Stored:
     depth = int(bits or 8)
 
     def picture(_scale: int) -> Any:
-        array, top = np.asarray(heif), (1 << depth) - 1
+        array, max_level = np.asarray(heif), (1 << depth) - 1
         picture = pyvips.Image.new_from_array(array)
-        if heif.premultiplied_alpha:  # over which a colour may be by its losses
+        if heif.premultiplied_alpha:  # lossy compression may leave a colour larger than its alpha
             array = np.minimum(array, array[..., -1:])
-            picture = pyvips.Image.new_from_array(array).unpremultiply(max_alpha=top)
-        return picture if picture.format == "uchar" else picture / top
+            picture = pyvips.Image.new_from_array(array).unpremultiply(max_alpha=max_level)
+        return picture if picture.format == "uchar" else picture / max_level
 
     colors = 3 if kind.upper().startswith("RGB") else 1
     alpha = colors if heif.has_alpha else None

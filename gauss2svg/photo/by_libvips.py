@@ -1,6 +1,6 @@
-"""Photos by libvips: JPEG, PNG, WebP, TIFF and AVIF.
+"""Open JPEG, PNG, WebP, TIFF and AVIF photos by libvips.
 
-Each loader is called by its name, so libvips never chooses another one by the file.
+Each loader is called by its name, so libvips never chooses another one by the content of a file.
 """
 
 from __future__ import annotations
@@ -21,73 +21,77 @@ from gauss2svg.photo import by_pillow, libvips
 from gauss2svg.photo.srgb import INKS, UNUSABLE, ColorSpace
 from gauss2svg.photo.stored import Stored
 
-_COLORS = {"b-w": 1, "grey16": 1, "cmyk": INKS}  # channels by interpretation; 3 in others
-_MOST_EXTRA = 4  # samples besides colours: hostile files have thousands
+_COLORS = {"b-w": 1, "grey16": 1, "cmyk": INKS}  # colour channels by interpretation; others have 3
+_MAX_EXTRA = 4  # samples per pixel besides colours, because hostile files have thousands
 _END_OF_IMAGE = b"\xff\xd9"
 _NCLX = re.compile(rb"colrnclx(..)(..)", re.DOTALL)
 _AV1 = re.compile(rb"av1C..(.)", re.DOTALL)
-_MOST_PROFILE = 1 << 24  # bytes of a PNG's profile, unpacked
-_INKS, _YCBCR, _LAB = 5, 6, 8  # PhotometricInterpretation of a TIFF
-_OLD_JPEG, _JPEG, _LZMA, _ZSTD = 6, 7, 34925, 50000  # Compression; 2 to 4 are faxes
-_SEPARATE, _FLOAT = 2, 3  # PlanarConfiguration, SampleFormat
+_MAX_PROFILE = 1 << 24  # bytes of a PNG's ICC profile when decompressed
+# Values of a TIFF's tags PhotometricInterpretation, Compression (2 to 4 are faxes),
+# PlanarConfiguration and SampleFormat.
+_INKS, _YCBCR, _LAB = 5, 6, 8
+_OLD_JPEG, _JPEG, _LZMA, _ZSTD = 6, 7, 34925, 50000
+_SEPARATE, _FLOAT = 2, 3
 
 
 def opened(file: bytes, loader: str) -> Stored:
     """Read the header of a file by a loader of libvips."""
-    page = _tiff_tags(file) if loader == "tiffload" else {}
-    _refuse_unread(page)
-    if _is_of_pillow(page):
+    tags = _tiff_tags(file) if loader == "tiffload" else {}
+    _refuse_misread(tags)
+    if _needs_pillow(tags):
         return by_pillow.opened(file, "Tiff")
     if loader == "heifload" and (av1 := _AV1.search(file)) and av1[1][0] & 0x10:
-        return by_pillow.opened(file, "Avif")  # libheif does not widen greys of 16..235
-    # Of broken tiles and faxes libtiff only warns, as of a strip whose length is left out.
-    is_strict = (Base.TileWidth in page or page.get(Base.Compression) in (2, 3, 4)) and (
-        0 not in _numbers(page, Base.StripByteCounts)
+        return by_pillow.opened(file, "Avif")  # libheif does not expand greys of 16..235
+    # libtiff only warns of broken tiles and faxes, so there its warnings count as errors. It also
+    # warns of a strip without a length, which can be read.
+    is_strict = (Base.TileWidth in tags or tags.get(Base.Compression) in (2, 3, 4)) and (
+        0 not in _numbers(tags, Base.StripByteCounts)
     )
 
     def image(**options: int) -> Any:
         load = getattr(pyvips.Image, f"{loader}_buffer")
-        if loader == "tiffload":  # without which a part of 50 MB is refused
+        if loader == "tiffload":  # otherwise libtiff refuses to allocate 50 MB at once
             options["unlimited"] = True
         picture = load(
             file, access="sequential", fail_on="warning" if is_strict else "error", **options
         )
-        if loader == "heifload" and picture.format == "ushort":  # whose upper bits are used
+        if loader == "heifload" and picture.format == "ushort":  # the upper bits hold the sample
             bits = picture.get("bits-per-sample")
             return picture / ((1 << bits) - 1 << 16 - bits)
-        if page.get(Base.PhotometricInterpretation) == 0 and picture.format == "float":
+        if tags.get(Base.PhotometricInterpretation) == 0 and picture.format == "float":
             return picture.linear([-1, 1][: picture.bands], [1, 0][: picture.bands])
         return picture
 
     def picture(scale: int) -> Any:
         if scale == 1:
             return image()
-        # To whole pixels, of which libvips leaves out the last.
+        # libvips rounds the size down. Repeat the last row and column, so that it is rounded up.
         size = -(-header.width // scale), -(-header.height // scale)
         return image(shrink=scale).embed(0, 0, *size, extend="copy")
 
     header = image()
     colors = min(_COLORS.get(header.interpretation, 3), header.bands)
-    if header.format not in libvips.TYPES or header.bands > colors + _MOST_EXTRA or colors == 2:
+    if header.format not in libvips.TYPES or header.bands > colors + _MAX_EXTRA or colors == 2:
         raise ValueError(f"samples of type {header.format}, {header.bands} for each pixel")
-    # Not all of them, whose texts need not be Unicode.
+    # Only these fields are read, because texts in others need not be Unicode.
     names = ("resolution-unit", "orientation", "icc-profile-data", "n-pages")
     fields = {name: header.get(name) for name in names if header.get_typeof(name)}
     alpha = colors if header.hasalpha() else None
     size = header.width, header.height
     stored = Stored(*size, colors, alpha, picture, _reduced_bytes(loader, header))
     stored.density = header.xres * 25.4, header.yres * 25.4
-    # 1 px per mm is what libvips has for a WebP, whose resolution it does not read.
+    # libvips does not read the resolution of a WebP, and says 1 px per mm.
     stored.is_per_inch = "resolution-unit" in fields and header.xres != 1.0
     stored.orientation = fields.get("orientation", 1)
     stored.space = ColorSpace(fields.get("icc-profile-data"))
     stored.note_frames(fields.get("n-pages", 1), "pages" if loader == "tiffload" else "frames")
-    # Warnings of a PNG are of what is read otherwise.
+    # Warnings on a PNG concern chunks that `_add_chunks` reads.
     stored.notes_warnings = loader in ("jpegload", "tiffload")
     if loader == "jpegload":
         stored.scales = (1, 2, 4, 8)
         sides = re.escape(struct.pack(">HH", *size[::-1]))
-        # The last of its size, because a preview in the EXIF data is a JPEG with an end too.
+        # Find the last frame of this size, because a preview in the EXIF data is a JPEG that has
+        # an end marker too.
         frame = re.match(rb".*\xff[\xc0-\xcf].{3}" + sides, file, re.DOTALL)
         if frame and file.find(_END_OF_IMAGE, frame.end()) == -1:
             file += _END_OF_IMAGE
@@ -95,9 +99,9 @@ def opened(file: bytes, loader: str) -> Stored:
     elif loader == "pngload":
         _add_chunks(stored, file)
     elif loader == "tiffload":
-        if stored.alpha is not None and (extra := _numbers(page, Base.ExtraSamples)):
-            kinds = [kind in (1, 2) for kind in extra]  # premultiplied or straight alpha
-            stored.alpha = colors + kinds.index(True) if True in kinds else None
+        if stored.alpha is not None and (extra := _numbers(tags, Base.ExtraSamples)):
+            is_alpha = [kind in (1, 2) for kind in extra]  # 1: premultiplied, 2: straight alpha
+            stored.alpha = colors + is_alpha.index(True) if True in is_alpha else None
     elif loader == "heifload":
         if file[8:12] == b"avis":
             stored.notes.append("first of several frames")
@@ -107,30 +111,30 @@ def opened(file: bytes, loader: str) -> Stored:
 
 
 def _reduced_bytes(loader: str, image: Any) -> int:
-    """Return the bytes for each pixel while a photo is reduced (docs/decisions/memory.md)."""
-    pixel = image.bands * np.dtype(libvips.TYPES[image.format]).itemsize
+    """Return the bytes per pixel that reducing a photo takes (docs/decisions/memory.md)."""
+    size = image.bands * np.dtype(libvips.TYPES[image.format]).itemsize
     if loader == "jpegload":
-        return 3 * pixel if image.get("jpeg-multiscan") else 3
-    return {"pngload": pixel + 2, "webpload": 14, "tiffload": 3 * pixel}.get(loader, 5 * pixel + 1)
+        return 3 * size if image.get("jpeg-multiscan") else 3
+    return {"pngload": size + 2, "webpload": 14, "tiffload": 3 * size}.get(loader, 5 * size + 1)
 
 
 def _add_chunks(stored: Stored, file: bytes) -> None:
-    """Add what the chunks of a PNG before its pixels say that libvips does not tell."""
+    """Add facts that libvips does not report, from the chunks of a PNG before its pixels."""
     chunks: dict[bytes, bytes] = {}
-    place = 8
-    while (kind := file[place + 4 : place + 8]) not in (b"", b"IDAT"):
-        end = place + 8 + int.from_bytes(file[place : place + 4], "big")
-        chunks.setdefault(kind, file[place + 8 : end])
-        place = end + 4
+    offset = 8
+    while (kind := file[offset + 4 : offset + 8]) not in (b"", b"IDAT"):
+        end = offset + 8 + int.from_bytes(file[offset : offset + 4], "big")
+        chunks.setdefault(kind, file[offset + 8 : end])
+        offset = end + 4
     gama, chrm = (chunks.get(kind, b"") for kind in (b"gAMA", b"cHRM"))
     if b"sRGB" not in chunks and len(gama) == 4:
         numbers = struct.iter_unpack(">I", gama + chrm * (len(chrm) == 32))
         gamma, *primaries = (number / 100_000 for (number,) in numbers)
         stored.set_gamma(gamma, primaries)
-    if iccp := chunks.get(b"iCCP"):  # of which libpng forgets some that are of use
+    if iccp := chunks.get(b"iCCP"):  # libpng drops some profiles that can be used
         packed = iccp.partition(b"\0")[2][1:]
         try:
-            profile = zlib.decompressobj().decompress(packed, _MOST_PROFILE)
+            profile = zlib.decompressobj().decompress(packed, _MAX_PROFILE)
             stored.space = replace(stored.space, profile=profile)
         except zlib.error:
             stored.notes.append(UNUSABLE)
@@ -141,14 +145,14 @@ def _add_chunks(stored: Stored, file: bytes) -> None:
 
 
 def _tiff_tags(file: bytes) -> dict[int, Any]:
-    """Return the tags of the first page; none if they cannot be read, for libtiff has the say."""
+    """Return the tags of the first page, or none if they cannot be read. libtiff then decides."""
     try:
-        page = ImageFileDirectory_v2(file[: 16 if b"+" in file[2:4] else 8])
+        directory = ImageFileDirectory_v2(file[: 16 if b"+" in file[2:4] else 8])
         stream = io.BytesIO(file)
-        stream.seek(page.next)
-        page.load(stream)
-        return dict(page)
-    except Exception:  # hostile bytes make the reader raise anything
+        stream.seek(directory.next)
+        directory.load(stream)
+        return dict(directory)
+    except Exception:  # hostile bytes can make the reader raise any exception
         return {}
 
 
@@ -157,31 +161,31 @@ def _numbers(tags: dict[int, Any], tag: int) -> tuple[int, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _is_of_pillow(page: dict[int, Any]) -> bool:
-    """Whether libvips lacks a kind of TIFF that Pillow has, which is of up to 8 bits."""
-    return max(_numbers(page, Base.BitsPerSample), default=1) <= 8 and (
-        page.get(Base.PhotometricInterpretation) == _LAB
-        or page.get(Base.Compression) in (_OLD_JPEG, _LZMA, _ZSTD)
-        or (page.get(Base.PlanarConfiguration) == _SEPARATE and Base.TileWidth in page)
+def _needs_pillow(tags: dict[int, Any]) -> bool:
+    """Return whether Pillow reads a TIFF that libvips does not. It has up to 8 bits a sample."""
+    return max(_numbers(tags, Base.BitsPerSample), default=1) <= 8 and (
+        tags.get(Base.PhotometricInterpretation) == _LAB
+        or tags.get(Base.Compression) in (_OLD_JPEG, _LZMA, _ZSTD)
+        or (tags.get(Base.PlanarConfiguration) == _SEPARATE and Base.TileWidth in tags)
     )
 
 
-def _refuse_unread(page: dict[int, Any]) -> None:
-    """Raise ValueError for a TIFF of which another picture would be read, by its tags."""
-    if page.get(Base.NewSubfileType) == 1 or Base.DNGVersion in page:
+def _refuse_misread(tags: dict[int, Any]) -> None:
+    """Raise ValueError if a TIFF with these tags would be read as a wrong picture."""
+    if tags.get(Base.NewSubfileType) == 1 or Base.DNGVersion in tags:
         raise ValueError("it is a camera's raw file, or begins with a preview")
-    if 0 in _numbers(page, Base.StripOffsets) + _numbers(page, Base.TileOffsets):
+    if 0 in _numbers(tags, Base.StripOffsets) + _numbers(tags, Base.TileOffsets):
         raise ValueError("some of its strips or tiles have no data")
-    color = page.get(Base.PhotometricInterpretation)
-    is_separate = page.get(Base.PlanarConfiguration) == _SEPARATE
-    if color == _INKS and page.get(Base.SamplesPerPixel) in (1, 2, 3):
+    color = tags.get(Base.PhotometricInterpretation)
+    is_separate = tags.get(Base.PlanarConfiguration) == _SEPARATE
+    if color == _INKS and tags.get(Base.SamplesPerPixel) in (1, 2, 3):
         raise ValueError("its inks are not cyan, magenta, yellow and black")
-    is_whole = is_separate or _numbers(page, Base.YCbCrSubSampling) == (1, 1)
-    if color == _YCBCR and is_whole and page.get(Base.Compression) not in (_OLD_JPEG, _JPEG):
+    is_whole = is_separate or _numbers(tags, Base.YCbCrSubSampling) == (1, 1)
+    if color == _YCBCR and is_whole and tags.get(Base.Compression) not in (_OLD_JPEG, _JPEG):
         raise ValueError("its luma has no more pixels than its chroma, or they are in planes")
-    bits, kinds = _numbers(page, Base.BitsPerSample), _numbers(page, Base.SampleFormat)
+    bits, kinds = _numbers(tags, Base.BitsPerSample), _numbers(tags, Base.SampleFormat)
     is_half, is_grey = _FLOAT in kinds and 16 in bits, color in (0, 1)
     if is_separate and (
-        is_half or (is_grey and page.get(Base.SamplesPerPixel, 1) > 1)
-    ):  # which libvips reads as if they were not in planes
+        is_half or (is_grey and tags.get(Base.SamplesPerPixel, 1) > 1)
+    ):  # libvips would read the planes as interleaved samples
         raise ValueError("its grey and alpha, or its floats of 16 bits, are in planes")

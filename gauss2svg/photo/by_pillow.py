@@ -1,4 +1,4 @@
-"""Photos by Pillow: formats that libvips lacks, and images that a caller passes."""
+"""Open photos by Pillow: formats that libvips lacks, and images that a caller passes."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from PIL.ExifTags import Base
 from gauss2svg.photo.srgb import INKS, ColorSpace
 from gauss2svg.photo.stored import Stored
 
-_COLORS = {"L": 1, "LA": 1, "RGB": 3, "RGBA": 3, "CMYK": INKS}  # channels by Pillow's mode
-_REDUCED_BYTES = 20  # for each pixel while a photo is reduced (docs/decisions/memory.md)
+_COLORS = {"L": 1, "LA": 1, "RGB": 3, "RGBA": 3, "CMYK": INKS}  # colour channels by Pillow's mode
+_REDUCED_BYTES = 20  # memory (bytes) per pixel while a photo is reduced (docs/decisions/memory.md)
 _START_OF_DATA, _END = b"\xff\x93", b"\xff\xd9"  # markers of JPEG 2000
 
 
 def opened(file: bytes, loader: str) -> Stored:
-    """Read the header of a file by a plugin; not by Image.open, whose limit is the process's."""
+    """Read the header of a file by a plugin of Pillow, without the size limit of Image.open."""
     if loader == "Jpeg2K" and file.rfind(_END) <= file.rfind(_START_OF_DATA):
-        raise ValueError("its data end early")  # which OpenJPEG draws black
+        raise ValueError("its data end early")  # OpenJPEG would decode it as black
     plugin = importlib.import_module(f"PIL.{loader}ImagePlugin")
     return of_image(getattr(plugin, f"{loader}ImageFile")(io.BytesIO(file)))
 
 
 def of_image(image: Image.Image) -> Stored:
-    """Return a Pillow image, which may not be loaded yet."""
+    """Return a Pillow image as Stored. It may not be loaded yet."""
     mode, info = _mode(image), image.info
     colors = _COLORS.get(mode, 1)
 
     def picture(_scale: int) -> Any:
         image.load()
         array = np.asarray(_converted(image, mode))
-        if array.dtype.kind in "iu" and array.dtype != np.uint8:  # grey, in which any value may be
+        # Grey of 16 or 32 bits, whose values over 65535 are refused when they are decoded.
+        if array.dtype.kind in "iu" and array.dtype != np.uint8:
             array = array.astype(np.float32) / 65535
         return pyvips.Image.new_from_array(array)
 
@@ -46,12 +47,12 @@ def of_image(image: Image.Image) -> Stored:
     try:
         if image.format == "GIF" and not image.tell():
             stored.note_frames(getattr(image, "n_frames", 1))
-        if dpi := info.get("dpi"):  # of TIFFs as fractions
+        if dpi := info.get("dpi"):  # fractions in a TIFF
             stored.density = float(dpi[0]), float(dpi[1])
-        if image.format != "TIFF":  # which Pillow turns itself
+        if image.format != "TIFF":  # Pillow turns a TIFF itself
             turn = image.getexif().get(Base.Orientation)
             stored.orientation = turn if turn and turn in range(1, 9) else 1
-    except Exception:  # frames after the first and EXIF data are not used, and may be broken
+    except Exception:  # a photo with broken EXIF data or later frames is still read
         stored.notes.append("its EXIF data, or frames after the first, are broken; ignored")
     stored.space = ColorSpace(info.get("icc_profile"))
     if image.format == "PNG" and "gamma" in info and not {"srgb", "icc_profile"} & info.keys():
@@ -60,7 +61,7 @@ def of_image(image: Image.Image) -> Stored:
 
 
 def _mode(image: Image.Image) -> str:
-    """Return the mode in which an image is read."""
+    """Return the mode of Pillow to which an image is converted."""
     if image.mode.startswith("I") or image.mode == "F":
         return image.mode
     if image.mode in ("PA", "RGBa") or image.has_transparency_data or _frame(image):
@@ -71,9 +72,9 @@ def _mode(image: Image.Image) -> str:
 
 
 def _frame(image: Image.Image) -> tuple[int, int, int, int] | None:
-    """Return the place of a GIF's first frame on its screen, None if it fills the screen.
+    """Return (left, top, right, bottom) in px of a GIF's first frame on its screen.
 
-    It is left, top, right and bottom in px. Pillow draws later frames over those before.
+    Return None if it fills the screen, and for later frames, which Pillow draws over earlier ones.
     """
     box = getattr(image, "dispose_extent", None)
     return None if image.tell() or box in (None, (0, 0, *image.size)) else box

@@ -1,7 +1,7 @@
-"""The formats of photos, one entry each, and how many pixels a picture may have.
+"""The formats of photos, one entry each, and the limits of their number of pixels.
 
 Batches, the studio, the help and the documentation take their lists from here. This module loads
-no decoder: the help needs it.
+no decoder, so that the help stays fast.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 # A quarter of a GiB at three bytes per pixel: Pillow's own limit (Image.MAX_IMAGE_PIXELS).
 DEFAULT_MAX_PIXELS = 89_478_485
-# Above twice that Pillow's decoders refuse any file; larger images are not rasterised either.
+# Pillow's decoders refuse any file above twice that. Larger images are not rasterised either.
 MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
 PREFIX_BYTES = 64  # length of the start of a file that identifies its format
 
@@ -20,13 +20,13 @@ LIBVIPS, LIBHEIF, PILLOW = (f"gauss2svg.photo.by_{name}" for name in ("libvips",
 
 @dataclass(frozen=True)
 class Format:
-    """A format that is read.
+    """A format that can be read.
 
-    name      in text
-    suffixes  endings of the names that are taken for photos where a folder is given
-    start     regular expression of a file's first bytes
-    decoder   module that opens it
-    loader    what that module calls: an operation of libvips, or a plugin of Pillow
+    name      name in texts
+    suffixes  suffixes of the files in a folder that count as photos
+    start     regular expression for a file's first bytes
+    decoder   module that opens the file
+    loader    operation of libvips or plugin of Pillow that this module calls
     """
 
     name: str
@@ -37,13 +37,13 @@ class Format:
 
 
 FORMATS = {
-    one.name: one
-    for one in (
+    entry.name: entry
+    for entry in (
         Format("JPEG", (".jpg", ".jpeg", ".jpe", ".jfif"), rb"\xff\xd8\xff", LIBVIPS, "jpegload"),
         Format("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", LIBVIPS, "pngload"),
         Format("WebP", (".webp",), rb"RIFF.{4}WEBP", LIBVIPS, "webpload"),
         Format("TIFF", (".tif", ".tiff"), rb"II[\x2a\x2b]\0|MM\0[\x2a\x2b]", LIBVIPS, "tiffload"),
-        # By the major brand, or by a compatible one of a file that only says MIAF.
+        # AVIF is the major brand, or a compatible one beside a general major brand.
         Format("AVIF", (".avif",), rb".{4}ftyp(avi[fs]|m[is]f1(.{4})+?avi[fs])", LIBVIPS,
                "heifload"),
         Format("HEIC", (".heic", ".heif", ".hif"), rb".{4}ftyp(he[iv][cxms]|m[is]f1)", LIBHEIF),
@@ -55,12 +55,12 @@ FORMATS = {
         Format("ICO", (".ico",), rb"\0\0\x01\0", PILLOW, "Ico"),
     )
 }  # fmt: skip
-SUFFIXES = tuple(suffix for one in FORMATS.values() for suffix in one.suffixes)
+SUFFIXES = tuple(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
 
 _RAW = rb"II\*\0....CR|II[RU][\0SO]|MMOR|IIU\0|FUJIFILM"
-# Other files that are given in place of a photo, by their first bytes.
+# First bytes of other files that users give instead of a photo, with the words for an error.
 _OTHERS = (
-    (_RAW, "a camera's raw file"),  # of which only a small preview would be read
+    (_RAW, "a camera's raw file"),  # only its small preview would be read
     (rb"%PDF", "a PDF"),
     (rb"%!PS|\xc5\xd0\xd3\xc6", "a PostScript file"),
     (rb"gimp xcf", "a GIMP file"),
@@ -77,12 +77,12 @@ _OTHERS = (
 
 
 def format_of(start: bytes) -> Format | str:
-    """Return the format of a file by its first PREFIX_BYTES, or what else the file is."""
+    """Return the format of a file by its first PREFIX_BYTES, or words for any other file."""
     if not start:
         return "an empty file"
     if not re.match(_RAW, start, re.DOTALL):
-        for one in FORMATS.values():
-            if re.match(one.start, start, re.DOTALL):
-                return one
+        for entry in FORMATS.values():
+            if re.match(entry.start, start, re.DOTALL):
+                return entry
     kinds = (kind for pattern, kind in _OTHERS if re.match(pattern, start, re.DOTALL))
     return next(kinds, "an unknown format")

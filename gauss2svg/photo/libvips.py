@@ -1,7 +1,7 @@
-"""libvips in this process: its loaders, its cache, its warnings, and the samples of its pictures.
+"""Configure libvips in this process (loaders, cache, warnings), and fetch samples of its pictures.
 
-Samples are fetched in the calling thread: libvips starts no pool of threads, which a forked process
-would lack, and which `--threads` would have to limit.
+Samples are fetched in the calling thread, so libvips starts no thread pool. A forked process would
+lack the threads of such a pool, and `--threads` would not limit them.
 """
 
 from __future__ import annotations
@@ -16,39 +16,39 @@ import pyvips
 from numpy.typing import NDArray
 
 TYPES = {"uchar": np.uint8, "ushort": np.uint16, "float": np.float32}
-_ROWS = 4  # that are fetched at once
+_ROWS = 4  # number of rows that are fetched at once
 
 
-_kept = threading.local()  # warnings of libvips in each thread
-# The messages from which libvips makes a warning belong to the process.
-_one_photo = threading.RLock()
+_thread = threading.local()  # its attribute `warnings` has those of libvips in this thread
+# One photo at a time, because libvips collects the messages of a warning for the whole process.
+_lock = threading.RLock()
 
 
-def _keep(record: logging.LogRecord) -> bool:
-    """Keep a warning that Python would write to standard error."""
+def _collect(record: logging.LogRecord) -> bool:
+    """Collect a warning of libvips, and return False so that it is not logged."""
     lines = record.getMessage().removeprefix("VIPS: ").splitlines()
-    vars(_kept).setdefault("warnings", []).extend(line for line in lines if line)
+    vars(_thread).setdefault("warnings", []).extend(line for line in lines if line)
     return False
 
 
-logging.getLogger("pyvips").addFilter(_keep)
-logging.getLogger("pyvips").setLevel(logging.WARNING)  # whatever that of the program's log is
-pyvips.cache_set_max(0)  # operations of the past, with their photos
-# The package has loaders of other formats too, such as SVG and PDF.
+logging.getLogger("pyvips").addFilter(_collect)
+logging.getLogger("pyvips").setLevel(logging.WARNING)  # even if the root logger is at ERROR
+pyvips.cache_set_max(0)  # the cache would keep past operations and their photos in memory
+# Block the loaders of other formats, such as SVG and PDF.
 pyvips.operation_block_set("VipsForeignLoad", True)
 for _loader in ("Jpeg", "Png", "Webp", "Tiff", "Heif"):
     pyvips.operation_block_set(f"VipsForeignLoad{_loader}", False)
 
 
 def samples(make: Callable[[], Any]) -> tuple[NDArray[Any], list[str]]:
-    """Return the samples (h, w, bands) of a picture that is made here, and what libvips warns of.
+    """Return the samples (h, w, bands) of the picture that `make` returns, and libvips' warnings.
 
-    Some warnings come when the picture is freed, so the caller must not hold it.
+    Some warnings come when the picture is freed, so the caller must not hold a reference to it.
     """
-    with _one_photo:
-        pyvips.vips_lib.vips_error_clear()  # messages that libvips would add to the next
+    with _lock:
+        pyvips.vips_lib.vips_error_clear()  # libvips would add old messages to the next warning
         warnings: list[str] = []
-        _kept.warnings = warnings
+        _thread.warnings = warnings
         picture = make()
         width, height, bands = picture.width, picture.height, picture.bands
         array = np.empty((height, width, bands), TYPES[picture.format])

@@ -1,4 +1,4 @@
-"""Loading a photo: a file, bytes, array, tensor or PIL image becomes a Photo."""
+"""Load a photo from a file, bytes, an array, a tensor or a PIL image."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from gauss2svg.photo.reduce import Size, SizeNeeded
 from gauss2svg.photo.stored import Stored
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
-WHITE = (1.0, 1.0, 1.0)  # a matte: the background that browsers show
+WHITE = (1.0, 1.0, 1.0)  # matte of the background that browsers show
 
 
 def load_image(
@@ -37,19 +37,19 @@ def load_image(
     matte: Sequence[float] | None = None,
     needed: SizeNeeded | None = None,
 ) -> Photo:
-    """Decode a path, bytes, binary file, PIL image, numpy array or torch tensor.
+    """Decode a path, bytes, binary file, PIL image, NumPy array or torch tensor.
 
     max_pixels  largest number of pixels, 1..MOST_PIXELS, checked before decoding
-    matte       sRGB colour in 0..1 that transparency is composited over; None: alpha is kept
-    needed      the longest side in px that is needed, or a function of the width and height as
-                stored that returns those needed: a larger photo is reduced to them while it is
-                decoded, before its profile and orientation are applied; None: all
+    matte       sRGB colour in 0..1 over which transparency is composited. None keeps alpha
+    needed      longest side in px that is needed, or a function that returns the width and height
+                needed for those stored. A larger photo is reduced to that size while it is decoded,
+                before its profile and orientation are applied. None keeps all pixels
 
-    Files are of one of gauss2svg.photo.formats; of several frames the first is read. Arrays are
-    (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), torch tensors (c, h, w) or (h, w): uint8, uint16,
-    bool, or floating point in 0..1. EXIF orientation is applied; ICC profiles and the
-    gamma of a PNG are converted to sRGB. Colour under alpha 0, which is invisible, becomes 0.
-    Raises InputError for anything else.
+    A file has one of the formats of gauss2svg.photo.formats. The first of several frames is read.
+    Arrays are (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), and torch tensors (c, h, w) or (h, w), of
+    uint8, uint16, bool, or floating point in 0..1. EXIF orientation is applied. ICC profiles and
+    the gamma of a PNG are converted to sRGB. Colour under alpha 0, which is invisible, becomes 0.
+    Raise InputError for anything else.
     """
     Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     stored, name = _stored(source, max_pixels)
@@ -57,16 +57,16 @@ def load_image(
 
 
 def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Header | None:
-    """Size of a source of `load_image` by its header alone; None for one that is in memory.
+    """Return the header of a source of `load_image`, or None for an array or a tensor.
 
-    Raises InputError as `load_image` does. A file that cannot be read twice must be `rereadable`.
+    Raise InputError as `load_image` does. A file that can be read only once must be `rereadable`.
     """
     Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     return None if _is_array(source) else _stored(source, max_pixels)[0].header
 
 
 def reduced(photo: Photo, size: Size) -> Photo:
-    """Return a photo of that width and height in px, no larger, by `alpha.shrunk`."""
+    """Return a photo reduced by `alpha.shrunk` to a (width, height) in px, which is no larger."""
     if size == (photo.width, photo.height):
         return photo
     pixels = shrunk(pixels_of(photo), size[1], size[0], sharp=True)
@@ -76,7 +76,7 @@ def reduced(photo: Photo, size: Size) -> Photo:
 
 
 def rereadable(source: ImageSource) -> ImageSource:
-    """The source, or all of its bytes where it is an open file."""
+    """Return a source that can be read twice: all bytes of an open file, or the source itself."""
     return _file(source)[0] if hasattr(source, "read") else source
 
 
@@ -86,7 +86,7 @@ def _is_array(source: ImageSource) -> bool:
 
 
 def _stored(source: ImageSource, max_pixels: int) -> tuple[Stored, str]:
-    """Return what is to be decoded, of at most max_pixels, and its name."""
+    """Return a source as Stored, and its name. Raise InputError above max_pixels."""
     if isinstance(source, np.ndarray):
         return _of_array(source, "array", max_pixels), "array"
     if _is_array(source):
@@ -101,7 +101,7 @@ def _stored(source: ImageSource, max_pixels: int) -> tuple[Stored, str]:
 
 
 def _file(source: ImageSource) -> tuple[bytes, str]:
-    """Return the bytes of a source that is a file, and its name; raise InputError for others."""
+    """Return the bytes of a source that is a file, and its name. Raise InputError for others."""
     if isinstance(source, (bytes, bytearray, memoryview)):
         return bytes(source), f"photo of {len(source)} bytes"
     if isinstance(source, (str, os.PathLike)):
@@ -120,7 +120,7 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
             "file object must be open; got a closed one. Try the path of the photo, or a file "
             "that is open"
         )
-    with suppress(AttributeError, OSError):  # a pipe is read from where it is
+    with suppress(AttributeError, OSError):  # a pipe cannot seek, and is read from where it is
         source.seek(0)
     data = source.read()
     if not isinstance(data, bytes):
@@ -134,8 +134,9 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
 def _tensor_samples(tensor: Any) -> NDArray[Any]:
     try:
         dense = tensor.detach().cpu().to_dense()
-        return (dense.float() if dense.is_floating_point() else dense).numpy()  # bfloat16 too
-    except (RuntimeError, TypeError) as error:  # masked, quantized, nested, without data
+        # NumPy has no bfloat16.
+        return (dense.float() if dense.is_floating_point() else dense).numpy()
+    except (RuntimeError, TypeError) as error:  # a masked, quantized, nested or meta tensor
         needed, reason = "one that NumPy can hold", str(error).partition("\n")[0].rstrip(".")
         raise InputError(
             f"tensor must be {needed}; got {brief(reason)}. Try a dense tensor of floating point"
@@ -145,7 +146,7 @@ def _tensor_samples(tensor: Any) -> NDArray[Any]:
 def _of_array(array: NDArray[Any], name: str, max_pixels: int) -> Stored:
     if np.ma.is_masked(array):
         raise InputError(f"{name} must be without masked samples; got some. Try .filled(0)")
-    array = np.asarray(array)  # of a subclass, whose operators may be others
+    array = np.asarray(array)  # a subclass may have other operators
     if array.ndim == 2:
         array = array[:, :, None]
     if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
@@ -162,7 +163,7 @@ def _of_array(array: NDArray[Any], name: str, max_pixels: int) -> Stored:
 
 
 def _composited(photo: Photo, matte: Sequence[float] | None) -> Photo:
-    """The photo opaque, over a colour where one is given."""
+    """Return the photo over the colour `matte`, or unchanged if that is None."""
     if matte is None:
         return photo
     color = np.asarray(matte, np.float32)

@@ -1,4 +1,4 @@
-"""A photo in memory, which loading gives and all else takes; samples of any type as float32."""
+"""A photo in memory, its header, and the conversion of samples of any type to float32."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from gauss2svg.errors import InputError
 
 @dataclass(frozen=True)
 class Header:
-    """What the header of a photo says.
+    """The header of a photo.
 
-    width, height  in px, as stored
-    has_alpha      whether it may have alpha
-    reduced_bytes  of memory for each pixel while it is decoded and reduced; None where all of it
-                   is decoded first
+    width, height  size in px, as stored
+    has_alpha      whether the photo may have alpha
+    reduced_bytes  memory (bytes) per pixel while the photo is decoded and reduced. None if all of
+                   it is decoded first
     """
 
     width: int
@@ -31,11 +31,11 @@ class Header:
 class Photo:
     """A decoded photo.
 
-    pixels  (height, width, 3) float32 sRGB in 0..1, straight alpha; 0 where alpha is 0
-    full    width and height in px of the upright photo, of which pixels may be a reduction
+    pixels  (height, width, 3) float32 sRGB in 0..1, not multiplied by alpha; 0 where alpha is 0
+    full    width and height in px of the upright photo before any reduction
     notes   conversions made while loading, for the report
-    dpi     px per inch across and down, by the resolution tag; None where the file has none
-    alpha   (height, width) float32 in 0..1; None where every pixel is opaque
+    dpi     px per inch across and down, by the resolution tag. None if the file has none
+    alpha   (height, width) float32 in 0..1. None if every pixel is opaque
     """
 
     pixels: NDArray[np.float32]
@@ -56,9 +56,9 @@ class Photo:
 
 
 def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
-    """Samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
+    """Return samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
 
-    Raises InputError for other types, and for the first sample outside of 0..1.
+    Raise InputError for other types, and for the first sample outside of 0..1.
     """
     array = array.astype(array.dtype.newbyteorder("="), copy=False)
     if array.dtype == np.bool_:
@@ -69,7 +69,7 @@ def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
         raise InputError(
             f"type of {name} must be uint8, uint16, bool or floating point; got {array.dtype}"
         )
-    bad = ~((array >= 0) & (array <= 1))  # NaN as well
+    bad = ~((array >= 0) & (array <= 1))  # true for NaN as well
     if bad.any():
         y, x, c = (int(v) for v in np.argwhere(bad)[0])
         raise InputError(

@@ -1,4 +1,4 @@
-"""Reducing a photo while it is decoded, by libvips."""
+"""Reduce a photo by libvips while it is decoded."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from collections.abc import Callable
 from typing import Any
 
 Size = tuple[int, int]  # width and height in px
-# Of a photo of that width and height, as stored; or the longest side in px.
+# A function (width, height as stored) that returns the size needed, or the longest side in px.
 SizeNeeded = Callable[[int, int], Size] | int
-# JPEGs are decoded at least so many times as large: libjpeg's own reduced decoding leaves out high
-# frequencies, which is no filter of ours (docs/decisions/photo.md).
+# libjpeg decodes a JPEG at least this many times as large as needed, and `resized` does the rest.
+# libjpeg itself leaves out high frequencies, which is a poor filter (docs/decisions/photo.md).
 DRAFT = 3
-_OPAQUE = {"uchar": 255, "ushort": 65535, "float": 1}  # alpha by the type of samples
+_OPAQUE = {"uchar": 255, "ushort": 65535, "float": 1}  # alpha of an opaque sample by its type
 
 
 def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | None:
-    """The size to which a photo of that size is reduced; None where no side shrinks."""
+    """Return the size to which a photo is reduced, or None if no side shrinks."""
     if needed is None:
         return None
     if callable(needed):
@@ -28,10 +28,11 @@ def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | N
 
 
 def resized(picture: Any, size: Size, has_alpha: bool) -> Any:
-    """Return a smaller picture; one with alpha as floating point in 0..1.
+    """Return a smaller picture. One with alpha has floating-point samples in 0..1.
 
-    Opaque pictures by the cubic filter of Catmull and Rom. Others by a triangle, because a filter
-    with negative weights would leave faint rings around edges of alpha (docs/decisions/photo.md).
+    Opaque pictures are reduced by the cubic filter of Catmull and Rom, and others by a triangle
+    filter. A filter with negative weights would leave faint rings around edges of alpha
+    (docs/decisions/photo.md).
     """
     across, down = (
         small / side for small, side in zip(size, (picture.width, picture.height), strict=True)

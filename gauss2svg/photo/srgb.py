@@ -1,4 +1,4 @@
-"""Colours of a file in sRGB: by its ICC profile, by a gamma and primaries, or by codes of H.273."""
+"""Convert the colours of a file to sRGB by its ICC profile, gamma and primaries, or H.273 codes."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from gauss2svg.photo.libvips import samples
 from gauss2svg.photo.photo import unit
 
 INKS = 4  # channels of CMYK
-_SPACES = {b"GRAY": 1, b"RGB ": 3, b"CMYK": INKS}  # channels by the signature of a profile
+_SPACES = {b"GRAY": 1, b"RGB ": 3, b"CMYK": INKS}  # channels by an ICC profile's colour space
 UNUSABLE = "embedded ICC profile unreadable or for another colour space; sRGB assumed"
 _CONVERTED = "converted from its embedded ICC profile to sRGB"
 _NAIVE = "CMYK without a usable ICC profile; converted by the naive formula"
-_SAME = 1 / 255  # difference up to which a profile counts as sRGB
+_SAME = 1 / 255  # largest difference at which a profile counts as sRGB
 _GAMMA = 1 / 2.2  # the gAMA of an sRGB image
-_SAME_GAMMA = 0.01  # relative difference up to which a gamma counts as that
+_SAME_GAMMA = 0.01  # largest relative difference at which a gamma counts as _GAMMA
 _LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
-# x and y of white, red, green and blue of sRGB, and by their code (ITU-T H.273, table 2).
+# x and y of white, red, green and blue, for sRGB and for each code of ITU-T H.273, table 2.
 _SRGB = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
 PRIMARIES = {
     1: _SRGB,
@@ -32,19 +32,19 @@ PRIMARIES = {
     9: (*_SRGB[:2], 0.708, 0.292, 0.17, 0.797, 0.131, 0.046),  # BT.2020
     12: (*_SRGB[:2], 0.68, 0.32, 0.265, 0.69, 0.15, 0.06),  # Display P3
 }
-# gAMA by the code of a transfer (ITU-T H.273, table 3). Cameras' curves, which are made for screens
-# of sRGB, and one that is not specified count as sRGB, as in browsers.
+# gAMA by the code of the transfer curve (ITU-T H.273, table 3). As in browsers, cameras' curves and
+# an unspecified curve count as sRGB, because cameras' curves are made for screens of sRGB.
 TRANSFERS = dict.fromkeys((1, 2, 6, 13, 14, 15), _GAMMA) | {4: 1 / 2.2, 5: 1 / 2.8, 8: 1.0}
 
 
 @dataclass(frozen=True)
 class ColorSpace:
-    """The colour space of a file; sRGB by default.
+    """The colour space of a file, which is sRGB by default.
 
-    profile       its ICC profile
-    gamma         exponent of the values of light, as in gAMA of PNG; 1/2.2 stands for sRGB's curve
+    profile       ICC profile
+    gamma         value = light ^ gamma, as in gAMA of PNG. 1/2.2 stands for sRGB's own curve
     chromaticity  x and y of white, red, green and blue
-    source        what says so, for notes
+    source        part of the file that states gamma and chromaticity, for notes
     """
 
     profile: bytes | None = None
@@ -54,7 +54,7 @@ class ColorSpace:
 
 
 def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.float32], list[str]]:
-    """Return color (h, w, 1, 3 or INKS) in 0..1 as grey or RGB in sRGB, and notes."""
+    """Convert color (h, w, 1, 3 or INKS) in 0..1 to grey or RGB in sRGB. Return it with notes."""
     notes: list[str] = []
     if space.profile:
         converted = _by_profile(color, space.profile)
@@ -62,14 +62,14 @@ def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.f
             return converted, [] if converted is color else [_CONVERTED]
         notes = [UNUSABLE]
     if color.shape[2] == INKS:
-        naive = (1 - color[:, :, :3]) * (1 - color[:, :, 3:])
-        return naive, [*notes, _NAIVE]
-    color, more = _by_gamma(color, space)
-    return color, notes + more
+        rgb = (1 - color[:, :, :3]) * (1 - color[:, :, 3:])
+        return rgb, [*notes, _NAIVE]
+    color, gamma_notes = _by_gamma(color, space)
+    return color, notes + gamma_notes
 
 
 def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32] | None:
-    """Return color by its ICC profile, color itself if that is sRGB, or None if it is of no use."""
+    """Convert color by an ICC profile. Return color itself for sRGB, None for a useless profile."""
     channels = _SPACES.get(profile[16:20])
     try:
         if channels == 1 == color.shape[2]:
@@ -91,9 +91,9 @@ def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float3
 
 
 def _grey_curve(profile: bytes) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Return levels in 0..1 and what a profile of grey makes of them.
+    """Return 256 levels in 0..1, and their sRGB values by a profile of grey.
 
-    By default, which libvips keeps to, Little CMS samples a curve in 33 steps.
+    Little CMS samples a curve in only 33 steps by default, and so does libvips.
     """
     parsed, srgb = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
     levels = Image.fromarray(np.arange(256, dtype=np.uint8)[None])
@@ -102,8 +102,8 @@ def _grey_curve(profile: bytes) -> tuple[NDArray[np.floating], NDArray[np.floati
 
 
 def _transformed(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32]:
-    """Return color of three channels, or of INKS, as RGB in sRGB, with 16 bits a channel."""
-    ImageCms.ImageCmsProfile(io.BytesIO(profile))  # raises for a broken one, which libvips replaces
+    """Convert color of 3 or INKS channels to RGB in sRGB, with 16 bits a channel."""
+    ImageCms.ImageCmsProfile(io.BytesIO(profile))  # raises if broken; libvips would use another
     levels = np.round(color * np.float32(65535)).astype(np.uint16)
     kind = "cmyk" if color.shape[2] == INKS else "rgb16"
     picture = pyvips.Image.new_from_array(levels).copy(interpretation=kind)
@@ -115,10 +115,11 @@ def _transformed(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float
 def _by_gamma(
     color: NDArray[np.float32], space: ColorSpace
 ) -> tuple[NDArray[np.float32], list[str]]:
-    """Return color (h, w, 1 or 3) with a gamma and primaries in sRGB, and notes.
+    """Convert color (h, w, 1 or 3) from a gamma and primaries to sRGB, and return it with notes.
 
-    light = value^(1 / gamma) (PNG, third edition, 11.3.2.2 and 13.13), from the primaries to those
-    of sRGB, then the sRGB curve. A gamma within 1 % of 1/2.2 stands for the sRGB curve itself.
+    light = value^(1 / gamma) (PNG, third edition, 11.3.2.2 and 13.13). It is converted from the
+    primaries to those of sRGB, and then by the sRGB curve to values. A gamma within 1 % of 1/2.2
+    stands for the sRGB curve itself.
     """
     is_same = abs(space.gamma / _GAMMA - 1) <= _SAME_GAMMA
     has_primaries = not np.allclose(space.chromaticity, _SRGB, rtol=0, atol=0.005)
@@ -134,21 +135,21 @@ def _by_gamma(
 
 
 def _srgb_light(value: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Linear light of sRGB values (IEC 61966-2-1)."""
+    """Return the linear light of sRGB values (IEC 61966-2-1)."""
     light = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
     return light.astype(np.float32)
 
 
 def _srgb_value(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    """SRGB values of linear light (IEC 61966-2-1)."""
+    """Return the sRGB values of linear light (IEC 61966-2-1)."""
     value = np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
     return value.astype(np.float32)
 
 
 def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] | None:
-    """Matrix (3, 3) from linear light of these primaries to that of sRGB; None if degenerate.
+    """Return the matrix (3, 3) from linear light of these primaries to sRGB, None if degenerate.
 
-    Another white becomes that of sRGB by a factor for each channel.
+    A factor for each channel turns another white into that of sRGB.
     """
     x, y = np.array(chromaticity, float).reshape(4, 2).T
     if not (y > 0).all() or abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < 1e-4:
@@ -159,7 +160,7 @@ def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] 
 
 
 def _to_xyz(chromaticity: tuple[float, ...]) -> NDArray[np.floating]:
-    """Matrix (3, 3) from linear light to CIE XYZ, whose white has Y = 1 (SMPTE RP 177)."""
+    """Return the matrix (3, 3) from linear light to CIE XYZ with Y = 1 for white (SMPTE RP 177)."""
     x, y = np.array(chromaticity, float).reshape(4, 2).T
     white, *primaries = np.stack([x / y, np.ones(4), (1 - x - y) / y], axis=1)
     columns = np.stack(primaries, axis=1)

@@ -1,4 +1,4 @@
-"""An image file whose header is read, and how its pixels are read."""
+"""An image file whose header is read, and a function that reads its pixels."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from gauss2svg.photo.srgb import PRIMARIES, TRANSFERS, ColorSpace
 
 SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
 _LEAST_DPI = 1.0  # a resolution of this or less counts as none
-_SQUARE = 0.01  # relative difference of resolutions up to which pixels count as square
+_SQUARE = 0.01  # largest relative difference of resolutions at which pixels count as square
 
 
 @dataclass(eq=False)
 class Stored:
     """The first image of a file, as it is stored.
 
-    width, height  in px
-    colors         number of channels of colour: 1 of grey, 3 of RGB, INKS of CMYK
-    alpha          index of the channel of alpha; None without one
-    picture        function of one of the scales that returns a picture of libvips, whose samples
-                   are uint8, uint16 or float32 in 0..1
-    reduced_bytes  see Header
-    scales         numbers of times that its decoder can make it smaller
-    space          the colour space of RGB or of grey
-    orientation    1..8 as in EXIF; 1: upright as stored
-    density        px across and down in the same length, as stored; None where the file has none
-    is_per_inch    whether that length is an inch, and not unknown
-    notes          on what is changed
-    notes_warnings whether to add the last of the decoder's warnings to them
+    width, height   size in px
+    colors          number of colour channels: 1 of grey, 3 of RGB, INKS of CMYK
+    alpha           index of the alpha channel, or None
+    picture         function of one of `scales` that returns a picture of libvips. Its samples are
+                    uint8, uint16 or float32 in 0..1
+    reduced_bytes   as in Header
+    scales          factors by which the decoder can make the image smaller
+    space           colour space
+    orientation     1..8 as in EXIF. 1 is upright as stored
+    density         px across and down in one unit of length, as stored. None if the file has none
+    is_per_inch     whether this unit is an inch, and not unknown
+    notes           notes on changes, for the report
+    notes_warnings  whether the decoder's last warning becomes a note
     """
 
     width: int
@@ -49,7 +49,7 @@ class Stored:
 
     @property
     def header(self) -> Header:
-        """The size, and what decoding takes."""
+        """Size, alpha, and memory for decoding."""
         return Header(self.width, self.height, self.alpha is not None, self.reduced_bytes)
 
     @property
@@ -59,7 +59,7 @@ class Stored:
         return (self.height, self.width) if is_swapped else (self.width, self.height)
 
     def resolution(self) -> tuple[tuple[float, float] | None, list[str]]:
-        """Return px per inch across and down of the upright photo, None if unknown, and notes."""
+        """Return px per inch across and down of the upright photo, or None, and notes."""
         if self.density is None or min(self.density) <= 0:
             return None, []
         across, down = self.density[::-1] if self.orientation in SWAPPED else self.density
@@ -73,7 +73,7 @@ class Stored:
         return (across, down) if is_known else None, notes
 
     def set_codes(self, source: str, codes: Sequence[int]) -> None:
-        """Set the colour space to primaries and transfer of ITU-T H.273, or note them."""
+        """Set the colour space by H.273 codes (primaries, transfer). Note unknown codes."""
         primaries, transfer = codes
         chromaticity, gamma = PRIMARIES.get(primaries), TRANSFERS.get(transfer)
         if chromaticity and gamma:
@@ -83,13 +83,13 @@ class Stored:
             self.notes.append(f"{kind} not supported; ignored")
 
     def set_gamma(self, gamma: float, chromaticity: Sequence[float]) -> None:
-        """Set the colour space to the gAMA and the eight numbers of cHRM, if any, of a PNG."""
+        """Set the colour space by the gAMA of a PNG, and by its cHRM if that has eight numbers."""
         source = f"gAMA of {gamma:g}"
         self.space = ColorSpace(gamma=gamma, source=source)
         if len(chromaticity) == 8:
             self.space = ColorSpace(None, gamma, tuple(chromaticity), f"{source} and cHRM")
 
-    def note_frames(self, count: int, what: str = "frames") -> None:
+    def note_frames(self, count: int, noun: str = "frames") -> None:
         """Add a note if there is more than one frame or page."""
         if count > 1:
-            self.notes.append(f"first of {count} {what}")
+            self.notes.append(f"first of {count} {noun}")

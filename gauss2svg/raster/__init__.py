@@ -1,14 +1,14 @@
-"""SVG renderers behind one function; each name of gauss2svg.options.Renderer is a module here.
+"""Rasterise SVGs by a renderer. Each name of gauss2svg.options.Renderer is a module here.
 
 A renderer's module has
 
-    CANNOT_DRAW               what it draws wrongly, by features, with what is known of that
+    CANNOT_DRAW               features that it draws wrongly, each with a remark or ""
                               (docs/decisions/renderers.md)
-    draw(svg, width, height)  returns straight RGBA (height, width, 4) float32 in 0..1; that of a
-                              browser takes the colour of the page too, which is white
+    draw(svg, width, height)  returns straight RGBA (height, width, 4) float32 in 0..1. A browser's
+                              `draw` also takes the colour of the page, which is white by default
     version()                 returns the name and version
 
-Both functions raise RendererError where the renderer is not installed.
+Both functions raise RendererError if the renderer is not installed.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from gauss2svg.svg.source import from_root, stretched
 
 RENDERERS: tuple[str, ...] = get_args(Renderer)
 _MODULES = {name: import_module(f"gauss2svg.raster.{name}") for name in RENDERERS}
-BROWSERS = "chromium", "firefox"  # whose draw takes the colour of the page too
+BROWSERS = "chromium", "firefox"  # renderers whose `draw` also takes the colour of the page
 
 
 def renderer_named(name: str) -> ModuleType:
-    """Return the module of a renderer; raise InputError for any other name."""
+    """Return the module of a renderer. Raise InputError for any other name."""
     return _MODULES[Field("renderer", words=RENDERERS).checked(name)]
 
 
@@ -46,14 +46,14 @@ def drawn_by(*features: Feature) -> tuple[str, ...]:
     )
 
 
-DEFAULT_RENDERER = "resvg"  # a wheel, with nothing else to install, fast and accurate
+DEFAULT_RENDERER = "resvg"  # it is fast, accurate, and installed as a wheel
 DRAW_ROTATED_BLURS = drawn_by(Feature.TURNED_BLUR)
-DRAW_MINIMAL = drawn_by(Feature.MASK, Feature.PLAIN_HREF)  # what minimal markup has
+DRAW_MINIMAL = drawn_by(Feature.MASK, Feature.PLAIN_HREF)  # the features of minimal markup
 DRAW_BLENDS = drawn_by(Feature.BLEND, Feature.FILTER)
 
 
 def renderer_version(name: str) -> str:
-    """Return the name and version of a renderer; raise RendererError if it is not installed."""
+    """Return the name and version of a renderer. Raise RendererError if it is not installed."""
     return renderer_named(name).version()
 
 
@@ -81,7 +81,7 @@ def rasterize_rgba(
 def rasterize_like(
     svg: str, picture: NDArray[np.floating], renderer: str = DEFAULT_RENDERER
 ) -> NDArray[np.float32]:
-    """Return a raster of the size of an image, over white for (h, w, 3), else with alpha."""
+    """Return a raster of the size of `picture`, over white if that is opaque, else with alpha."""
     height, width = picture.shape[:2]
     draw = rasterize_rgba if has_alpha(picture) else rasterize
     return draw(svg, width, height, renderer)
@@ -90,9 +90,9 @@ def rasterize_like(
 def rasterize_sized(
     svg: str, width: int, height: int, renderer: str, clear: bool = False
 ) -> NDArray[np.float32]:
-    """Return the raster (height, width, 4) of an SVG that fills width x height px.
+    """Return the raster (height, width, 4) of an SVG that is width x height px large.
 
-    clear  whether the page of a browser is transparent, and not white
+    clear  whether the page of a browser is transparent. Else it is white
     """
     page = [CLEAR] if clear and renderer in BROWSERS else []
     pixels = renderer_named(renderer).draw(svg, width, height, *page)
@@ -108,23 +108,23 @@ def rasterize_sized(
 def refuse_unsupported(svg: str, renderer: str) -> None:
     """Raise RendererError if the renderer is known to draw wrongly what an SVG uses."""
     cannot = renderer_named(renderer).CANNOT_DRAW
-    for feature in (one for one in Feature if one in cannot and uses(svg, one)):
-        known = drawn_by(feature)
+    for feature in (each for each in Feature if each in cannot and uses(svg, each)):
+        others = drawn_by(feature)
         raise RendererError(
-            f"renderer must be one of {', '.join(known)} for what the SVG uses, {feature}; "
-            f"got {renderer}. Try --renderer {known[0]}"
+            f"renderer must be one of {', '.join(others)} for what the SVG uses, {feature}; "
+            f"got {renderer}. Try --renderer {others[0]}"
         )
 
 
 def _drawn(svg: str, width: int, height: int, renderer: str, clear: bool) -> NDArray[np.float32]:
-    if width * height > MOST_PIXELS:  # the limit of photos
+    if width * height > MOST_PIXELS:  # the same limit as for photos
         raise RendererError(
             f"the raster must be at most {MOST_PIXELS / 1e6:.0f} million px; got "
             f"{width}x{height}, {width * height / 1e6:.0f} million. Try to draw the SVG smaller"
         )
     try:
         text = from_root(svg)
-        expat.ParserCreate().Parse(text, True)  # renderers draw parts of a broken file
+        expat.ParserCreate().Parse(text, True)  # renderers would draw parts of a broken file
     except (InputError, expat.ExpatError, UnicodeEncodeError) as error:
         raise RendererError(f"cannot draw the SVG: {error}. Try to re-save it") from error
     refuse_unsupported(text, renderer)

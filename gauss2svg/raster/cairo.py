@@ -7,7 +7,7 @@ from gauss2svg.errors import RendererError
 from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import from_png
 
-# Found by CairoSVG 2.9.
+# Observed with CairoSVG 2.9.
 _BLURS = Feature.TURNED_BLUR, Feature.BLUR
 CANNOT_DRAW = {
     **dict.fromkeys((*_BLURS, Feature.FILTER), "it has no filters but offset, flood and blend"),
@@ -27,7 +27,7 @@ def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
     cairosvg, size = _cairosvg(), {"output_width": width, "output_height": height}
     try:
         return from_png(cairosvg.svg2png(svg.encode(), unsafe=False, **size) or b"")
-    except Exception as error:  # CairoSVG raises whatever its parsing trips over
+    except Exception as error:  # CairoSVG's parser raises exceptions of any class
         raise RendererError(f"CairoSVG cannot draw the SVG: {error!r}") from error
 
 

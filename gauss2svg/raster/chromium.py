@@ -1,9 +1,9 @@
-"""Headless Chromium, driven by Playwright: what the SVG looks like on the web.
+"""Headless Chromium, driven by Playwright, which shows an SVG as the web does.
 
 Chromium rounds to 8 bits after every layer and dithers gradients by a fixed pattern of 8 x 8 px.
-The image is therefore drawn at _OFFSETS, four places on the page that lie differently in the
-pattern, and their mean is taken: this gains up to 12 dB against the model, where drawing at twice
-the size and averaging loses (docs/decisions/renderers.md).
+The image is therefore drawn at _OFFSETS, four places of the page at which the pattern differs, and
+the mean is taken. It is 5 to 12 dB closer to the model than one image. The average of an image of
+twice the size is at least 5 dB worse than this mean (docs/decisions/renderers.md).
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from gauss2svg.raster import program
 from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import CLEAR, DRAWING, WHITE, from_png, html
 
-# Found by Chromium 156.
+# Observed with Chromium 156.
 CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
 PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
-# Without the profile colours depend on the machine's screen. Reduced motion shows animated files
-# in their final state; as an option of the page it would not reach the image in it.
+# Without the colour profile, colours depend on the machine's screen. Reduced motion shows animated
+# files in their final state. As an option of the page it would not apply to the image in the page.
 _FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars", "--force-prefers-reduced-motion")
 _PROGRAMS = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable",
@@ -44,25 +44,25 @@ _PROGRAMS = (
 _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
 _SITE, _HTML, _SVG = "http://gauss2svg.invalid/", "text/html", "image/svg+xml"
 _FILE = _SITE + DRAWING
-_PLACE = "([x, y]) => document.images[0].style = `position: absolute; left: ${x}px; top: ${y}px`"
+_MOVE = "([x, y]) => document.images[0].style = `position: absolute; left: ${x}px; top: ${y}px`"
 _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
 
 
 def version() -> str:
-    """Return the name and version as the program prints them; no browser is started."""
+    """Return the name and version as the program prints them, without starting a browser."""
     _playwright_api()
     path = _program()
     if sys.platform == "win32":
         return f"Chromium {_version_beside(path)}"
-    # Google Chrome 140.0.1 / Chromium 156.0.8078.79 built on Debian GNU/Linux
+    # It prints "Google Chrome 140.0.1", or "Chromium 156.0.8078.79 built on Debian GNU/Linux".
     return program.version_line(path).split(" built on ")[0]
 
 
 def _version_beside(path: str) -> str:
     """Return the version of a Chromium on Windows, where --version would open a window.
 
-    An installer puts its files in a folder of that name beside the program. Playwright's own
-    Chromium has no such folder.
+    An installer puts its files in a folder beside the program that is named by the version.
+    Playwright's own Chromium has no such folder.
     """
     names = [folder.name for folder in Path(path).parent.glob("[0-9]*.*.*.*")]
     numbers = [[int(part) for part in re.findall("[0-9]+", name)] for name in names]
@@ -70,7 +70,7 @@ def _version_beside(path: str) -> str:
 
 
 def draw(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) of the SVG on a page; a mean, so finer than 8 bits."""
+    """Return the pixels (height, width, 4) of the SVG on a page: a mean, finer than 8 bits."""
     try:
         return _browser(os.getpid()).draw(svg, width, height, page)
     except _playwright_api().Error as error:
@@ -80,7 +80,7 @@ def draw(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.flo
 
 
 def _playwright_api() -> Any:
-    """Return Playwright's API for asyncio; raise RendererError where it is not installed."""
+    """Return Playwright's API for asyncio. Raise RendererError if it is not installed."""
     try:
         from playwright import async_api
     except ImportError as error:
@@ -103,16 +103,16 @@ def _program() -> str:
 
 
 def launch_options(flags: Sequence[str] = _FLAGS) -> dict[str, Any]:
-    """Return what Playwright's `chromium.launch` takes to start the installed browser."""
-    # As root Chromium does not start with its sandbox; everybody else keeps the sandbox.
+    """Return options by which Playwright's `chromium.launch` starts the installed browser."""
+    # Chromium does not start as root with its sandbox. All other users keep the sandbox.
     is_root = hasattr(os, "geteuid") and os.geteuid() == 0
     return {"executable_path": _program(), "args": flags, "chromium_sandbox": not is_root}
 
 
 class _Browser:
-    """The browser of a process, driven by asyncio in a thread of its own.
+    """The browser of a process, driven by asyncio in its own thread.
 
-    The caller's thread may have a running loop, as that of a notebook has.
+    The caller's thread may already have a running event loop, as in a notebook.
     """
 
     def __init__(self) -> None:
@@ -124,12 +124,12 @@ class _Browser:
         atexit.register(self._close)
 
     def draw(self, svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
-        """Return the mean of the images at _OFFSETS: (height, width, 4), on a page of a colour."""
+        """Return the mean (height, width, 4) of the images at _OFFSETS on a page of this colour."""
         mean = self._mean(svg, width, height, color)
         return asyncio.run_coroutine_threadsafe(mean, self._loop).result()
 
     def _close(self) -> None:
-        """End the browser within ten seconds, even where it draws; in a fork, leave it alone."""
+        """End the browser within ten seconds, even if it is drawing. Leave it alone in a fork."""
         if self._playwright is not None and self._thread.is_alive():
             wait([asyncio.run_coroutine_threadsafe(self._playwright.stop(), self._loop)], 10)
 
@@ -139,28 +139,28 @@ class _Browser:
         async with self._lock, await self._context(width + 1, height + 1) as context:
             context.set_default_timeout(program.TIMEOUT_S * 1000)
             page = await context.new_page()
-            await page.route(_SITE, lambda one: one.fulfill(body=html(color), content_type=_HTML))
-            await page.route(_FILE, lambda one: one.fulfill(body=svg, content_type=_SVG))
+            await page.route(_SITE, lambda r: r.fulfill(body=html(color), content_type=_HTML))
+            await page.route(_FILE, lambda r: r.fulfill(body=svg, content_type=_SVG))
             await page.goto(_SITE)
-            # Not evaluate(), which would wait forever for a page that hangs.
-            found = await page.wait_for_function(_SIZE)
-            if await found.json_value() != [width, height]:
+            # evaluate() would wait forever for a page that hangs.
+            size = await page.wait_for_function(_SIZE)
+            if await size.json_value() != [width, height]:
                 raise RendererError("Chromium cannot draw the SVG: not a supported image")
             for x, y in _OFFSETS:
-                await page.wait_for_function(_PLACE, arg=[x, y])
+                await page.wait_for_function(_MOVE, arg=[x, y])
                 shot = from_png(await page.screenshot(omit_background=is_clear))
                 levels = np.rint(255 * shot[y : y + height, x : x + width])
-                levels[:, :, :3] *= levels[:, :, 3:] / 255  # transparent places have no colour
+                levels[:, :, :3] *= levels[:, :, 3:] / 255  # premultiply for the mean
                 total += levels
         total /= np.float32(255 * len(_OFFSETS))
         return straight(total[:, :, :3], total[:, :, 3]) if is_clear else total
 
     async def _context(self, width: int, height: int) -> Any:
-        """Return a new context of the browser, offline: nothing but routes has an answer."""
+        """Return a new context of the browser. It is offline, so only routes are answered."""
         api, view = _playwright_api(), {"width": width, "height": height}
         options: Any = {"viewport": view, "offline": True, "service_workers": "block"}
         if self._browser is not None:
-            # A browser that has died since the last image is noticed at the first call only.
+            # This first call fails if the browser has died since the last image.
             with suppress(api.Error):
                 return await self._browser.new_context(**options)
         launching = launch_options()
@@ -168,8 +168,8 @@ class _Browser:
         try:
             self._browser = await self._playwright.chromium.launch(**launching)
         except api.Error as error:
-            said, path = str(error), launching["executable_path"]
-            reasons = re.findall(r"<(process did .*)>", said) + re.findall(r"\[err\] (.*\S)", said)
+            text, path = str(error), launching["executable_path"]
+            reasons = re.findall(r"<(process did .*)>", text) + re.findall(r"\[err\] (.*\S)", text)
             why = [_first_line(error), *reasons][-1]
             raise RendererError(
                 f"Chromium did not start: {why}. Try to reinstall {path}, or --renderer resvg"
@@ -177,7 +177,7 @@ class _Browser:
         return await self._browser.new_context(**options)
 
 
-# A forked process has its own, since the browser and its thread are its parent's.
+# A forked process starts its own, because the browser and its thread belong to the parent.
 @cache
 def _browser(process_id: int) -> _Browser:
     return _Browser()

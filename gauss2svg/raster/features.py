@@ -1,7 +1,7 @@
-"""Features of SVG that some renderers draw wrongly, found by their words in a file.
+"""Features of SVG that some renderers draw wrongly, found in a file by their words.
 
-Each renderer states its own as CANNOT_DRAW. What our own forms use is known without a search:
-gauss2svg.raster names the renderers of each.
+Each renderer lists those that it draws wrongly in CANNOT_DRAW. The features of the project's own
+files are known without a search, and gauss2svg.raster lists the renderers that draw them.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from enum import StrEnum
 
 
 class Feature(StrEnum):
-    """A feature, as an error names it.
+    """A feature, with its name in errors.
 
-    A blur counts as turned where anything in the file is rotated or skewed. Animation is that which
-    also runs under prefers-reduced-motion; without it a file is drawn as it is written.
+    A blur counts as turned if anything in the file is rotated or skewed. Animation counts if it
+    runs under prefers-reduced-motion too. Otherwise a renderer draws the file as it is written.
     """
 
     TURNED_BLUR = "a blur of rotated or skewed shapes"
@@ -28,12 +28,12 @@ class Feature(StrEnum):
     MOVING = "animation, drawn at some moment of it"
 
 
-_GAP = r"(?:\s|/\*(?:[^*]|\*(?!/))*+\*/)*+"  # blanks and comments of CSS
-# A value that has an effect.
+_GAP = r"(?:\s|/\*(?:[^*]|\*(?!/))*+\*/)*+"  # white space and comments of CSS
+# The start of a value that switches a feature on.
 _ON = rf"""{_GAP}[:=]{_GAP}["']?+{_GAP}(?!none|normal|inherit|initial|unset)"""
 _TAG = r"<(?:[\w.-]+:)?"
 _LINKING = "(?:use|image|pattern|filter|lineargradient|radialgradient)"
-# Words without which a file has no such feature, and what finds it, all in lower case.
+# Words of which a file with the feature has at least one, and a pattern for it, in lower case.
 _SEARCHES = {
     Feature.BLUR: ("blur shadow", r"fegaussianblur|fedropshadow|(?<![\w-])(?:blur|drop-shadow)\("),
     Feature.LIGHTER: ("plus-", rf"mix-blend-mode{_ON}plus-"),
@@ -46,15 +46,16 @@ _SEARCHES = {
         rf"{_TAG}(?:animate|set|discard)|@starting-style|(?<![\w-])animation(?:-name)?{_ON}",
     ),
 }
-# A transform of CSS, or one that does more than move and scale.
+# A transform of CSS, or a transform that does more than move and scale.
 _TURNS = re.compile(
     r"""rotate|skew|[;"'{\s]transform\s*:|matrix\s*+\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])"""
 )
-# Texts that nobody draws; a style sheet may be in CDATA, which is kept.
+# Comments, titles and descriptions, which are not drawn. Group 1 is CDATA, which is kept because it
+# may be a style sheet.
 _TEXTS = re.compile(
     rf"(<!\[cdata\[.*?\]\]>)|<!--.*?(?:-->|\Z)|{_TAG}(?:title|desc)\b[^<>]*>[^<]*", re.DOTALL
 )
-# The style sheet of our animated files, which moves nothing for those who prefer so.
+# The style sheet of the project's animated files, which does nothing under prefers-reduced-motion.
 _FOR_MOTION = re.compile(
     r"@media[^{}<>@]{0,200}prefers-reduced-motion\s*:\s*no-preference\s*\)\s*\{"
     r"(?:[^{}<>]*+\{(?:[^{}<>]*+\{[^{}<>]*+\})*+[^{}<>]*+\})*+"
@@ -62,7 +63,7 @@ _FOR_MOTION = re.compile(
 
 
 def uses(svg: str, feature: Feature) -> bool:
-    """Return whether an SVG may use a feature: words in it may have no effect."""
+    """Return whether an SVG may use a feature. The words that are found may have no effect."""
     if feature is Feature.TURNED_BLUR:
         return uses(svg, Feature.BLUR) and _TURNS.search(_drawn(svg)) is not None
     words, pattern = _SEARCHES[feature]
@@ -73,7 +74,7 @@ def uses(svg: str, feature: Feature) -> bool:
 
 
 def _drawn(svg: str) -> str:
-    """Return the text of an SVG in lower case, without texts that nobody draws."""
-    text = _TEXTS.sub(lambda found: found[1] or "", svg.lower())
-    # References of XML could spell a word.
-    return re.sub(r"&#x?[\da-f]+;", lambda found: html.unescape(found[0]), text)
+    """Return the text of an SVG in lower case, without comments, titles and descriptions."""
+    text = _TEXTS.sub(lambda match: match[1] or "", svg.lower())
+    # A word could be spelt by character references of XML.
+    return re.sub(r"&#x?[\da-f]+;", lambda match: html.unescape(match[0]), text)

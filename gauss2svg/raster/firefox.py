@@ -12,10 +12,10 @@ from gauss2svg.raster import program
 from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import BLACK, CLEAR, DRAWING, WHITE, drawn, html
 
-# Found by Firefox 153.
+# Observed with Firefox 153.
 CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
 # Colours are not converted to the screen's profile, and are the same on every graphics card.
-# Animated files are shown in their final state. A proxy that is not there blocks the network.
+# Animated files are shown in their final state. A proxy that does not exist blocks the network.
 _PREFERENCES = """
 user_pref("gfx.color_management.mode", 0);
 user_pref("gfx.webrender.software", true);
@@ -27,11 +27,11 @@ user_pref("network.proxy.http_port", 9);
 user_pref("network.proxy.ssl", "127.0.0.1");
 user_pref("network.proxy.ssl_port", 9);
 """
-# On Windows the program starts another, and would end before that.
+# On Windows the program starts another process, and would end before that does.
 _WAIT = ["--wait-for-browser"] if sys.platform == "win32" else []
-# Firefox does not report a broken image. So the page removes one that has not the right size, and
-# with it the row of white pixels that is its lower border.
-_VERDICT = """<style>
+# Firefox does not report a broken image. So the page removes an image of the wrong size, and with
+# it the row of white pixels that is its lower border.
+_SIZE_CHECK = """<style>
 body {{ overflow: hidden }} img {{ background: {color}; border-bottom: 1px solid #fff }}
 </style>
 <script>
@@ -49,10 +49,10 @@ def version() -> str:
 
 
 def draw(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) of the SVG on a page, without one by two rasters."""
+    """Return the pixels (height, width, 4) of the SVG on a page. A clear page takes two rasters."""
     if page == CLEAR:
-        return from_views(*(draw(svg, width, height, one)[:, :, :3] for one in (WHITE, BLACK)))
-    page_end = _VERDICT.format(width=width, height=height, color=page)
+        return from_views(*(draw(svg, width, height, color)[:, :, :3] for color in (WHITE, BLACK)))
+    page_end = _SIZE_CHECK.format(width=width, height=height, color=page)
     files = {DRAWING: svg, "page.html": html(BLACK) + page_end, "profile/user.js": _PREFERENCES}
 
     def command(folder: Path) -> list[str]:
@@ -62,7 +62,8 @@ def draw(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.flo
         return [_program(), *options, "--profile", str(folder / "profile"), *screenshot]
 
     pixels = drawn("Firefox", files, command)
-    if not pixels[height:].all():  # all() of no row where the window is smaller, which is refused
+    # all() of no rows is True. A window that small is refused by the caller.
+    if not pixels[height:].all():
         raise RendererError("Firefox cannot draw the SVG: not a supported image")
     return pixels[:height]
 

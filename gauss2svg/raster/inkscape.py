@@ -1,4 +1,4 @@
-"""Inkscape's command line: what an editor shows."""
+"""Inkscape by its command line, which shows an SVG as an editor does."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +7,9 @@ from gauss2svg.errors import RendererError
 from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import DRAWING, drawn, find, version_line
 
-# Found by Inkscape 1.2.
+# Observed with Inkscape 1.2.
 CANNOT_DRAW = {Feature.LIGHTER: "", Feature.PLAIN_HREF: ""}
-_MOST_PX = 32767  # a side; beyond the size of a cairo surface it writes a white image
+_MAX_SIDE = 32767  # px; beyond this limit of cairo surfaces Inkscape writes a white image
 
 
 def version() -> str:
@@ -19,9 +19,9 @@ def version() -> str:
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Return the pixels (height, width, 4) of the SVG."""
-    if max(width, height) > _MOST_PX:
+    if max(width, height) > _MAX_SIDE:
         raise RendererError(
-            f"raster of inkscape must be at most {_MOST_PX} px a side; got {width}x{height}. "
+            f"raster of inkscape must be at most {_MAX_SIDE} px a side; got {width}x{height}. "
             "Try to draw it smaller, or another --renderer"
         )
     export = "--export-type=png", "--export-area-page", "--export-filename=drawn.png"

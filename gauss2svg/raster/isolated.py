@@ -1,7 +1,7 @@
-"""Rasterises an untrusted SVG in a process of its own: `python -m gauss2svg.raster.isolated`.
+"""Rasterise an untrusted SVG in a separate process: `python -m gauss2svg.raster.isolated`.
 
-Deep nesting overflows resvg's stack, which ends the process, and nested patterns keep any renderer
-busy for years. In a process of its own, whose memory is limited, both become ordinary errors.
+Deep nesting overflows resvg's stack, which ends the process. Nested patterns keep any renderer busy
+for years. In a separate process with limited time and memory, both become ordinary errors.
 """
 
 from __future__ import annotations
@@ -17,16 +17,17 @@ from gauss2svg.photo.alpha import over
 from gauss2svg.processes import end_of, module_command, module_path, run
 from gauss2svg.raster import rasterize_sized
 
-_REFUSED = 2
-_MOST_BYTES, _BYTES_A_PIXEL = 4 << 30, 64  # of memory that a drawing may take, on Linux
+_REFUSED = 2  # exit status if standard error has a message for the user
+# Limit of a drawing's memory on Linux: bytes for any SVG, and bytes per pixel besides.
+_BASE_BYTES, _BYTES_PER_PIXEL = 4 << 30, 64
 
 
 def draw(
     svg: str, width: int, height: int, renderer: str, timeout_s: float, channels: int = 3
 ) -> NDArray[np.float32]:
-    """Raster of an SVG, as by `rasterize_sized`, over white for 3 channels.
+    """Return the raster of an SVG as `rasterize_sized` does, over white for 3 channels.
 
-    Raises RendererError also for a crash and after timeout_s seconds.
+    Raise RendererError also for a crash, and after timeout_s seconds.
     """
     words = str(width), str(height), renderer, str(channels)
     try:
@@ -52,12 +53,12 @@ def draw(
 
 
 def main() -> int:
-    """Read the SVG from standard input, write its pixels to standard output as float32."""
+    """Read an SVG from standard input, and write its pixels to standard output as float32."""
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     answer = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # libraries may print; standard output is for the pixels only
+    os.dup2(2, 1)  # text that a library prints goes to standard error, not among the pixels
     clear = sys.argv[4:] == ["4"]
-    _limit_memory(_MOST_BYTES + _BYTES_A_PIXEL * width * height)
+    _limit_memory(_BASE_BYTES + _BYTES_PER_PIXEL * width * height)
     try:
         svg = sys.stdin.buffer.read().decode()
         pixels = rasterize_sized(svg, width, height, renderer, clear)
@@ -66,23 +67,23 @@ def main() -> int:
         return _refuse(str(error))
     except MemoryError:
         return _refuse(f"{renderer} is out of memory. Try a smaller or simpler SVG")
-    except Exception as error:  # a bug here or in a library; its class tells the cause
+    except Exception as error:  # a bug here or in a library; the class of the error hints at it
         return _refuse(f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}")
     with answer:
         answer.write(np.ascontiguousarray(pixels, np.float32).data)
     return 0
 
 
-def _limit_memory(most: int) -> None:
-    """Limit the memory of this process, and of each that it starts."""
+def _limit_memory(limit: int) -> None:
+    """Limit the memory (bytes) of this process, and of each process that it starts."""
     try:
         import resource
     except ImportError:  # Windows
         return
-    # Not addresses, of which browsers reserve terabytes.
+    # RLIMIT_AS would count addresses, of which browsers reserve terabytes.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+    limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
 
 
 def _refuse(message: str) -> int:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import find, from_png, run, version_line
 
-# Found by librsvg 2.54.
+# Observed with librsvg 2.54.
 CANNOT_DRAW = {Feature.TURNED_BLUR: "39 to 45 levels off", Feature.LIGHTER: ""}
 
 
@@ -17,8 +17,8 @@ def version() -> str:
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Return the pixels (height, width, 4) of the SVG."""
-    # Without --unlimited it refuses large files. A file on standard input has no folder from which
-    # it could load others.
+    # Without --unlimited, rsvg-convert refuses large files. It loads no other files for an SVG on
+    # standard input, which has no folder.
     size = ["--width", str(width), "--height", str(height)]
     return from_png(run([_program(), "--unlimited", *size, "--format=png"], stdin=svg.encode()))
 

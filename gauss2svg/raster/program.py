@@ -1,4 +1,4 @@
-"""What renderers share: programs found and run in limited time, browsers' pages, PNGs read."""
+"""Tools for renderers: find and run a program, make a page for a browser, read a PNG."""
 
 from __future__ import annotations
 
@@ -18,21 +18,22 @@ from PIL.PngImagePlugin import PngImageFile
 from gauss2svg import processes
 from gauss2svg.errors import RendererError
 
-TIMEOUT_S = 300  # Inkscape takes up to a minute for a large file of blurs
+TIMEOUT_S = 300  # s; Inkscape takes up to a minute for a large file of blurs
 DRAWING = "drawing.svg"
-WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # pages of browsers
+WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # colours of a browser's page
 # Folders in which installers put programs that are not on PATH.
 if sys.platform == "win32":
     _VARIABLES = "ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPPDATA"
     _FOLDERS = [os.environ[name] for name in _VARIABLES if os.environ.get(name)]
 else:
-    _FOLDERS = ["/Applications", os.path.expanduser("~/Applications")]  # of macOS
+    _FOLDERS = ["/Applications", os.path.expanduser("~/Applications")]  # folders of macOS
 
 
 def find(renderer: str, names: Sequence[str], install: str) -> str:
-    """Return the path of the first of the programs that is installed, or raise RendererError.
+    """Return the path of the first program that is installed. Raise RendererError if none is.
 
-    names  of programs on PATH, or paths with / in the folders of installers
+    names    names of programs on PATH, or paths with / in the folders of installers
+    install  commands that install the program, for the error
     """
     for name in names:
         folders = _FOLDERS if "/" in name else [""]
@@ -59,11 +60,15 @@ def run(
     stdin: bytes | None = None,
     folder: Path | None = None,
 ) -> bytes:
-    """Return the standard output of a command that is to do a task, or raise RendererError."""
+    """Run a command and return its standard output. Raise RendererError if it fails.
+
+    task    phrase for the error: "cannot TASK"
+    folder  working folder, which also becomes the home of the program
+    """
     # The user's settings could change the image, and two processes cannot share a profile.
-    own = {"INKSCAPE_PROFILE_DIR": str(folder), "HOME": str(folder)} if folder else {}
+    home = {"INKSCAPE_PROFILE_DIR": str(folder), "HOME": str(folder)} if folder else {}
     try:
-        ended = processes.run(command, stdin, timeout_s=timeout_s, folder=folder, environment=own)
+        ended = processes.run(command, stdin, timeout_s=timeout_s, folder=folder, environment=home)
         if not ended.status:
             return ended.output
         reason = f"{ended.complaint or 'no reason given'} (exit status {ended.status})"
@@ -78,7 +83,7 @@ def run(
 def drawn(
     renderer: str, files: Mapping[str, str], command: Callable[[Path], Sequence[str]]
 ) -> NDArray[np.float32]:
-    """Return the pixels of drawn.png, which a command writes in a new folder with these files."""
+    """Return the pixels of drawn.png, which a command writes to a new folder that has `files`."""
     with tempfile.TemporaryDirectory(prefix="gauss2svg-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
         for file, text in files.items():
@@ -92,7 +97,7 @@ def drawn(
 
 
 def html(page: str) -> str:
-    """Return a page that shows the drawing in a browser, of the colour WHITE, BLACK or CLEAR.
+    """Return the HTML of a page of colour `page` (WHITE, BLACK or CLEAR) that shows the drawing.
 
     The SVG is in an <img>, where it runs no script and loads nothing.
     """
@@ -103,7 +108,7 @@ def html(page: str) -> str:
 
 
 def from_png(png: bytes) -> NDArray[np.float32]:
-    """Return straight RGBA (h, w, 4) float32 in 0..1 of a PNG that a renderer wrote."""
-    # Not by Image.open, whose size limits are for untrusted images: this size was requested.
+    """Return the straight RGBA (h, w, 4) float32 in 0..1 of a PNG that a renderer wrote."""
+    # Image.open would limit the size, as of an untrusted image, but this size was requested.
     with PngImageFile(io.BytesIO(png)) as picture:
         return np.array(picture.convert("RGBA"), np.float32) / np.float32(255)

@@ -8,7 +8,7 @@ from gauss2svg.errors import RendererError
 from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import from_png
 
-# Found by resvg 0.48.
+# Observed with resvg 0.48.
 CANNOT_DRAW = {
     Feature.TURNED_BLUR: "20 to 43 levels off",
     Feature.LIGHTER: "",
