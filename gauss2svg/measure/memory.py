@@ -16,12 +16,8 @@ def held_bytes() -> int:
 
 def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = Path("/sys/fs/cgroup")) -> int:
     """Return the memory (bytes) that is left to this process."""
-    bounds = [
-        psutil.virtual_memory().available,
-        *_left_by_cgroups(process, cgroups),
-        *_left_by_rlimits(),
-    ]
-    return max(0, min(bounds))
+    bounds = [*_left_by_cgroups(process, cgroups), *_left_by_rlimits()]
+    return max(0, min([psutil.virtual_memory().available, *bounds]))
 
 
 def _left_by_cgroups(process: Path, cgroups: Path) -> list[int]:

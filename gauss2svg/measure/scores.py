@@ -140,14 +140,9 @@ PSNR = Score(
     ),
 )
 SSIM = Score(
-    slug="ssim",
-    name="SSIM",
-    defined_in="metrics",
-    form=".3f",
-    least_step=0.01,
-    best=1.0,
+    slug="ssim", name="SSIM", defined_in="metrics", form=".3f", least_step=0.01, best=1.0,
     always=True,
-)
+)  # fmt: skip
 SSIMULACRA2 = Score(
     slug="ssimulacra2",
     name="SSIMULACRA2",
