@@ -91,7 +91,9 @@ class Field:
         with suppress(ValueError):  # `checked` refuses a text that is no number
             if self.kind is bool:
                 value = _BOOLS.get(text, text)
-            elif self.kind is int and text.isdecimal():  # int() would accept " 1_0" too
+            elif (
+                self.kind is int and text.removeprefix("-").isdecimal()
+            ):  # int() would accept " 1_0" too
                 value = int(text)
             elif self.kind is float:
                 value = float(text)
@@ -105,7 +107,7 @@ class Field:
     def _accepted(self, value: Any) -> Any:
         """Return the value to store, or None if it is refused."""
         for word in self.words:
-            if type(word) is type(value) and word == value:
+            if word == value and isinstance(value, type(word)):
                 return word
         if self.check is not None:
             return self.check(self.name, value)
@@ -158,6 +160,9 @@ def field_of(name: str, hint: Any, default: Any = None) -> Field:
     kinds = [kind for kind in (bool, int, float) if kind in members and check is None]
     kind = kinds[0] if kinds else None
     limits: Any = next((item for item in metadata if isinstance(item, Interval)), Interval())
+    known = [item for item in metadata if isinstance(item, (Interval, str)) or callable(item)]
+    if known != metadata or limits.lt is not None:
+        raise TypeError(f"{name} must have a range of ge, gt and le, a text or a function")
     most = _MAX_INT if kind is int else math.inf
     return Field(
         name=name,

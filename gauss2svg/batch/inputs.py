@@ -49,7 +49,8 @@ def expanded(names: Iterable[str]) -> list[str]:
     for name in names:
         matches = sorted(glob.glob(name, recursive=True)) if _is_pattern(name) else [name]
         if not matches:
-            raise refusal("files", "one or more", f"none that match {brief(name)}", "a name")
+            got, advice = f"none in {brief(name)}", "the name of a file that exists"
+            raise refusal("files", "one or more", got, advice)
         paths += matches
     return paths
 

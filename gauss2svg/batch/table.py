@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterable, Iterator
 from datetime import timedelta
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, get_type_hints
 
 from gauss2svg.batch.stores import PARTS, STATE, is_url, reached
@@ -77,7 +78,7 @@ def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
         for name in (names := sorted(os.listdir(folder))):
             fs.put_file(f"{folder}/{name}", f"{root}/{STATE}/{name}")
     paths = [f"{root}/{STATE}/{name}" for name in names]
-    return paths if is_url(root) else [os.path.normpath(path) for path in paths]
+    return paths if is_url(root) else [os.fspath(Path(path)) for path in paths]
 
 
 def _write_parquet(table: str, path: str) -> None:

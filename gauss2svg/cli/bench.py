@@ -45,9 +45,10 @@ def bench_command(
         Without any, the presets and some counts are run. Separate lists of inks by semicolons:
         "inks=6;#f7c306,#17324d".
     peers
-        Other tools to measure if they are installed, separated by commas: vtracer, vtracer1 (1.0),
-        splatthis, primitive, swag, neroued, jpeg, webp, avif. One setting of a tool follows a
-        colon, such as jpeg:30. Their SVGs are rasterised by resvg.
+        Other tools to measure if they are installed, separated by commas: vtracer, splatthis,
+        primitive, swag, neroued, jpeg, webp, avif, and vtracer1, which is 1.0 in the Python that
+        the variable GAUSS2SVG_VTRACER1 names. One setting of a tool follows a colon, such as
+        jpeg:30. Their SVGs are rasterised by resvg.
     peer_timeout
         Maximum time (s) that another tool may take for a photo.
     references

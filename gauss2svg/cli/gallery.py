@@ -42,9 +42,9 @@ def gallery_command(
     counts
         Numbers of Gaussians to compare, separated by commas: 500,2000,8000.
     peers
-        Other tools to compare if they are installed, separated by commas: vtracer, vtracer1 (1.0),
-        splatthis, primitive, swag, neroued. Other settings of a tool follow a colon, such as
-        vtracer:detailed.
+        Other tools to compare if they are installed, separated by commas: vtracer, splatthis,
+        primitive, swag, neroued, and vtracer1, which is 1.0 in the Python that the variable
+        GAUSS2SVG_VTRACER1 names. Other settings follow a colon, such as vtracer:detailed.
     options
         Options.
     quiet

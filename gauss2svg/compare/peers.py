@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 from gauss2svg.compare.records import start_watch
 from gauss2svg.errors import PeerError, quoted
+from gauss2svg.files import reason_of
 from gauss2svg.processes import end_of, run
 
 Conversion = Callable[[], object]
@@ -34,11 +35,14 @@ def _version(package: str) -> str | None:
 
 def _output(command: list[str]) -> str:
     """Run a program, and return its standard output. Raise PeerError if it fails."""
-    ended = run(command)
+    try:
+        ended = run(command)
+    except OSError as error:
+        raise PeerError(f"cannot run {command[0]}: {reason_of(error)}") from error
     if ended.status:
         complaint = ended.complaint or "no message"
         raise PeerError(f"{Path(command[0]).name} {end_of(ended.status)}: {complaint}")
-    return ended.output.decode()
+    return ended.output.decode(errors="replace")
 
 
 class Peer(NamedTuple):
@@ -91,7 +95,7 @@ def _vtracer1_version() -> str | None:
         return None
     try:
         return _output([python, _ISOLATED, "-c", _SAY_VERSION]).strip()
-    except (OSError, PeerError) as error:
+    except PeerError as error:
         raise PeerError(
             f"{VTRACER1} must be a Python that has vtracer 1.0; got {quoted(python)}, {error}. "
             "Try to install vtracer==1.0.0a4 in an environment of its own"
@@ -163,7 +167,8 @@ def _swag(png: Path, output: Path, quality: str) -> Conversion:
             words = ["--quality", quality, "--max-edge", "0", "--background", "keep"]
             words += ["--workers", "1", "--no-measure", "--quiet"]
             _output(["swag", str(png), "--out", folder, *words])
-            shutil.move(Path(folder, f"{png.stem}.svg"), output)
+            for drawing in Path(folder).glob("*.svg"):  # none of another program of this name
+                shutil.move(drawing, output)
 
     return convert
 

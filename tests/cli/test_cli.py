@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from names import possible
 from PIL import Image
 
 import gauss2svg
@@ -222,7 +223,15 @@ def test_pipe_is_written_to_not_replaced(picture, tmp_path):
     assert pipe.is_fifo()
 
 
-@pytest.mark.parametrize("name", ["a[/b].svg", "out[red].svg", "ä ö 中.svg", "it's.svg"])
+def test_what_goes_to_a_pipe_is_utf8_whatever_the_system_encodes(tmp_path):
+    done = run("ä中.png", env={**os.environ, "PYTHONIOENCODING": "latin-1"}, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "cannot read ä中.png" in done.stderr.decode()
+
+
+@pytest.mark.parametrize(
+    "name", ["a[/b].svg", "out[red].svg", "ä ö 中.svg", possible('it\'s "it".svg')]
+)
 def test_any_file_name_is_written_and_shown_as_it_is(name, picture, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     out = tmp_path / name
@@ -272,7 +281,7 @@ def test_version_prints_the_block_of_a_fault_report(capsys):
      {"numpy": "resvg", "psutil": "CPU", "resvg_py": "resvg", "cairosvg": "cairo"}.items()]
     + [("rsvg-convert", "librsvg: rsvg-convert cannot say its version: no such library")],
 )  # fmt: skip
-@pytest.mark.skipif(sys.platform == "win32", reason="a shell script stands in for a program")
+@pytest.mark.posix  # a shell script stands in for a program
 def test_version_says_which_package_or_renderer_is_broken_and_prints_the_rest(
     file, reason, tmp_path
 ):

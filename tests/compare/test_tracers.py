@@ -1,17 +1,13 @@
 """Tracers in environments of their own: programs on PATH, and a Python that a variable names."""
 
 import os
-import sys
 
 import pytest
 
 from gauss2svg.compare.peers import PEERS, VTRACER1
 from gauss2svg.errors import PeerError
 
-pytestmark = [
-    pytest.mark.process,
-    pytest.mark.skipif(sys.platform == "win32", reason="stand-ins are shell scripts"),
-]
+pytestmark = [pytest.mark.process, pytest.mark.posix]  # stand-ins are shell scripts
 # Each tool as a script, which writes the words that it was given in place of an SVG.
 SCRIPTS = {
     "swag": """[ "$1" = --version ] && echo "swag 9.1" && exit
@@ -42,6 +38,7 @@ def tool(tmp_path, monkeypatch):
 def test_a_tool_gets_the_picture_and_its_settings_and_says_its_version(name, version, tool):
     written = tool(name, SCRIPTS[name])
     assert "in.png" in written
+    assert {"swag": "--quality fast", "vtracer1": "{}"}[name] in written
     assert PEERS[name].version() == version
 
 
@@ -54,7 +51,10 @@ def test_a_tool_that_fails_is_one_line_with_its_complaint(name, tool):
 @pytest.mark.parametrize(
     ("python", "reason"),
     [
-        ("no/such/python", "got 'no/such/python', .*No such file.* Try to install vtracer"),
+        (
+            "no/such/python",
+            "got 'no/such/python', cannot run .*: No such file.* Try to install vtracer",
+        ),
         ("/bin/false", "got '/bin/false', false ended with status 1.* Try to install vtracer"),
     ],
 )
@@ -62,6 +62,14 @@ def test_a_python_without_vtracer_is_one_line_with_the_variable(python, reason, 
     monkeypatch.setenv(VTRACER1, python)
     with pytest.raises(PeerError, match=f"{VTRACER1} must be a Python .*{reason}"):
         PEERS["vtracer1"].version()
+
+
+def test_a_program_that_cannot_start_or_draws_nothing_is_one_line(tool, tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"result\.svg"):  # which a run calls "no file"
+        tool("swag", "exit 0")
+    (tmp_path / "swag").write_text("#!/no/such/interpreter\n")
+    with pytest.raises(PeerError, match="cannot run swag: No such file"):
+        PEERS["swag"].version()
 
 
 def test_tools_that_are_not_there_have_no_version(monkeypatch, tmp_path):
