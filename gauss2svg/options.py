@@ -91,9 +91,8 @@ class Field:
         with suppress(ValueError):  # `checked` refuses a text that is no number
             if self.kind is bool:
                 value = _BOOLS.get(text, text)
-            elif (
-                self.kind is int and text.removeprefix("-").isdecimal()
-            ):  # int() would accept " 1_0" too
+            # int() would accept " 1_0" too.
+            elif self.kind is int and text.removeprefix("-").isdecimal():
                 value = int(text)
             elif self.kind is float:
                 value = float(text)

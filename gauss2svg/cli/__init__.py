@@ -1,1 +1,1 @@
-"""The command line: a module for each command, and modules for the streams and the signals."""
+"""The command line: `main`, a module for each command, and what the commands share."""

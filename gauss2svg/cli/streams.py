@@ -74,8 +74,10 @@ def counting_bar(
 ) -> Iterator[Callable[[str, int, int], None]]:
     """Yield update(current step, finished steps, total steps), which shows the progress.
 
+    If standard error is no terminal, a line a minute replaces the bar.
+
     quiet  whether to show nothing
-    clock  returns seconds. If standard error is no terminal, a line a minute replaces the bar.
+    clock  returns seconds
     """
     from gauss2svg.pipeline.progress_display import terminal_bar
 

@@ -26,7 +26,7 @@ _STOPPED = {
     "time_limit": "the time limit is reached",
     "interrupted": "interrupted",
 }
-# The same for a run that has a limit and no preset, where the text differs.
+# Texts that replace those above if the run has a limit and no preset.
 _NOTHING_TO_GAIN = {
     "gain": "more would bring it no closer, even if you enlarge it",
     "enough": "more would make no visible difference",

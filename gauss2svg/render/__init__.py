@@ -68,10 +68,10 @@ def render_rgba(
 
 
 def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[int, int]:
-    """Return the width and height in px of a render; None stands for that of the canvas, rounded.
+    """Return the width and height in px of a render. A side that is None is the canvas's, rounded.
 
-    Raise InputError if `scene` is not a Scene, and for a size that is not whole, below one pixel or
-    larger than any photo.
+    Raise InputError if `scene` is not a Scene, or if a side is not a whole number of pixels, or if
+    there are more pixels than any photo has.
     """
     scene = required(scene, "scene", Scene)
     sizes = {

@@ -18,7 +18,8 @@ if TYPE_CHECKING:  # the help works without NumPy
 
     _Numbers = NDArray[np.float64]
 
-    # A number of inks, colours or a palette file. The command line takes no sequences.
+    # The number of inks, or their colours, or the path of a palette file. The command line takes no
+    # sequences.
     Inks = int | str | os.PathLike[str] | Sequence[str]
 else:
     Inks = int | str

@@ -104,7 +104,7 @@ class Scene:
     ) -> Self:
         """Return a scene of Gaussians with these covariance matrices.
 
-        sigma = (sqrt(c11), sqrt(c22)), rho = c12 / (sx sy)
+        sigma = (sqrt(c11), sqrt(c22)), rho = c12 / sqrt(c11 c22)
 
         covariance  (n, 2, 2) in px^2, symmetric and positive definite
         opacity     (n,), or one number for all

@@ -106,7 +106,7 @@ class Guard:
 
     def __init__(self, app: ASGIApp, token: str, port: int, names: set[str], local: bool) -> None:
         self._app, self._token, self._names, self._local = app, token, names, local
-        # The name has the port, because two studios on different ports share their cookies.
+        # The name has the port, because a browser sends a cookie to all ports of a host.
         self._cookie = f"gauss2svg-{port}"
         # A ticket opens the page once. It stands in the command line of the browser, which other
         # users may be able to read.

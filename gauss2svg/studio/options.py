@@ -1,4 +1,4 @@
-"""Options as data for the page, from a request, and as a command line and a Python call."""
+"""Options in four forms: data for the page, a request, a command line, a Python call."""
 
 from __future__ import annotations
 
