@@ -222,7 +222,7 @@ def compose_tile(
         power = splat((shape[i, 5] - 1.0) * LOG2_E, mask)
         reach = splat(shape[i, 6], mask)
         w22 = shape[i, 4]
-        if transmittance is not None and is_plain:  # in its own loop, so the other is short
+        if transmittance is not None and is_plain:  # a loop of its own keeps the other short
             opacity_lanes = splat(opacity, mask)
             radius = root(reach)
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):

@@ -104,7 +104,7 @@ def longer_axes(
     xy += ratio * xy
     l11 = np.sqrt(xx)
     l21 = xy / l11
-    l22 = (long + 0.5) * (short + 0.5) / l11  # from the determinant, without cancellation
+    l22 = (long + 0.5) * (short + 0.5) / l11  # the determinant / l11: no cancellation
     max_share = np.minimum(1.0, short * np.minimum(2.0, np.pi * long))
     return np.stack([1 / l11, -l21 / (l11 * l22), 1 / l22], axis=-1), max_share
 

@@ -59,7 +59,7 @@ def size_of(path: Path, name: str) -> tuple[int, int]:
 
 
 def samples_in(folder: Path | None) -> Sequence[Sample]:
-    """Return the photos of a folder, or some of scikit-image. Raise InputError for an empty folder."""
+    """Return photos of a folder, or of scikit-image if None. Raise InputError if it has none."""
     if folder is None:
         from skimage import data
 
