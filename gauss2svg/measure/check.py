@@ -7,7 +7,7 @@ import math
 import os
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,7 @@ REFERENCE_SCALE = 4.0
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
 
 
-@dataclass(frozen=True)
-class Enlarged:
+class Enlarged(NamedTuple):
     """An SVG against what its photo was made from, larger than the photo, over white.
 
     width, height  px; scale: times as many as the photo has
@@ -128,10 +127,8 @@ class CheckResult:
 
     def __repr__(self) -> str:
         height, width = self.photo.shape[:2]
-        return (
-            f"<gauss2svg.CheckResult {width}x{height}, {self.psnr:.2f} dB, "
-            f"{self.survey.elements} elements, {self.svg_bytes} bytes>"
-        )
+        size = f"{self.survey.elements} elements, {self.svg_bytes} bytes"
+        return f"<gauss2svg.CheckResult {width}x{height}, {self.psnr:.2f} dB, {size}>"
 
 
 def check(
@@ -275,10 +272,9 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
     notes, tags = [f"photo {note}" for note in photo.notes], surveyed.tags
     for name, own in (("SVG", (frame.width, frame.height)), ("viewBox", frame.view_box[2:])):
         if not _fits(own, (photo.width, photo.height)):
-            notes.append(
-                f"{name} is {own[0]:g}x{own[1]:g}, not in the photo's proportions, and was "
-                f"stretched to {photo.width}x{photo.height} px"
-            )
+            stretch = f"and was stretched to {photo.width}x{photo.height} px"
+            shape = f"{own[0]:g}x{own[1]:g}, not in the photo's proportions"
+            notes.append(f"{name} is {shape}, {stretch}")
             break  # one distortion is reported once
     if texts := tags.get("text", 0):
         no_fonts = "not drawn, because resvg gets no fonts. Try paths"

@@ -60,10 +60,9 @@ from gauss2svg.svg.document import SvgFormat
 from gauss2svg.svg.element import Element, hex_color, number, short_id
 from gauss2svg.svg.encode import Drawing, layer, matrices_of, radial_gradient, sides_of
 from gauss2svg.svg.headroom import phases_of
-from gauss2svg.svg.stops import whole_stops
+from gauss2svg.svg.stops import Floats, whole_stops
 
 Ramp = Sequence[tuple[str, str]]  # the offset and the colour of each stop of a gradient
-_TRANSFER_DECIMALS = 5
 WHITE = 255
 # Levels of 255 that are added in the end: resvg and Chromium truncate a filter's result to whole
 # levels (bias -0.5 levels), the others round.
@@ -92,21 +91,16 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
 
     ramps, reach = _ramps(scene, scale, svg_format.stops)
     matrices = matrices_of(scene, float(cut_radius(1.0)) * reach, svg_format.precision)
-    ids: dict[Ramp, str] = {}
-    drawn = list[tuple[NDArray[np.bool_], list[Element]]]()  # of each phase, and what it adds to
-    for phase in phases:
-        discs = []
-        for i in phase.tolist():
-            if ramps[i] and matrices[i]:
-                key = ids.setdefault(ramps[i], short_id(len(ids)))
-                fill = f"url(#{key})"
-                discs.append(Element("circle", fill=fill, r="1", transform=matrices[i]))
-        if discs:
-            drawn.append((scene.color[phase[0]] >= 0, discs))
-
-    inverted = first = drawn[0][0] if drawn else np.zeros(3, bool)
-    groups = list[Element]()
-    for index, (adds, discs) in enumerate(drawn, 1):
+    # The indices of the Gaussians that are written, of each phase that has any.
+    shown = ([i for i in phase.tolist() if ramps[i] and matrices[i]] for phase in phases)
+    shown = list(filter(None, shown))
+    inverted = first = scene.color[shown[0][0]] >= 0 if shown else np.zeros(3, bool)
+    ids, groups = dict[Ramp, str](), list[Element]()
+    for index, phase in enumerate(shown, 1):
+        adds, discs = scene.color[phase[0]] >= 0, list[Element]()
+        for i in phase:
+            fill = f"url(#{ids.setdefault(ramps[i], short_id(len(ids)))})"
+            discs.append(Element("circle", fill=fill, r="1", transform=matrices[i]))
         if (turn := adds ^ inverted).any():
             # Beside the layers, so that one can be hidden without the other.
             groups.append(_cover(hex_color(np.where(turn, WHITE, 0))))
@@ -115,28 +109,25 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     slope = np.where(inverted, -1, 1) * span
     level = np.where(inverted, WHITE - begin, begin) / WHITE
     intercept = scene.background - slope * level + HALF_WAY / WHITE
-    columns = ([number(v, _TRANSFER_DECIMALS) for v in column] for column in (slope, intercept))
-    transfer = tuple(zip(*columns, strict=True))
+    transfer = tuple((number(s, 5), number(i, 5)) for s, i in zip(slope, intercept, strict=True))
     background = hex_color(np.where(first, WHITE - begin, begin).astype(int))
     # Two additive drawings inline in one page keep their own filter. The ids are longer than those
     # of gradients, so that they cannot collide.
     key = f"{zlib.crc32(repr((transfer, background)).encode()):08x}"
     group = f"additive-{key}"
     inside = [_cover(background, "background"), *groups]
-    view, gaussians = (
-        sides_of(scene, svg_format.precision, 6),
-        sum(len(discs) for _, discs in drawn),
-    )
-    definitions = [_transfer_filter(transfer, f"transfer-{key}"), *map(_gradient, ids.items())]
+    definitions = [_transfer_filter(transfer, f"transfer-{key}")]
+    for ramp, name in ids.items():
+        stops = [Element("stop", offset=at, stop_color=color) for at, color in ramp]
+        definitions.append(radial_gradient(name, stops))
     body = [layer("Additive", inside, id=group, filter=f"url(#transfer-{key})")]
     # Under its first rectangle the group is transparent, where a difference draws its source.
     sheet = f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}"
-    return Drawing(view, gaussians, definitions, body, sheet)
+    view = sides_of(scene, svg_format.precision, 6)
+    return Drawing(view, sum(map(len, shown)), definitions, body, sheet)
 
 
-def _ramps(
-    scene: Scene, scale: NDArray[np.float64], count: int
-) -> tuple[list[Ramp], NDArray[np.float64]]:
+def _ramps(scene: Scene, scale: Floats, count: int) -> tuple[list[Ramp], Floats]:
     """Return the stops of each Gaussian, none for black, and where they end (n,), in 0..1.
 
     A gradient and its circle end at the first of the trailing black stops, which saves a sixth of
@@ -153,12 +144,6 @@ def _ramps(
         ramps.append(tuple((number(o, 3), hex_color(c)) for o, c in stops) if last else ())
     entry = entry.reshape(-1)
     return [ramps[k] for k in entry], reach[entry]
-
-
-def _gradient(named: tuple[Ramp, str]) -> Element:
-    stops, name = named
-    inside = [Element("stop", offset=at, stop_color=color) for at, color in stops]
-    return radial_gradient(name, inside)
 
 
 def _label(index: int, count: int, adds: NDArray[np.bool_]) -> str:

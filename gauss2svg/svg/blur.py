@@ -15,9 +15,8 @@ are in docs/decisions/svg.md, and tests/svg/test_blur.py derives them again.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +39,7 @@ OVERFULL = 0.02  # relative excess over a disc's largest opacity that is clipped
 CLEAR = 3.5  # standard deviations around the disc that a filter region includes
 
 
-@dataclass(frozen=True)
-class Blur:
+class Blur(NamedTuple):
     """A blur of a disc of radius 1, and the profile that it draws.
 
     deviation  of the blur, in radii of the disc
@@ -96,9 +94,8 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
     distance = np.abs(np.log(beta[:, None] / [blur.beta for blur in BLURS]))
     full = np.array([blur.peak for blur in BLURS]) * opacity[:, None]
     nearest = np.where(full <= 1 + OVERFULL, distance, np.inf).argmin(axis=1)
-    differing = opacity * [
-        _differing(round(math.log(b) / _LOG_STEP), k) for b, k in zip(beta, nearest, strict=True)
-    ]
+    steps = (round(math.log(b) / _LOG_STEP) for b in beta)
+    differing = opacity * list(map(_differing, steps, nearest))
     kept = before[candidates] | (differing <= MOST_DIFFERING)
     index[candidates] = np.where(kept, nearest, -1)
     return index

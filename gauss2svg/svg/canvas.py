@@ -17,7 +17,6 @@ MM = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc":
 NUMBER = r"[+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+"
 _LENGTH = re.compile(rf"\s*+({NUMBER})({'|'.join(MM)}|)\s*+")
 _LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
-_ONE = re.compile(NUMBER)
 # Renderers hold numbers in 32 bits, of which the transform to pixels needs some of the range.
 _LEAST, _MOST = 1e-30, 1e30
 
@@ -35,7 +34,7 @@ def numbers(text: str, name: str, count: int = 0) -> list[float]:
 
     count  of the numbers; 0 for any
     """
-    found = [float(one) for one in _ONE.findall(text)] if _LIST.fullmatch(text) else [math.nan]
+    found = list(map(float, re.findall(NUMBER, text))) if _LIST.fullmatch(text) else [math.nan]
     if not all(map(math.isfinite, found)) or (count and len(found) != count):
         needed = "a finite number" if count == 1 else f"{count or ''} finite numbers".strip()
         raise refusal(name, needed, quoted(text))

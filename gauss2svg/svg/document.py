@@ -36,9 +36,8 @@ def check_text(name: str, text: Any) -> str:
 
 def check_size(name: str, size: Any) -> str:
     """A width with its unit, PHOTO_SIZE or RESPONSIVE."""
-    if isinstance(size, str) and size in (PHOTO_SIZE, RESPONSIVE):
-        return size
-    _width_of(name, size)
+    if not (isinstance(size, str) and size in (PHOTO_SIZE, RESPONSIVE)):
+        _width_of(name, size)
     return size
 
 

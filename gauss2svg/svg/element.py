@@ -9,14 +9,13 @@ Numbers of a file are limited, because renderers compute in float32 and some cra
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from string import ascii_letters
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import SceneError
 from gauss2svg.scene import Scene
-
-_LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
 
 
 class Element:
@@ -62,8 +61,7 @@ def unless(default: str, value: str) -> str | None:
 def number(value: float, decimals: int) -> str:
     """Return the shortest text of a finite value rounded to some decimals."""
     text = f"{value:.{decimals}f}"
-    if "." in text:
-        text = text.rstrip("0").rstrip(".")
+    text = text.rstrip("0").rstrip(".") if decimals else text
     if text.startswith(("0.", "-0.")):
         return text.replace("0.", ".", 1)
     return "0" if text == "-0" else text
@@ -77,11 +75,8 @@ def hex_color(color: Iterable[int], short: bool = True) -> str:
 
 def short_id(index: int) -> str:
     """The index-th shortest id of letters: a, b, ..., Z, aa, ab, ..."""
-    text = _LETTERS[index % len(_LETTERS)]
-    while index >= len(_LETTERS):
-        index = index // len(_LETTERS) - 1
-        text = _LETTERS[index % len(_LETTERS)] + text
-    return text
+    before, last = divmod(index, len(ascii_letters))
+    return (short_id(before - 1) if before else "") + ascii_letters[last]
 
 
 # resvg panics from about 1e9 on; all six renderers draw numbers up to 1e8 within 2.1 levels of 255

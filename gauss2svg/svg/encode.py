@@ -48,7 +48,7 @@ from gauss2svg.svg.blur import BLURS, CLEAR, Blur, drawn_blurs, snapped
 from gauss2svg.svg.document import INKS, Document, SvgFormat, round_id
 from gauss2svg.svg.element import Element, check_view, hex_color, number, short_id, unless, writable
 from gauss2svg.svg.plain_ellipse import drawn_radius, is_plain
-from gauss2svg.svg.stops import gradient_stops
+from gauss2svg.svg.stops import Floats, gradient_stops
 
 _LARGE = 100  # radius of gradients of large exponents
 Round = tuple[int, list[Element]]  # its index, and the elements of its shapes
@@ -134,8 +134,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
 
 def rounds_of(drawn: Sequence[tuple[int, Element]], scene: Scene) -> list[Round]:
     """Return the elements of shapes by rounds, from the index of each shape and its element."""
-    rounds = scene.round_index.tolist()
-    runs = groupby(drawn, lambda one: rounds[one[0]])
+    runs = groupby(drawn, lambda one: int(scene.round_index[one[0]]))
     return [(index, [element for _, element in run]) for index, run in runs]
 
 
@@ -176,9 +175,7 @@ def _background(scene: Scene) -> list[Element]:
     return [Element("rect", fill=fill, height=whole, id="background", width=whole, x="0", y="0")]
 
 
-def matrices_of(
-    scene: Scene, radius: NDArray[np.float64], precision: float, unit: ArrayLike = 1
-) -> list[str]:
+def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike = 1) -> list[str]:
     """Return the transform of each shape's circle, "" for a shape that is not drawn.
 
     radius  (n,) in sigmas, of the ellipse that is drawn
@@ -212,9 +209,7 @@ def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Eleme
     return radial_gradient(name, stops, str(unit), number(unit * _FOCUS, 3))
 
 
-def radial_gradient(
-    key: str, stops: Sequence[Element], r: str = "1", fx: str | None = None
-) -> Element:
+def radial_gradient(key: str, stops: list[Element], r: str = "1", fx: str | None = None) -> Element:
     """Return a radial gradient of radius r around the origin of user space.
 
     fx moves resvg to its accurate gradient (docs/decisions/svg.md).
@@ -234,7 +229,7 @@ def _filter(name: str, blur: Blur) -> Element:
     return Element("filter", [step], color_interpolation_filters="sRGB", **region)
 
 
-def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> Floats:
     """Return the radius of each circle (n,) as a multiple of its gradient's, rounded up to .1."""
     minor = scene.ellipse_axes[0][:, 1]
     crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < SOFT_RIM * scene.beta)

@@ -27,11 +27,9 @@ def is_svgz(path: str | os.PathLike[str]) -> bool:
 
 
 def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
-    """Raise InputError for a file name that an SVG cannot have: empty, or of another format."""
+    """Raise InputError for an empty name, that of a folder, and that of another format."""
     text = os.fspath(path)
-    if not text:
-        raise refusal(name, "the name of a file", quoted(text))
-    if text.endswith(("/", os.sep)):
+    if not os.path.basename(text):
         raise refusal(name, "the name of a file, not of a folder", quoted(text))
     if _type_of(text) not in (None, "image/svg+xml", "text/xml", "application/xml"):
         advice = brief(os.path.splitext(text)[0] + ".svg")

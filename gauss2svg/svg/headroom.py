@@ -28,13 +28,13 @@ from gauss2svg.kernel_cache import cached
 from gauss2svg.scene import Scene, whitening_of
 from gauss2svg.scene.falloff import cut_radius, profile
 
+Floats = NDArray[np.float64]
 _kernel = cached()
 # A smaller contribution to a colour channel of a sample needs no room there.
 _LEAST_ADDED = 1e-3
 # Equal values of a colour channel: the rounding of float32 is smaller. Those of a sample and of the
 # image, which it may have wherever the canvas ends, may differ more.
 _EQUAL, _EQUAL_IN_IMAGE = 1e-4, 1e-3
-_GRAY = np.array([k ^ (k >> 1) for k in range(8)])  # patterns of signs, of which one changes a step
 # Share of a channel that is spared at either end, so that fewer Gaussians wait for each other.
 SPARE = 0.02
 _RADIUS = float(cut_radius(1.0))
@@ -51,9 +51,6 @@ SIDE = 1536  # most samples of a side
 TOUCHED = 3e7
 
 
-Range = NDArray[np.float64]  # (3,) of the channels
-
-
 class Samples(NamedTuple):
     """Positions of samples, and the Gaussians in the same units, those of the grid.
 
@@ -67,13 +64,13 @@ class Samples(NamedTuple):
 
     place: NDArray[np.float32]
     start: NDArray[np.intp]
-    mean: NDArray[np.float64]
-    whitening: NDArray[np.float64]
-    reach: NDArray[np.float64]
-    color: NDArray[np.float64]
+    mean: Floats
+    whitening: Floats
+    reach: Floats
+    color: Floats
 
 
-def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Range, Range]:
+def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Floats, Floats]:
     """Return an additive scene's phases in drawing order, and the range (3,) of each channel.
 
     A phase is the indices of Gaussians of the same signs, and each Gaussian is in one. The canvas
@@ -86,17 +83,18 @@ def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Range, Range]:
     samples, background = _samples_of(scene), scene.background
     total = np.tile(background.astype(np.float32), (len(samples.place), 1))
     picture = total.copy()
-    _add_all(samples, picture)
+    for i in range(len(scene)):
+        _add(samples, i, picture, picture, picture)
     low, high = picture.min(axis=0).astype(np.float64), picture.max(axis=0).astype(np.float64)
     low = np.minimum(background, np.where(low < 0, 0.5 * low, low))
     high = np.maximum(background, np.where(high > 1, 0.5 * (1 + high), high))
     pattern = (scene.color < 0) @ [1, 2, 4]
     mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
+    by_mass = np.argsort(-mass, kind="stable")
     lowest, highest = total.copy(), total.copy()
     order = _order_of(
-        samples, picture, low - SPARE, high + SPARE, total, lowest, highest,
-        pattern, _GRAY, np.argsort(-mass, kind="stable"),
-    )  # fmt: skip
+        samples, picture, low - SPARE, high + SPARE, total, lowest, highest, pattern, by_mass
+    )
     lowest[lowest > picture - _EQUAL_IN_IMAGE] = np.inf
     highest[highest < picture + _EQUAL_IN_IMAGE] = -np.inf
     low, high = np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
@@ -122,14 +120,7 @@ def _samples_of(scene: Scene) -> Samples:
 
 
 @_kernel
-def _add_all(samples, total):
-    """Add all Gaussians to total (m, 3)."""
-    for i in range(len(samples.color)):
-        _add(samples, i, total, total, total)
-
-
-@_kernel
-def _order_of(samples, picture, low, high, total, lowest, highest, pattern, patterns, by_mass):
+def _order_of(samples, picture, low, high, total, lowest, highest, pattern, by_mass):
     """All Gaussians, each once, in the order in which to draw them on a canvas of low..high.
 
     They are added to total (m, 3) one by one; lowest and highest (m, 3) follow it. A sample may
@@ -139,6 +130,7 @@ def _order_of(samples, picture, low, high, total, lowest, highest, pattern, patt
     """
     order = np.empty(by_mass.size, np.intp)
     waiting, done = by_mass, 0
+    patterns = np.arange(8) ^ (np.arange(8) >> 1)  # signs: each step changes one
     seen = np.zeros(by_mass.size, np.intp)  # a sample where each Gaussian lacked room last
     while waiting.size:
         before = done

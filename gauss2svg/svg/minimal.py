@@ -95,14 +95,9 @@ def minimal_svg(
         cover = [Element("path", fill=fill, d=f"M0 0h{across}v{down}H0")]
     definitions, drawn = _drawing(shapes, opacity_decimals, stops)
     defs = [Element("defs", definitions)] if definitions else []
-    return Element(
-        "svg",
-        [*named, *defs, *cover, *drawn],
-        xmlns="http://www.w3.org/2000/svg",
-        **_presented(document, scene, unit),
-        role="img" if named else None,
-        viewBox=f"0 0 {width} {height}",
-    ).text()
+    root = {"xmlns": "http://www.w3.org/2000/svg", **_presented(document, scene, unit)}
+    root |= {"role": "img" if named else None, "viewBox": f"0 0 {width} {height}"}
+    return Element("svg", [*named, *defs, *cover, *drawn], **root).text()
 
 
 def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
@@ -128,11 +123,8 @@ def _view(side: float, unit: float) -> str:
     """A side of the view box with the fewest decimals."""
     units = side / unit
     error = min(VIEW_ERROR * min(1.0, units), VIEW_ERROR_PX / unit)
-    return next(
-        text
-        for text in (number(units, decimals) for decimals in range(11))
-        if abs(float(text) - units) <= error
-    )
+    texts = (number(units, decimals) for decimals in range(11))
+    return next(text for text in texts if abs(float(text) - units) <= error)
 
 
 def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str | None]:
@@ -234,10 +226,8 @@ def _gradients(
         name = first[kind] = short_id(k)
         offsets, values = gradient_stops(stops, BETA_CLASSES[kind])
         for at, value in enumerate(values):
-            color = "" if at else "stop-color:currentColor;"
-            rules += (
-                f'[href="#{name}"] stop{"+stop" * at}{{{color}stop-opacity:{number(value, 3)}}}'
-            )
+            look = ("" if at else "stop-color:currentColor;") + f"stop-opacity:{number(value, 3)}"
+            rules += f'[href="#{name}"] stop{"+stop" * at}{{{look}}}'
         # fx moves resvg to its accurate gradient.
         definitions.append(Element("radialGradient", id=name, **_UNIT_DISC, fx=".001"))
         ramps[kind] = [Element("stop", offset=number(at, 4)) for at in offsets]

@@ -126,9 +126,8 @@ def shapes_of(
         keys = np.stack([mean[:, 0], mean[:, 1], falloff])[:, index]
         index = index[colors_together(mean[index], factor[index], levels[index], keys, 1 / unit)]
     soft = np.flatnonzero(~plain[index])
-    count = len(soft) if masked is not False else 0
-    if masked is None and count > MOST_MASKED:
-        count = max(MOST_MASKED - FADING * (count - MOST_MASKED), 0)
+    most = max(MOST_MASKED + FADING * (MOST_MASKED - len(soft)), 0)
+    count = {True: len(soft), False: 0, None: min(len(soft), most)}[masked]
     under = np.zeros(len(index), bool)
     # The upper ones, which are smaller and quicker to paint.
     under[soft[len(soft) - count :]] = True
@@ -194,9 +193,8 @@ def path_data(numbers: Floats) -> str:
         move = f"M{number(start_x, 0)} {number(start_y, 0)}"
         if text:
             move = min(f"m{number(start_x - x, 0)} {number(start_y - y, 0)}", move, key=len)
-        flags_and_end = "101 0" if chord[0] else "100 1"  # the large arc, against the clock
-        text += f"{move}a{number(rx, 0)} {number(ry, 0)} {number(tilt, _TILT_DECIMALS)}"
-        text += " " + flags_and_end
+        to = "101 0" if chord[0] else "100 1"  # the large arc, against the clock, and its end
+        text += f"{move}a{number(rx, 0)} {number(ry, 0)} {number(tilt, _TILT_DECIMALS)} {to}"
         x, y = start_x + chord[0], start_y + chord[1]
     return text.replace(" -", "-")
 
@@ -210,10 +208,8 @@ def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
     tilt_rad, radii = np.radians(tilt), np.maximum(radii, 1.0)
     co, si = np.cos(tilt_rad), np.sin(tilt_rad)
     onto = np.array([[co, -si], [si, co]]).transpose(2, 0, 1) * radii[:, None, :]
-    across, down = (
-        np.hypot(co / radii[:, 0], si / radii[:, 1]),
-        np.hypot(si / radii[:, 0], co / radii[:, 1]),
-    )
+    across = np.hypot(co / radii[:, 0], si / radii[:, 1])
+    down = np.hypot(si / radii[:, 0], co / radii[:, 1])
     level = across <= down + 1e-9  # alike for circles
     chord = np.column_stack([level, ~level]).astype(np.float64)
     u = np.einsum("nji,nj->ni", onto / np.square(radii)[:, None, :], chord)

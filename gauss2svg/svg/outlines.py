@@ -36,9 +36,8 @@ def encode_outlines(
 ) -> Drawing:
     """Return the drawing of gauss2svg.svg.write.outline_svg, which has the arguments and errors."""
     check_view(scene)
-    width = number(
-        Field("stroke_width", float, *STROKE_WIDTHS).checked(stroke_width), STROKE_DECIMALS
-    )
+    stroke_width = Field("stroke_width", float, *STROKE_WIDTHS).checked(stroke_width)
+    width = number(stroke_width, STROKE_DECIMALS)
     if pens is None:
         shapes, root = outlines(scene), {"fill": "none", "stroke-width": width}
         rounds = rounds_of(shapes, scene)
@@ -90,8 +89,7 @@ def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
     drawn = outlines(scene)
     if not drawn:
         return []
-    index = [i for i, _ in drawn]
-    color = scene.color[index]
+    color = scene.color[[i for i, _ in drawn]]
     distinct = len(np.unique(np.round(color * 255), axis=0))
     if distinct == 1:
         pens = hex_color(np.round(color[0] * 255).astype(int), short=False)

@@ -51,11 +51,9 @@ _DRAWN = {*_GROUPS, "circle", "ellipse", "path", "rect"}
 # Elements that draw nothing themselves.
 _SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "filter", "mask", "style"}
 # Attributes and properties that change a shape and are not read unless they are switched off.
-_EFFECTS = {
-    "stroke", "clip-path", "mix-blend-mode", "transform-origin", "transform-box", "rotate", "all",
-    "translate", "scale", "offset-path", "zoom", "systemLanguage", "animation", "filter", "mask",
-    "visibility",
-}  # fmt: skip
+_EFFECTS = {"stroke", "filter", "mask", "clip-path", "mix-blend-mode", "visibility", "animation"}
+_EFFECTS |= {"translate", "rotate", "scale", "transform-origin", "transform-box", "offset-path"}
+_EFFECTS |= {"zoom", "systemLanguage", "all"}
 _READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
 _OFF = {"none", "normal", "inherit", "visible"}
 _COVER = re.compile(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0")  # of gauss2svg.svg.minimal
@@ -234,8 +232,7 @@ class _Reader:
         owner = next((e for e in chain if len(e)), chain[-1])
         sheet = self._opacities[read_shapes.link_of(owner)]
         color, beta = read_shapes.stops_of(owner, sheet, in_mask)
-        disc = read_shapes.disc_of(said)
-        return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), disc)
+        return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), read_shapes.disc_of(said))
 
     def _cover(self, sides: Mapping[str, str], state: _State, alpha: float) -> None:
         """Keep the fill of a rectangle as the background.
@@ -274,8 +271,8 @@ class _Reader:
             with _naming(shapes[int(good.argmin())].element):
                 needed = "an ellipse with an extent that shows all of its gradient"
                 raise refusal("it", needed, "another", "to undo what changed it, or to delete it")
-        beta = np.array([shape.fill.beta for shape in shapes])
-        radius = np.array([shape.fill.radius for shape in shapes])
+        fills = np.array([(shape.fill.beta, shape.fill.radius) for shape in shapes])
+        beta, radius = fills.reshape(-1, 2).T
         plain = beta == 0
         beta[plain] = arc_beta(np.linalg.svd(rows[plain], compute_uv=False))
         radius[plain] = plain_radius(beta[plain])

@@ -22,6 +22,7 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache, reduce
 from itertools import product
 from typing import Any, NamedTuple
@@ -43,7 +44,6 @@ from gauss2svg.svg.stops import MOST_GREY, gradient_stops, grey_stops
 
 Color = tuple[float, float, float]
 Affine = tuple[float, float, float, float, float, float]
-IDENTITY: Affine = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
 _CALL = re.compile(r"[\s,]*+(matrix|translate|scale|rotate)\s*+\(([^()]*+)\)[\s,]*+")
 _CALLS = re.compile(rf"(?:{_CALL.pattern})*+\s*+")
 _REFERENCE = re.compile(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""")
@@ -85,13 +85,11 @@ def transform_of(text: str, name: str = "transform") -> Affine:
 
     Raise InputError for anything else.
     """
-    try:
+    with suppress(TypeError):  # of another number of values
         maps = [_FUNCTIONS[call](*numbers(values, name)) for call, values in _CALL.findall(text)]
-    except TypeError:  # of another number of values
-        maps = None
-    if maps is None or not _CALLS.fullmatch(text):
-        raise refusal(name, "a list of matrix, translate, scale, rotate", quoted(text))
-    return reduce(compose, maps, IDENTITY)
+        if _CALLS.fullmatch(text):
+            return reduce(compose, maps, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))
+    raise refusal(name, "a list of matrix, translate, scale, rotate", quoted(text))
 
 
 def _rotation(angle_rad: float, x: float, y: float) -> Affine:
@@ -305,5 +303,4 @@ def _closed(data: str) -> Affine:
         if {arc[1:4] for arc in arcs} == {arcs[0][1:4]} and errors.max() <= _TOLERANCE:
             a, b, c, d, _, _ = _rotation(tilt_rad, 0.0, 0.0)
             return rx * a, rx * b, ry * c, ry * d, center.real, center.imag
-    needed = "an ellipse of four arcs"
-    raise refusal("its d", needed, quoted(data), "to undo the edit of its nodes")
+    raise refusal("its d", "an ellipse of four arcs", quoted(data), "to undo the edit of its nodes")

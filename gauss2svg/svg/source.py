@@ -7,7 +7,6 @@ or has more bytes or elements than the limits.
 
 from __future__ import annotations
 
-import codecs
 import gzip
 import io
 import os
@@ -25,7 +24,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
 BLANKS = "\ufeff \t\r\n"  # that text may begin with
 MOST_BYTES = 256_000_000  # gunzipped: a gzip bomb expands a thousandfold
-_MARKS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # byte order marks
 _DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 # Blanks, instructions that name no sheet, comments, document types without declarations.
 _BEFORE_ROOT = re.compile(
@@ -89,16 +88,15 @@ def from_root(text: str) -> str:
     Raise InputError for null characters, and for a document type with declarations or a style sheet
     of another file before the root.
     """
-    before = _BEFORE_ROOT.match(text)
-    begin = before.end() if before else 0
     # expat takes null characters for UTF-16, and would see elements that no renderer does.
     if "\0" in text:
         raise refusal("the SVG", "without null characters", "some", "to save it as UTF-8")
-    if text.startswith(("<!DOCTYPE", "<?xml-stylesheet"), begin):
+    rest = _BEFORE_ROOT.sub("", text, count=1)
+    if rest.startswith(("<!DOCTYPE", "<?xml-stylesheet")):
         needed = "without a document type of its own or a style sheet of another file"
-        got, advice = quoted(text[begin : begin + 60]), "to save it as plain SVG"
+        got, advice = quoted(rest[:60]), "to save it as plain SVG"
         raise refusal("the SVG", needed, got, advice)
-    return text[begin:]
+    return rest
 
 
 def parse(text: str, target: Any = None) -> Any:

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from gauss2svg.scene.falloff import cut_radius, profile
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
 FEWEST_STOPS = 3
 LENIENCE = 1.2  # ratio of another exponent's allowed error to that of beta = 1
 # Exponent from which offsets have four decimals, for a thousandth of the radius shifts a crisp rim
@@ -61,7 +62,6 @@ def known_stops() -> dict[tuple[int, float], tuple[Stops, float]]:
 
 MOST_GREY = 15
 _PLACES = 1000  # offsets are multiples of a thousandth
-_STEP = 10  # places, of offsets with two decimals
 _SAMPLES_A_PLACE = 8
 
 
@@ -72,7 +72,7 @@ GAP = 8  # least distance in places between two stops
 _Integrals = tuple[Floats, ...]
 
 
-def whole_stops(levels: Floats, count: int) -> tuple[Floats, NDArray[np.intp]]:
+def whole_stops(levels: Floats, count: int) -> tuple[Floats, Ints]:
     """Offsets (n, count) and colours (n, count, 3) in levels of 255 for peaks levels (n, 3) >= 0.
 
     The last stop is black.
@@ -80,20 +80,18 @@ def whole_stops(levels: Floats, count: int) -> tuple[Floats, NDArray[np.intp]]:
     return _moved(levels, gradient_stops(count), 1.0, 255, 1)
 
 
-def grey_stops(count: int, beta: float) -> tuple[Floats, NDArray[np.intp]]:
+def grey_stops(count: int, beta: float) -> tuple[Floats, Ints]:
     """Offsets (count,) and greys (count,) in 0..15 of the profile of an exponent, which ends at 0.
 
     count  3..5; offsets have two decimals, of crisp exponents three
     """
     levels = np.full((1, 3), float(MOST_GREY))
-    step = 1 if beta > CRISP else _STEP
+    step = 1 if beta > CRISP else 10
     offsets, colors = _moved(levels, known_stops()[count, beta][0], beta, MOST_GREY, step)
     return offsets[0], colors[0, :, 0]
 
 
-def _moved(
-    levels: Floats, stops: Stops, beta: float, most: int, step: int
-) -> tuple[Floats, NDArray[np.intp]]:
+def _moved(levels: Floats, stops: Stops, beta: float, most: int, step: int) -> tuple[Floats, Ints]:
     """Offsets (n, count) in multiples of `step` places, and colours (n, count, 3) in 0..most."""
     offsets, values = (np.array(part) for part in stops)
     count, moments = len(offsets), _moments(beta)
@@ -120,13 +118,8 @@ def _moved(
 
 
 def _around(
-    k: int,
-    tried: NDArray[np.intp],
-    places: NDArray[np.intp],
-    colors: Floats,
-    levels: Floats,
-    moments: _Integrals,
-) -> tuple[Floats, Floats, Floats]:
+    k: int, tried: Ints, places: Ints, colors: Floats, levels: Floats, moments: _Integrals
+) -> _Integrals:
     """Squared error between a stop's neighbours if the stop were at the places tried (n, t).
 
     With colour u there it is, up to a constant, the sum over channels of
@@ -134,8 +127,7 @@ def _around(
     """
     level = levels[:, None, :]
     if k == 0:  # the first colour fills all within
-        within, falloff = moments[0], moments[3]
-        square, linear = within[tried], level * falloff[tried][:, :, None]
+        square, linear = moments[0][tried], level * moments[3][tried][:, :, None]
         cost = np.zeros(tried.shape)
     else:
         before = colors[:, None, k - 1]
@@ -151,7 +143,7 @@ def _around(
     return square, linear, cost
 
 
-def _segment(first: NDArray[np.intp], last: NDArray[np.intp], moments: _Integrals) -> _Integrals:
+def _segment(first: Ints, last: Ints, moments: _Integrals) -> _Integrals:
     """Integrals between places of a a, a b, b b, f a and f b, weighted by r.
 
     a falls from 1 to 0 from one place to the other, b = 1 - a; all (n, t), but for a b, f a and

@@ -1,6 +1,5 @@
 """Laws of blurred discs: the profile they draw, which shapes are drawn so, and by whom."""
 
-import dataclasses
 import math
 import re
 from typing import get_args
@@ -99,7 +98,7 @@ def test_table_of_exponents_opacities_and_errors_is_as_stated():
 @pytest.mark.parametrize("blur", BLURS)
 def test_table_is_what_is_fitted(blur):
     derived = blur_of(1 / blur.deviation)
-    assert dataclasses.astuple(blur) == pytest.approx(dataclasses.astuple(derived), rel=1e-5)
+    assert tuple(blur) == pytest.approx(tuple(derived), rel=1e-5)
 
 
 def test_filters_end_where_less_than_half_a_level_is_left():
