@@ -172,8 +172,9 @@ def counts() -> Figure:
         points = [(n, float(c)) for n, c in zip(numbers, cells, strict=True) if c]
         ours = name.startswith("gauss2svg")
         style = "o-" if ours else "s--" if "curves" in name else "^:"
-        axis.plot(*zip(*points, strict=True), style, label=name, linewidth=2 if ours else 1,
-                  markersize=4, zorder=3 if ours else 2)  # fmt: skip
+        axis.plot(*zip(*points, strict=True), style, label=name, markersize=4,
+                  color="black" if ours else None, linewidth=2 if ours else 1,
+                  zorder=3 if ours else 2)  # fmt: skip
     axis.legend(fontsize=10.5, loc="upper left", ncols=2)
     return figure
 
