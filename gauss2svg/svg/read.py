@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import os
 import re
+from array import array
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -114,11 +115,9 @@ class _State(NamedTuple):
 
 
 class _Shape(NamedTuple):
-    """One shape: maps of the unit circle onto its outline, and onto where its fill ends, in px."""
+    """One shape. Its maps are in an array, because tuples take three times the memory."""
 
     element: Any
-    edge: Affine
-    disc: Affine
     fill: Fill
     opacity: float
     round: int
@@ -134,6 +133,8 @@ class _Reader:
         self._gradient = cache(self._read_gradient)
         self._arcs = read_shapes.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
         self._shapes: list[_Shape] = []
+        # Two maps of the unit circle for each shape, onto its outline and its fill's edge, in px.
+        self._maps = array("d")
         self._background = None if background is None else np.asarray(background, np.float64)
         for sheet in root.iter(SVG + "style"):
             with _naming(sheet):
@@ -204,7 +205,8 @@ class _Reader:
                 raise refusal("ellipses of one path", "opaque and of one colour", "another fill")
             outline, opacity = compose(state.onto, edge), min(1.0, alpha * fill.peak)
             disc = compose(state.onto, fill.disc) if fill.disc else outline
-            self._shapes.append(_Shape(element, outline, disc, fill, opacity, number))
+            self._maps.extend((*outline, *disc))
+            self._shapes.append(_Shape(element, fill, opacity, number))
         return None
 
     def _fill_of(self, fill: str, attributes: Mapping[str, str], edge: Affine) -> Fill:
@@ -258,7 +260,7 @@ class _Reader:
     def scene(self) -> Scene:
         """Return the scene of all shapes; raise InputError for those that it cannot hold."""
         shapes = self._shapes
-        maps = np.array([(shape.edge, shape.disc) for shape in shapes]).reshape(-1, 2, 3, 2)
+        maps = np.array(self._maps).reshape(-1, 2, 3, 2)
         edge, disc = maps.transpose(1, 0, 3, 2)
         rows = disc[:, :, :2]  # M, (n, 2, 2)
         with np.errstate(all="ignore"):
