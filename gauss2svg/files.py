@@ -37,7 +37,7 @@ _NOT_BLOCKING, _BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0
 
 
 @contextmanager
-def reading(path: FileName, advice: str) -> Iterator[BinaryIO]:
+def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
     """Open a regular file for reading. Raise InputError, with advice, if it cannot be read.
 
     Pipes and devices are refused unread, because a pipe that nobody writes to blocks for ever.

@@ -187,13 +187,12 @@ def threads_given_back() -> Iterator[None]:
 def hasty(monkeypatch) -> None:
     """Fits of a few steps, for what says nothing of how close they come."""
     from gauss2svg.pipeline.presets import PRESETS
-    from gauss2svg.pipeline.search import by_bytes, drawing
+    from gauss2svg.pipeline.search import by_bytes
 
     for name, preset in PRESETS.items():
         monkeypatch.setitem(PRESETS, name, dataclasses.replace(preset, iterations=8, cap=60))
     monkeypatch.setattr(by_bytes, "ITERATIONS", 8)
-    monkeypatch.setattr(drawing, "STEPS", 8)
-    monkeypatch.setattr(drawing, "STEPS_OF_THIN", 8)
+    monkeypatch.setattr(by_bytes, "STEPS", 8)
 
 
 @pytest.fixture

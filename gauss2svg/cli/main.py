@@ -19,7 +19,7 @@ from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, print_ut
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError
 from gauss2svg.options import field_of
-from gauss2svg.pipeline.options import option_names
+from gauss2svg.pipeline.options import OPTIONS
 
 STATUS_BAD_INPUT = 2
 
@@ -155,7 +155,7 @@ def _with_dashes(line: str, words: Sequence[str]) -> str:
     words  command line, whose options are names too: some belong to a single command
     """
     typed = {word.partition("=")[0][2:].replace("-", "_") for word in words if word[:2] == "--"}
-    names = typed | set(option_names())
+    names = typed | set(OPTIONS)
     if line.partition(" ")[0] not in names:
         return line
     option = re.compile(rf"(^|\b(?:with|got|if) )({'|'.join(map(re.escape, names))})(?=[ ,;.])")

@@ -1,8 +1,8 @@
 """The variants of a comparison: presets, numbers of Gaussians, other tools, and axes.
 
 An axis is an option of `vectorize`, or a constant of a module as MODULE.NAME:
-`--axis pipeline.search.correction.FULL=0.97,0.985` varies FULL of
-gauss2svg.pipeline.search.correction. The benchmark runs every combination of the axes' values.
+`--axis pipeline.search.limits.FULL=0.97,0.985` varies FULL of
+gauss2svg.pipeline.search.limits. The benchmark runs every combination of the axes' values.
 """
 
 from __future__ import annotations
@@ -243,5 +243,5 @@ def _axis(name: str) -> Field:
         kind = None
     if kind not in _CONSTANTS or not constant.isupper():
         needed = "an option, or a number that a module has in capitals"
-        raise refusal("axis", needed, quoted(name), "pipeline.search.correction.FULL")
+        raise refusal("axis", needed, quoted(name), "pipeline.search.limits.FULL")
     return Field(f"axis {name}", kind, *_CONSTANTS[kind])

@@ -171,7 +171,7 @@ class Clock:
 
     @property
     def elapsed_s(self) -> float:
-        """Wall-clock seconds since the start of the fit, without pauses."""
+        """Wall-clock seconds since the start of the fit, without pauses of this refinement."""
         return time.perf_counter() - self._started_s - self._paused_s
 
     @property
@@ -204,6 +204,7 @@ class Clock:
         reduced: whether the first steps run on reduced pictures, which then get most of them.
         """
         self._start, self._reduced = progress, reduced
+        self._paused_s = 0.0  # earlier pauses put off the end no more
         self._first_step, self._steps, self._start_s = self.iteration, steps, self.elapsed_s
 
     @contextmanager

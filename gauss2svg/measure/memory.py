@@ -44,10 +44,8 @@ def _left_by_cgroups(process: Path, cgroups: Path) -> list[int]:
 def _left_by_cgroup(group: Path, limit_file: str, usage_file: str, cached: str) -> int | None:
     """Return the bytes that a control group leaves, or None if it has no limit or is missing."""
     try:
-        limit, used, stat = (
-            (group / name).read_text(encoding="utf-8")
-            for name in (limit_file, usage_file, "memory.stat")
-        )
+        names = limit_file, usage_file, "memory.stat"
+        limit, used, stat = ((group / name).read_text(encoding="utf-8") for name in names)
         # cgroup v1 without a limit reports more than any machine has.
         if limit.strip() == "max" or int(limit) >= 1 << 60:
             return None

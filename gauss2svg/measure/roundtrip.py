@@ -59,14 +59,16 @@ def round_trip(
     photo: NDArray[np.float32],
     renderer: str = DEFAULT_RENDERER,
     covering: bool = False,
+    raster: NDArray[np.float32] | None = None,
 ) -> RoundTrip:
     """Rasterise the SVG of a scene and compare it with the photo (h, w, 3 or 4) and the scene.
 
-    covering is as in `gauss2svg.render.render`. All are compared at the size of the photo, whatever
-    the canvas of the scene is. Raise RendererError if the renderer cannot draw.
+    covering is as in `gauss2svg.render.render`, raster is the SVG's where it is known. All are
+    compared at the size of the photo, whatever the canvas of the scene is. Raise RendererError if
+    the renderer cannot draw.
     """
     height, width = photo.shape[:2]
-    raster = rasterize_like(svg, photo, renderer)
+    raster = rasterize_like(svg, photo, renderer) if raster is None else raster
     over_white = over(raster)
     # The exact composite lies in 0..1, but float32 may round beyond that.
     model = render(scene, width, height, covering=covering)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from gauss2svg.errors import InputError, RendererError, quoted
+from collections.abc import Iterator
+
+from gauss2svg.errors import InputError, RendererError, quoted, refusal
 from gauss2svg.fit.options import DensifyOptions
 from gauss2svg.measure.perceptual import require_packages
 from gauss2svg.photo.photo import Photo
@@ -12,127 +14,85 @@ from gauss2svg.scene import ADD
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.document import EDITABLE, MINIMAL
 
+_ROUNDS = ("per_round", "round_iterations", "schedule")  # options that ask for a given count
+_LIMITS = ("target_psnr", "target_ssimulacra2", "max_bytes", "time_limit")
+
 
 def check_together(options: Options) -> None:
     """Raise InputError for options that exclude each other, RendererError where a renderer does."""
-    _check_blend(options)
-    _check_rounds(options)
-    _check_shapes(options)
-    _check_inks(options)
-    goal, svg = options.goal, options.svg
-    if svg.count_gzipped and goal.max_bytes is None:
-        raise InputError(
-            "count_gzipped must be given with max_bytes; got none. Try "
-            "--max-bytes 60k --count-gzipped"
-        )
-    _check_time(options)
+    for name, rule, got, advice in _exclusions(options):
+        raise InputError(f"{name} must {rule}; got {got}. Try {advice}")
+    renderer, svg = options.run.renderer, options.svg
+    for is_asked, able, what, otherwise in (
+        (options.written_blend == ADD, DRAW_BLENDS, "additive blending", ", or --portable"),
+        (svg.markup == MINIMAL, DRAW_MINIMAL, "minimal markup", ""),
+        (svg.form != GRADIENT, DRAW_ROTATED_BLURS, f"form {svg.form}", f", or --form {GRADIENT}"),
+    ):
+        if is_asked and renderer not in able:
+            raise RendererError(
+                f"renderer must be one of {', '.join(able)} for {what}; got {quoted(renderer)}. "
+                f"Try --renderer {able[0]}{otherwise}"
+            )
 
 
 def check_alpha(options: Options, photo: Photo) -> None:
     """Raise InputError for additive blending of a transparent photo."""
     if photo.alpha is not None and options.written_blend == ADD:
-        raise InputError(
-            "the photo must be opaque for additive blending; got a transparent one. Try "
-            "--matte white, or --portable"
-        )
+        advice = "--matte white, or --portable"
+        raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
 
 
 def needs_editable(options: Options) -> str:
     """What is asked for that a minimal file does not have; empty if nothing."""
-    svg = options.svg
-    needs = [f"form {svg.form}"] * (svg.form != GRADIENT)
-    needs += ["additive blending"] * (options.written_blend == ADD)
-    return next(iter(needs + options.document.layered), "")
+    additive = ["additive blending"] * (options.written_blend == ADD)
+    return next(iter([*additive, *_layered(options)]), "")
 
 
-def _check_blend(options: Options) -> None:
-    """Refuse what an additive file cannot have."""
-    svg, document, blend = options.svg, options.document, options.fit.blend
-    if svg.portable and blend != ADD:
-        raise InputError(
-            f"portable must be given with blend {ADD}, whose files it converts; got blend {blend}. "
-            "Try without --portable"
-        )
-    if options.written_blend != ADD:
-        return
-    renderer = options.run.renderer
-    if renderer not in DRAW_BLENDS:
-        raise RendererError(
-            f"renderer must be one of {', '.join(DRAW_BLENDS)} for additive blending; got "
-            f"{quoted(renderer)}. Try --renderer {DRAW_BLENDS[0]}, or --portable"
-        )
-    for name in [f"form {svg.form}"] * (svg.form != GRADIENT) + document.layered:
-        raise InputError(
-            f"{name} must not be given with additive blending, because its shapes do not cover "
-            "each other in layers. Try --portable"
-        )
+def _layered(options: Options) -> list[str]:
+    """Return what is asked for that neither additive, minimal files nor those of inks have."""
+    form = options.svg.form
+    return [*[f"form {form}"] * (form != GRADIENT), *options.document.layered]
 
 
-def _check_rounds(options: Options) -> None:
-    """Refuse rounds of a count that is not given."""
-    goal, densify = options.goal, options.densify
-    if not goal.count_adapts:
-        return
-    limits = ("target_psnr", "target_ssimulacra2", "max_bytes", "time_limit")
-    given = [f"--{one.replace('_', '-')}" for one in limits if getattr(goal, one) is not None]
-    advice = "--gaussians 1000" + (f" without {' and '.join(given)}" if given else "")
-    for name in ("per_round", "round_iterations", "schedule"):
-        value = getattr(densify, name)
-        if value != getattr(DensifyOptions, name):
-            raise InputError(
-                f"{name} must be given with a number of Gaussians, and without a target or limit; "
-                f"got {value}. Try {advice}"
-            )
-
-
-def _check_shapes(options: Options) -> None:
-    """Refuse markup and forms that the file or its renderer does not have."""
-    svg, renderer = options.svg, options.run.renderer
-    if svg.markup == MINIMAL and needs_editable(options):
-        raise InputError(
-            f"markup must be {EDITABLE} with {needs_editable(options)}, because a minimal file has "
-            f"neither layers nor filters; got {svg.markup}. Try --markup auto"
-        )
-    if svg.markup == MINIMAL and renderer not in DRAW_MINIMAL:
-        raise RendererError(
-            f"renderer must be one of {', '.join(DRAW_MINIMAL)} for minimal markup; got "
-            f"{quoted(renderer)}. Try --renderer resvg"
-        )
-    if svg.form != GRADIENT and renderer not in DRAW_ROTATED_BLURS:
-        raise RendererError(
-            f"form must be {GRADIENT} with the renderer {renderer}, which draws rotated blurs "
-            f"wrongly; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
-        )
-
-
-def _check_inks(options: Options) -> None:
-    """Refuse beside inks what asks for other shapes, colours or layers."""
-    fit, svg = options.fit, options.svg
-    if fit.inks is None:
-        return
+def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:
+    """Yield the name of an option, the rule that it breaks, its value, and what to try instead."""
+    goal, fit, svg, layered = options.goal, options.fit, options.svg, _layered(options)
+    if svg.portable and fit.blend != ADD:
+        rule = f"be given with blend {ADD}, whose files it converts"
+        yield "portable", rule, f"blend {fit.blend}", "without --portable"
+    if svg.count_gzipped and goal.max_bytes is None:
+        advice = "--max-bytes 60k --count-gzipped"
+        yield "count_gzipped", "be given with max_bytes", "none", advice
+    if svg.markup == MINIMAL and (needs := needs_editable(options)):
+        why = "because a minimal file has neither layers nor filters"
+        yield "markup", f"be {EDITABLE} with {needs}, {why}", svg.markup, "--markup auto"
+    if options.written_blend == ADD and layered:
+        why = "because its shapes do not cover each other in layers"
+        rule = f"not be given with additive blending, {why}"
+        of_form = layered[0] not in options.document.layered
+        yield layered[0], rule, f"blend {ADD}", f"--form {GRADIENT}" if of_form else "--portable"
     others = {
         f"blend {ADD}": fit.blend == ADD,
         f"falloff {fit.falloff}": fit.falloff is not None,
-        f"form {svg.form}": svg.form != GRADIENT,
         "palette": svg.palette is not None,
         "stops": svg.stops is not None,
     }
-    for name in [*(name for name, given in others.items() if given), *options.document.layered]:
-        raise InputError(
-            f"{name} must not be given with inks, because a picture in inks has opaque shapes "
-            f"without gradients, in one layer for each ink; got inks {fit.inks}. Try without it"
-        )
-
-
-def _check_time(options: Options) -> None:
-    """Refuse a time limit beside what takes an unknown time."""
-    goal, run = options.goal, options.run
-    asked = None if goal.target is None or goal.target.always else goal.target
-    name = "scores" if run.scores or asked is None else asked.option
-    if run.scores or asked is not None:
-        require_packages(asked)
+    for name in [*(name for name, is_given in others.items() if is_given), *layered]:
+        if fit.inks is not None:
+            why = "a picture in inks has opaque shapes without gradients, in one layer for each ink"
+            yield name, f"not be given with inks, because {why}", f"inks {fit.inks}", "without it"
+    for name in _ROUNDS if goal.count_adapts else ():
+        value = getattr(options.densify, name)
+        if value != getattr(DensifyOptions, name):
+            given = [one for one in _LIMITS if getattr(goal, one) is not None]
+            flags = " and ".join(f"--{one.replace('_', '-')}" for one in given)
+            advice = "--gaussians 1000" + (f" without {flags}" if given else "")
+            rule = "be given with a number of Gaussians, and without a target or limit"
+            yield name, rule, value, advice
+    score = None if goal.target is None or goal.target.always else goal.target
+    if options.run.scores or score is not None:
+        require_packages(score)
         if goal.time_limit is not None:
-            raise InputError(
-                f"{name} must not be given with time_limit, because the time that scores take "
-                f"is unknown; got {goal.time_limit:g}. Try gauss2svg check on the SVG"
-            )
+            name = "scores" if options.run.scores or score is None else score.option
+            rule = "not be given with time_limit, because the time that scores take is unknown"
+            yield name, rule, f"{goal.time_limit:g}", "gauss2svg check on the SVG"

@@ -1,4 +1,4 @@
-"""Flat drawings: whether a picture is one, what is shaded or texture, what a tracer would take.
+"""Flat drawings: whether a picture is one, and what in it is shaded or texture.
 
 A drawing is fitted enlarged, to what several fits agree on between its pixels. Every fit is close
 to the picture and errs elsewhere between them (docs/decisions/enlarged.md):
@@ -10,21 +10,17 @@ to the picture and errs elsewhere between them (docs/decisions/enlarged.md):
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from PIL import Image, ImageFilter
 
 from gauss2svg.photo.alpha import from_views, has_alpha, views
 
 # Definition of a flat drawing (docs/decisions/small.md).
 FLAT_SHARE = 0.4  # share of the pixels that a drawing's most frequent colours have
 FLAT_COLORS = 4  # number of colours that count as the most frequent
-# Most colours of a drawing to trace. Regions of more lie over each other, and a corner takes
-# several times as many bytes.
-MOST_COLORS = 4
-# Bytes of a traced corner. vtracer takes 9.3 for one of scikit-image's horse.
-BYTES_A_CORNER = 10
 GENTLE = 0.03  # largest change for each px, in 0..1, of a shaded area
 SHADED_SHARE = 0.01  # share of shaded pixels from which a drawing has shading
 # Largest second difference between neighbours, in 0..1, of a flat or evenly shaded area: one
@@ -38,20 +34,18 @@ TEXTURED_SHARE = 0.5
 
 def is_drawing(photo: NDArray[np.float32]) -> bool:
     """Whether a few colours make up much of a picture, as the flat ones of a drawing do."""
-    return _flat_share(_colors(photo)) >= FLAT_SHARE
+    return _flat_share(photo) >= FLAT_SHARE
 
 
 def has_edges(photo: NDArray[np.float32]) -> bool:
     """Whether what is not flat or evenly shaded in a drawing is mostly its antialiased edges.
 
     photo  (h, w, 3) or (h, w, 4) float32 in 0..1
-    Not so of drawings of whole pixels, and of photos on a flat ground.
+    Not so of drawings of whole pixels, which have no other colours, and of photos on a flat ground.
     """
-    if _flat_share(_colors(photo[::7, ::13])) < FLAT_SHARE / 2:  # most photos
+    if _flat_share(photo[::7, ::13]) < FLAT_SHARE / 2:  # most photos
         return False
-    colors = _colors(photo)
-    is_flat = _flat_share(colors) >= FLAT_SHARE
-    return is_flat and not _has_few_colors(colors) and not _is_textured(photo)
+    return FLAT_SHARE <= _flat_share(photo) < 1 and not _is_textured(photo)
 
 
 def is_shaded(photo: NDArray[np.float32]) -> bool:
@@ -61,66 +55,34 @@ def is_shaded(photo: NDArray[np.float32]) -> bool:
     """
     if min(photo.shape[:2]) < 3:
         return False
-    down, across = np.gradient(np.concatenate(views(photo), axis=2), axis=(0, 1))
+    down, across = np.gradient(_channels(photo), axis=(0, 1))
     slope = np.hypot(down, across).max(axis=2)
-    steepest = slope  # of 3 x 3 px: beside an antialiased edge some are gentle
-    for _ in range(2):
-        steepest = np.maximum(np.maximum(steepest[:-2], steepest[1:-1]), steepest[2:]).T
-    shaded = (slope[1:-1, 1:-1] > 0) & (steepest < GENTLE)
-    return bool(shaded.mean() >= SHADED_SHARE)
+    # Beside an antialiased edge some pixels are gentle.
+    shaded = (slope > 0) & (_largest(slope, 1) < GENTLE)
+    return bool(shaded[1:-1, 1:-1].mean() >= SHADED_SHARE)
 
 
 def _is_textured(photo: NDArray[np.float32]) -> bool:
     """Whether much that is uneven lies away from what is flat or evenly shaded."""
-    pixels, uneven = np.concatenate(views(photo), axis=2), np.zeros(photo.shape[:2], bool)
+    pixels, uneven = _channels(photo), np.zeros(photo.shape[:2], bool)
     for axis, inner in enumerate((uneven[1:-1], uneven[:, 1:-1])):
         if photo.shape[axis] > 2:
             inner |= np.abs(np.diff(pixels, 2, axis)).max(axis=2) > EVEN
-    uneven = _spread(uneven, 1)
-    texture = ~_spread(~uneven, RIM)
+    uneven = _largest(uneven.astype(np.uint8), 1)
+    texture = 1 - _largest(1 - uneven, RIM)
     return bool(texture.sum() > TEXTURED_SHARE * uneven.sum())
 
 
-def _spread(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """(h, w) whether any pixel is set in the square of so many px around."""
-    for _ in range(2):
-        padded = np.pad(mask, ((reach, reach), (0, 0)))
-        mask = sliding_window_view(padded, 2 * reach + 1, axis=0).max(axis=2).T
-    return mask
+def _largest(values: NDArray[Any], reach: int) -> NDArray[Any]:
+    """Return (h, w) the largest of the values in the square of so many px around each."""
+    return np.asarray(Image.fromarray(values).filter(ImageFilter.MaxFilter(2 * reach + 1)))
 
 
-def outline_bytes(pixels: NDArray[np.float32]) -> int | None:
-    """About the bytes of an SVG of the outlines of a drawing's flat regions.
-
-    pixels  (h, w, channels) float32 in 0..1
-    None for more than four colours, as antialiased edges and photos have. The bytes are those of
-    the corners of outlines: blocks of 2 x 2 px with different pixels along both axes.
-    """
-    colors = _colors(pixels)
-    if not _has_few_colors(colors):
-        return None
-    right = colors[:, 1:] != colors[:, :-1]
-    down = colors[1:] != colors[:-1]
-    corners = (right[1:] | right[:-1]) & (down[:, 1:] | down[:, :-1])
-    return BYTES_A_CORNER * int(np.count_nonzero(corners))
-
-
-def _flat_share(colors: NDArray[np.int64]) -> float:
-    """Share of the pixels that have one of the most frequent colours."""
-    counts = np.sort(np.unique(colors, return_counts=True)[1])
-    return counts[-FLAT_COLORS:].sum() / colors.size
-
-
-def _colors(pixels: NDArray[np.float32]) -> NDArray[np.int64]:
-    """(h, w) a number for each colour of 8 bits."""
-    weights = 256 ** np.arange(pixels.shape[2])
-    return (np.round(pixels * 255).astype(np.int64) * weights).sum(axis=2)
-
-
-def _has_few_colors(colors: NDArray[np.int64]) -> bool:
-    # A few pixels tell for most photos.
-    some = colors.ravel()[::97], colors
-    return all(len(np.unique(each)) <= MOST_COLORS for each in some)
+def _flat_share(pixels: NDArray[np.float32]) -> float:
+    """Share of the pixels that have one of the most frequent colours of 8 bits."""
+    numbers = np.round(pixels * 255).astype(np.int64) @ 256 ** np.arange(pixels.shape[2])
+    counts = np.sort(np.unique(numbers, return_counts=True)[1])
+    return float(counts[-FLAT_COLORS:].sum() / numbers.size)
 
 
 RASTER_TIMES = 4  # size of the renders, times that of the picture
@@ -130,11 +92,6 @@ ENLARGED_TWICE_FROM = 256  # px of a side over which a picture is enlarged twice
 LOCAL_SHARE = 0.3  # share of the variance of 3 x 3 px that is uncertain beside that of the renders
 LEAST_VARIANCE = 1e-3  # variance that is uncertain everywhere, in 0..1
 CORRECTIONS = 5  # after which few values are left that clipping changed
-
-
-def may_enlarge(width: int, height: int) -> bool:
-    """Whether a drawing of so many px is enlarged."""
-    return max(width, height) <= LARGEST_ENLARGED
 
 
 def enlargement(width: int, height: int) -> int:

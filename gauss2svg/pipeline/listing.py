@@ -7,15 +7,16 @@ import os
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gauss2svg.errors import InputError, on_one_line, quoted
-from gauss2svg.files import is_device
+from gauss2svg.errors import InputError, on_one_line, quoted, refusal
+from gauss2svg.files import is_device, reading
 
 _NAMELESS = "photo"
-_ADVICE = "Try the path of a photo"
+_DIGITS = 12  # hexadecimal digits of a digest in a slug
+_DIGEST_AT_END = re.compile(rf"-[0-9a-f]{{{_DIGITS}}}$")
 
 
 @dataclass(frozen=True)
@@ -43,32 +44,35 @@ def listed_photos(
 ) -> list[ListedPhoto]:
     """Each photo once, in order of its first mention; raises InputError if there is none.
 
+    A slug is the file's name. Where other photos that can be read have the same, and for one that
+    cannot be read, a digest of `file` follows. So the order and the pixels change no slug, and of
+    the other photos only those of the same name do.
+
     name  of the argument, in errors
     """
     if isinstance(paths, (str, bytes, os.PathLike)):
-        raise InputError(
-            f"{name} must be a sequence of paths; got {quoted(paths)}. Try [{paths!r}]"
-        )
+        raise refusal(name, "a sequence of paths", quoted(paths), f"[{paths!r}]")
     try:
-        named = [os.fsdecode(path) for path in paths or ()]
+        texts = [os.fsdecode(path) for path in paths or ()]
     except Exception as error:  # of the values' own methods
-        raise InputError(f"{name} must be a sequence of paths; got {quoted(paths)}") from error
-    if not named:
-        raise InputError(f"{name} must be the paths of one or more photos; got {quoted(paths)}")
+        raise refusal(name, "a sequence of paths", quoted(paths)) from error
+    if not texts:
+        raise refusal(name, "the paths of one or more photos", quoted(paths))
     once: dict[str, str] = {}
-    for path in named:
-        once.setdefault(_resolved(path), path)
+    for path in texts:
+        # Reading reports a NUL character.
+        once.setdefault(path if "\0" in path else os.path.realpath(path), path)
     texts = list(once.values())
-    read = [_digest(path) for path in texts]
-    slugs = unique_slugs(
-        (Path(path).stem, digest) for path, (digest, _) in zip(texts, read, strict=True)
-    )
-    return [
-        ListedPhoto(path, on_one_line(file), file, slug, digest, problem)
-        for path, file, slug, (digest, problem) in zip(
-            texts, _names(texts), slugs, read, strict=True
-        )
-    ]
+    read = [(slug_of(Path(path).stem), *_digest(path)) for path in texts]
+    shared = Counter(slug for slug, digest, _ in read if digest is not None)
+    photos = []
+    for path, file, (slug, digest, problem) in zip(texts, _names(texts), read, strict=True):
+        # A name that ends as a digest does gets one too, so that it is not another photo's slug.
+        if digest is None or shared[slug] > 1 or _DIGEST_AT_END.search(slug):
+            own = hashlib.sha256(file.encode(errors="backslashreplace")).hexdigest()
+            slug += f"-{own[:_DIGITS]}"
+        photos.append(ListedPhoto(path, on_one_line(file), file, slug, digest, problem))
+    return photos
 
 
 def _names(paths: Sequence[str]) -> list[str]:
@@ -82,30 +86,6 @@ def _names(paths: Sequence[str]) -> list[str]:
     ]
 
 
-def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:
-    """Unique names for the folders of photos, given their (name, digest), in the same order.
-
-    Photos of one name are distinguished by their digest, so that neither their order nor a photo
-    that cannot be read, whose digest is None, changes the folder of another.
-    """
-    known = [(slug_of(name), digest) for name, digest in photos]
-    shared = Counter(slug for slug, digest in known if digest)
-    # Unique names come first; photos that cannot be read, which need no folder, last.
-    turns = sorted(range(len(known)), key=lambda at: (not known[at][1], shared[known[at][0]] > 1))
-    slugs = [""] * len(known)
-    taken: set[str] = set()
-    for at in turns:
-        slug, digest = known[at]
-        first = f"{slug}-{digest[:8]}" if shared[slug] > 1 and digest else slug
-        slug, copies = first, 1
-        while slug in taken:
-            copies += 1
-            slug = f"{first}-{copies}"
-        slugs[at] = slug
-        taken.add(slug)
-    return slugs
-
-
 def slug_of(name: str) -> str:
     """A folder name that every system accepts: 1 to 48 characters of a-z, 0-9 and -."""
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
@@ -113,22 +93,10 @@ def slug_of(name: str) -> str:
     return f"{_NAMELESS}-{slug}" if is_device(slug) else slug
 
 
-def _resolved(path: str) -> str:
-    """The path with links resolved; an invalid path as it is."""
-    try:
-        return os.path.realpath(path)
-    except ValueError:  # a NUL character: reading reports it
-        return path
-
-
 def _digest(path: str) -> tuple[str | None, str | None]:
     """(SHA-256 of a file, None), or (None, why it cannot be read)."""
-    if os.path.exists(path) and not os.path.isfile(path):
-        kind = "a folder" if os.path.isdir(path) else "not a regular file"
-        return None, f"{on_one_line(path)} is {kind}. {_ADVICE}"
     try:
-        with open(path, "rb") as stream:
+        with reading(path, "the path of a photo") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest(), None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        return None, f"cannot read {on_one_line(path)}: {reason}. {_ADVICE}"
+    except (InputError, OSError) as error:
+        return None, on_one_line(str(error))

@@ -16,25 +16,25 @@ programs that rasterise, and the first compilation of the kernels (105 MB).
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass, replace
 
-from gauss2svg.errors import InputError
-from gauss2svg.fit.options import DEFAULT_LOSS, has_ssim
+from gauss2svg.errors import InputError, refusal
+from gauss2svg.fit.options import has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
 from gauss2svg.options import byte_size
 from gauss2svg.photo.photo import Header
 from gauss2svg.photo.reduce import Size
-from gauss2svg.pipeline.drawings import may_enlarge
+from gauss2svg.pipeline.drawings import LARGEST_ENLARGED
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import CAP_FOR_TARGET
-from gauss2svg.scene import ADD, OVER
+from gauss2svg.scene import ADD
 
 # Pixels at which a file is measured at least, where the photo has them: docs/decisions/photo.md.
 MEASURED_PIXELS = 1_000_000
-# Measured bytes per pixel of the photo (benchmarks/memory.py), opaque and with alpha: held, while
+# Measured bytes per pixel of a photo (benchmarks/memory.py), opaque and with alpha: held, while
 # decoding, and while measuring.
-_OPAQUE = (12, 31, 57)
-_ALPHA = (28, 70, 151)
+_BYTES = (12, 31, 57), (28, 70, 151)
 
 
 # Measured bytes of a run, and what they are counted for (docs/decisions/memory.md).
@@ -43,8 +43,8 @@ SHAPE = 3000  # each Gaussian
 FIT = 75  # each pixel of the fit
 FIT_SSIM = 130  # the same where the loss has SSIM
 INKS = 34  # added for each pixel of a fit in inks, whose target is not the photo
-ENLARGED = 230  # each pixel of the enlarged picture of a drawing
-LARGEST = 1024**2  # pixels of that picture at most
+ENLARGED = 230  # each pixel of an enlarged drawing, as photos with a limit of bytes may be
+LARGEST = 1024**2  # pixels of the enlarged drawing at most
 HELD = 36  # each pixel of the fit after it has ended
 ADDITIVE = 110e6  # writing an additive scene
 MARGIN = 1.2  # factor for what is not measured
@@ -64,65 +64,62 @@ def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXEL
 
 @dataclass(frozen=True)
 class Load:
-    """The properties of a run that determine its memory.
+    """A run of a plan on a photo, whose fit runs on an image of `fit` px, and what that takes."""
 
-    width, height          of the photo in px
-    fit_width, fit_height  of the image that the fit runs on, in px
-    gaussians              largest number
-    adapts                 whether there are at most as many as half the px of the fit
-    scoring                bytes a pixel that the score of the target takes where it is measured
-    least_measured         pixels at which the file is measured at least, where the photo and not
-                           the fit has them; None: those of the photo
-    reduced_bytes          per pixel while the photo is decoded and reduced, see Header
-    in_inks                whether the fit aims at the photo in inks
-    may_enlarge            whether the photo may be a drawing that is fitted enlarged
-    """
-
-    width: int
-    height: int
-    fit_width: int
-    fit_height: int
-    gaussians: int
-    adapts: bool = False
-    loss: str = DEFAULT_LOSS
-    blend: str = OVER
-    has_alpha: bool = False
-    scoring: int = 0
-    least_measured: int | None = None
-    reduced_bytes: int | None = None
-    in_inks: bool = False
-    may_enlarge: bool = False
+    plan: Plan
+    photo: Header
+    fit: Size
 
     @property
-    def fit(self) -> Size:
-        """Width and height in px of the image that the fit runs on."""
-        return self.fit_width, self.fit_height
+    def size(self) -> Size:
+        """Width and height in px of the photo."""
+        return self.photo.width, self.photo.height
 
     @property
     def measured(self) -> Size:
-        """Width and height in px at which the file is measured."""
-        least = math.inf if self.least_measured is None else self.least_measured
-        return measured_size((self.width, self.height), self.fit, least)
+        """Width and height in px at which the file is measured; with a time limit no larger."""
+        limit, least = self.plan.goal.time_limit, MEASURED_PIXELS
+        if self.plan.options.run.full_size:
+            return self.size
+        if limit is not None:
+            least = min(least, pixels_within(limit))
+        return measured_size(self.size, self.fit, least)
+
+    @property
+    def most_gaussians(self) -> int:
+        """Largest number of Gaussians."""
+        if self.plan.goal.count is not None:
+            return self.plan.goal.count
+        caps = [
+            search.preset.cap if search.aim is None else CAP_FOR_TARGET
+            for search in self.plan.searches()
+        ]
+        return min(max(caps), math.prod(self.fit) // 2)
 
     @property
     def bytes(self) -> int:
         """Estimated bytes that the run takes at most."""
-        photo, fit = self.width * self.height, self.fit_width * self.fit_height
-        kept = math.prod(self.measured)
-        inked = INKS * self.in_inks
-        a_pixel = (FIT_SSIM if has_ssim(self.loss) else FIT) + inked
-        held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
-        decoding = decoded * photo
-        if self.reduced_bytes is not None and kept < photo:
-            decoding = self.reduced_bytes * photo + held * kept
-        enlarged = min(16 * fit, LARGEST) * self.may_enlarge
-        fitting = held * kept + a_pixel * fit + ENLARGED * enlarged
-        measured = max(measured, held + self.scoring)
+        plan, options, target = self.plan, self.plan.options, self.plan.goal.target
+        fit, kept = math.prod(self.fit), math.prod(self.measured)
+        held, _, measured = _BYTES[self.photo.has_alpha]
+        inked = INKS * plan.in_inks
+        fitting = held * kept + ((FIT_SSIM if has_ssim(options.fit.loss) else FIT) + inked) * fit
+        if plan.goal.byte_limit is not None and max(self.size) <= LARGEST_ENLARGED:
+            fitting += ENLARGED * min(16 * fit, LARGEST)
+        measured = max(measured, held + (target.pixel_bytes if target is not None else 0))
         measuring = measured * kept + (HELD + inked) * fit
-        measuring += ADDITIVE * (self.blend == ADD)
-        most = max(decoding, fitting, measuring)
-        shapes = min(self.gaussians, fit // 2) if self.adapts else self.gaussians
-        return math.ceil(MARGIN * (BASE + most + SHAPE * shapes))
+        measuring += ADDITIVE * (options.fit.blend == ADD)
+        most = max(_decoding(self.photo, kept), fitting, measuring)
+        return math.ceil(MARGIN * (BASE + most + SHAPE * self.most_gaussians))
+
+
+def _decoding(photo: Header, kept: int) -> int:
+    """Return the bytes that decoding takes if so many pixels are kept."""
+    held, decoded, _ = _BYTES[photo.has_alpha]
+    pixels = photo.width * photo.height
+    if photo.reduced_bytes is not None and kept < pixels:
+        return photo.reduced_bytes * pixels + held * kept
+    return decoded * pixels
 
 
 def allowed(max_memory: int | str | None) -> int:
@@ -140,11 +137,8 @@ def check_decoding(header: Header, limit: int, reduced: bool = False) -> None:
 
     reduced  whether it is reduced while it is decoded
     """
-    each = (_ALPHA if header.has_alpha else _OPAQUE)[1]
-    if reduced and header.reduced_bytes is not None:
-        each = header.reduced_bytes
-    decoded = each * header.width * header.height
-    needed = math.ceil(MARGIN * (BASE + decoded))
+    decoding = _decoding(header, 0 if reduced else header.width * header.height)
+    needed = math.ceil(MARGIN * (BASE + decoding))
     if needed > limit:
         photo = f"a photo of {header.width}x{header.height} px"
         raise _too_little(needed, limit, photo, "a smaller photo")
@@ -159,31 +153,26 @@ def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[Load, str | Non
     if load.bytes <= limit:
         return load, None
 
-    def scaled(share: float) -> Load:
-        width, height = (max(1, int(share * side)) for side in load.fit)
-        return replace(load, fit_width=width, fit_height=height)
+    def with_side(longest: int) -> Load:
+        width, height = (max(1, longest * side // max(load.fit)) for side in load.fit)
+        return replace(load, fit=(width, height))
 
-    least = scaled(0.0)
-    if least.bytes > limit:
-        work = f"a photo of {load.width}x{load.height} px and up to {load.gaussians} Gaussians"
-        raise _too_little(least.bytes, limit, work, "a smaller photo")
+    (width, height), (fit_width, fit_height) = load.size, load.fit
+    if with_side(1).bytes > limit:
+        work = f"a photo of {width}x{height} px and up to {load.most_gaussians} Gaussians"
+        raise _too_little(with_side(1).bytes, limit, work, "a smaller photo")
     if asked:
-        work = f"a fit on {load.fit_width}x{load.fit_height} px"
+        work = f"a fit on {fit_width}x{fit_height} px"
         raise _too_little(load.bytes, limit, work, "a smaller --max-size")
-    low, high = 0.0, 1.0
-    while high - low > 1 / max(load.fit):
-        middle = (low + high) / 2
-        low, high = (middle, high) if scaled(middle).bytes <= limit else (low, middle)
-    found = scaled(low)
-    size = f"{found.fit_width}x{found.fit_height} px"
-    return found, f"fitted at {size} to stay under {_megabytes(limit)} of memory"
+    longer = bisect_right(range(max(load.fit)), limit, lo=1, key=lambda side: with_side(side).bytes)
+    largest = with_side(longer - 1)
+    width, height = largest.fit
+    return largest, f"fitted at {width}x{height} px to stay under {_megabytes(limit)} of memory"
 
 
 def _too_little(needed: float, limit: int, work: str, advice: str) -> InputError:
-    return InputError(
-        f"memory must be at least {_megabytes(needed)} for {work}; got {_megabytes(limit)}. "
-        f"Try {advice}, or a larger --max-memory"
-    )
+    least, advice = f"at least {_megabytes(needed)} for {work}", f"{advice}, or a larger"
+    return refusal("memory", least, _megabytes(limit), f"{advice} --max-memory")
 
 
 def _megabytes(size: float) -> str:
@@ -196,30 +185,17 @@ START_S = 0.5  # seconds of the limit that the start takes
 LEAST_S = 0.25  # fewest seconds of the limit that are left
 
 
+def pixels_within(time_limit: float) -> float:
+    """Return the most pixels of a fit for which a time limit in s has time."""
+    return PIXELS_PER_SECOND * max(time_limit - START_S, LEAST_S)
+
+
 def load_of(plan: Plan, photo: Header) -> Load:
-    """What determines the memory of a run on a photo, with the sizes that the preset asks for."""
-    goal, run = plan.options.goal, plan.options.run
+    """Return the load of a run on a photo, with the sizes that the preset asks for."""
+    given, limit = plan.options.run.max_size, plan.goal.time_limit
     width, height = photo.width, photo.height
-    scale = min(1.0, plan.side / max(width, height))
-    if goal.time_limit is not None and run.max_size is None:
-        seconds = max(goal.time_limit - START_S, LEAST_S)
-        pixels = PIXELS_PER_SECOND * seconds
-        scale = min(scale, math.sqrt(pixels / (width * height)))
-    fit_width, fit_height = (max(1, round(side * scale)) for side in (width, height))
-    most = plan.preset.cap if plan.aim is None else CAP_FOR_TARGET
-    return Load(
-        width,
-        height,
-        fit_width,
-        fit_height,
-        gaussians=most if plan.goal.count is None else plan.goal.count,
-        adapts=plan.goal.count is None,
-        loss=plan.options.fit.loss,
-        blend=plan.options.fit.blend,
-        has_alpha=photo.has_alpha,
-        scoring=0 if goal.target is None else goal.target.pixel_bytes,
-        least_measured=None if run.full_size else MEASURED_PIXELS,
-        reduced_bytes=photo.reduced_bytes,
-        in_inks=plan.in_inks,
-        may_enlarge=may_enlarge(width, height) and plan.may_enlarge,
-    )
+    longest = given or max(search.preset.max_size for search in plan.searches())
+    scale = min(1.0, longest / max(width, height))
+    if limit is not None and given is None:
+        scale = min(scale, math.sqrt(pixels_within(limit) / (width * height)))
+    return Load(plan, photo, (max(1, round(width * scale)), max(1, round(height * scale))))

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Interval
 
-from gauss2svg.errors import InputError, quoted
+from gauss2svg.errors import InputError, quoted, refusal
 from gauss2svg.fit.options import MOST_GAUSSIANS, DensifyOptions, FitOptions
 from gauss2svg.measure import color_name
 from gauss2svg.measure.scores import TARGETS, Score
@@ -65,19 +65,17 @@ class Goal(OptionGroup):
         super().__post_init__()
         if self.gaussians == AUTO:
             object.__setattr__(self, "gaussians", None)
-        for other in self._targets[1:]:
-            raise InputError(
-                f"{other.option} must not be given with {self._targets[0].option}. Try one of them"
-            )
+        targets = [score.option for score in self._targets()]
+        if len(targets) > 1:
+            raise InputError(f"{targets[1]} must not be given with {targets[0]}. Try one of them")
 
-    @property
     def _targets(self) -> list[Score]:
         return [score for score in TARGETS if getattr(self, score.option) is not None]
 
     @property
     def target(self) -> Score | None:
         """The score that has a target."""
-        return next(iter(self._targets), None)
+        return next(iter(self._targets()), None)
 
     @property
     def count(self) -> int | None:
@@ -90,22 +88,19 @@ class Goal(OptionGroup):
         return self.max_bytes if isinstance(self.max_bytes, int) else None
 
     @property
-    def has_target(self) -> bool:
-        """Whether there is a target or limit besides the preset."""
-        limited = self.max_bytes is not None or self.time_limit is not None
-        return limited or self.target is not None
+    def is_limited(self) -> bool:
+        """Whether bytes or seconds are limited."""
+        return self.max_bytes is not None or self.time_limit is not None
 
     @property
     def count_adapts(self) -> bool:
-        """Whether the number of Gaussians depends on the image or on a target."""
-        return self.count is None or self.has_target
+        """Whether the number of Gaussians depends on the image, on a target or on a limit."""
+        return self.count is None or self.is_limited or self.target is not None
 
     @property
     def is_budget(self) -> bool:
         """Whether bytes or seconds are limited and nothing else is asked for: the best in them."""
-        limited = self.max_bytes is not None or self.time_limit is not None
-        others = (self.quality, self.gaussians, self.target)
-        return limited and all(other is None for other in others)
+        return self.is_limited and self.quality is self.gaussians is self.target is None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,12 +188,18 @@ GROUPS: dict[str, type[OptionGroup]] = {
 }
 
 
+# The key of the group and the field of each option, by its name.
+OPTIONS: dict[str, tuple[str, Field]] = {
+    field.name: (key, field) for key, group in GROUPS.items() for field in fields_of(group)
+}
+
+
 def unknown_option(name: str) -> TypeError:
     """The error of a keyword that vectorize does not have, with where the option belongs."""
-    for keyword, group in GROUPS.items():
-        if name in {field.name for field in fields_of(group)}:
-            where = f"{keyword}={group.__name__}({name}=...)"
-            return TypeError(f"{name} belongs to {where}; got {name}=... for vectorize itself")
+    if name in OPTIONS:
+        key = OPTIONS[name][0]
+        where = f"{key}={GROUPS[key].__name__}({name}=...)"
+        return TypeError(f"{name} belongs to {where}; got {name}=... for vectorize itself")
     return TypeError(f"option must be one of vectorize or of its classes; got {quoted(name)}")
 
 
@@ -234,44 +235,18 @@ class Options:
     @classmethod
     def from_flat(cls, values: Mapping[str, Any]) -> Options:
         """The options of these names and values; raises InputError for an unknown name."""
-        groups: dict[str, dict[str, Any]] = {key: {} for key in GROUPS}
-        for name, value in values.items():
-            found = field_named(name)
-            if found is None:
-                raise InputError(
-                    f"option must be one of {', '.join(option_names())}; got {quoted(name)}"
-                )
-            groups[found[0]][name] = value
-        return cls(**{key: GROUPS[key](**given) for key, given in groups.items()})  # pyright: ignore[reportArgumentType]
+        return cls().changed(**values)
 
     def flat(self) -> dict[str, Any]:
         """Every option's value by its name."""
-        return {
-            field.name: getattr(getattr(self, key), field.name)
-            for key, group in GROUPS.items()
-            for field in fields_of(group)
-        }
+        return {name: getattr(getattr(self, key), name) for name, (key, _) in OPTIONS.items()}
 
-    def changed(self, **values: Any) -> Options:
-        """The options with other values, by their names."""
+    def changed(self, /, **values: Any) -> Options:
+        """The options with other values, by their names; raises InputError for an unknown name."""
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
-            found = field_named(name)
-            assert found is not None, name
-            groups.setdefault(found[0], {})[name] = value
+            if name not in OPTIONS:
+                raise refusal("option", f"one of {', '.join(OPTIONS)}", quoted(name))
+            groups.setdefault(OPTIONS[name][0], {})[name] = value
         new = {k: dataclasses.replace(getattr(self, k), **given) for k, given in groups.items()}
         return dataclasses.replace(self, **new)
-
-
-def field_named(name: str) -> tuple[str, Field] | None:
-    """Return the key of an option's group and its field, or None where no group has the option."""
-    for key, group in GROUPS.items():
-        for field in fields_of(group):
-            if field.name == name:
-                return key, field
-    return None
-
-
-def option_names() -> list[str]:
-    """Names of all options, in the order of their groups."""
-    return [field.name for group in GROUPS.values() for field in fields_of(group)]

@@ -5,7 +5,6 @@ A palette has a gradient for each of its entries, so fewer entries make a smalle
 
 from __future__ import annotations
 
-import dataclasses
 import heapq
 import math
 from collections.abc import Callable
@@ -13,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
-from gauss2svg.errors import InputError, quoted, required
+from gauss2svg.errors import quoted, refusal, required
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, PLAIN, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, covered_radius, nearest_class
@@ -31,7 +31,8 @@ LESS = 0.94  # factor of that multiple if Lloyd's iterations remove less than a 
 LEAST_AIM = 0.1  # multiple of the allowed error under which no palette suffices
 # Weight of ln beta beside colours in 0..1: the best for photos and near the best at few bytes.
 BETA_WEIGHT = 0.1
-_Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
+LARGEST_SIDE = 768  # px of the longest side of the canvas for weights
+Rows = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,7 @@ class Palette:
 
 
 def best_palette(
-    color: NDArray[np.float64],
-    beta: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    count: int,
-    allowed: float = 0.0,
+    color: Rows, beta: Rows, weight: Rows, count: int, allowed: float = 0.0
 ) -> Palette:
     """Return at most `count` pairs of a colour and an exponent, and the one of each shape.
 
@@ -61,106 +58,63 @@ def best_palette(
     exponents to BETA_CLASSES. If `allowed` > 0, about as few entries are used as keep the sum under
     it. The result is deterministic: it starts from clusters that are split again and again.
     """
-    classes = np.array(BETA_CLASSES)[nearest_class(beta)]
-    features = _stacked(color, classes)
-
-    def written(palette: Palette) -> NDArray[np.float64]:
-        return _stacked(palette.color / 255, palette.beta)
-
-    exact = _rounded(features)
-    kept = written(exact), exact.entry
-    entries, entry = _few(features, weight, count, allowed, kept, lambda e: written(_rounded(e)))
-    return dataclasses.replace(_rounded(entries), entry=entry)
+    features = np.column_stack([color, BETA_WEIGHT * np.log(_class_of(beta))])
+    entries, entry = few_rows(features, weight, count, allowed, _rounded)
+    color, beta = np.round(entries[:, :3] * 255), _class_of(np.exp(entries[:, 3] / BETA_WEIGHT))
+    return Palette(color.astype(np.uint8), beta, entry)
 
 
-def quantize_signed(
-    color: NDArray[np.float64], weight: NDArray[np.float64], count: int, allowed: float = 0.0
-) -> NDArray[np.float64]:
-    """Signed colours (n, 3) with at most `count` different ones, in place of color (n, 3).
+def few_rows(
+    features: Rows, weight: Rows, count: int, allowed: float, rounded: Callable[[Rows], Rows]
+) -> tuple[Rows, NDArray[np.intp]]:
+    """Return at most `count` entries (k, d) for features (n, d), and that of each, (n,).
 
-    As in `best_palette`, without exponents and without rounding.
+    rounded  returns the values of the file for any features
     """
-    distinct, entry = np.unique(color, axis=0, return_inverse=True)
-    kept = distinct, entry.reshape(-1)
-    entries, entry = _few(color, weight, count, allowed, kept, lambda means: means)
-    return entries[entry]
-
-
-def _few(
-    features: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    count: int,
-    allowed: float,
-    kept: _Entries,
-    written: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-) -> _Entries:
-    """Entries (k, d) that `best_palette` chooses for features (n, d), and that of each (n,).
-
-    kept     the entries if no fewer are needed
-    written  rounds entries (k, d) to distinct ones of the file
-    """
-    distinct = len(kept[0])
+    kept, entry_kept = np.unique(rounded(features), axis=0, return_inverse=True)
+    exact, distinct = (kept, entry_kept.reshape(-1)), len(kept)
     if distinct <= 1 or (allowed <= 0 and distinct <= count):
-        return kept
+        return exact
     floor = max(float(weight.mean()), np.finfo(np.float64).tiny) * 1e-3
     weight = weight + floor  # so that colours that are hardly visible still count
+
+    def loss(entries: Rows, entry: NDArray[np.intp]) -> float:
+        return float(np.sum(weight * np.square(entries[entry] - features).sum(axis=1)))
+
+    def refined(entries: Rows) -> tuple[Rows, NDArray[np.intp]]:
+        """Return the entries after Lloyd's iterations, and that of each feature."""
+        for _ in range(ITERATIONS):
+            entry = nearest_entry(entries, features)[1]
+            mass = np.bincount(entry, weight, len(entries))
+            sums = [np.bincount(entry, weight * column, len(entries)) for column in features.T]
+            entries = np.stack(sums, axis=1)[mass > 0] / mass[mass > 0, None]
+        entries = np.unique(rounded(entries), axis=0)
+        return entries, nearest_entry(entries, features)[1]
+
     if allowed <= 0:
-        return _lloyd(features, weight, _split(features, weight, count, 0.0)[0], written)
-    if distinct <= count and _loss(features, weight, *kept) > allowed:
-        return kept  # rounding alone loses more
-    most = min(count, distinct)
-    aim = allowed * SPARE
+        return refined(_split(features, weight, count, 0.0)[0])
+    if distinct <= count and loss(*exact) > allowed:
+        return exact  # rounding alone loses more
+    most, aim = min(count, distinct), allowed * SPARE
     while True:
         means, left = _split(features, weight, most, aim)
-        entries, entry = _lloyd(features, weight, means, written)
-        if _loss(features, weight, entries, entry) <= allowed:
+        entries, entry = refined(means)
+        if loss(entries, entry) <= allowed:
             return entries, entry
         if left > aim or len(means) >= most or aim < allowed * LEAST_AIM:
             # No palette suffices: the rest of the error is rounding.
-            return kept if distinct <= count else (entries, entry)
+            return exact if distinct <= count else (entries, entry)
         aim *= LESS
 
 
-def _loss(
-    features: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    entries: NDArray[np.float64],
-    entry: NDArray[np.intp],
-) -> float:
-    """The sum that `best_palette` minimises."""
-    return float(np.sum(weight * np.square(entries[entry] - features).sum(axis=1)))
+def _class_of(beta: Rows) -> Rows:
+    return np.array(BETA_CLASSES)[nearest_class(beta)]
 
 
-def _stacked(color: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the features (n, 4) of colours (n, 3) and exponents (n,)."""
-    return np.column_stack([color, BETA_WEIGHT * np.log(beta)])
-
-
-def _lloyd(
-    features: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    entries: NDArray[np.float64],
-    written: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-) -> _Entries:
-    for _ in range(ITERATIONS):
-        entry = nearest_entry(entries, features)[1]
-        mass = np.bincount(entry, weight, len(entries))
-        used = mass > 0
-        sums = np.stack(
-            [np.bincount(entry, weight * column, len(entries)) for column in features.T], axis=1
-        )
-        entries = sums[used] / mass[used, None]
-    entries = written(entries)
-    return entries, nearest_entry(entries, features)[1]
-
-
-def _rounded(features: NDArray[np.float64]) -> Palette:
-    """Return the distinct 8-bit colours with the classes of their exponents."""
-    classes = nearest_class(np.exp(features[:, 3] / BETA_WEIGHT))
-    levels = np.column_stack([np.round(features[:, :3] * 255), classes]).astype(np.intp)
-    distinct, entry = np.unique(levels, axis=0, return_inverse=True)
-    beta = np.array(BETA_CLASSES)[distinct[:, 3]]
-    return Palette(distinct[:, :3].astype(np.uint8), beta, entry.reshape(-1))
+def _rounded(features: Rows) -> Rows:
+    """Return features with 8-bit colours and the classes of their exponents."""
+    classes = _class_of(np.exp(features[:, 3] / BETA_WEIGHT))
+    return np.column_stack([np.round(features[:, :3] * 255) / 255, BETA_WEIGHT * np.log(classes)])
 
 
 def _split(
@@ -221,21 +175,23 @@ def quantize(
     an additive scene only colours are quantised, and not rounded. Raises InputError for an additive
     scene in another form than gradients.
     """
-    if required(scene, "scene", Scene).blend == ADD:
-        return _quantize_additive(scene, form, palette, color_error, weight)
-    exact, scene = scene, snapped(scene, form)
+    additive, exact = required(scene, "scene", Scene).blend == ADD, scene
+    if additive and form != GRADIENT:
+        raise refusal("form", f"{GRADIENT!r} for an additive scene", quoted(form))
+    scene = scene if additive else snapped(scene, form)
     blurred = (drawn_blurs(scene) >= 0) & (form != GRADIENT)
     shaded = ~is_plain(exact) & ~blurred
     if not shaded.any() or not (palette or color_error):
         return scene
     count = max(1, math.ceil(palette * (1 - blurred.mean()))) if palette else len(scene)
     mass, pixels = visible_mass(exact, weight)
-    found = best_palette(
-        exact.color[shaded], exact.beta[shaded], mass[shaded], count, color_error * 3 * pixels,
-    )  # fmt: skip
+    allowed = color_error * 3 * pixels
+    if additive:
+        entries, entry = few_rows(scene.color, mass, count, allowed, lambda colors: colors)
+        return scene.replace(color=entries[entry])
+    best = best_palette(exact.color[shaded], exact.beta[shaded], mass[shaded], count, allowed)
     beta, color = scene.beta.copy(), scene.color.copy()
-    color[shaded] = found.color[found.entry] / 255
-    beta[shaded] = found.beta[found.entry]
+    color[shaded], beta[shaded] = best.color[best.entry] / 255, best.beta[best.entry]
     return with_falloffs(exact, beta).replace(color=color, drawn=scene.drawn)
 
 
@@ -248,21 +204,16 @@ def with_plain_edges(scene: Scene) -> Scene:
     minor = scene.ellipse_axes[0][:, 1]
     crisp = RIM_WIDTH * minor < RIM * scene.beta
     plain = is_plain(scene) | (crisp & (minor * covered_radius(scene.beta) > HALF))
-    beta = scene.beta.copy()
-    beta[plain] = drawn_beta(scene, plain)
-    return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, scene.drawn))
+    return with_plain(scene, plain).replace(drawn=np.where(plain, PLAIN, scene.drawn))
 
 
-def _quantize_additive(
-    scene: Scene, form: str, palette: int, color_error: float, weight: NDArray[np.floating] | None
+def with_plain(
+    scene: Scene, plain: NDArray[np.bool_], beta: NDArray[np.float64] | None = None
 ) -> Scene:
-    if form != GRADIENT:
-        raise InputError(f"form must be {GRADIENT!r} for an additive scene; got {quoted(form)}")
-    if not len(scene) or not (palette or color_error):
-        return scene
-    mass, pixels = visible_mass(scene, weight)
-    count = palette or len(scene)
-    return scene.replace(color=quantize_signed(scene.color, mass, count, color_error * 3 * pixels))
+    """Return the scene with other exponents, those of some shapes as plain ellipses draw them."""
+    beta = (scene.beta if beta is None else beta).copy()
+    beta[plain] = drawn_beta(scene, plain)
+    return with_falloffs(scene, beta)
 
 
 def visible_mass(
@@ -274,15 +225,11 @@ def visible_mass(
     a colour changes the weighted sum of squared errors by visible_mass d^2. weight is as for
     `quantize`.
     """
-    # On a canvas of at most this side, which is enough for weights.
-    shrunk = min(1.0, 768 / max(scene.width, scene.height))
+    shrunk = min(1.0, LARGEST_SIDE / max(scene.width, scene.height))
     width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
     splats = splats_of(scene, (width / scene.width, height / scene.height))
-    blank = np.zeros((3, height, width), np.float32)
     if weight is not None:
-        rows, columns = (
-            ((np.arange(n) + 0.5) * m / n).astype(np.intp)
-            for n, m in zip((height, width), weight.shape, strict=True)
-        )
-        weight = weight[np.ix_(rows, columns)]
+        image = Image.fromarray(np.asarray(weight, np.float32))
+        weight = np.asarray(image.resize((width, height), Image.Resampling.NEAREST))
+    blank = np.zeros((3, height, width), np.float32)
     return np.maximum(removal_cost(splats, blank, weight)[1][:, 1], 0.0), width * height

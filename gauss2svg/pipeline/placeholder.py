@@ -10,28 +10,27 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import takewhile
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 from urllib.parse import quote
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gauss2svg.errors import Gauss2SvgError, InputError, quoted
+from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, check_outputs, make_folder, reading
 from gauss2svg.options import Field, OptionGroup, byte_size
-from gauss2svg.photo.alpha import alpha_of, has_alpha, pixels_of
+from gauss2svg.photo.alpha import has_alpha, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource
 from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
 from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.run import ProgressCallback, Run
-from gauss2svg.pipeline.search.drawing import search_by_bytes
-from gauss2svg.pipeline.search.outcome import Subject, Watch
+from gauss2svg.pipeline.search.by_bytes import ByBytes
+from gauss2svg.pipeline.search.outcome import Subject
 from gauss2svg.svg.document import MINIMAL
 from gauss2svg.svg.element import hex_color
 from gauss2svg.version import __version__
@@ -86,22 +85,20 @@ class Placeholder:
 
     def record(self, name: str) -> dict[str, Any]:
         """The keys of SQIP's result and `transparent`, ready for JSON; name is the file's."""
-        return {
-            "content": self.inline,
-            "metadata": {
-                "filename": name,
-                "originalWidth": self.width,
-                "originalHeight": self.height,
-                "width": self.width,
-                "height": self.height,
-                "type": "svg",
-                "mimeType": _MEDIA_TYPE,
-                "backgroundColor": self.color,
-                "transparent": self.transparent,
-                "dataURI": self.data_uri,
-                "dataURIBase64": self.data_uri_base64,
-            },
+        metadata = {
+            "filename": name,
+            "originalWidth": self.width,
+            "originalHeight": self.height,
+            "width": self.width,
+            "height": self.height,
+            "type": "svg",
+            "mimeType": _MEDIA_TYPE,
+            "backgroundColor": self.color,
+            "transparent": self.transparent,
+            "dataURI": self.data_uri,
+            "dataURIBase64": self.data_uri_base64,
         }
+        return {"content": self.inline, "metadata": metadata}
 
     def snippet(self, source: str, alt: str = "") -> str:
         """An HTML <img> of the photo with the placeholder behind it, at most as wide as its place.
@@ -171,32 +168,21 @@ def placeholder(
 
     with watched(progress) as callback:
         plan, run = Plan(options, by_bytes=True), Run(options.run, callback, stop)
-        photo = run.read(*run.opened(image), needed=_LONGEST_SIDE)
+        photo = run.read(image, needed=_LONGEST_SIDE)
         pixels = pixels_of(photo)
         with run.compiled():
-            watch = Watch(report=run.notify, stop=run.stop)
-            found = search_by_bytes(plan, Subject.of(pixels, photo.full), watch, count).file()
-    transparent = has_alpha(pixels)
-    return Placeholder(found.svg, *photo.full, _mean_color(pixels), len(found.scene), transparent)
-
-
-def _mean_color(pixels: NDArray[np.float32]) -> str:
-    """The mean colour of what is visible."""
-    transparent = has_alpha(pixels)
-    weight = alpha_of(pixels) if transparent else np.ones((*pixels.shape[:2], 1), np.float32)
-    total = max(float(weight.sum(dtype=np.float64)), 1e-9)
-    mean = (pixels[:, :, :3] * weight).sum(axis=(0, 1), dtype=np.float64) / total
-    return hex_color(np.round(255 * mean).astype(np.intp))
+            found = ByBytes(plan, Subject.of(pixels, photo.full), run, count).file()
+    mean = shrunk(pixels, 1, 1)[0, 0, :3]  # of what is visible
+    color = hex_color(np.round(255 * mean).astype(np.intp))
+    return Placeholder(found.svg, *photo.full, color, len(found.scene), has_alpha(pixels))
 
 
 def check_bytes(name: str, value: Any) -> int:
     """Bytes of a placeholder; raises InputError that names it."""
     size = byte_size(name, value)
     if size > MINIMAL_UP_TO:
-        raise InputError(
-            f"{name} must be at most {MINIMAL_UP_TO} bytes for a placeholder; got "
-            f"{quoted(value)}. Try {MINIMAL_UP_TO}"
-        )
+        needed = f"at most {MINIMAL_UP_TO} bytes for a placeholder"
+        raise refusal(name, needed, quoted(value), str(MINIMAL_UP_TO))
     return size
 
 
@@ -231,6 +217,7 @@ class PlaceholderList:
     """Placeholders of photos, beside the entries that an earlier run has written.
 
     photos     each given photo once; `copies` were given again
+    made       placeholders of this run
     unchanged  number of photos whose entry is of the same bytes, options and version
     failures   a line for each photo that cannot be read
     Raise InputError for an output that is a photo, and for a file that is no list of placeholders,
@@ -238,27 +225,36 @@ class PlaceholderList:
     """
 
     def __init__(self, paths: list[str], output: str, options: PlaceholderOptions) -> None:
-        self._output, self._options = output, options
+        self._output, self._options, form = output, options, options.format
+        self._is_json = form in ("json", "object")
+        self._made_by = f"gauss2svg {__version__}, {options.max_bytes} bytes of {options.bytes_of}"
         self.photos = listed_photos(paths)
         self.copies = len(paths) - len(self.photos)
-        if options.format == "picture":
-            sources = {one for photo in self.photos for one in _sources(photo)}
-            self.photos = [photo for photo in self.photos if Path(photo.path) not in sources]
-        targets = self._targets()
-        for folder in {target.parent for target in targets.values()}:
-            make_folder(folder)
-        check_outputs({photo.path: "a photo" for photo in self.photos}, [*targets.values()])
         self.made: dict[ListedPhoto, Placeholder] = {}
         self.failures: list[str] = []
         self.unchanged = 0
-        self._made_by = f"gauss2svg {__version__}, {options.max_bytes} bytes of {options.bytes_of}"
-        self._is_json = options.format in ("json", "object")
-        self._data = b""  # of the file that is there
-        is_list = options.format != "svg" and output != STANDARD_STREAM and Path(output).is_file()
-        self._before = self._entries() if is_list else {}
+        if form == "picture":
+            sources = {one for photo in self.photos for one in _sources(photo)}
+            self.photos = [photo for photo in self.photos if Path(photo.path) not in sources]
+        self._targets = self._files_of_photos()
+        for folder in {target.parent for target in self._targets.values()}:
+            make_folder(folder)
+        inputs = {photo.path: "a photo" for photo in self.photos}
+        check_outputs(inputs, list(self._targets.values()))
+        self._data, self._before = b"", dict[str, Any]()  # of the file that is there
+        if form != "svg" and output != STANDARD_STREAM and Path(output).is_file():
+            with reading(output, "another name for --output") as file:
+                self._data = file.read()
+            try:
+                self._before = self._entries_of(self._data.decode())
+            except (ValueError, TypeError, KeyError, RecursionError) as error:
+                needed = f"a file of placeholders in {form}, or none yet"
+                got = f"{output}, which has something else or is damaged"
+                raise refusal("--output", needed, got, "another name, or remove it") from error
 
     def add(self, photo: ListedPhoto) -> None:
         """Make the placeholder of a photo, unless its entry is unchanged."""
+        options = self._options
         known = self._before.get(self._key(photo), {}) if self._is_json else {}
         metadata = known.get("metadata", {})
         if photo.problem is not None:
@@ -266,11 +262,9 @@ class PlaceholderList:
         elif (metadata.get("sha256"), metadata.get("madeBy")) == (photo.digest, self._made_by):
             self.unchanged += 1
         else:
-            options = self._options
             try:
-                self.made[photo] = placeholder(
-                    photo.path, options.max_bytes, bytes_of=options.bytes_of
-                )
+                one = placeholder(photo.path, options.max_bytes, bytes_of=options.bytes_of)
+                self.made[photo] = one
             except Gauss2SvgError as error:
                 line = str(error).replace("max_bytes must", "--max-bytes must")
                 self.failures.append(f"failed: {photo.name}: {line}")
@@ -283,11 +277,8 @@ class PlaceholderList:
     @property
     def kept(self) -> int:
         """Number of entries of an earlier run for photos that failed now."""
-        return sum(self._key(photo) in self._before for photo in self._left) - self.unchanged
-
-    @property
-    def _left(self) -> Iterable[ListedPhoto]:
-        return (photo for photo in self.photos if photo not in self.made)
+        left = [photo for photo in self.photos if photo not in self.made]
+        return sum(self._key(photo) in self._before for photo in left) - self.unchanged
 
     def files(self) -> dict[str, bytes]:
         """Return the files to write, by name, with an entry for each photo that has one.
@@ -295,26 +286,25 @@ class PlaceholderList:
         One that is there and would be the same is left out: writing it makes servers reload pages.
         """
         form = self._options.format
-        if form == "svg" and self._output != STANDARD_STREAM:
-            targets = self._targets()
-            return {str(targets[photo]): one.svg.encode() for photo, one in self.made.items()}
-        entries: dict[str, Any] = {}
+        if form == "svg":
+            names = {photo: str(self._targets.get(photo, STANDARD_STREAM)) for photo in self.made}
+            return {names[photo]: one.svg.encode() for photo, one in self.made.items()}
+        entries = dict[str, Any]()
         for photo in self.photos:
-            key = self._key(photo)
-            if photo in self.made:
-                entries[key] = self._entry(photo, self.made[photo])
-            elif key in self._before:
-                entries[key] = self._before[key]
-            if key in entries and self._is_json:  # the name depends on what else is given
-                entries[key]["metadata"]["filename"] = photo.file
+            key, made = self._key(photo), self.made.get(photo)
+            entry = self._before.get(key) if made is None else self._entry(photo, made)
+            if entry is not None:
+                entries[key] = entry
+                if self._is_json:  # the name depends on what else is given
+                    entry["metadata"]["filename"] = photo.file
         if self._is_json:
             text = json.dumps(entries if form == "object" else [*entries.values()], indent=2) + "\n"
         else:
-            text = "".join(line + "\n" * (form != "svg") for line in entries.values())
+            text = "".join(f"{line}\n" for line in entries.values())
         is_same = text.encode() == self._data and Path(self._output).is_file()
         return {} if is_same else {self._output: text.encode()}
 
-    def _targets(self) -> dict[ListedPhoto, Path]:
+    def _files_of_photos(self) -> dict[ListedPhoto, Path]:
         """Return the file of each photo; none for standard output."""
         form, path = self._options.format, Path(self._output)
         if self._output == STANDARD_STREAM:
@@ -324,10 +314,8 @@ class PlaceholderList:
         if form != "svg":
             return dict.fromkeys(self.photos[:1], path)
         if path.suffix.lower() == ".svg":
-            raise InputError(
-                f"--output must be a folder with --format svg; got {quoted(self._output)}. Try "
-                f"{path.with_suffix('')!s}"
-            )
+            advice = str(path.with_suffix(""))
+            raise refusal("--output", "a folder with --format svg", quoted(self._output), advice)
         return {photo: path / f"{photo.slug}.svg" for photo in self.photos}
 
     def _key(self, photo: ListedPhoto) -> str:
@@ -337,53 +325,37 @@ class PlaceholderList:
         try:
             path = Path(os.path.relpath(photo.path, root)).as_posix()
         except ValueError as error:  # Windows knows no way from one drive to another
-            raise InputError(
-                f"--root must be on the drive of the photos; got {quoted(str(root))}. Try a folder "
-                "above them"
-            ) from error
+            needed, advice = "on the drive of the photos", "a folder above them"
+            raise refusal("--root", needed, quoted(str(root)), advice) from error
         return path if self._is_json else _url(path)
 
     def _entry(self, photo: ListedPhoto, one: Placeholder) -> Any:
-        form, key = self._options.format, self._key(photo)
-        if form == "svg":
-            return one.svg
-        if form == "html":
+        key = self._key(photo)
+        if self._options.format == "html":
             return one.snippet(key)
-        if form == "picture":
-            place = PurePosixPath(key)
-            kinds = {
-                str(place.with_name(_url(path.name))): _SOURCES[path.suffix]
-                for path in _sources(photo)
-            }
-            return one.picture(key, kinds)
+        if self._options.format == "picture":
+            folder = key[: key.rfind("/") + 1]
+            files = _sources(photo)
+            return one.picture(
+                key, {folder + _url(file.name): _SOURCES[file.suffix] for file in files}
+            )
         record = one.record(photo.file)
         record["metadata"] |= {"path": key, "sha256": photo.digest, "madeBy": self._made_by}
         return record
 
-    def _entries(self) -> dict[str, Any]:
-        """Return the entries of the file by the keys of their photos."""
-        form = self._options.format
-        with reading(self._output, "another name for --output") as file:
-            self._data = file.read()
-        try:
-            text = self._data.decode()
-            if not self._is_json:
-                lines = [line for line in text.split("\n") if line.strip()]
-                found = {match[1]: line for line in lines if (match := _LINE.match(line))}
-                if not lines or len(found) < len(lines):
-                    raise ValueError("not lines of <img>")
-                return found
-            records = json.loads(text)
-            if not isinstance(records, dict if form == "object" else list):
-                raise TypeError("of another form")
-            entries = records.values() if isinstance(records, dict) else records
-            return {entry["metadata"]["path"]: entry for entry in entries}
-        except (ValueError, TypeError, KeyError, RecursionError) as error:
-            raise InputError(
-                f"--output must be a file of placeholders in {form}, or none yet; got "
-                f"{self._output}, which has something else or is damaged. Try another name, or "
-                "remove it"
-            ) from error
+    def _entries_of(self, text: str) -> dict[str, Any]:
+        """Return the entries of a file by the keys of their photos."""
+        if not self._is_json:
+            lines = [line for line in text.split("\n") if line.strip()]
+            found = {match[1]: line for line in lines if (match := _LINE.match(line))}
+            if not lines or len(found) < len(lines):
+                raise ValueError("not lines of <img>")
+            return found
+        records = json.loads(text)
+        if not isinstance(records, dict if self._options.format == "object" else list):
+            raise TypeError("of another form")
+        entries = records.values() if isinstance(records, dict) else records
+        return {entry["metadata"]["path"]: entry for entry in entries}
 
 
 def _sources(photo: ListedPhoto) -> list[Path]:

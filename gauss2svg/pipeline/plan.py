@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -11,11 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import DEFAULT_LOSS, PSNR, DensifyOptions, FitConfig, Tune
 from gauss2svg.measure.perceptual import measured
-from gauss2svg.measure.roundtrip import RoundTrip
-from gauss2svg.measure.scores import PSNR as PSNR_SCORE
 from gauss2svg.measure.scores import Score, Search
 from gauss2svg.pipeline.checks import check_together, needs_editable
 from gauss2svg.pipeline.drawings import has_edges
@@ -30,7 +28,7 @@ from gauss2svg.pipeline.presets import (
     budget_preset,
 )
 from gauss2svg.raster import DRAW_MINIMAL, renderer_version
-from gauss2svg.scene import ADD, OVER
+from gauss2svg.scene import OVER
 from gauss2svg.scene.inks import inks_of
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.document import EDITABLE, INKS, MINIMAL, ROUNDS, SvgFormat
@@ -51,6 +49,9 @@ EDITABLE_FROM = 5_000  # least limit of editable files, where there is another
 UNASKED_UP_TO = 200_000  # bytes of the largest minimal file that is written unasked
 EDITABLE_IS_CLOSER = 1.5  # multiple of UNASKED_UP_TO from which an editable file is always closer
 GZIP = 6  # bytes of a file for each gzipped byte (docs/decisions/minimal.md)
+# Fewest entries of a palette. Fewer cost PSNR visibly even with a thousand Gaussians
+# (docs/decisions/palette.md).
+FEWEST_COLORS = 192
 # Palette entries within a budget. They cost less than 8 bits do, and more would take long to find
 # (docs/decisions/palette.md).
 MOST_COLORS = 4096
@@ -77,17 +78,14 @@ class Plan:
 
     fit_side  longest side in px of the image that the fit runs on, None before the photo is read
     by_bytes  whether the search plans every byte, else it is one by count
-    covering  whether crisp shapes are fitted by how much of each pixel they cover, as those of a
-              drawing are; False before the photo is read
     has_edges  whether the photo is a drawing with antialiased edges; False before it is read
-    is_small   whether the photo has at most WHOLE_SIDE px; False before it is read
+    is_small  whether the photo has at most WHOLE_SIDE px a side; False before it is read
     Raises InputError or RendererError for options that exclude each other.
     """
 
     options: Options
     fit_side: int | None = None
     by_bytes: bool = False
-    covering: bool = False
     has_edges: bool = False
     is_small: bool = False
 
@@ -106,20 +104,26 @@ class Plan:
         return self.options.fit.inks is not None
 
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
-        """The plan for a photo: how a drawing is fitted, and inks where their number is given."""
+        """Return the plan for a photo: with inks that are chosen from it, or with its edges."""
         given: Any = self.options.fit.inks
         if isinstance(given, int):
             options = self.options.changed(inks=inks_of(pixels, given))
             return dataclasses.replace(self, options=options)
-        # A given number, a target and a limit alone are of the picture at its size: there soft rims
-        # are as close, and sometimes closer. So they are where no edge is antialiased.
-        goal, usual = self.goal, self.options.svg.form == GRADIENT
+        svg = self.options.svg
+        usual = self.options.fit.learned_falloff and svg.form == GRADIENT and not svg.portable
+        is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
+        return dataclasses.replace(self, has_edges=usual and has_edges(pixels), is_small=is_small)
+
+    @property
+    def covering(self) -> bool:
+        """Whether crisp shapes are fitted by how much of each pixel they cover.
+
+        A given number, a target and a limit alone are of the picture at its size: there soft rims
+        are as close, and sometimes closer. So they are where no edge is antialiased.
+        """
+        goal = self.goal
         by_preset = goal.count is None and self.aim is None and not goal.is_budget
-        usual &= self.options.fit.learned_falloff and not self.options.svg.portable
-        edges = usual and has_edges(pixels)
-        whole = max(pixels.shape[:2]) <= WHOLE_SIDE
-        covering = by_preset and edges
-        return dataclasses.replace(self, covering=covering, has_edges=edges, is_small=whole)
+        return by_preset and self.has_edges
 
     def check_renderer(self) -> None:
         """Raise RendererError if the measuring renderer is not installed."""
@@ -164,11 +168,10 @@ class Plan:
         Otherwise a small drawing that needs as few Gaussians in both would end worse
         (docs/decisions/monotone.md).
         """
-        presets = list(PRESETS.values())
-        cheaper = [] if self.is_budget else presets[: presets.index(self.preset)]
-        side = math.inf if self.fit_side is None else self.fit_side
+        side, preset = self.fit_side or math.inf, self.preset
+        cheaper = [p for p in PRESETS.values() if p.cap < preset.cap and not self.is_budget]
         fits = [p.iterations for p in cheaper if side <= NEARLY * p.max_size]
-        return max([self.preset.iterations, *fits])
+        return max([preset.iterations, *fits])
 
     @property
     def tune(self) -> Tune:
@@ -181,7 +184,7 @@ class Plan:
         return aim_of(self.goal)
 
     @property
-    def enough(self) -> float:
+    def stop_psnr(self) -> float:
         """PSNR (dB) of the model from which no Gaussians are added.
 
         The preset's; with a limit of bytes, in which the best is wanted, one at which none show.
@@ -189,25 +192,10 @@ class Plan:
         limited = self.goal.byte_limit is not None
         return max(self.preset.enough, INDISTINGUISHABLE) if limited else self.preset.enough
 
-    @property
-    def palette_is_counted(self) -> bool:
-        """Whether the palette has a given size, and not one that depends on its loss."""
-        return self.options.svg.palette is not None or not self.goal.count_adapts
-
-    @property
-    def side(self) -> int:
-        """Longest side in px of the image that the fit runs on."""
-        return self.options.run.max_size or self.preset.max_size
-
-    @cached_property
-    def additive_config(self) -> FitConfig:
-        """The additive fit that precedes a portable file."""
-        return self._config(ADD)
-
     @cached_property
     def fit_config(self) -> FitConfig:
         """The fit that is written."""
-        return self._config(self.options.written_blend)
+        return self.config(self.options.written_blend)
 
     @property
     def only_time_limits(self) -> bool:
@@ -215,20 +203,19 @@ class Plan:
         goal = self.goal
         return goal.time_limit is not None and goal.quality is None and self.aim is None
 
-    def _config(self, blend: str) -> FitConfig:
-        options, iterations = self.options, self.options.fit.iterations
-        if iterations is None:
-            iterations = MOST_STEPS if self.only_time_limits else self.iterations
-        densify = options.densify
-        given = options.fit.iterations or densify.round_iterations
-        if self.only_time_limits and given is None:
-            densify = dataclasses.replace(densify, round_iterations=STEPS_A_ROUND)
+    def config(self, blend: str) -> FitConfig:
+        """Return the fit with a blend, which is additive before that of a portable file."""
+        options, densify = self.options, self.options.densify
+        iterations = options.fit.iterations or self.iterations
+        if self.only_time_limits and options.fit.iterations is None:
+            iterations = MOST_STEPS
+            if densify.round_iterations is None:
+                densify = dataclasses.replace(densify, round_iterations=STEPS_A_ROUND)
         falloff = options.fit.falloff if blend == options.written_blend else None
-        fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(
             gaussians=0 if self.goal.count_adapts else self.goal.count or 0,
             iterations=iterations,
-            fit=fit,
+            fit=dataclasses.replace(options.fit, blend=blend, falloff=falloff),  # pyright: ignore[reportArgumentType]
             densify=densify,
             extend=options.fit.iterations is None and not self.goal.count_adapts,
             sparse=self.is_budget or self.only_time_limits,
@@ -250,62 +237,48 @@ class Plan:
 
     @property
     def _may_be_by_bytes(self) -> bool:
-        """Whether no other fit, target or file is asked for than a search by bytes has."""
-        svg, fit = self.options.svg, self.options.fit
-        free = (svg.palette, svg.stops, svg.precision)
-        usual = self.options.densify == DensifyOptions() and self._may_be_minimal
-        usual = usual and fit.loss == DEFAULT_LOSS and fit.blend == OVER and self.aim is None
-        usual = usual and not self.in_inks
-        return usual and all(given is None for given in free)
-
-    @property
-    def may_enlarge(self) -> bool:
-        """Whether a drawing would be fitted enlarged, by a search that plans every byte."""
-        searches = dataclasses.replace(self, has_edges=True).searches()
-        return any(search.by_bytes for search in searches)
+        """Whether a search by bytes supports everything that the options ask for."""
+        options, svg = self.options, self.options.svg
+        usual = options.densify == DensifyOptions() and options.fit.loss == DEFAULT_LOSS
+        usual = usual and options.fit.blend == OVER and not self.in_inks
+        return usual and self._may_be_minimal and svg.palette is svg.stops is svg.precision is None
 
     def searches(self) -> list[Plan]:
-        """The plans of the searches to run, of whose files the closest is written; mostly one.
+        """Return the plans of the searches to run, whose closest file is written; mostly one.
 
-        With a limit of bytes they differ in markup and fit. A limit of seconds leaves time for one,
-        and a target is looked for by one.
+        With a limit of bytes they differ in markup and fit. A limit of seconds leaves time for one.
+        If none of the files within the bytes reaches a target, the closest one without it is
+        written.
         """
         limit, asked = self.plain_limit, self.options.svg.markup
-        if limit is None or self.aim is not None:
+        is_timed = self.goal.time_limit is not None
+        if limit is None:
             return [self]
-        found = list[Plan]()
+        if self.aim is not None:
+            options = self.options.changed(**{self.aim.name: None})
+            within = dataclasses.replace(self, options=options)
+            return [self] if is_timed else [self, *within.searches()]
+        plans = list[Plan]()
         up_to = math.inf if self.has_edges or self.is_small else BY_BYTES_UP_TO
         by_bytes = asked != EDITABLE and self._may_be_by_bytes and limit <= up_to
         if by_bytes:
-            found.append(self._search(MINIMAL, by_bytes=True))
+            plans.append(self._search(MINIMAL, by_bytes=True))
         unasked_up_to = EDITABLE_IS_CLOSER * UNASKED_UP_TO
         unasked = asked == AUTO and self._may_be_minimal and limit <= unasked_up_to
         if (asked == MINIMAL or unasked) and (limit >= MINIMAL_FROM or not by_bytes):
-            found.append(self._search(MINIMAL))
-        if asked == EDITABLE or (asked == AUTO and (limit >= EDITABLE_FROM or not found)):
-            found.append(self._search(EDITABLE))
-        if self.goal.time_limit is None:
-            return found
+            plans.append(self._search(MINIMAL))
+        if asked == EDITABLE or (asked == AUTO and (limit >= EDITABLE_FROM or not plans)):
+            plans.append(self._search(EDITABLE))
+        if not is_timed:
+            return plans
         # The one that is the closest most often.
-        return found[-1:] if limit > UNASKED_UP_TO else found[-2:-1] or found
-
-    def without_target(self) -> Plan | None:
-        """The plan of the closest file within the bytes, for a target that none of them reaches.
-
-        None without a target or a limit of bytes, and where a limit of seconds leaves no time.
-        """
-        goal = self.goal
-        if self.aim is None or goal.max_bytes is None or goal.time_limit is not None:
-            return None
-        return Plan(self.options.changed(**{self.aim.name: None}))
+        return plans[-1:] if limit > UNASKED_UP_TO else plans[-2:-1] or plans
 
     def _search(self, markup: Markup, by_bytes: bool = False) -> Plan:
-        svg = dataclasses.replace(self.options.svg, markup=markup)
-        goal, limit = self.goal, self.goal.byte_limit
+        limit = self.goal.byte_limit
         if markup == MINIMAL and self.options.svg.markup == AUTO and limit is not None:
-            most = UNASKED_UP_TO // (GZIP if self.counts_gzipped else 1)
-            goal = dataclasses.replace(goal, max_bytes=min(limit, most))
-        options = dataclasses.replace(self.options, svg=svg, goal=goal)
+            limit = min(limit, UNASKED_UP_TO // (GZIP if self.counts_gzipped else 1))
+        options = self.options.changed(markup=markup, max_bytes=limit)
         return dataclasses.replace(self, options=options, by_bytes=by_bytes)
 
     @property
@@ -314,8 +287,11 @@ class Plan:
         return self.format_at(None)
 
     def format_at(self, psnr: float | None) -> SvgFormat:
-        """The format of the shapes of a scene of this PSNR in dB, None for any."""
-        svg, preset = self.options.svg, self._written_like(psnr)
+        """Return the format of the shapes of a scene of this PSNR in dB, None for any."""
+        svg, preset = self.options.svg, self.preset
+        if self.is_budget and psnr is not None:  # the numbers that this PSNR is worth
+            of_bytes = FINE_BYTES_FROM if self.goal.byte_limit is not None else FINE_FROM
+            preset = next((PRESETS[name] for name, least in of_bytes if psnr >= least), preset)
         precision = PRECISION_OF_INKS if self.in_inks else preset.precision
         return SvgFormat(
             form=svg.form,
@@ -327,41 +303,33 @@ class Plan:
         )
 
     def quantization(self, gaussians: int, error: float | None = None) -> tuple[int, float]:
-        """Return palette and color_error, as `quantize` has them, for so many Gaussians.
+        """Return palette and color_error, as `quantize` takes them, for a number of Gaussians.
 
         error  their mean squared error, where it is known
         """
-        preset = self.preset
-        palette, loss = self.options.svg.palette, 0.0
-        if palette is None:
-            palette = 0 if self.goal.count_adapts else preset.palette_for(gaussians)
-            palette = MOST_COLORS if self.is_budget else palette
-            loss = preset.color_loss if self.goal.count_adapts else UNSEEN_COLOR_LOSS
-        color_error = 0.0
-        if error is not None and self.options.svg.palette is None:
-            color_error = min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
-        return palette, color_error
-
-    def _written_like(self, psnr: float | None) -> Preset:
-        """The preset whose numbers the file has; within a budget those that its PSNR is worth."""
-        if not self.is_budget or psnr is None:
-            return self.preset
-        of_bytes = FINE_BYTES_FROM if self.goal.byte_limit is not None else FINE_FROM
-        return next((PRESETS[name] for name, least in of_bytes if psnr >= least), self.preset)
+        preset, adapts, palette = self.preset, self.goal.count_adapts, 0
+        if self.options.svg.palette is not None:
+            return self.options.svg.palette, 0.0
+        if self.is_budget:
+            palette = MOST_COLORS
+        elif preset.colors and not adapts:
+            palette = max(FEWEST_COLORS, math.ceil(gaussians * preset.colors))
+        if error is None:
+            return palette, 0.0
+        loss = preset.color_loss if adapts else UNSEEN_COLOR_LOSS
+        return palette, min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Aim(Search):
-    """A target, and how closely a search meets it.
+@dataclass(frozen=True)
+class Aim:
+    """A target of the rasterised SVG: a score, its value, and how closely a search meets it.
 
-    Scores and the target count by the sign of the score here, so that more is better.
-
-    of     the score
-    value  the target
+    The value and all scores are multiplied by the sign of the score, so that more is better.
     """
 
     of: Score
     value: float
+    search: Search
 
     @property
     def name(self) -> str:
@@ -369,92 +337,40 @@ class Aim(Search):
         return self.of.option
 
     def score(self, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
-        """The score of a raster against a photo of its shape."""
+        """Return the score of a raster against a photo of its shape."""
         return self.of.sign * measured(self.of, raster, photo)
-
-    def of_file(
-        self, found: RoundTrip, photo: NDArray[np.float32], working: NDArray[np.float32]
-    ) -> float:
-        """The score of a measured file against the one of both pictures that its raster is of."""
-        if (known := self.known(found)) is not None:
-            return known
-        return self.score(found.raster, photo if found.raster.shape == photo.shape else working)
-
-    def known(self, found: RoundTrip) -> float | None:
-        """The score of a written file where its round trip has measured it, as it does PSNR."""
-        return found.psnr_lowest if self.of is PSNR_SCORE else None
-
-    def with_detail(self, score: float, detail: float) -> float:
-        """The score against the reference of a file whose score at the size of the fit is known."""
-        error = self._error(score)
-        # A negative detail from another export may exceed the error, of which some always remains.
-        left = max(error + detail, error * 0.05)
-        if self.of.best is None:
-            return psnr_of(left)
-        return self.of.sign * self.of.best - left
-
-    def detail(self, at_photo: float, at_fit: float) -> float:
-        """What measuring one file against the reference adds to its error."""
-        return self._error(at_photo) - self._error(at_fit)
-
-    def _error(self, score: float) -> float:
-        """What adds up over sizes: the squared error of decibels, else what the best lacks."""
-        if self.of.best is None:
-            return 10 ** (-score / 10)
-        return self.of.sign * self.of.best - score
 
     def reached(self, score: float) -> bool:
         """Whether a score counts as reached."""
-        return score >= self.value - self.tolerance
-
-    def reported(self, score: float | None) -> dict[str, float]:
-        """A score by its name, as a report has it."""
-        return {} if score is None else {self.of.slug: self.of.sign * score}
-
-    def text(self, score: float, form: str) -> str:
-        """A score with its unit, as a line of text has it."""
-        return f"{self.of.sign * score:{form}}{self.of.unit and ' '}{self.of.unit}"
+        return score >= self.value - self.search.tolerance
 
 
 def aim_of(goal: Goal) -> Aim | None:
-    """The target of a goal."""
+    """Return the target of a goal, None without one."""
     score = goal.target
     if score is None or score.search is None:
         return None
-    value = score.sign * getattr(goal, score.option)
-    numbers = {f.name: getattr(score.search, f.name) for f in dataclasses.fields(Search)}
-    return Aim(of=score, value=value, **numbers)
+    return Aim(score, score.sign * getattr(goal, score.option), score.search)
 
 
 def unreached(
-    goal: Goal, reached: float | None, size: int, seconds: float, reason: str, gaussians: int
-) -> list[str]:
-    """One line for each target or limit that the written result of so many Gaussians misses.
+    goal: Goal, reached: float, size: int, seconds: float, reason: str, gaussians: int
+) -> Iterator[str]:
+    """Yield a line for each target or limit that the written result of so many Gaussians misses.
 
-    reached  its score by the goal's aim, None without one
+    reached  its score by the goal's aim
     """
-    lines = []
-    aim = aim_of(goal)
-    if aim is not None and reached is not None and not aim.reached(reached):
+    aim, limit = aim_of(goal), goal.time_limit
+    if aim is not None and not aim.reached(reached):
         reported = reason not in (aim.name, "interrupted")
         ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
-        name = "" if aim.of.unit else f"{aim.of.name} "
-        target = f"target of {name}{aim.text(aim.value, 'g')}"
-        lines.append(
-            f"{target} not reached: {aim.text(reached, f'.{max(2, aim.of.digits)}f')}{ended}"
-        )
+        sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
+        target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
+        yield f"target of {target} not reached: {sign * reached:.2f}{unit}{ended}"
     if goal.byte_limit is not None and size > goal.byte_limit:
-        lines.append(
-            f"limit of {goal.max_bytes} bytes exceeded: the file has {size} even without shapes"
-        )
+        yield f"limit of {goal.max_bytes} bytes exceeded: the file has {size} even without shapes"
     elif reason == "max_bytes" and not gaussians:
-        lines.append(
-            f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none. "
-            "Try a larger --max-bytes"
-        )
-    limit = goal.time_limit
+        none = f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none"
+        yield f"{none}. Try a larger --max-bytes"
     if limit is not None and seconds > 1.05 * limit + 0.25:
-        lines.append(
-            f"time limit of {limit:.3g} s exceeded: {seconds:.1f} s. Try a smaller --max-size"
-        )
-    return lines
+        yield f"time limit of {limit:.3g} s exceeded: {seconds:.1f} s. Try a smaller --max-size"

@@ -10,9 +10,6 @@ from gauss2svg.fit.options import MOST_GAUSSIANS
 from gauss2svg.svg.document import StopCount
 
 # Bounds of the numbers of a run.
-# Fewest entries of a palette. Fewer cost PSNR visibly even with a thousand Gaussians
-# (docs/decisions/palette.md).
-FEWEST_COLORS = 192
 MOST_A_SECOND = 5000  # most Gaussians for each second of a limit (docs/decisions/time.md)
 PIXELS_EACH = 30  # px of the fit for each usual shape within a limit (docs/decisions/time.md)
 LEAST_CAP = 150  # fewest Gaussians, however small the limit (docs/decisions/time.md)
@@ -54,12 +51,6 @@ class Preset:
     stops: StopCount
     precision: float
     opacity_decimals: int
-
-    def palette_for(self, gaussians: int) -> int:
-        """Palette entries for a given number of Gaussians; 0 for all colours."""
-        if not self.colors:
-            return 0
-        return max(FEWEST_COLORS, math.ceil(gaussians * self.colors))
 
 
 # What more exact numbers and larger palettes gain for their bytes: docs/decisions/numbers.md and

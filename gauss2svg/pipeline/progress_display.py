@@ -66,15 +66,7 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
 @contextmanager
 def _terminal() -> Iterator[ProgressCallback | None]:
     with terminal_bar("starting") as show:
-
-        def update(progress: Progress) -> None:
-            assert show is not None
-            text, share = _said(progress)
-            if progress.fit is not None:
-                text += f": {_figures(progress.fit)}, {_left(progress.fit)}"
-            show(text, share)
-
-        yield None if show is None else update
+        yield None if show is None else lambda progress: show(*_said(progress))
 
 
 @contextmanager
@@ -87,26 +79,22 @@ def _notebook() -> Iterator[ProgressCallback]:
     frames = FrameMaker(_FRAMES_A_SECOND, _MOST_SIDE)
     handle = display.display(display.HTML("starting"), display_id=True)
     newest: FitProgress | None = None
-    last = phase = ""
+    last = ""
 
     def picture(frame: bytes, fit: FitProgress) -> str:
         return image(frame, "image/jpeg", "the picture so far") + f"<br/>{_figures(fit)}"
 
     def update(progress: Progress) -> None:
-        nonlocal last, newest, phase
-        description, done = _said(progress)
+        nonlocal last, newest
+        text, done = _said(progress)
         if progress.fit is not None:
             newest = progress.fit
             frame = frames.frame(newest.scene)
             if not frame:
                 return
             last = picture(frame, newest)
-            description += f", {_left(newest)}"
-        elif progress.phase == phase:
-            return
-        phase = progress.phase
         bar = "<progress>" if done is None else f'<progress value="{done:.3f}">'
-        handle.update(display.HTML(f"{last}<br/>{bar}</progress> {html.escape(description)}"))
+        handle.update(display.HTML(f"{last}<br/>{bar}</progress> {html.escape(text)}"))
 
     try:
         yield update
@@ -121,12 +109,9 @@ def _said(progress: Progress) -> tuple[str, float | None]:
     now = progress.fit
     if now is None:
         return _PHASES[progress.phase], None
-    return _FITS.get(progress.phase, f"fitting, round {now.round}"), now.done
+    text = _FITS.get(progress.phase, f"fitting, round {now.round}")
+    return f"{text}: {_figures(now)}, {now.remaining_s:.0f} s left", now.done
 
 
 def _figures(now: FitProgress) -> str:
     return f"{now.gaussians} shapes, {now.psnr:.2f} dB"
-
-
-def _left(now: FitProgress) -> str:
-    return f"{now.remaining_s:.0f} s left"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import platform
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -15,7 +15,7 @@ import numpy as np
 from gauss2svg.measure.perceptual import Scores
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.photo import Photo
-from gauss2svg.pipeline.drawings import outline_bytes
+from gauss2svg.pipeline.memory_budget import measured_size
 from gauss2svg.pipeline.plan import Plan, unreached
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.search.outcome import Outcome
@@ -30,41 +30,32 @@ from gauss2svg.version import __version__
 
 
 def run_report(
-    plan: Plan,
-    photo: Photo,
-    outcome: Outcome,
-    scores: Scores,
-    run: Run,
+    plan: Plan, photo: Photo, outcome: Outcome, scores: Scores, run: Run
 ) -> dict[str, Any]:
     """All options and results of a run; the keys are in docs/reference/report.md."""
     chosen, subject, document = outcome.plan, outcome.subject, outcome.subject.document
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
-    total_s = run.total_s
-    size_reached = measured.svgz_bytes if plan.counts_gzipped else measured.svg_bytes
-    missed = unreached(
-        options.goal, outcome.reached, size_reached, total_s - run.first_s, fitted.stop_reason,
-        len(outcome.scene),
-    )  # fmt: skip
+    total_s, count = run.total_s, len(outcome.scene)
+    size = measured.svgz_bytes if plan.counts_gzipped else measured.svg_bytes
     shown = shown_width(document, outcome.scene)
-    palette, _ = chosen.quantization(len(outcome.scene))
+    is_counted = options.svg.palette is not None or not options.goal.count_adapts
+    reached, seconds = outcome.reached, total_s - run.first_s
+    missed = unreached(options.goal, reached, size, seconds, fitted.stop_reason, count)
     return {
         **options.flat(),
         "quality": chosen.quality,
         # Values of options that were left open.
-        "width": photo.full[0],
-        "height": photo.full[1],
-        "fit_width": subject.size[0],
-        "fit_height": subject.size[1],
-        "measured_width": measured.raster.shape[1],
-        "measured_height": measured.raster.shape[0],
-        "gaussians": len(outcome.scene),
+        **_sides("", photo.full),
+        **_sides("fit_", subject.size),
+        **_sides("measured_", measured.raster.shape[1::-1]),
+        "gaussians": count,
         "iterations": fitted.iterations,
         "falloff": chosen.fit_config.fit.shaped,
         "markup": chosen.markup,
         "stops": outcome.format.stops,
         "precision": None if chosen.by_bytes else outcome.format.precision,
         "tune": chosen.tune,
-        "palette": palette if plan.palette_is_counted else None,
+        "palette": chosen.quantization(count)[0] if is_counted else None,
         "size": document.size,
         "threads": run.threads,
         # Results.
@@ -74,69 +65,51 @@ def run_report(
         "colors": len(np.unique(np.round(outcome.scene.color * 255), axis=0)),
         "gradients": outcome.svg.count("<radialGradient"),
         "stop_reason": fitted.stop_reason,
-        "unreached": missed,
+        "unreached": [*missed],
         "compile_s": run.compile_s,
         "fit_s": fitted.wall_s,
         "fit_cpu_s": fitted.cpu_s,
         "pixel_pairs": fitted.pixel_pairs,
-        **{
-            field.name: _finite(getattr(measured, field.name))
-            for field in dataclasses.fields(measured)
-            if field.name != "raster"
-        },
+        **{k: _finite(v) for k, v in vars(measured).items() if k != "raster"},
         **scores.report,
         "bytes_by_part": bytes_by_part(outcome.svg),
-        # Filters were not measured.
-        "paint_ms": None
-        if "<filter" in outcome.svg
-        else paint_ms(outcome.scene, outcome.svg, shown),
+        "paint_ms": paint_ms(outcome.scene, outcome.svg, shown),
         "paint_width": shown,
         "transparent": photo.alpha is not None,
-        "notes": _notes(plan, photo, outcome),
+        "notes": [*photo.notes, *_notes(plan, photo, outcome)],
         "versions": dict(_versions()),
         "total_s": total_s,
     }
 
 
-def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
-    notes, chosen = list(photo.notes), outcome.plan
-    height, width = outcome.measured.raster.shape[:2]
-    if (width, height) != (photo.width, photo.height):
-        notes.append(f"measured at {width}x{height} px to meet the time limit")
-    nothing = photo.alpha is not None and photo.alpha.any() and not len(outcome.scene)
-    if nothing and not chosen.by_bytes:  # of which unreached says that it has no room
-        notes.append("the SVG is empty, because the photo is too transparent to be visible")
+def _sides(prefix: str, size: tuple[int, ...]) -> dict[str, int]:
+    return {f"{prefix}width": size[0], f"{prefix}height": size[1]}
+
+
+def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
+    """Yield what a user may want to know or to change."""
+    chosen, count, rate = outcome.plan, len(outcome.scene), plan.options.fit.learning_rate
+    usual, size = measured_size(photo.full, outcome.subject.size), (photo.width, photo.height)
+    if plan.goal.time_limit is not None and size < usual:
+        yield f"measured at {photo.width}x{photo.height} px to meet the time limit"
+    # Of a search by bytes `unreached` says that there is no room.
+    if photo.alpha is not None and photo.alpha.any() and not count and not chosen.by_bytes:
+        yield "the SVG is empty, because the photo is too transparent to be visible"
     if chosen.markup == MINIMAL != plan.options.svg.markup:
-        notes.append(
+        yield (
             "the file is in minimal markup, which is closer in as few bytes but has no names or "
             "layers. For Inkscape, Figma and other editors give --markup editable"
         )
-    outlines = outline_bytes(photo.pixels)
-    if outlines is not None and len(outcome.scene) and outlines <= len(outcome.svg):
-        notes.append(
-            "a tracer such as vtracer draws these few flat colours exactly in about "
-            f"{math.ceil(outlines / 1000)} kB"
-        )
-    unused = _unused_inks(plan, outcome)
+    inks: Any = plan.options.fit.inks
+    used = {ink_name(ink) for ink in inks_of_scene(outcome.scene)} if inks else set()
+    unused = ", ".join(ink for ink in (inks or "").split(",") if ink not in used)
     if unused:
-        notes.append(
-            f"not used: {', '.join(unused)} of the inks, because other inks are closer everywhere"
-        )
-    rate = plan.options.fit.learning_rate
+        yield f"not used: {unused} of the inks, because other inks are closer everywhere"
     if outcome.fitted.rollbacks and rate > 1:  # else nothing can be done about it
-        notes.append(
+        yield (
             f"--learning-rate {rate:g} is too large for this picture. The fit diverged, went back "
             f"to its best state and ended with {outcome.fitted.rate:.3g}"
         )
-    return notes
-
-
-def _unused_inks(plan: Plan, outcome: Outcome) -> list[str]:
-    inks: Any = plan.options.fit.inks
-    if inks is None:
-        return []
-    used = {ink_name(ink) for ink in inks_of_scene(outcome.scene)}
-    return [ink for ink in inks.split(",") if ink not in used]
 
 
 def decibels(value: float | None) -> str:
@@ -163,7 +136,7 @@ def _versions() -> dict[str, str]:
 
 # Milliseconds of a shape and of a million drawn pixels, by gradients and by masks
 # (docs/benchmarks/paint.md).
-_BY_GRADIENTS, _BY_MASKS = (0.03, 20.0), (0.9, 52.0)
+_BY_GRADIENTS, _BY_MASKS = np.array([0.03, 20.0]), np.array([0.9, 52.0])
 # A tenth of a second is what people take for at once (Miller, "Response time in man-computer
 # conversational transactions", 1968).
 HEAVY_MS = 100.0
@@ -187,20 +160,19 @@ def shown_width(document: Document, scene: Scene) -> float:
     return (pixels_of(sides[0]) or 0.0) if sides else min(scene.width, WIDEST_SHOWN)
 
 
-def paint_ms(scene: Scene, svg: str, width: float | None = None) -> float:
+def paint_ms(scene: Scene, svg: str, width: float) -> float | None:
     """Estimated CPU milliseconds of a browser's first paint, and of each repaint.
 
-    a n + b drawn_pixels (width / scene.width)^2 / 1e6, width in px, by default that of the scene;
-    a and b are of the file's ways of drawing soft shapes, as measured in Chromium without a GPU.
-    Other machines differ by a factor of a few.
+    a n + b drawn_pixels (width / scene.width)^2 / 1e6, width in px; a and b are of the file's ways
+    of drawing soft shapes, as measured in Chromium without a GPU. Other machines differ by a factor
+    of a few. None for a file with filters, which were not measured.
     """
+    if "<filter" in svg:
+        return None
     share = float("<mask" in svg)
     if share and "<style" in svg:  # of which some soft shapes are under masks
         masked = svg.count("<use ")
         share = masked / (masked + svg.count("<circle "))
-    each, million = (
-        share * by_masks + (1 - share) * by_gradients
-        for by_masks, by_gradients in zip(_BY_MASKS, _BY_GRADIENTS, strict=True)
-    )
-    scale = 1.0 if width is None else width / scene.width
-    return each * len(scene) + million * scale**2 * drawn_pixels(scene) / 1e6
+    each, million = share * _BY_MASKS + (1 - share) * _BY_GRADIENTS
+    pixels = (width / scene.width) ** 2 * drawn_pixels(scene)
+    return float(each * len(scene) + million * pixels / 1e6)

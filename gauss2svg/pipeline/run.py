@@ -5,7 +5,6 @@ Kernels are compiled before the fit, so that progress reports it and timings exc
 
 from __future__ import annotations
 
-import inspect
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,15 +14,16 @@ import numpy as np
 from numba import get_num_threads, set_num_threads
 from numba.core import config
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import refusal
 from gauss2svg.fit.options import FitProgress
 from gauss2svg.fit.placement import components_of
 from gauss2svg.options import Field
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
-from gauss2svg.photo.photo import Header, Photo
+from gauss2svg.photo.photo import Photo
 from gauss2svg.photo.reduce import SizeNeeded, reduced_size
 from gauss2svg.pipeline.memory_budget import allowed, check_decoding
 from gauss2svg.pipeline.options import RunOptions
+from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.render.cpu import splats_of, squared_error
 from gauss2svg.scene import ADD, OVER, Scene
 from gauss2svg.svg.write import write_svg
@@ -45,8 +45,11 @@ class Progress:
 ProgressCallback = Callable[[Progress], None]
 
 
+_DEFAULTS = RunOptions()
+
+
 class Run:
-    """A run that has begun.
+    """A run that has begun: its clock, who sees its progress, and who may stop it.
 
     progress    called with a Progress at every step
     stop        polled at every step; True ends the run with the best so far
@@ -54,49 +57,51 @@ class Run:
     threads     that it uses
     most_bytes  memory that it may take
     compile_s   spent on kernels so far
+    budget      of the time
+    reduced_bytes  of the photo that has been opened, see Header
+    ended       whether it has been stopped
     Raises InputError for what cannot be called, and for more threads than there are cores.
     """
 
     def __init__(
         self,
-        options: RunOptions,
+        options: RunOptions = _DEFAULTS,
         progress: ProgressCallback | None = None,
         stop: Callable[[], bool] | None = None,
         started: float | None = None,
     ) -> None:
-        self._begun = time.perf_counter() if started is None else started
-        _check_callable("progress", progress, "a Progress")
-        _check_callable("stop", stop)
+        self.started = time.perf_counter() if started is None else started
+        for name, function in (("progress", progress), ("stop", stop)):
+            if function is not None and not callable(function):
+                raise refusal(name, "a function", type(function).__name__)
         self.threads = thread_count(options.threads)
         self.most_bytes = allowed(options.max_memory)
-        self.compile_s = 0.0
-        self.stop = stop or (lambda: False)
-        self._progress = progress
-        self._max_pixels = options.max_pixels
+        self.compile_s, self.ended, self.budget = 0.0, False, TimeBudget()
+        self.reduced_bytes: int | None = None
+        self._stop, self._progress, self._max_pixels = stop, progress, options.max_pixels
 
     def notify(self, phase: str, fit: FitProgress | None = None) -> None:
         """Report a phase, and the state of the fit."""
         if self._progress is not None:
             self._progress(Progress(phase, fit))
 
-    def opened(self, image: ImageSource) -> tuple[ImageSource, Header | None]:
-        """The photo as one that can be read twice, and its header; None where it is in memory."""
-        self.notify("read")
-        image = rereadable(image)
-        return image, header_of(image, max_pixels=self._max_pixels)
+    def stop(self) -> bool:
+        """Return whether the run is to end with the best so far."""
+        self.ended = self.ended or (self._stop is not None and self._stop())
+        return self.ended
 
     def read(
-        self,
-        image: ImageSource,
-        header: Header | None,
-        needed: SizeNeeded,
-        matte: Sequence[float] | None = None,
+        self, image: ImageSource, needed: SizeNeeded, matte: Sequence[float] | None = None
     ) -> Photo:
-        """The photo that was opened; needed and matte are those of `load_image`.
+        """Return the photo; needed and matte are those of `load_image`.
 
         What cannot fit is refused before its pixels take memory.
         """
+        self.notify("read")
+        image = rereadable(image)
+        header = header_of(image, max_pixels=self._max_pixels)
         if header is not None:
+            self.reduced_bytes = header.reduced_bytes
             reduced = reduced_size(needed, header.width, header.height) is not None
             check_decoding(header, self.most_bytes, reduced=reduced)
         return load_image(image, max_pixels=self._max_pixels, matte=matte, needed=needed)
@@ -121,29 +126,7 @@ class Run:
     @property
     def total_s(self) -> float:
         """Seconds since the run began."""
-        return time.perf_counter() - self._begun
-
-    def deadline(self, limit_s: float | None) -> float | None:
-        """End of a limit of seconds for the run, by time.perf_counter(); None without a limit."""
-        return None if limit_s is None else self._begun + limit_s + self.first_s
-
-
-def _check_callable(name: str, function: object, *arguments: str) -> None:
-    """Raise InputError for what cannot be called with so many arguments; None is allowed."""
-    if function is None:
-        return
-    try:
-        if callable(function):
-            inspect.signature(function).bind(*arguments)
-            return
-    except ValueError:  # a built-in function, whose arguments are not known
-        return
-    except TypeError:
-        pass
-    raise InputError(
-        f"{name} must be a function of {' and '.join(arguments) or 'no arguments'}; got "
-        f"{type(function).__name__}"
-    )
+        return time.perf_counter() - self.started
 
 
 def thread_count(count: int | None) -> int:

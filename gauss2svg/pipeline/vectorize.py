@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -11,25 +12,25 @@ from typing import Any, Never
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, instance
+from gauss2svg.errors import InputError, instance, refusal
 from gauss2svg.files import write_atomically
 from gauss2svg.fit.options import DensifyOptions, FitOptions
 from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
-from gauss2svg.measure.scores import Score
 from gauss2svg.options import Field, file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.pipeline.checks import check_alpha
+from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.memory_budget import Load, load_of, size_that_fits
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions, unknown_option
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.progress_display import watched
 from gauss2svg.pipeline.report import decibels, run_report
 from gauss2svg.pipeline.run import ProgressCallback, Run, compile_kernels
-from gauss2svg.pipeline.search.outcome import Outcome, Search, Subject, Watch, best_of, document_for
-from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
+from gauss2svg.pipeline.search.outcome import Outcome, Subject, best_of, document_for
+from gauss2svg.pipeline.time_budget import STEPS, STEPS_OF_DRAWING, TimeBudget
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.element import LARGEST_NUMBER
@@ -74,7 +75,7 @@ class Result:
         write_atomically(path, file_bytes(self.svg, Field("gzip", bool).checked(gzip)))
 
     def outline(self, pens: int | None = None) -> str:
-        """The SVG text of the outlines of the shapes; see gauss2svg.outline_svg."""
+        """Return the SVG text of the outlines of the shapes; see gauss2svg.outline_svg."""
         return outline_svg(self.scene, self.document, pens=pens)
 
     @property
@@ -84,7 +85,7 @@ class Result:
         return int(np.count_nonzero((scene.opacity >= _OPAQUE) & (scene.beta >= _CRISP)))
 
     def plates(self) -> dict[str, str]:
-        """The SVG text of each ink's plate, by its #rrggbb; see gauss2svg.plate_svg.
+        """Return the SVG text of each ink's plate, by its #rrggbb; see gauss2svg.plate_svg.
 
         In the order of the inks, without those that are seen nowhere. Raises InputError for a run
         without inks.
@@ -93,11 +94,13 @@ class Result:
             raise InputError("inks must be given for plates; got none. Try FitOptions(inks=6)")
         used = {ink_name(ink) for ink in inks_of_scene(self.scene)}
         inks = [ink for ink in self.report["inks"].split(",") if ink in used]
-        return {ink: plate_svg(self.scene, ink, self._of_plate(ink)) for ink in inks}
-
-    def _of_plate(self, ink: str) -> Document:
-        title = f"{self.document.title}: {ink}"
-        return dataclasses.replace(self.document, title=title)
+        title = self.document.title
+        return {
+            ink: plate_svg(
+                self.scene, ink, dataclasses.replace(self.document, title=f"{title}: {ink}")
+            )
+            for ink in inks
+        }
 
     def _repr_html_(self) -> str:
         alt = self.document.alt or self.document.title
@@ -193,26 +196,7 @@ def vectorize_by(
     plan = Plan(options)
     plan.check_renderer()
     run = Run(options.run, progress, stop, started)
-    image, header = run.opened(image)
-    plan, photo, outcome = _drawn(plan, run, image, header, may_reduce)
-    within = plan.without_target()
-    if within is not None and _may_be_closer(plan, outcome):
-        _, other, closest = _drawn(within, run, image, header, may_reduce)
-        outcome, is_closer = _closer(plan, outcome, closest)
-        photo = other if is_closer else photo
-    return _result(plan, run, photo, outcome)
-
-
-def _drawn(
-    plan: Plan, run: Run, image: ImageSource, header: Header | None, may_reduce: bool
-) -> tuple[Plan, Photo, Outcome]:
-    """Read the photo and run the searches of a plan.
-
-    Return the plan of the picture, the photo at the size at which it is measured, and the outcome.
-    """
-    photo, load = _read(plan, run, image, header, may_reduce)
-    _check_precision(max(photo.full), plan)
-    _check_side(min(load.fit), plan.options.goal.target)
+    photo, load = _read(plan, run, image, may_reduce)
     measured = reduced(photo, load.measured)
     pixels = working = pixels_of(measured)
     if load.fit != load.measured:
@@ -221,54 +205,24 @@ def _drawn(
     del photo  # its own pixels may be many
     plan = dataclasses.replace(plan, fit_side=max(load.fit)).for_picture(pixels)
     with run.compiled(plan.options.fit.blend):
-        outcome = best_of(_searches(plan, run, subject))
+        limit = plan.goal.byte_limit or math.inf
+        outcome = best_of(_outcomes(plan, run, subject), plan.aim, limit)
     subject.release()
-    return plan, measured, outcome
+    return _result(plan, run, measured, outcome)
 
 
-def _may_be_closer(plan: Plan, outcome: Outcome) -> bool:
-    """Return whether a search without the target may come closer to it."""
-    aim, reached = plan.aim, outcome.reached
-    missed = aim is not None and reached is not None and not aim.reached(reached)
-    return missed and outcome.fitted.stop_reason != "interrupted"
-
-
-def _closer(plan: Plan, first: Outcome, second: Outcome) -> tuple[Outcome, bool]:
-    """Return the outcome of the better score by the plan's aim, and whether it is the second.
-
-    It has the costs of both.
-    """
-    aim, subject = plan.aim, second.subject
-    assert aim is not None
-    score = aim.of_file(second.measured, subject.photo, subject.working)
-    is_closer = first.reached is None or score > first.reached
-    best, other = (second, first) if is_closer else (first, second)
-    reason = best.fitted.stop_reason
-    if second.fitted.stop_reason == "interrupted":
-        reason = "interrupted"
-    elif is_closer and aim.reached(score):
-        reason = aim.name
-    reached = score if is_closer else first.reached
-    fitted = best.fitted.after(other.fitted, reason)
-    return dataclasses.replace(best, fitted=fitted, reached=reached), is_closer
-
-
-def _read(
-    plan: Plan, run: Run, image: ImageSource, header: Header | None, may_reduce: bool
-) -> tuple[Photo, Load]:
-    """The photo, at its own size or that at which it is measured, and the sizes of the run."""
+def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Load]:
+    """Return the photo, at its own size or that of measuring, and the load of the run."""
     asked = plan.options.run.max_size is not None or not may_reduce
 
     def sizes(width: int, height: int, has_alpha: bool = False) -> tuple[Load, str | None]:
-        known = header or Header(width, height, has_alpha)
         # Before it is decoded an opaque one: only its pixels say whether it has alpha.
-        known = dataclasses.replace(known, width=width, height=height, has_alpha=has_alpha)
-        return size_that_fits(load_of(plan, known), run.most_bytes, asked)
+        load = load_of(plan, Header(width, height, has_alpha, run.reduced_bytes))
+        return size_that_fits(load, run.most_bytes, asked)
 
     matte = plan.options.svg.matte
     photo = run.read(
         image,
-        header,
         needed=lambda width, height: sizes(width, height)[0].measured,
         matte=None if matte is None else matte_color(matte),
     )
@@ -276,60 +230,52 @@ def _read(
     load, note = sizes(*photo.full, has_alpha=photo.alpha is not None)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
+    # A shape extends to 5 sides at most: its sigma is at most 1 of them, the cut-off at 3.
+    side, precision = max(photo.full), plan.svg_format.precision
+    if precision < (least := side * 5 / LARGEST_NUMBER):
+        raise refusal("precision", f"at least {least:.4f} for {side} px", f"{precision:g}")
+    (width, height), score = load.measured, plan.goal.target
+    if score is not None and min(width, height) < score.least_side:
+        needed = f"at least {score.least_side} px a side where {score.name} is measured"
+        larger = "--full-size, or " if min(photo.full) >= score.least_side else ""
+        advice = f"{larger}another target than --{score.option.replace('_', '-')}"
+        raise refusal("the photo", needed, f"{width}x{height} px", advice)
     return photo, load
 
 
-def _searches(plan: Plan, run: Run, subject: Subject) -> Iterator[Search]:
-    """The searches of the plan, each made when it is to run."""
-    photo_pixels = subject.photo[:, :, 0].size
-    budget = TimeBudget(
-        run.deadline(plan.options.goal.time_limit), subject.size, photo_pixels, run.threads,
-        steps_for(plan, subject.working), plan.options.run.renderer,
-    )  # fmt: skip
-    watch = Watch(budget, run.notify, run.stop)
+def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
+    """Yield what the searches of the plan end with, of which each runs when it is asked for."""
+    limit, given = plan.goal.time_limit, plan.options.fit.iterations
+    if limit is not None:
+        run.budget = TimeBudget(
+            run.started + run.first_s + limit,
+            pixels=math.prod(subject.size),
+            measured=math.prod(subject.photo.shape[:2]),
+            threads=run.threads,
+            steps=given or (STEPS_OF_DRAWING if is_drawing(subject.working) else STEPS),
+            renderer=plan.options.run.renderer,
+        )
     for one in plan.searches():
         # Few runs need both.
         if one.by_bytes:
-            from gauss2svg.pipeline.search.drawing import search_by_bytes
+            from gauss2svg.pipeline.search.by_bytes import ByBytes
 
-            yield search_by_bytes(one, subject, watch)
+            yield ByBytes(one, subject, run).run()
         else:
             from gauss2svg.pipeline.search.by_count import ByCount
 
-            yield ByCount(one, subject, watch)
+            yield ByCount(one, subject, run).run()
 
 
 def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
-    """The file of an outcome, with the report on it."""
+    """Return the file of an outcome, with the report on it."""
     aim, raster, subject = plan.aim, outcome.measured.raster, outcome.subject
-    reference = subject.photo if raster.shape == subject.photo.shape else subject.working
     scores = Scores()
     if plan.options.run.scores or (aim is not None and not aim.of.always):
-        known = None if aim is None else aim.reported(outcome.reached)
-        scores = perceptual_scores(raster, reference, run.most_bytes - held_bytes(), known)
+        known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.reached}
+        scores = perceptual_scores(raster, subject.photo, run.most_bytes - held_bytes(), known)
     report = run_report(plan, photo, outcome, scores, run)
-    return Result(outcome.svg, outcome.scene, report, raster, reference, subject.document)
-
-
-def _check_precision(side: int, plan: Plan) -> None:
-    """Raise InputError for a precision at which numbers of the file would be too large."""
-    # A shape extends to 5 sides at most: its sigma is at most 1 of them, the cut-off at 3.
-    least = side * 5 / LARGEST_NUMBER
-    if plan.svg_format.precision < least:
-        raise InputError(
-            f"precision must be at least {least:.4f} for {side} px; got "
-            f"{plan.svg_format.precision:g}"
-        )
-
-
-def _check_side(side: int, score: Score | None) -> None:
-    """Raise InputError for a fit on an image that is too small for the score of its target."""
-    if score is not None and side < score.least_side:
-        raise InputError(
-            f"short side of the image that is fitted must be at least {score.least_side} px, at "
-            f"which {score.name} is measured; got {side} px. Try another target than "
-            f"--{score.option.replace('_', '-')}, or a larger --max-size"
-        )
+    return Result(outcome.svg, outcome.scene, report, raster, subject.photo, subject.document)
 
 
 _SIDE = 32  # px

@@ -14,7 +14,7 @@ from PIL import Image
 import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.cli.streams import counting_bar
-from gauss2svg.pipeline.options import option_names
+from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.scene import Scene
 
 QUICK = ["--gaussians", "40", "--iterations", "20"]
@@ -245,7 +245,7 @@ def test_full_help_names_every_option(capsys):
     assert main(["--help-all"]) == 0
     text = capsys.readouterr().out
     files = ["output", "preview", "report", "outline", "save_scene", "quiet"]
-    for name in [*option_names(), *files]:
+    for name in [*OPTIONS, *files]:
         assert f"--{name.replace('_', '-')} " in text
 
 

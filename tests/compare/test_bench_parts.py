@@ -26,10 +26,10 @@ from gauss2svg.errors import InputError
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.pipeline.listing import ListedPhoto
 from gauss2svg.pipeline.presets import PRESETS
-from gauss2svg.pipeline.search import correction
+from gauss2svg.pipeline.search import limits
 from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS
 
-FULL = "pipeline.search.correction.FULL"
+FULL = "pipeline.search.limits.FULL"
 
 
 def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
@@ -90,7 +90,7 @@ def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
         (["inks=6;"], "axis inks must be .*Try 6, or"),
         ([f"{FULL}=x"], f"axis {FULL} must be a number in .*; got 'x'"),
         ([f"{FULL}=nan"], f"axis {FULL} must be a number"),
-        (["pipeline.search.correction.FEW=1.5"], "axis .*FEW must be a whole number"),
+        (["pipeline.search.limits.FEW=1.5"], "axis .*FEW must be a whole number"),
         ([FULL], f"axis {FULL} must be given with values"),
         (["a.b=1"], "axis must be an option, or a number that a module has in capitals; got 'a.b'"),
         (["pipeline.plan.b=1"], "axis must be an option, or a number"),
@@ -99,7 +99,7 @@ def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
         ({"loss": ()}, "axis loss must be given with values"),
         ({"loss": ["l3"]}, "axis loss must be one of mse"),
         ({"speed": [1]}, "axis must be one of quality"),
-        ({"form": ["linear-rgb"]}, "with the renderer resvg|axis form must be one of"),
+        ({"form": ["linear-rgb"]}, "for form|axis form must be one of"),
     ],
 )
 def test_axes_that_no_run_could_have_are_refused_on_one_line(axes, line):
@@ -124,16 +124,16 @@ def test_forms_that_a_renderer_does_not_support_are_refused_before_any_run(form,
     if form == "gradient" or renderer in DRAW_ROTATED_BLURS:
         assert settings_of(axes)
     else:
-        with pytest.raises(InputError, match=f"form must be gradient with the renderer {renderer}"):
+        with pytest.raises(InputError, match=f"for form {form}; got {renderer!r}"):
             settings_of(axes)
 
 
 def test_a_constant_of_the_code_is_replaced_where_it_is_read(monkeypatch):
     (settings,) = settings_of({FULL: [0.5], "gaussians": [7]})
     assert options_in(dict(settings)) == {"gaussians": 7}
-    monkeypatch.setattr(correction, "FULL", correction.FULL)
+    monkeypatch.setattr(limits, "FULL", limits.FULL)
     apply_constants(dict(settings))
-    assert correction.FULL == 0.5
+    assert limits.FULL == 0.5
 
 
 def test_key_knows_all_that_changes_a_record_and_no_path():

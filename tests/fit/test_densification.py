@@ -15,7 +15,6 @@ from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS, USUAL_BYTES
-from gauss2svg.pipeline.search.export import Exporter
 from gauss2svg.pipeline.search.limits import (
     CONVERGES_ABOVE,
     CONVERGES_AFTER,
@@ -24,7 +23,7 @@ from gauss2svg.pipeline.search.limits import (
     OVERFILL_GROWING,
     Limits,
 )
-from gauss2svg.pipeline.search.outcome import Subject
+from gauss2svg.pipeline.search.outcome import Exporter, Subject
 from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost

@@ -15,8 +15,7 @@ from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.palette import quantize, visible_mass
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.export import Export, Exporter
-from gauss2svg.pipeline.search.outcome import Subject
+from gauss2svg.pipeline.search.outcome import Export, Exporter, Subject
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document, SvgFormat
@@ -191,7 +190,7 @@ def test_file_of_limited_size_keeps_the_gaussians_that_its_tune_favours():
     svg = write_svg(scene, SvgFormat())
     whole = Export(scene, svg, SvgFormat(), Document(), False, 20.0, 20.0)
     for tune, kept in {"perceptual": 16, "psnr": 48}.items():
-        target = target_of(half_flat(1), np.float32, tune)
-        less = whole.pruned_to(int(0.7 * whole.size), 500, target)
+        order = Subject.of(half_flat(1)).by_use(scene, tune)
+        less = whole.pruned_to(int(0.7 * whole.size), 500, order)
         assert 0 < len(less.scene) <= 4
         assert (less.scene.mean[:, 0] == kept).all()

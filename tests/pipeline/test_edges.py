@@ -15,10 +15,9 @@ from gauss2svg.pipeline import plan as plans
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.palette import with_plain_edges
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.correction import Corrections
-from gauss2svg.pipeline.search.export import Exporter
-from gauss2svg.pipeline.search.limits import Cap
-from gauss2svg.pipeline.search.outcome import Subject
+from gauss2svg.pipeline.search.limits import Limits
+from gauss2svg.pipeline.search.outcome import Exporter, Subject
+from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import half_radius
@@ -138,14 +137,14 @@ def test_crisp_shapes_that_are_wide_enough_become_ellipses(beta, minor, drawn):
 
 def test_count_grows_little_after_the_first_fit_and_says_that_it_would_gain_too_little():
     plan = Plan(Options().changed(quality="high"))
-    found = SimpleNamespace(scene=range(100), size=1000, model=plan.enough - 6)
+    export = SimpleNamespace(scene=range(100), size=1000, model=plan.stop_psnr - 6)
     wanted = {}
     for is_covering in (True, False):
-        limits = SimpleNamespace(stop_reason="enough", slope=6.0)
-        corrections = Corrections(dataclasses.replace(plan, covering=is_covering), limits)  # pyright: ignore[reportArgumentType]
-        corrections.made = [found]  # pyright: ignore[reportAttributeAccessIssue]
-        count = corrections.next(100, Cap(5000, "cap"))
-        wanted[is_covering] = count, limits.stop_reason
+        of_edges = dataclasses.replace(plan, has_edges=is_covering)
+        exporter = Exporter(of_edges, Subject.of(badge()))
+        limits = Limits(of_edges, exporter, TimeBudget(), 10**5)
+        limits.stop_reason, limits.slope = "enough", 6.0
+        wanted[is_covering] = limits.corrected(100, [export]), limits.stop_reason  # pyright: ignore[reportArgumentType]
     assert wanted == {True: (140, "gain"), False: (200, "enough")}
 
 

@@ -17,6 +17,7 @@ from PIL import Image
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.photo.load import header_of
+from gauss2svg.photo.photo import Header
 from gauss2svg.pipeline import memory_budget as memory
 from gauss2svg.pipeline.memory_budget import Load, allowed, free_bytes, load_of, size_that_fits
 from gauss2svg.pipeline.options import Options
@@ -25,21 +26,36 @@ from gauss2svg.pipeline.run import compile_kernels
 
 SIDES, COUNTS = st.integers(1, 20_000), st.integers(0, 50_000)
 LOADS = st.builds(
-    lambda w, h, s, *more: Load(w, h, max(1, int(w * s)), max(1, int(h * s)), *more),
-    SIDES, SIDES, st.floats(0, 1), COUNTS,
-    st.sampled_from(["mse", "l1+ssim"]), st.sampled_from(["over", "add"]), st.booleans(),
+    lambda w, h, share, alpha, **given: Load(
+        Plan(Options.from_flat(given)),
+        Header(w, h, alpha),
+        (max(1, int(w * share)), max(1, int(h * share))),
+    ),
+    SIDES, SIDES, st.floats(0, 1), st.booleans(), gaussians=COUNTS,
+    loss=st.sampled_from(["mse", "l1+ssim"]), blend=st.sampled_from(["over", "add"]),
+    full_size=st.booleans(),
 )  # fmt: skip
+# The sides at which a large photo is measured are rounded to pixels, also downwards.
+ROUNDED = 0.98
 QUICK = {"gaussians": 3, "iterations": 2}
 
 
 @given(LOADS)
 def test_more_of_anything_takes_no_less(load):
-    for name in ("width", "height", "fit_width", "fit_height", "gaussians"):
-        assert replace(load, **{name: getattr(load, name) + 1}).bytes >= load.bytes
-    assert replace(load, loss="mse+ssim").bytes >= replace(load, loss="mse").bytes
-    assert replace(load, blend="add").bytes >= replace(load, blend="over").bytes
-    assert replace(load, has_alpha=True).bytes >= replace(load, has_alpha=False).bytes
-    assert replace(load, in_inks=True).bytes >= replace(load, in_inks=False).bytes
+    (width, height), header = load.fit, load.photo
+    least = ROUNDED * load.bytes
+    assert replace(load, fit=(width + 1, height)).bytes >= least
+    assert replace(load, fit=(width, height + 1)).bytes >= least
+    for more in ({"width": header.width + 1}, {"height": header.height + 1}, {"has_alpha": True}):
+        assert replace(load, photo=replace(header, **more)).bytes >= least
+    for less, more in (
+        ({"gaussians": 7}, {"gaussians": 8}),
+        ({"loss": "mse"}, {"loss": "mse+ssim"}),
+        ({"blend": "over"}, {"blend": "add"}),
+        ({"inks": None, "blend": "over"}, {"inks": "#000,#fff", "blend": "over"}),
+    ):
+        few, many = (Plan(load.plan.options.changed(**given)) for given in (less, more))
+        assert replace(load, plan=many).bytes >= replace(load, plan=few).bytes
 
 
 @given(LOADS, st.integers(10**8, 10**11))
@@ -47,17 +63,17 @@ def test_size_is_the_largest_that_fits(load, limit):
     try:
         found, note = size_that_fits(load, limit, asked=False)
     except InputError:
-        assert replace(load, fit_width=1, fit_height=1).bytes > limit
+        assert replace(load, fit=(1, 1)).bytes > limit
         return
     width, height = found.fit
-    assert found == replace(load, fit_width=width, fit_height=height)
+    assert found == replace(load, fit=(width, height))
     assert found.bytes <= limit
     assert (note is None) == (load.bytes <= limit) == (found == load)
     if note is not None:
         assert f"{width}x{height} px to stay under {limit / 1e6:.0f} MB" in note
-        share = max((width + 2) / load.fit_width, (height + 2) / load.fit_height)
+        share = max((width + 2) / load.fit[0], (height + 2) / load.fit[1])
         larger = [min(int(share * side) + 2, side) for side in load.fit]
-        assert replace(load, fit_width=larger[0], fit_height=larger[1]).bytes > limit
+        assert replace(load, fit=(larger[0], larger[1])).bytes > limit
         with pytest.raises(InputError, match="Try a smaller --max-size, or a larger --max-memory"):
             size_that_fits(load, limit, asked=True)
 
@@ -110,15 +126,16 @@ def test_estimate_counts_the_target_of_a_fit_in_inks(tmp_path):
 
 @given(LOADS, st.integers(1, 30))
 def test_what_is_measured_reduced_takes_no_more(load, reduced_bytes):
-    reduced = replace(load, least_measured=1_000_000, reduced_bytes=reduced_bytes)
+    load = replace(load, plan=Plan(load.plan.options.changed(full_size=False)))
+    reduced = replace(load, photo=replace(load.photo, reduced_bytes=reduced_bytes))
     assert reduced.bytes <= load.bytes
-    if reduced.measured == (load.width, load.height):
+    if reduced.measured == load.size:
         assert reduced.bytes == load.bytes
 
 
 def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):
-    least = Load(128, 128, 1, 1, 3).bytes
-    limit = (least + Load(128, 128, 128, 128, 3).bytes) // 2
+    load = load_of(Plan(Options.from_flat(QUICK)), Header(128, 128, has_alpha=False))
+    limit = (replace(load, fit=(1, 1)).bytes + load.bytes) // 2
     report = vectorize(photo, max_memory=limit, **QUICK).report
     assert (report["width"], report["height"]) == (128, 128)
     assert 60 < report["fit_width"] == report["fit_height"] < 128

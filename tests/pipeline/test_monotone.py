@@ -16,7 +16,9 @@ from gauss2svg.fit.state import STEPS, State
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
-from gauss2svg.pipeline.search.correction import Corrections
+from gauss2svg.pipeline.search.limits import Limits
+from gauss2svg.pipeline.search.outcome import Exporter, Subject
+from gauss2svg.pipeline.time_budget import TimeBudget
 
 _SIDE, _FINER = 96, 4
 
@@ -96,9 +98,10 @@ def test_small_picture_gets_no_fewer_steps_than_by_a_cheaper_preset():
     ],
 )
 def test_best_export_is_the_smallest_near_the_goal(found, best):
-    corrections = Corrections(Plan(Options.from_flat({"quality": "draft"})), None)  # pyright: ignore[reportArgumentType]
-    corrections.made = [SimpleNamespace(size=size, model=model) for size, model in found]  # pyright: ignore[reportAttributeAccessIssue]
-    assert corrections.best().size == best
+    plan = Plan(Options.from_flat({"quality": "draft"}))
+    limits = Limits(plan, Exporter(plan, Subject.of(np.zeros((1, 1, 3)))), TimeBudget(), 10**5)
+    exports = [SimpleNamespace(size=size, model=model) for size, model in found]
+    assert limits.best(exports).size == best  # pyright: ignore[reportArgumentType]
 
 
 def test_finished_fit_continues_in_small_steps_that_grow():

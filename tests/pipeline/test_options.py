@@ -168,7 +168,7 @@ def test_the_report_has_every_option(photo):
         (
             {"form": "blur"},
             RendererError,
-            "form must be gradient with the renderer resvg.*chromium",
+            "renderer must be one of chromium.* for form blur; got 'resvg'",
         ),
         ({"per_round": 5}, InputError, "per_round must be given with .*--gaussians 1000"),
         ({"loss": "mse", "ssim_weight": 0.1}, InputError, "loss must be one with ssim.*l?mse.ssim"),
@@ -179,7 +179,11 @@ def test_the_report_has_every_option(photo):
             "animate must not be given with additive blending.*--portable",
         ),
         ({"blend": "add", "fragments": True}, InputError, "fragments must not be given with add"),
-        ({"blend": "add", "form": "blur"}, InputError, "form blur must not be given with add"),
+        (
+            {"blend": "add", "form": "blur", "renderer": "chromium"},
+            InputError,
+            "form blur must not be given with add.*Try --form gradient",
+        ),
         (
             {"target_psnr": 20, "round_iterations": 4},
             InputError,
@@ -231,3 +235,17 @@ def test_option_without_its_class_is_refused_with_the_class(keyword):
 def test_keyword_that_is_no_option_is_refused():
     with pytest.raises(TypeError, match=r"option must be one of .* got 'gausians'"):
         gauss2svg.vectorize("photo.png", gausians=7)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_name_that_python_uses_is_refused_like_any_other():
+    with pytest.raises(InputError, match=r"option must be one of .* got 'self'"):
+        Options.from_flat({"self": 1})
+
+
+def test_a_precision_too_fine_for_the_photo_is_refused_before_the_fit():
+    wide, phases = np.zeros((1, 20_100, 3), np.uint8), list[str]()
+    with pytest.raises(InputError, match=r"precision must be at least 0\.0010 for 20100 px"):
+        gauss2svg.vectorize(
+            wide, svg=SvgOptions(precision=0.001), progress=lambda now: phases.append(now.phase)
+        )
+    assert "fit" not in phases

@@ -8,18 +8,17 @@ from flat import vectorize
 
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
-from gauss2svg.fit.state import State
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.pipeline.drawings import is_shaded, outline_bytes
+from gauss2svg.pipeline.drawings import is_shaded
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search import drawing
-from gauss2svg.pipeline.search.drawing import search_by_bytes
-from gauss2svg.pipeline.search.outcome import Subject, Watch
+from gauss2svg.pipeline.run import Run
+from gauss2svg.pipeline.search import by_bytes
+from gauss2svg.pipeline.search.by_bytes import ByBytes
+from gauss2svg.pipeline.search.outcome import Subject
 from gauss2svg.pipeline.search.small_file import recolored
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render
-from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.render.smooth import smoothed
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.svg.minimal import minimal_rounded
@@ -66,7 +65,7 @@ def shaded(side=64):
 def search(picture, limit, **given):
     """A search for a file of so many bytes."""
     options = Options.from_flat({"max_bytes": limit, **given})
-    return search_by_bytes(Plan(options, by_bytes=True), Subject.of(picture), Watch())
+    return ByBytes(Plan(options, by_bytes=True), Subject.of(picture), Run())
 
 
 def matched(picture, limit, steps=STEPS, **given):
@@ -109,10 +108,8 @@ def test_a_limit_under_an_empty_file_names_the_least_that_is_possible(tmp_path, 
 
 
 def test_the_same_seed_gives_the_same_file():
-    assert (
-        matched(hills(), 700, steps=FEW_STEPS)[1].svg
-        == matched(hills(), 700, steps=FEW_STEPS)[1].svg
-    )
+    files = {matched(hills(), 700, steps=FEW_STEPS)[1].svg for _ in range(2)}
+    assert len(files) == 1
 
 
 def test_a_picture_of_one_colour_needs_no_gaussian():
@@ -139,7 +136,7 @@ def test_max_bytes_under_20_kb_writes_minimal_markup_and_a_full_report(tmp_path)
 @pytest.mark.parametrize(
     "given",
     [
-        {"target_psnr": 30.0}, {"markup": "editable"}, {"stops": 6}, {"loss": "l1"},
+        {"markup": "editable"}, {"stops": 6}, {"loss": "l1"},
         {"blend": "add", "portable": True},
     ],
 )  # fmt: skip
@@ -175,26 +172,6 @@ def test_a_compressed_limit_is_kept_and_holds_more():
     assert len(packed.scene) > len(plain.scene)
 
 
-@pytest.mark.sweep
-def test_a_tracer_is_named_where_it_draws_flat_colours_exactly_in_as_many_bytes():
-    def advice(picture, limit):
-        notes = vectorize(picture, max_bytes=limit, iterations=STEPS).report["notes"]
-        return any("a tracer" in note for note in notes)
-
-    flat = np.where(shapes() > 0.5, 1, 0).astype(np.float32)
-    needed = outline_bytes(flat)
-    assert needed is not None
-    assert advice(flat, needed + 400)
-    assert not advice(flat, needed // 2)
-    antialiased = ((flat[1:] + flat[:-1]) / 2).astype(np.float32)
-    assert outline_bytes(np.dstack([antialiased, flat[1:, ::-1, :1]])) is None
-    square = np.zeros((20, 20, 3), np.float32)
-    square[5:15, 5:15] = 1
-    assert outline_bytes(square) == 4 * 10
-    assert outline_bytes(hills()) is None
-    assert outline_bytes(np.zeros((1, 1, 3), np.float32)) == 0
-
-
 def test_a_title_is_written_where_it_is_given():
     result = vectorize(hills(), max_bytes=700, iterations=FEW_STEPS, title="Hills & dales")
     assert "<title>Hills &amp; dales</title>" in result.svg
@@ -226,10 +203,10 @@ def test_a_picture_one_pixel_high_is_drawn_by_no_more_shapes_than_it_has_pixels(
 
 
 def test_shapes_that_are_written_as_nothing_make_no_room_for_thousands_more():
-    run = search(hills(), 2000, iterations=4)
-    nothing = next(recipe for recipe in run._recipes() if recipe.exponents)
-    assert run._count(nothing, (20, run.flat.size)) < 200
-    assert run._count(nothing, (20, run.flat.size + 20)) < 200
+    run, speck = search(hills(), 2000), a_scene(20, np.random.default_rng(0)).scaled(1e-6, 1e-6)
+    before = run._count((3.0,))
+    run._written(speck.replace(width=72, height=48), (3.0,))
+    assert run._count((3.0,)) < 4 * before
 
 
 def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr():
@@ -309,32 +286,13 @@ def test_a_drawing_is_told_by_its_flat_colours_and_drawn_with_crisp_rims():
     assert found.svg.count("<path") < len(found.scene)
 
 
-def test_only_drawings_are_fitted_by_what_plain_ellipses_cover(monkeypatch):
-    """As renderers draw them, from the step on at which their exponents are those of the file."""
-    covering, splats = [], State.splats
-
-    def spied(*given, **named):
-        found = splats(*given, **named)
-        covering.append(bool((found.shape[:, 10] > 0).sum() == len(found.shape) > 0))
-        return found
-
-    monkeypatch.setattr(State, "splats", spied)
-    found = search(shapes(), 900, iterations=FEW_STEPS).file()
-    assert len(found.scene) > 4
-    assert covering.index(True) > 0.8 * FEW_STEPS
-    assert 0.1 < np.mean(covering) < 0.5
-    raster = rasterize_like(found.svg, shapes())
-    scale = 64 / found.scene.width, 64 / found.scene.height
-    model, falloff = (
-        np.moveaxis(render_planar(splats_of(found.scene, scale, covers), 64, 64), 0, -1)
-        for covers in (True, False)
-    )
-    assert psnr(model, raster) > psnr(falloff, raster) + 6
-    covering.clear()
-    search(hills(), 900, iterations=FEW_STEPS).file()
-    vectorize(shapes(), gaussians=30, iterations=10)
-    assert covering
-    assert not any(covering)
+@pytest.mark.parametrize("picture", [shapes(), hills(64, 64)], ids=["drawing", "photo"])
+def test_plain_ellipses_are_planned_as_renderers_draw_them(picture):
+    found = search(picture, 400, iterations=FEW_STEPS).file()
+    assert (found.scene.drawn == PLAIN).all()
+    raster = rasterize_like(found.svg, picture)
+    model, falloff = (render(found.scene, 64, 64, covering=covers) for covers in (True, False))
+    assert psnr(model, raster) > psnr(falloff, raster) + 1
 
 
 def test_shading_in_a_drawing_does_not_fall_into_bands(monkeypatch):
@@ -348,7 +306,7 @@ def test_shading_in_a_drawing_does_not_fall_into_bands(monkeypatch):
     soft = matched(shaded(), 6000)[1].scene
     assert (soft.drawn == PLAIN).any()
     assert (soft.drawn == SOFT).any()
-    monkeypatch.setattr(drawing, "SOFT_FROM", np.inf)
+    monkeypatch.setattr(by_bytes, "SOFT_FROM", np.inf)
     crisp = matched(shaded(), 6000)[1].scene
     assert (crisp.drawn == PLAIN).all()
     assert evenness(soft) < 0.6 * evenness(crisp)

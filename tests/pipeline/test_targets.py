@@ -5,14 +5,13 @@ import pytest
 from flat import vectorize
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.options import byte_size
 from gauss2svg.pipeline import plan
 from gauss2svg.pipeline.options import Goal
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.pipeline.plan import unreached
-from gauss2svg.pipeline.search.export import Export
+from gauss2svg.pipeline.search.outcome import Export, Subject
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
@@ -68,6 +67,14 @@ def test_a_target_out_of_reach_costs_none_of_the_closeness_within_a_limit(photo,
     assert "90 dB not reached" in both.report["unreached"][0]
 
 
+def test_a_target_that_is_reached_by_too_large_a_file_is_looked_for_in_smaller_ones():
+    one = np.full((1, 1, 3), 0.4, np.float32)
+    alone = vectorize(one, max_bytes=120).report
+    report = vectorize(one, max_bytes=120, target_psnr=30).report
+    assert report["svg_bytes"] == alone["svg_bytes"] <= 120
+    assert (report["stop_reason"], report["unreached"]) == ("target_psnr", [])
+
+
 @pytest.mark.sweep
 def test_a_target_out_of_reach_leaves_the_inks_that_were_chosen(photo):
     report = vectorize(photo[:64, :64], inks=3, max_bytes=3_000, target_psnr=90, **QUICK).report
@@ -98,6 +105,16 @@ def test_target_holds_at_the_size_of_a_photo_that_was_fitted_smaller(photo):
     report = vectorize(grainy, target_psnr=24, max_size=64, **QUICK).report
     assert report["fit_width"] == 64
     assert 24 - 0.05 <= report["psnr_svg"] <= 24 + 0.5
+
+
+@pytest.mark.sweep
+def test_a_target_with_full_size_is_judged_at_the_size_of_the_photo(photo):
+    large = np.tile(photo, (8, 9, 1))  # of more than a megapixel
+    asked = {"target_psnr": 19, "max_size": 128, "iterations": 30, "full_size": True}
+    report = vectorize(large, **asked).report
+    assert (report["measured_width"], report["measured_height"]) == (1152, 1024)
+    reached = report["psnr_svg"] >= 19 - 0.05
+    assert (report["stop_reason"] == "target_psnr") == reached == (not report["unreached"])
 
 
 @pytest.mark.parametrize(
@@ -162,13 +179,13 @@ def test_limit_without_room_for_a_gaussian_is_reported(photo):
 
 
 def test_no_time_at_all_still_gives_a_file_measured_small(photo):
-    result = vectorize(photo, time_limit=1e-6, max_size=64)
-    report = result.report
+    result = vectorize(np.tile(photo, (4, 4, 1)), time_limit=1e-6)
+    report, (side, _, _) = result.report, result.raster.shape
     assert report["stop_reason"] == "time_limit"
-    assert report["notes"] == ["measured at 64x64 px to meet the time limit"]
-    assert result.raster.shape == (64, 64, 3)
-    assert (rasterize(result.svg, 64, 64) == result.raster).all()
-    assert 'height="128"' in result.svg
+    assert report["notes"] == [f"measured at {side}x{side} px to meet the time limit"]
+    assert report["measured_width"] == side < 200
+    assert (rasterize(result.svg, side, side) == result.raster).all()
+    assert 'height="512"' in result.svg
 
 
 def test_time_that_is_not_needed_is_not_taken():
@@ -242,7 +259,7 @@ def test_too_large_file_loses_its_least_useful_gaussians(photo):
     scene, form = quantize(result.scene, palette=5), SvgFormat()
     few = write_svg(scene, form)
     export = Export(scene, few, form, Document(), False, 20.0, 0.01)
-    less = export.pruned_to(len(few) // 2, 500, target_of(photo, np.float32, "psnr"))
+    less = export.pruned_to(len(few) // 2, 500, Subject.of(photo).by_use(scene, "psnr"))
     assert len(few) // 3 < less.size <= len(few) // 2
     kept = metrics.psnr(render(less.scene), photo)
     first = metrics.psnr(render(scene.select(np.arange(len(less.scene)))), photo)
@@ -256,12 +273,12 @@ def test_a_pruned_file_has_as_many_gaussians_as_fit(markup):
         96, 64, rng.uniform(0, 64, (80, 2)), rng.uniform(2, 9, (80, 2)), np.zeros(80),
         rng.random((80, 3)), np.ones(80),
     )  # fmt: skip
-    form, target = SvgFormat(markup=markup), target_of(render(scene), np.float32, "psnr")
+    form, order = SvgFormat(markup=markup), Subject.of(render(scene)).by_use(scene, "psnr")
     svg, flat = write_svg(scene, form), write_svg(scene.select(np.arange(0)), form)
     export = Export(scene, svg, form, Document(), False, 20.0, 0.01)
     for share in (0.0, 0.01, 0.1, 0.5, 0.9, 0.999):
         limit = int(len(flat) + share * (len(svg) - len(flat)))
-        less = export.pruned_to(limit, len(flat), target)
+        less = export.pruned_to(limit, len(flat), order)
         assert less.size <= limit
         assert less.size > limit - max((len(svg) - len(flat)) / 10, 0.005 * limit)
 
@@ -274,6 +291,6 @@ def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
 
 
 def test_late_run_says_so():
-    lines = unreached(Goal(time_limit=2.0), 30.0, 1, 3.5, "time_limit", 9)
+    lines = [*unreached(Goal(time_limit=2.0), 30.0, 1, 3.5, "time_limit", 9)]
     assert lines == ["time limit of 2 s exceeded: 3.5 s. Try a smaller --max-size"]
-    assert unreached(Goal(time_limit=2.0), 30.0, 1, 2.2, "time_limit", 9) == []
+    assert [*unreached(Goal(time_limit=2.0), 30.0, 1, 2.2, "time_limit", 9)] == []

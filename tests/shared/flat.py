@@ -12,7 +12,7 @@ from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitResu
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.options import fields_of
-from gauss2svg.pipeline.options import Options, field_named
+from gauss2svg.pipeline.options import OPTIONS, Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
 
 # Options that are valid only beside another one of this value.
@@ -49,9 +49,7 @@ def fit_in(dtype: Any, pixels: NDArray[np.float32], config: FitConfig) -> FitRes
 
 def choices(name: str) -> tuple[Any, ...]:
     """All values of an option that has only a few."""
-    found = field_named(name)
-    assert found is not None
-    return found[1].choices
+    return OPTIONS[name][1].choices
 
 
 def build_gallery(photos: Any, directory: Any, **given: Any) -> Any:

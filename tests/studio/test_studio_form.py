@@ -17,7 +17,7 @@ import gauss2svg
 from gauss2svg.cli import vectorize as command
 from gauss2svg.cli.main import build_app
 from gauss2svg.errors import InputError
-from gauss2svg.pipeline.options import Options, option_names
+from gauss2svg.pipeline.options import Options
 from gauss2svg.render import frame
 from gauss2svg.studio.options import form, lines_of, options_of
 from gauss2svg.studio.service import create_app, workers_and_threads
@@ -41,7 +41,7 @@ CHANGED = {
 def test_every_option_is_described_except_the_servers_own():
     names = [option["name"] for option in OPTIONS]
     own = {"threads", "max_memory", "max_pixels"}
-    assert names == [name for name in option_names() if name not in own]
+    assert names == [name for name in Options().flat() if name not in own]
     assert set(CHANGED) == set(names)
     defaults = Options().flat()
     for option in OPTIONS:

@@ -9,8 +9,8 @@ by bytes    fits a few scenes of so few shapes that every byte of the file is pl
 drawing     a search by bytes for a drawing, which is fitted enlarged
 subject     the photo that is drawn: as it is measured, as it is fitted, and the canvas of the file
 export      a scene as it is written: its file, and what that scores
-limits      how many Gaussians a fit may have, by what they gain, take and cost
-correction  the count of the next export
+limits      how many Gaussians a fit may have, by what they gain, take and cost; how many the next
+            export has; and which export is the best
 cap         the largest count that is allowed, and what allows no more
 outcome     the export that a search ends with, measured, with the costs of its fits
 

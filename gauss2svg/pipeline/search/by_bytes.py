@@ -7,298 +7,414 @@ Kodak 20, 768 x 512 px, in 250 bytes. A file without Gaussians has 98, and the o
 3 plain ellipses of about 44, fitted at 96 x 64 px. Each fit is written in units of two sizes, with
 colours of 3 and of 6 digits; the file that is best by the model is drawn:
 
-    fit                         bytes in units of 17 px; of 12 px    drawn
-    3 plain ellipses            231, 243; 238, 250                   243 bytes, 17.92 dB
-    1 shape of exponent 3       452, 458; 452, 458                   none: its mask is too long
-    3 ellipses in wider steps   230, 242; 237, 249                   249 bytes, 18.04 dB: the best
-
     <svg xmlns=".." viewBox="0 0 66 44"><path fill="#c3b8a0" d="M0 0h66v44H0"/>
     <path fill="#504c34" d="M86 27a93 10-1.8 101 0"/>
     <path fill="#fbf9e8" d="M1-19a91 20 7.2 101 0"/>
     <path fill="#736031" d="M11 18a10 4 32 101 0"/></svg>
 
-All constants: docs/decisions/small.md.
+A drawing gets ellipses that stay crisp when it is enlarged:
+
+    drawing -> four fits -> what they agree on, up to four times as large -> fits of more and more
+    ellipses, until the bytes are used or more no longer help -> the best of their files
+
+Of two files the closer one is better, at the drawing's own size as long as the difference can be
+seen there, and enlarged beyond that (`closeness`). Where it cannot be seen, the counts of the fits
+do not depend on the limit, so that a larger limit has the files of a smaller one to choose from.
+
+All constants: docs/decisions/small.md and, of drawings, enlarged.md.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.errors import refusal
+from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitProgress, FitResult
-from gauss2svg.fit.session import AsWritten, FitSession
+from gauss2svg.fit.session import FitSession
+from gauss2svg.measure.metrics import mean_squared_error
 from gauss2svg.measure.roundtrip import round_trip
-from gauss2svg.photo.alpha import has_alpha, shrunk
+from gauss2svg.photo.alpha import has_alpha, shrunk, stacked
+from gauss2svg.pipeline import drawings
+from gauss2svg.pipeline.palette import with_plain
 from gauss2svg.pipeline.plan import WHOLE_SIDE, Plan
 from gauss2svg.pipeline.presets import MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES
-from gauss2svg.pipeline.search.outcome import Outcome, Subject, Watch
-from gauss2svg.pipeline.search.small_file import EXACT, Recipe, SmallFile, SmallFiles, closeness
+from gauss2svg.pipeline.run import Run
+from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Outcome, Subject, raster_error
+from gauss2svg.pipeline.search.small_file import (
+    EXACT,
+    SmallFile,
+    closeness,
+    flat_scene,
+    recolored,
+    unit_of,
+)
+from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
+from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, covered_radius
 from gauss2svg.svg.blur import with_falloffs
-from gauss2svg.svg.plain_ellipse import drawn_beta
+from gauss2svg.svg.file import file_bytes
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 
-# The fits of small files of photos (docs/decisions/small.md).
-SIDE_PER_ROOT = 12.0  # longest side of the working picture in px, per square root of the count
-LEAST_SIDE = 96  # least longest side of the working picture in px
+Exponents = tuple[float, ...]  # of soft shapes; other shapes are plain ellipses
+BytesOf = Callable[[str], int]
+
+# Exponents that are worth their definition in a file of so many bytes; plain ellipses need none.
+EXPONENTS = (6000, BETA_CLASSES), (2200, (1.0, 3.0)), (0, (3.0,))
+DEFINITION = 5  # shapes that take as many bytes as the definition of an exponent
 # Ratio by which shapes may turn out shorter than expected. If they seem shorter, most were
 # written as nothing.
 SHORTER = 3.0
+SPARE = 1.03  # times the shapes that fit into the limit are fitted; the least useful are left out
+
+# Photos.
+SIDE_PER_ROOT = 12.0  # longest side of the working picture in px, per square root of the count
+LEAST_SIDE = 96  # least longest side of the working picture in px
 PLAIN_UNDER = 900  # bytes under which every second fit has plain ellipses alone, like cut paper
 SOME = 60  # shapes up to which there are three fits on two grids, and beyond two on one
 ITERATIONS = 200  # steps of a fit
-
-_GRIDS = (0.8, 1.2)  # finer and coarser than units_per_root
 # Placement and learning rate of each fit to a photo.
 _BEGINNINGS = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
-# Exponents that are worth their definition in a file of so many bytes; plain ellipses need none.
-EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
-    (6000, BETA_CLASSES),
-    (2200, (1.0, 3.0)),
-    (0, (3.0,)),
-)
+
+# Drawings.
+LARGE_SIDE = 1024  # longest side in px of the working picture of a larger drawing
+FLAT_SIDE = 384  # longest side in px of the working picture of a drawing without smooth edges
+ENLARGED_FROM = 2000  # bytes of a file from which a drawing is fitted enlarged
+STEPS = 600  # steps of a fit
+LEAST_FEWER = 12  # shapes under which fits with fewer shapes are not tried
+AGREEING = (150, 300)  # shapes of the fits that enlarge a drawing
+AGREEING_LARGE = (300,)  # the same for drawings over 256 px, whose fits take longer
+OWN_UP_TO = 200  # shapes up to which fits at the drawing's own size are tried too
+FIRST_COUNT, GROWTH = 160, 1.265  # shapes of the first enlarged fit, and the ratio to the next
+IDLE = 2  # fits in a row whose files are no better, after which growth ends
+FEW, WELL_USED = 60, 0.97  # shapes and share of a limit from which more would have been written
+SHARED = 0.1  # share of the squared error that colours in common may add
+COARSE_UNDER = 1100  # bytes under which a digit is a large part of a shape
+# Bytes from which numbers are finer, and drawings with shading have soft shapes beside ellipses.
+FINE_FROM = 6000
+COARSE_GRIDS, GRIDS, FINE_GRIDS = (0.8, 1.2, 4.0, 8.0), (4.0, 8.0), (8.0, 16.0)
+SOFT_FROM = 4.0  # px of rim from which a shape of a shaded drawing is soft
 
 
 class ByBytes:
-    """A search for the best file of at most the bytes of a plan, for a photo.
+    """A search for the best file of at most the bytes of a plan.
 
-    subject  of which the photo is reduced further for the fits
-    count    bytes of a file's text; None: of the file itself
+    subject     of which the photo is reduced further for the fits
+    bytes_of    returns the bytes of a file's text; None: those of the file itself
+    is_drawing  whether the photo is a drawing
+    flat        the shortest file without Gaussians
+    best        the closest file so far, with its raster's error
+    fits        results of the fits so far
     Raises InputError where a file without Gaussians has more bytes.
     """
 
-    is_drawing = False
-
     def __init__(
-        self,
-        plan: Plan,
-        subject: Subject,
-        watch: Watch,
-        count: Callable[[str], int] | None = None,
+        self, plan: Plan, subject: Subject, run: Run, bytes_of: BytesOf | None = None
     ) -> None:
         assert plan.goal.byte_limit is not None
-        self._plan, self._watch, self._limit = plan, watch, plan.goal.byte_limit
-        self._options = plan.options.fit
-        caps = [plan.goal.count] if plan.goal.count is not None else []
-        caps += [plan.preset.cap] if plan.options.goal.quality is not None else []
-        self._most = min(caps, default=math.inf)
-        self._each = MINIMAL_GZIPPED_BYTES if plan.counts_gzipped else MINIMAL_BYTES
-        self._files = SmallFiles(plan, subject, count, covering=self.is_drawing)
-        self.subject = self._files.subject = self._reduced(subject)
-        self.fits: list[FitResult] = []
-        self._starts = 1  # number of fits, for the progress
+        self._plan, self._run, self._limit = plan, run, plan.goal.byte_limit
+        self._bytes_of = bytes_of or (lambda svg: len(file_bytes(svg, plan.counts_gzipped)))
+        self._plain_limit = plan.plain_limit or self._limit  # bytes before gzip
+        learned = plan.options.fit.learned_falloff
+        self.is_drawing = learned and drawings.is_drawing(subject.photo)
+        self.subject, self.fits = subject, list[FitResult]()
+        photo, canvas = subject.photo, subject.canvas
+        flat = [self._file(*flat_scene(photo, canvas, digits), digits) for digits in HEX_DIGITS]
+        self.flat = min(flat, key=lambda file: file.size)
+        self._room = self._limit - self.flat.size  # bytes of all shapes
+        if self._room < 0:
+            needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
+            raise refusal("max_bytes", needed, str(self._limit), str(self.flat.size))
+        each = MINIMAL_GZIPPED_BYTES if plan.counts_gzipped else MINIMAL_BYTES
+        self._soft, self._plain = (each[2], each[2]) if self.is_drawing else each[:2]
+        self._each: dict[Exponents, float] = {}  # bytes of a shape in the last file of exponents
+        self._set_up()
+        self._large: NDArray[np.float32] | None = None  # the drawing enlarged
+        self._fitted = self._planned = self.subject  # that fits run on, and colours are solved by
         self._ended = ""  # why no further step is made
-        self._all_pixels = False  # whether a fit has as many shapes as its picture has pixels
+        fitting = [self._drawn(file) for file in flat if file.size <= self._limit]
+        self.best = max(fitting, key=closeness)
 
-    @property
-    def flat(self) -> SmallFile:
-        """The shortest file without Gaussians."""
-        return self._files.flat
+    def _set_up(self) -> None:
+        """Choose how the photo is reduced, and how its fits are made and written."""
+        photo, limit, options = self.subject.photo, self._plain_limit, self._plan.options
+        learned, self._enlarges = options.fit.learned_falloff, False
+        exponents = next(classes for least, classes in EXPONENTS if self._limit >= least)
+        self._exponents: Exponents = exponents if learned else (1.0,)
+        if self.is_drawing:
+            edges = drawings.has_edges(photo)
+            self._enlarges = edges and limit >= ENLARGED_FROM
+            side, self._steps, self._shared = LARGE_SIDE if edges else FLAT_SIDE, STEPS, SHARED
+            self._digits, self._grids = HEX_DIGITS[-1:], FINE_GRIDS if limit >= FINE_FROM else GRIDS
+            if limit < COARSE_UNDER:
+                self._digits, self._grids = HEX_DIGITS, COARSE_GRIDS
+        else:
+            few = self._room / self._soft <= SOME
+            side = SIDE_PER_ROOT * math.sqrt(max(self._room / self._soft, 1))
+            side = min(max(side, LEAST_SIDE), WHOLE_SIDE)
+            self._beginnings = _BEGINNINGS if few else _BEGINNINGS[:2]
+            self._steps, self._shared = ITERATIONS, 0.0
+            self._digits, self._grids = HEX_DIGITS, (0.8, 1.2) if few else (1.0,)
+        side = min(side, options.run.max_size or side, max(photo.shape[:2]))
+        (width, height), longest = self.subject.canvas, max(self.subject.canvas)
+        size = [max(1, round(length * side / longest)) for length in (height, width)]
+        working = shrunk(photo, *size, sharp=self.is_drawing)
+        self.subject = dataclasses.replace(self.subject, working=working)
+        caps = [math.prod(self.subject.size), self._plan.goal.count]
+        caps += [self._plan.preset.cap] if self._plan.goal.quality is not None else []
+        self._most = min(cap for cap in caps if cap is not None)
+        if self.is_drawing:
+            if limit < FINE_FROM or not drawings.is_shaded(working):
+                self._exponents = ()
+            is_large = self._enlarges and self._count(self._exponents) > OWN_UP_TO
+            self._beginnings = () if is_large else _BEGINNINGS[:2]
+        self._alternates = not self.is_drawing and learned and self._limit < PLAIN_UNDER
 
     def run(self) -> Outcome:
         """Return the best file, measured."""
-        plan, subject = self._plan, self.subject
-        best = self.file()
-        self._watch.report("measure", None)
+        plan, subject, best = self._plan, self.subject, self.file()
+        self._run.notify("measure", None)
         subject.release()
-        image = subject.working if self._watch.budget.measures_small else subject.photo
         return Outcome(
             plan=plan,
             subject=subject,
             scene=best.scene,
             svg=best.svg,
             format=plan.svg_format,
-            reached=None,
-            fitted=self._costs(best),
+            fitted=self._costs(),
             measured=round_trip(
-                best.svg, best.scene, image, plan.options.run.renderer, self.is_drawing
+                best.svg, best.scene, subject.photo, plan.options.run.renderer, True
             ),
             corrections=max(len(self.fits) - 1, 0),
-            enlarged=self._files.large,
+            enlarged=self._large,
         )
 
     def file(self) -> SmallFile:
         """Return the best file."""
-        best = self._files.without_gaussians()
-        if best.error < EXACT:
-            return best
-        # The size of the first fit with some exponents tells what a shape takes in the next one.
-        sizes: dict[tuple[float, ...], tuple[int, int]] = {}
-        with kernel_lock:
-            recipes = self._recipes()
-            self._starts = len(recipes)
-            for recipe in recipes:
-                count = self._count(recipe, sizes.get(recipe.exponents))
-                if count < 1 or self._stop():
-                    continue
-                fitted = self._fit(count, recipe)
-                file, sizes[recipe.exponents] = self._files.of(fitted, recipe, self._stop)
-                if file is not None:
-                    best = max(best, self._files.drawn(file), key=closeness)
-        return best
+        if self.best.error >= EXACT and self._most:
+            with kernel_lock:
+                self._fit_own_size()
+                if self._enlarges:
+                    self._grow()
+        return self.best
 
-    def _gained_little(self, best: SmallFile) -> bool:
-        """Whether more shapes would help too little to be worth the rest of the limit."""
-        return False
+    def _fit_own_size(self) -> None:
+        """Fit as many shapes as the limit allows, and to drawings fewer, as long as they win.
 
-    def _reduced(self, subject: Subject) -> Subject:
-        """Return the subject with a working picture for as many shapes as the bytes allow."""
-        count = max((self._limit - self.flat.size) / self._each[0], 1)
-        most = self._plan.options.run.max_size or WHOLE_SIDE
-        side = SIDE_PER_ROOT * math.sqrt(count)
-        return reduced_to(subject, min(max(side, LEAST_SIDE), WHOLE_SIDE, most))
+        Edges that meet are drawn less exactly than they are fitted.
+        """
+        self._starts = len(self._beginnings) + self.is_drawing
+        for k, (init, rate) in enumerate(self._beginnings):
+            exponents = () if self._alternates and k % 2 == 0 else self._exponents
+            if not self._stop():
+                self._improves(self._count(exponents), init, exponents, rate)
+        fewer = len(self.best.scene) // 2 if self.is_drawing and not self._enlarges else 0
+        while fewer >= LEAST_FEWER and not self._stop():
+            fewer = fewer // 2 if self._improves(fewer, "error", self._exponents) else 0
 
-    def _costs(self, best: SmallFile) -> FitResult:
+    def _grow(self) -> None:
+        """Fit more and more shapes to the drawing enlarged.
+
+        As many shapes as fill the limit are fitted only where the difference can be seen at the own
+        size. Beyond that a fit of a count of its own ends better or worse by chance, and a larger
+        limit, which does not try that count, could have a worse file.
+        """
+        self._starts = len(self.fits) + 5 + len(list(self._ladder()))
+        large = self._enlarged()
+        if large is None:
+            return
+        height, width = large.working.shape[:2]
+        divisor = 2 if max(large.size) > 2 * max(self.subject.size) else 1
+        solved = shrunk(large.working, height // divisor, width // divisor)
+        self._large, self._planned = large.working, dataclasses.replace(large, working=solved)
+        self._fitted = large
+        self.best, idle = self._drawn(self.best), 0
+        for count in self._ladder():  # depends on the bytes of a shape so far
+            if self._stop() or idle == IDLE:
+                return
+            idle = 0 if self._improves(count, "selective", self._exponents) else idle + 1
+        if psnr_of(self.best.error) < SEEN_UP_TO and not self._stop():
+            self._improves(self._count(self._exponents), "selective", self._exponents)
+
+    def _enlarged(self) -> Subject | None:
+        """Return the drawing enlarged; None if the search is stopped.
+
+        One that is large, or that is reduced, is not enlarged.
+        """
+        own, (width, height) = self.subject, self.subject.size
+        if own.size != own.canvas or max(own.size) > drawings.LARGEST_ENLARGED:
+            return own
+        times = drawings.enlargement(width, height)
+        draw, renders = render_rgba if has_alpha(own.working) else render, []
+        counts = AGREEING if times > 2 else AGREEING_LARGE
+        for count, init in itertools.product(counts, ("selective", "error")):
+            if self._stop():
+                return None
+            scene = self._fit(count, init, self._exponents)
+            if not len(self.best.scene):  # of a search that is stopped here
+                self._keep(scene, self._exponents)
+            renders.append(draw(scene, 4 * width, 4 * height, covering=True))
+        return dataclasses.replace(own, working=drawings.agreed(own.working, renders, times))
+
+    def _ladder(self) -> Iterator[int]:
+        """Yield the counts of enlarged fits that the limit allows."""
+        count = float(FIRST_COUNT)
+        while count <= self._count(self._exponents):
+            yield round(count)
+            count *= GROWTH
+
+    def _costs(self) -> FitResult:
         """Return the costs of all fits, and why they ended."""
-        reason = self._ended or "max_bytes"
-        if not self._ended and best.error < EXACT:
+        count, used = len(self.best.scene), self.best.size / self._limit
+        reason = "max_bytes"
+        if self._ended:
+            reason = self._ended
+        elif self.best.error < EXACT:
             reason = "enough"
-        elif not self._ended and self._gained_little(best):
+        elif count == self._most:
+            reason = "gaussians" if count == self._plan.goal.count else "cap"
+        elif self.is_drawing and count >= FEW and used < WELL_USED:
             reason = "gain"
-        elif not self._ended and len(best.scene) == self._plan.goal.count:
-            reason = "gaussians"
-        elif not self._ended and self._all_pixels:
-            reason = "cap"
-        costs = FitResult(best.scene, 0, 0, 0.0, 0.0, 0, reason)
+        costs = FitResult(self.best.scene, 0, 0, 0.0, 0.0, 0, reason)
         for fitted in self.fits:
             costs = dataclasses.replace(fitted.after(costs, reason), rounds=fitted.rounds)
         return costs
 
     def _stop(self) -> bool:
-        if not self._ended and self._watch.stop():
+        if not self._ended and self._run.stop():
             self._ended = "interrupted"
-        if not self._ended and self.fits and self._watch.budget.is_over:  # the first makes a file
+        if not self._ended and self.fits and self._run.budget.is_over:  # the first makes a file
             self._ended = "time_limit"
         return bool(self._ended)
 
-    @property
-    def _exponents(self) -> tuple[float, ...]:
-        return next(exponents for least, exponents in EXPONENTS if self._limit >= least)
+    def _count(self, exponents: Exponents) -> int:
+        """Return how many shapes to fit for the limit, by what they take in the last file."""
+        expected = self._soft if exponents else self._plain
+        each = self._each.get(exponents, expected)
+        if not self.is_drawing:  # the least useful shapes of a photo are cheaply left out
+            each = min(each, expected)
+        count = SPARE * self._room / each - DEFINITION * len(exponents)
+        return int(min(max(count, 1), self._most))
 
-    def _recipes(self) -> list[Recipe]:
-        """Return the fits to make."""
-        soft, plain, _ = self._each
-        few = (self._limit - self.flat.size) / soft <= SOME
-        grids = _GRIDS if few else (1.0,)
-        exponents, learned = (1.0,), self._options.learned_falloff
-        if learned:
-            exponents = self._exponents
-        recipes = []
-        for k, (init, rate) in enumerate(_BEGINNINGS if few else _BEGINNINGS[:2]):
-            is_plain = k % 2 == 0 and learned and self._limit < PLAIN_UNDER
-            classes, each = ((), plain) if is_plain else (exponents, soft)
-            recipes.append(Recipe(init, rate, ITERATIONS, classes, each, grids))
-        return recipes
+    def _improves(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> bool:
+        """Fit so many shapes, and return whether their file is the best so far."""
+        return self._keep(self._fit(count, init, exponents, rate), exponents)
 
-    def _count(self, recipe: Recipe, earlier: tuple[int, int] | None) -> int:
-        """Gaussians that the bytes allow; earlier is (count, bytes) of a file of its exponents."""
-        count, size = earlier or (0, 0)
-        expected = recipe.each
-        each = (size - self.flat.size) / max(count, 1)
-        if each >= expected / SHORTER:
-            by_bytes = count + (self._limit - size) / min(each, expected)
-        else:
-            # One shape of each exponent: what defines an exponent takes more than a shape.
-            one = np.ones(len(recipe.exponents))
-            probe = Scene(
-                100, 100, np.full((len(one), 2), 50.0), np.full((len(one), 2), 20.0), 0 * one,
-                np.full((len(one), 3), 0.4), one, beta=np.array(recipe.exponents),
-            )  # fmt: skip
-            by_bytes = len(one) + (self._limit - self._files.bytes_of(probe)) / expected
-        pixels = math.prod(self.subject.size)
-        self._all_pixels |= by_bytes >= pixels
-        # Whether one fits is seen when it is written.
-        return int(min(max(by_bytes, 1), self._most, pixels))
+    def _keep(self, scene: Scene, exponents: Exponents) -> bool:
+        """Write a fitted scene, and keep the file if it is the best so far."""
+        file, before = self._written(scene, exponents), self.best
+        if file is not None:
+            self.best = max(before, self._drawn(file), key=closeness)
+        return self.best is not before
 
-    def _fit(self, count: int, recipe: Recipe) -> Scene:
-        """Fit so many shapes, on the photo's canvas; plain ellipses have MOST_BETA too."""
-
-        def as_written(scene: Scene, _: float) -> Scene:
-            return _with_few_exponents(scene, recipe.exponents)
-
-        scene = self._fitted(count, recipe, as_written)
-        plain = np.ones(len(scene), bool)  # exponents are stepped as logarithms
-        for beta in recipe.exponents:
-            plain &= ~np.isclose(scene.beta, beta)
-        scene = with_falloffs(scene, np.where(plain, MOST_BETA, scene.beta))
-        return scene.replace(drawn=np.where(plain, PLAIN, SOFT))
-
-    def _fitted(
-        self,
-        count: int,
-        recipe: Recipe,
-        as_written: AsWritten,
-        subject: Subject | None = None,
-        enlarged: int = 1,
-    ) -> Scene:
-        """Return the scene of a fit to the working picture of a subject, on the photo's canvas.
-
-        subject   None: that of the search
-        enlarged  see FitConfig
-        """
-        options, subject = self._options, subject or self.subject
+    def _fit(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> Scene:
+        """Return the scene of a fit to the working picture, or to it enlarged, on the canvas."""
+        subject, options = self._fitted, self._plan.options.fit
+        share = max(subject.size) / max(self.subject.size)
+        soft_from = SOFT_FROM * share if self.is_drawing else 0.0
+        tune, rate = self._plan.tune, rate * options.learning_rate
         config = FitConfig(
             gaussians=count,
-            iterations=options.iterations or recipe.iterations,
-            fit=dataclasses.replace(
-                options,
-                tune=self._plan.tune,
-                learning_rate=options.learning_rate * recipe.rate,
-            ),
-            densify=DensifyOptions(init=recipe.init),  # pyright: ignore[reportArgumentType]
+            iterations=options.iterations or self._steps,
+            fit=dataclasses.replace(options, tune=tune, learning_rate=rate),
+            densify=DensifyOptions(init=init),  # pyright: ignore[reportArgumentType]
             reduce=False,
             opaque=not has_alpha(subject.working),
-            enlarged=enlarged,
+            enlarged=1 if self._large is None else drawings.enlargement(*self.subject.size),
         )
 
         def progress(now: FitProgress) -> None:
             start = min(len(self.fits), self._starts - 1)
             later = (self._starts - 1 - start) * (now.elapsed_s + now.remaining_s)
             rest, done = now.remaining_s + later, (start + now.done) / self._starts
-            self._watch.report("fit", dataclasses.replace(now, done=done, remaining_s=rest))
+            self._run.notify("fit", dataclasses.replace(now, done=done, remaining_s=rest))
 
         session = FitSession(
             subject.working,
             config,
             progress=progress,
-            as_written=as_written,
+            as_written=lambda scene, _: with_few_exponents(scene, exponents, soft_from),
             stop=self._stop,
-            targets=subject.targets(self._plan.tune),
+            targets=subject.targets(tune),
         )
         session.fit()
         self.fits.append(session.result())
         scene, (width, height) = session.scene(), subject.canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
-        return scene.replace(width=width, height=height)
+        # A plain ellipse of the area that was fitted, not of the contour of half height.
+        plain = scene.drawn == PLAIN
+        wider = covered_radius(scene.beta) / covered_radius(np.full(len(scene), MOST_BETA))
+        sigma = scene.sigma * np.where(plain, wider, 1.0)[:, None]
+        beta = np.where(plain, MOST_BETA, scene.beta)
+        scene = scene.replace(width=width, height=height, beta=beta, sigma=sigma)
+        return _drawn_as(with_falloffs(scene, beta), plain)
+
+    def _written(self, fitted: Scene, exponents: Exponents) -> SmallFile | None:
+        """Return the best file of a fitted scene by the model; None where no Gaussian is left.
+
+        Of a file that is too long the least useful Gaussians are left out.
+        """
+        order = self._planned.by_use(fitted, self._plan.tune, covering=True)
+        best, expected = None, self._soft if exponents else self._plain
+        for grid, digits in itertools.product(self._grids, self._digits):
+            if best is not None and self._stop():
+                break
+            unit, kept = unit_of(grid, len(fitted), self.subject.canvas), len(fitted)
+            file, each = None, expected
+            while kept > 0:
+                scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
+                exact, error = recolored(scene, self._planned.working, digits, self._shared)
+                file = self._file(exact, unit, digits, error)
+                shapes = file.size - self.flat.size
+                if kept == len(fitted):
+                    each = shapes / (kept + DEFINITION * len(exponents))
+                if file.size <= self._limit:
+                    break
+                kept -= math.ceil((file.size - self._limit) / max(expected, shapes / kept))
+                file = None
+            if best is None or (file is not None and file.error < best.error):
+                best = file
+                self._each[exponents] = max(each, expected / SHORTER)
+        return best
+
+    def _file(self, scene: Scene, unit: float, digits: int, error: float = math.nan) -> SmallFile:
+        svg = minimal_svg(scene, unit, digits, self.subject.document)
+        return SmallFile(svg, scene, error, self._bytes_of(svg))
+
+    def _drawn(self, file: SmallFile) -> SmallFile:
+        """Return the file with the error of its raster, and of its model enlarged.
+
+        A renderer would take seconds for the masks of an enlarged file.
+        """
+        renderer, large = self._plan.options.run.renderer, self._large
+        error, enlarged_error = raster_error(file.svg, self.subject.working, renderer), math.nan
+        if large is not None:
+            draw = render_rgba if has_alpha(large) else render
+            model = draw(file.scene, large.shape[1], large.shape[0], covering=True)
+            enlarged_error = mean_squared_error(stacked(model), stacked(large))
+        return dataclasses.replace(file, error=error, enlarged_error=enlarged_error)
 
 
-def reduced_to(subject: Subject, side: float, sharp: bool = False) -> Subject:
-    """Return the subject with a working picture of at most this longest side in px.
+def with_few_exponents(scene: Scene, exponents: Exponents, soft_from: float) -> Scene:
+    """Return the scene with the nearest of these exponents, or that of a plain ellipse.
 
-    sharp is as in `gauss2svg.photo.alpha.shrunk`.
+    soft_from  px of rim from which a shape is soft. A narrower one is an edge, and from here on it
+               is fitted by how much of each pixel it covers
     """
-    photo, (width, height) = subject.photo, subject.canvas
-    scale = min(side, max(photo.shape[:2])) / max(width, height)
-    width, height = (max(1, round(length * scale)) for length in (width, height))
-    return dataclasses.replace(subject, working=shrunk(photo, height, width, sharp))
-
-
-def nearest_exponents(
-    scene: Scene, exponents: tuple[float, ...]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the nearest of these exponents for each shape, and which are a plain ellipse's."""
     classes = np.array([*exponents, BETA_CLASSES[-1]])
     nearest = np.abs(np.log(scene.beta)[:, None] - np.log(classes)).argmin(axis=1)
-    return classes[nearest], nearest == len(exponents)
+    plain = nearest == len(exponents)
+    plain |= RIM_WIDTH * scene.ellipse_axes[0][:, 1] / scene.beta < soft_from
+    return _drawn_as(with_plain(scene, plain, classes[nearest]), plain)
 
 
-def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
-    """Return the scene with the nearest of these exponents, or that of a plain ellipse."""
-    beta, plain = nearest_exponents(scene, exponents)
-    beta[plain] = drawn_beta(scene, plain)
-    return with_falloffs(scene, beta)
+def _drawn_as(scene: Scene, plain: NDArray[np.bool_]) -> Scene:
+    return scene.replace(drawn=np.where(plain, PLAIN, SOFT))

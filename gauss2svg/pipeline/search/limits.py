@@ -1,4 +1,4 @@
-"""How many Gaussians the limits of a goal allow, as a fit shows what they gain, take and cost.
+"""How many Gaussians the limits of a goal allow, as a fit and its files show what they cost.
 
     psnr   as many as reach it, where each doubling gains `slope` dB
     gain   as many as still gain what the preset asks for each kilobyte
@@ -8,18 +8,32 @@
 
 The smallest of these is the next count, and its limit the reason why growth stops. Constants:
 docs/decisions/fit.md.
+
+Files are corrected by what the rasterised SVG has. Kodak 20, 768 px wide and fitted at 384 px, with
+a target of 28 dB:
+
+    Gaussians    PSNR at 384 px    PSNR against the photo
+    195          28.24             26.14: the photo has detail that the fit did not see
+    299          29.00             26.59
+    607          31.03             27.63
+    759          32.23             28.13: reached
+
+Each count is the last one doubled as often as the dB that lack up to 28.12 take, by the dB gained
+per doubling: at first 3.2, as during the growth, then by the last two exports, at least 1.5.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 from gauss2svg.fit import schedule
 from gauss2svg.fit.session import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.pipeline import presets
-from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.export import Exporter
+from gauss2svg.pipeline.plan import Aim, Plan
+from gauss2svg.pipeline.search.outcome import Export, Exporter
 from gauss2svg.pipeline.time_budget import TimeBudget
 
 FIRST_ROUND = 8  # Gaussians of the first round
@@ -31,6 +45,8 @@ CONVERGES_ABOVE = 16.5  # dB of PSNR above which convergence still brings someth
 CONVERGES_AFTER_ROUND = 0.28
 CONVERGES_AFTER = dict(zip(ADJUST_AT, (0.055, 0.034, 0.029), strict=True))  # and in refinement
 MOST_CHANGE = 0.3  # largest change of the count at one adjustment, as a share of it
+# Ratio of the count to that for which there is time, from which refinement removes Gaussians.
+TOO_MANY = 2.0
 LEAST_CHANGE = 0.02  # share of the count below which an adjustment is not made
 LEAST_ROUND = 1.1  # ratio of the wanted to the present count, below which no round begins
 WHOLE_ROUND = 0.6  # doublings from which a round says enough about the slope
@@ -55,21 +71,44 @@ PIXELS_EACH = 3
 PIXELS_EACH_OF_BUDGET = 2  # fewest pixels where the best in some bytes or seconds is wanted
 WRITING_LOSS = 0.06  # share of the scene's error that writing is expected to add
 
+# Corrections of a count (docs/decisions/monotone.md and numbers.md).
+FULL = 0.985  # share of the allowed bytes from which a file is full
+NEARLY_FULL = 0.97  # that share after one correction
+# Multiple of the allowed bytes from which a fit is corrected. A smaller excess is pruned.
+TOO_LARGE = 1.1
+PRUNED = 8.0  # dB that are lost for each halving of the bytes by pruning alone
+# dB under the preset's PSNR up to which there is no correction. LESS_THAN_ENOUGH and FAR_MORE
+# together are less than the presets lie apart, so that none ends under a cheaper one.
+LESS_THAN_ENOUGH = 0.8
+FAR_MORE = 3.0  # dB over the preset's PSNR up to which there is no correction
+# Gaussians that are not removed for FAR_MORE. They are a kilobyte or two, and each shows.
+FEW = 16
+SAME = 0.004  # relative difference up to which two counts are the same
+TELLING = 0.25  # least doublings between two exports from which a slope is derived
+AT_THE_CAP = 0.95  # share of the largest count from which the cap ended the fit
+BOUND = 0.93  # share of the allowed bytes from which they ended the fit
+# Largest reduction in doublings. Many at once end worse than a few after one another.
+MOST_REDUCED = -0.5
+# Ratio of the last to the first count, up to which a fit of a drawing whose edges are ellipses
+# grows (docs/decisions/enlarged.md).
+FOR_EDGES = 1.4
+SLOPES = 1.5, 12.0  # least and largest plausible slope in dB for each doubling
+
 
 class Cap(NamedTuple):
     """The largest count, and the stop reason when it is reached."""
 
-    gaussians: int
+    gaussians: float
     name: str
 
 
 def fewest(first: Cap, *others: Cap) -> Cap:
     """Return the smallest of these caps, the first of equal ones."""
-    return min((first, *others), key=lambda cap: cap.gaussians)
+    return min((first, *others), key=attrgetter("gaussians"))
 
 
 class Limits(DensificationPolicy):
-    """A policy that doubles the count in each round, until a limit is met.
+    """A policy that doubles the count in each round until a limit is met, and corrects it after.
 
     If a doubling gains s dB, a kilobyte gains s / (n ln 2 kilobytes) dB at n Gaussians: growth
     aims at the n where that falls to the preset's gain. It continues beyond while the gains of
@@ -78,45 +117,41 @@ class Limits(DensificationPolicy):
     everything. For the same reason growth that does not pay at a small count leaps once to a
     fourth of the cap, and returns if that did not pay either.
 
-    cap          the largest count without limits of bytes and of seconds
-    expected     count of a fit that is limited by time alone, else None
-    slope        dB a doubling
-    is_additive  whether the fit is one before that of the file, which tells no bytes
+    expected     largest count that the fit may end with, as far as it is known before
+    slope        dB gained by a doubling
+    is_additive  whether the fit is the one before that of the file, which tells no bytes
     """
 
     def __init__(self, plan: Plan, exporter: Exporter, budget: TimeBudget, pixels: int) -> None:
         self._plan, self._exporter, self._budget = plan, exporter, budget
-        aim = plan.aim
+        goal, aim = plan.goal, plan.aim
         usual = presets.BYTES_IN_INKS if plan.in_inks else presets.USUAL_BYTES
         self._bytes_each = usual * (presets.GZIPPED_SHARE if plan.counts_gzipped else 1.0)
         self._bytes_known = False
-        gain, self._psnr, self._psnr_named = plan.preset.gain, plan.enough, "enough"
-        if plan.goal.count is None:
-            each = PIXELS_EACH_OF_BUDGET if plan.is_budget else PIXELS_EACH
-            self.cap = Cap(min(plan.preset.cap, max(1, pixels // each)), "cap")
-            most = max(self.cap.gaussians, min(presets.CAP_FOR_TARGET, pixels))
-        else:
-            gain, self._psnr = 0.0, math.inf
-            self.cap, most = Cap(plan.goal.count, "gaussians"), plan.goal.count
-        self._cap_for_target = Cap(most, self.cap.name)
-        if (
-            plan.goal.byte_limit is not None or aim is not None
-        ):  # the best, not what is worth its bytes
-            gain = 0.0
-        if aim is not None and aim.slope is None:  # that of the growth, which can aim at it
-            self._psnr = aim.value + aim.over + 10 * math.log10(1 + WRITING_LOSS)
-            self._psnr_named, self.cap = aim.name, self._cap_for_target
+        each = PIXELS_EACH_OF_BUDGET if plan.is_budget else PIXELS_EACH
+        self._cap = Cap(min(plan.preset.cap, max(1, pixels // each)), "cap")
+        self._cap_for_target = Cap(
+            max(self._cap.gaussians, min(presets.CAP_FOR_TARGET, pixels)), "cap"
+        )
+        self._psnr = Cap(plan.stop_psnr, "enough")
+        if goal.count is not None:
+            self._cap = self._cap_for_target = Cap(goal.count, "gaussians")
+            self._psnr = Cap(math.inf, "enough")
+        if aim is not None and aim.search.slope is None:  # that of the growth, which can aim at it
+            writing = 10 * math.log10(1 + WRITING_LOSS)
+            self._psnr = Cap(aim.value + aim.search.over + writing, aim.name)
+            self._cap = self._cap_for_target
         # Else growth ends at what the preset calls enough, and corrections find the score.
-        self._price = gain * (usual / 1000)  # dB that each Gaussian must gain
-        self._allowed, self._first = self.cap, FIRST_ROUND
-        self.expected: int | None = None
+        by_gain = goal.count is None and goal.byte_limit is None and aim is None
+        # dB that each Gaussian must gain, unless the best is wanted.
+        self._price = plan.preset.gain * (usual / 1000) if by_gain else 0.0
+        self.expected, first = int(self._cap.gaussians), FIRST_ROUND
         if plan.only_time_limits:
-            self.expected = min(self.cap.gaussians, budget.most_gaussians(0, 0.0))
-            self._allowed = Cap(self.expected, self.cap.name)
-            self._first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
+            self.expected = int(min(self.expected, budget.most_gaussians(0.0)))
+            first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
+        self._allowed, self._first = Cap(self.expected, self._cap.name), first
         # One more for the leap.
-        doublings = math.log2(max(self._allowed.gaussians, 1) / self._first)
-        self.rounds = max(1, math.ceil(doublings) + 2)
+        self.rounds = max(1, math.ceil(math.log2(max(self.expected, 1) / first)) + 2)
         self.stop_reason = "cap"
         self.slope = 3.0
         self.is_additive = plan.options.svg.portable
@@ -126,13 +161,18 @@ class Limits(DensificationPolicy):
 
     def grow(self, now: Snapshot) -> int:
         """Return twice the count, or less if a limit allows less."""
-        self._revise(now)
+        in_time = math.inf
+        if self._plan.only_time_limits:
+            in_time = self._budget.most_gaussians(now.done)
+        elif now.late:
+            in_time = max(now.count, 1)
+        self._allow(now, in_time)
         last, self._last = self._last, now
         converged = now.psnr
         if last is not None:
             converged += CONVERGES_AFTER_ROUND * _converging(now)
             self._learn(now, last)
-        wanted = self._wanted(now.count, converged)
+        wanted, self.stop_reason = self._wanted(now.count, converged)
         if self.stop_reason == "gain" and wanted < LEAST_ROUND * now.count:
             if last is not None and last == self._before_leap:
                 self._paying = last.count
@@ -140,71 +180,61 @@ class Limits(DensificationPolicy):
             leap = self._allowed.gaussians // 4
             if self._before_leap is None and leap > LEAP * now.count:
                 self._before_leap = now
-                return leap
+                return int(leap)
         if wanted < LEAST_ROUND * now.count or not wanted:
             return now.count
         return min(math.ceil(wanted), max(2 * now.count, self._first))
 
     def adjust(self, now: Snapshot) -> int:
         """Return more or fewer if the extrapolated PSNR or file size is off the limits."""
-        self._revise(now)
+        least, most = (1 - MOST_CHANGE) * now.count, (1 + MOST_CHANGE) * now.count
+        in_time = max(TOO_MANY * self._budget.most_gaussians(now.done), least)
+        if self._plan.only_time_limits:
+            in_time = min(in_time, now.count)
+        self._allow(now, in_time)
         rate = min(CONVERGES_AFTER.items(), key=lambda item: abs(item[0] - now.done))[1]
-        wanted = self._wanted(now.count, now.psnr + rate * _converging(now))
+        psnr = now.psnr + rate * _converging(now)
+        wanted, self.stop_reason = self._wanted(now.count, psnr)
         if abs(wanted - now.count) <= LEAST_CHANGE * now.count:
             return now.count
-        bounds = (1 - MOST_CHANGE) * now.count, (1 + MOST_CHANGE) * now.count
-        return min(math.ceil(min(max(wanted, bounds[0]), bounds[1])), self._allowed.gaussians)
+        return int(min(math.ceil(min(max(wanted, least), most)), self._allowed.gaussians))
 
     def most(self, now: Snapshot) -> int:
-        """Return the largest number that the limits allow."""
-        self._revise(now)
-        return self._allowed.gaussians
+        """Return the largest number that fits into the bytes and can be written in time."""
+        # Growth beside a target or a preset has not asked for the time.
+        done, colors = (1.0, False) if self._plan.only_time_limits else (now.done, True)
+        self._allow(now, self._budget.most_gaussians(done, colors))
+        return int(self._allowed.gaussians)
 
     def least_gain(self) -> float:
         """Return the gain in dB that the bytes of a Gaussian must bring."""
         return self._price
 
-    def allow_for_target(self) -> None:
-        """Let corrections exceed the preset's cap, which is of what is worth its bytes."""
-        if self.cap.name == "cap" and self._plan.aim is not None:
-            self.cap = self._cap_for_target
-
-    def within_bytes(self, now: Snapshot, size: int | None = None) -> Cap:
-        """Return the largest count so far, or the one that fills the limit of bytes.
-
-        Before the last steps it is a little more than that, because some shapes go.
-        size  bytes of the scene's file, once it has been written
-        """
-        limit, exporter = self._plan.goal.byte_limit, self._exporter
+    def _allow(self, now: Snapshot, in_time: float) -> None:
+        """Set the largest count, by the bytes of the shapes so far and by the count `in_time`."""
+        if self.is_additive:
+            return
+        limit, refining = self._plan.goal.byte_limit, now.done > schedule.GROWTH_SHARE
+        self._allowed = fewest(self._cap, Cap(in_time, "time_limit"))
         if limit is None:
-            return self.cap
-        refining = now.done > schedule.GROWTH_SHARE
+            return
         share = OVERFILL_REFINING if refining else OVERFILL_GROWING
         if now.done >= schedule.QUANTIZED_FROM:
             share = 1 + SPARE / math.sqrt(max(now.count, 1))
-        if now.done >= 1 or self._plan.aim is not None:  # what is over is not pruned
+        if self._plan.aim is not None:  # what is over is not pruned
             share = 1.0
-        room = max(limit * share - exporter.empty_bytes, 0)
-        known = self._bytes_known and not refining
-        if now.count >= (1 if refining else LEAST_MEASURED) and not known:
+        if refining or (now.count >= LEAST_MEASURED and not self._bytes_known):
             self._bytes_known = True
             saved = BYTES_SAVED * (1 - now.done) if refining else 0.0
-            each = exporter.bytes_each(now.scene(), now.psnr, room, size)
-            self._bytes_each = (1 - saved) * each
-        return fewest(self.cap, Cap(int(room / self._bytes_each), "max_bytes"))
+            scene, written = self._exporter.formatted(now.scene(), now.psnr)
+            size = max(share * limit - self._exporter.empty_bytes, 0)
+            self._bytes_each = (1 - saved) * self._exporter.bytes_each(scene, written, size)
+        self._allowed = fewest(self._allowed, self._in_bytes(share * limit))
 
-    def _revise(self, now: Snapshot) -> None:
-        """Set the largest count by the bytes and the time."""
-        if self.is_additive:
-            return
-        self._allowed = cap = self.within_bytes(now)
-        if self._budget.deadline is not None:
-            most = cap.gaussians
-            if self._plan.only_time_limits:
-                most = self._budget.most_gaussians(now.count, now.done)
-            elif now.late:
-                most = max(now.count, 1)
-            self._allowed = fewest(cap, Cap(most, "time_limit"))
+    def _in_bytes(self, size: float) -> Cap:
+        """Return the count that fills so many bytes."""
+        shapes = max(size - self._exporter.empty_bytes, 0)
+        return Cap(int(shapes / self._bytes_each), "max_bytes")
 
     def _learn(self, now: Snapshot, last: Snapshot) -> None:
         """Extrapolate from the last round to the rounds to come."""
@@ -225,20 +255,150 @@ class Limits(DensificationPolicy):
         if doublings > WHOLE_ROUND:  # a smaller one gains more by convergence
             self.slope = min(max(rise, FLATTEST), STEEPEST)
 
-    def _wanted(self, count: int, converged: float) -> float:
-        """Return the smallest count that a limit allows, and set `stop_reason` to that limit."""
-        if converged >= self._psnr and not count:
-            self.stop_reason = self._psnr_named
-            return 0
-        lacking = self._psnr - converged
-        needed = count * 2 ** min(lacking / self.slope, 60.0) if count else math.inf
-        wanted, self.stop_reason = min(
-            (needed, self._psnr_named),
-            (float(self._allowed.gaussians), self._allowed.name),
-            (self._paying, "gain"),
-        )
+    def _wanted(self, count: int, converged: float) -> Cap:
+        """Return the smallest count that a limit allows, and that limit."""
+        psnr, name = self._psnr
+        if not count:
+            return Cap(0, name) if converged >= psnr else self._allowed
+        needed = count * 2 ** min((psnr - converged) / self.slope, 60.0)
+        return fewest(Cap(needed, name), self._allowed, Cap(self._paying, "gain"))
+
+    def corrected(self, count: int, exports: Sequence[Export]) -> int:
+        """Return the count of the next export, the present one if no correction is needed.
+
+        Set `stop_reason` to the limit that decides.
+        """
+        last, aim, limit = exports[-1], self._plan.aim, self._plan.goal.byte_limit
+        cap = self._cap if aim is None else self._cap_for_target
+        # Fewer would not take less time, for they are fitted and written again.
+        in_time = max(self._budget.most_gaussians(1.0), count)
+        cap = fewest(cap, Cap(in_time, "time_limit"))
+        if limit is not None:
+            if count:
+                size = max(limit - self._exporter.empty_bytes, 0)
+                self._bytes_each = self._exporter.bytes_each(last.scene, last.format, size)
+            cap = fewest(cap, self._in_bytes(limit))
+        if not count:
+            lacks = aim is not None and not aim.reached(last.score)
+            return int(min(FIRST_ROUND, cap.gaussians)) if lacks else 0
+        if limit is not None and last.size > limit:
+            is_pruned = last.size <= TOO_LARGE * limit
+            if not is_pruned or aim is None:
+                self.stop_reason = "max_bytes"
+                return count if is_pruned else min(_filling(limit, cap, exports), count - 1)
+        if aim is not None:
+            wanted = self._aimed(aim, count, cap, exports)
+        elif limit is not None:
+            wanted = self._filled(limit, count, cap, exports)
+        else:
+            wanted = self._enough(count, cap, exports)
+        if abs(wanted - count) <= SAME * count:
+            return count
+        if self._budget.is_over:
+            self.stop_reason = "time_limit"
+            return count
         return wanted
+
+    def _aimed(self, aim: Aim, count: int, cap: Cap, exports: Sequence[Export]) -> int:
+        """Return the count for a target."""
+        over, search = exports[-1].score - aim.value, aim.search
+        if -search.too_little <= over <= search.too_good:
+            return count
+        missing = (search.over - over) / self._slope(exports)
+        return int(min(round(count * 2 ** max(min(missing, 2.0), -2.0)), cap.gaussians))
+
+    def _filled(self, limit: int, count: int, cap: Cap, exports: Sequence[Export]) -> int:
+        """Return the count for a limit of bytes: as many as it allows, until no more show."""
+        last, share = exports[-1], FULL if len(exports) < 2 else NEARLY_FULL
+        if last.size > share * limit or last.model >= self._plan.stop_psnr:
+            return count
+        wanted = min(4 * count, _filling(limit, cap, exports))
+        if wanted > count:
+            self.stop_reason = cap.name
+        return wanted
+
+    def _enough(self, count: int, cap: Cap, exports: Sequence[Export]) -> int:
+        """Return the count for the preset's PSNR."""
+        missing = self._plan.stop_psnr - exports[-1].model
+        given = self._plan.is_budget or self._plan.goal.count is not None
+        too_few = missing > 0 and self.stop_reason != "enough"
+        if given or too_few or -FAR_MORE <= missing <= LESS_THAN_ENOUGH:
+            return count
+        needed = count * 2 ** max(min(missing / self._slope(exports), 2.0), MOST_REDUCED)
+        if self._plan.covering:  # what a fit loses where soft shapes become edges, few regain
+            cap = fewest(cap, Cap(math.ceil(FOR_EDGES * len(exports[0].scene)), "gain"))
+        if missing < 0:
+            needed = max(needed, min(count, FEW))
+        self.stop_reason = "enough" if needed < cap.gaussians else cap.name
+        return int(min(math.ceil(needed), cap.gaussians))
+
+    def _slope(self, exports: Sequence[Export]) -> float:
+        """Score gained per doubling, by the last two exports or by the growth.
+
+        Without an aim the score is PSNR in dB.
+        """
+        search = None if self._plan.aim is None else self._plan.aim.search
+        slope = self.slope if search is None or search.slope is None else search.slope
+        least, most = SLOPES if search is None else search.slopes
+        if len(exports) >= 2:
+            before, last = exports[-2:]
+            doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
+            rise = last.model - before.model if search is None else last.score - before.score
+            if abs(doublings) > TELLING and rise / doublings > 0:  # else fits scatter or diverge
+                slope = rise / doublings
+        return min(max(slope, least), most)
+
+    def best(self, exports: Sequence[Export]) -> Export:
+        """Return the smallest file that meets every target, else the nearest one."""
+        aim, limit = self._plan.aim, self._plan.goal.byte_limit or math.inf
+        tolerated = limit if aim is not None else TOO_LARGE * limit  # pruned to it
+        small = [e for e in exports if e.size <= tolerated]
+        if not small:
+            return min(exports, key=attrgetter("size"))
+        if aim is not None:
+            by = aim.search
+            return _nearest(small, lambda e: e.score - aim.value, by.tolerance, by.too_good)
+        if self._plan.goal.count is not None or limit < math.inf or self._plan.is_budget:
+            # What is pruned to its bytes loses some dB for each halving of them.
+            return max(small, key=lambda e: e.model - PRUNED * math.log2(max(e.size / limit, 1)))
+        stop_psnr = self._plan.stop_psnr
+        return _nearest(small, lambda e: e.model - stop_psnr, LESS_THAN_ENOUGH, FAR_MORE)
+
+    def ended_by(self, best: Export) -> str:
+        """Return the limit that allows no better file."""
+        aim, limit = self._plan.aim, self._plan.goal.byte_limit or math.inf
+        by_bytes = aim is not None and self.stop_reason == "max_bytes"
+        if best.size > BOUND * limit or by_bytes:
+            return "max_bytes"
+        if aim is None or not len(best.scene):
+            return self.stop_reason
+        # Whatever ended the growth, corrections did not reach the target.
+        count, name = self._cap_for_target
+        return name if len(best.scene) > AT_THE_CAP * count else "iterations"
 
 
 def _converging(now: Snapshot) -> float:
     return max(now.psnr - CONVERGES_ABOVE, 0.0)
+
+
+def _filling(limit: int, cap: Cap, exports: Sequence[Export]) -> int:
+    """Return the count that fills the limit of bytes, between files on both sides of it."""
+    size = attrgetter("size")
+    below = max((e for e in exports if e.size <= limit), key=size, default=None)
+    above = min((e for e in exports if e.size > limit), key=size, default=None)
+    if below is None or above is None or len(below.scene) >= len(above.scene):
+        return int(cap.gaussians)
+    share = (limit - below.size) / (above.size - below.size)
+    return int(len(below.scene) + share * (len(above.scene) - len(below.scene)))
+
+
+def _nearest(
+    exports: Sequence[Export], over: Callable[[Export], float], little: float, much: float
+) -> Export:
+    """Return the smallest file of those that are `little` under the goal to `much` over it.
+
+    Otherwise the smallest of those beyond, otherwise the nearest one below.
+    """
+    good = [e for e in exports if over(e) >= -little]
+    close = [e for e in good if over(e) <= much]
+    return min(close or good, key=attrgetter("size")) if good else max(exports, key=over)

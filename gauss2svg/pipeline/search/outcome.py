@@ -1,27 +1,37 @@
-"""What a search is given, what it ends with, and which of several outcomes is the best."""
+"""What a search is given, scenes as they are written and scored, and what a search ends with."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Protocol, Self
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
-from gauss2svg.fit.options import FitProgress, FitResult, Tune
+from gauss2svg.errors import refusal
+from gauss2svg.fit.options import PERCEPTUAL, FitResult, Tune
 from gauss2svg.fit.target import Target, TargetPyramid
 from gauss2svg.measure.metrics import mean_squared_error
-from gauss2svg.measure.roundtrip import RoundTrip
-from gauss2svg.photo.alpha import stacked
+from gauss2svg.measure.metrics import psnr as pixel_psnr
+from gauss2svg.measure.roundtrip import RoundTrip, model_psnr
+from gauss2svg.photo.alpha import has_alpha, shrunk, stacked
 from gauss2svg.photo.photo import Photo
-from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.time_budget import TimeBudget
+from gauss2svg.pipeline.memory_budget import measured_size
+from gauss2svg.pipeline.palette import quantize, with_plain_edges
+from gauss2svg.pipeline.plan import Aim, Plan
 from gauss2svg.raster import rasterize_like
+from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
-from gauss2svg.svg.document import PHOTO_SIZE, Document, SvgFormat
+from gauss2svg.svg.document import MINIMAL, PHOTO_SIZE, Document, SvgFormat
+from gauss2svg.svg.file import file_bytes
+from gauss2svg.svg.minimal import minimal_svg
+from gauss2svg.svg.minimal_shapes import FADING, HEX_DIGITS, MOST_MASKED
+from gauss2svg.svg.plain_ellipse import is_plain
+from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +52,7 @@ class Subject:
 
     @classmethod
     def of(cls, photo: NDArray[np.float32], canvas: tuple[int, int] | None = None) -> Self:
-        """A photo that is fitted as it is, by default to a file of its own size."""
+        """Return a photo that is fitted as it is, by default to a file of its own size."""
         return cls(photo, photo, canvas or photo.shape[1::-1])
 
     @property
@@ -51,14 +61,24 @@ class Subject:
         return self.working.shape[1::-1]
 
     def targets(self, tune: Tune) -> TargetPyramid:
-        """The working image as targets of a fit, whose weight maps are computed once."""
+        """Return the working image as targets of a fit, whose weight maps are computed once."""
         if tune not in self._targets:
             self._targets[tune] = TargetPyramid(self.working, tune)
         return self._targets[tune]
 
     def target(self, tune: Tune) -> Target:
-        """The working image at its own size."""
+        """Return the working image at its own size as a target."""
         return self.targets(tune).reduced(1)
+
+    def by_use(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
+        """Return the indices of a scene's shapes, the most useful ones first.
+
+        Useful are those whose removal would raise the weighted error against the working image.
+        """
+        target = self.target(tune)
+        scale = target.width / scene.width, target.height / scene.height
+        cost = target.removal_cost(splats_of(scene, scale, covering))[1][:, 0]
+        return np.argsort(-cost, kind="stable")
 
     def release(self) -> None:
         """Free what fits needed, once there is none to come."""
@@ -71,25 +91,177 @@ def document_for(photo: Photo, document: Document) -> Document:
     Raise InputError for a photo without a resolution, or a size that makes a side 0.
     """
     if document.size == PHOTO_SIZE:
-        document = dataclasses.replace(document, size=_printed_width(photo))
+        across, down = photo.dpi or (math.nan, math.nan)
+        # Rounded resolutions of square pixels differ by less than a hundredth.
+        if not abs(across / down - 1) <= 0.01:
+            lacking = f"whose pixels are not square ({across:g}x{down:g} dpi)"
+            lacking = "without a resolution tag" if photo.dpi is None else lacking
+            raise refusal("size", f"a width for a photo {lacking}", repr(PHOTO_SIZE), "120mm")
+        width = round(photo.full[0] / across * 25.4, 3)
+        document = dataclasses.replace(document, size=f"{width:g}mm")
     document.sides(*photo.full)
     return document
 
 
-def _printed_width(photo: Photo) -> str:
-    """Width in mm, by the photo's resolution tag."""
-    if photo.dpi is None:
-        raise InputError(
-            "size must be a width for a photo without a resolution tag; got 'photo'. Try 120mm"
+FILLED = 0.995  # share of a limit of bytes from which a file needs no more Gaussians
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """A quantised scene on the file's canvas, and its SVG.
+
+    model  PSNR (dB) against the working image: of the scene itself, and of the rasterised SVG where
+           the plan is covering, for there the falloffs of the scene are not what was fitted
+    score  of the rasterised SVG by the plan's aim; NaN if it was not rasterised
+    """
+
+    scene: Scene
+    svg: str
+    format: SvgFormat
+    document: Document
+    gzipped: bool
+    model: float
+    score: float
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return len(file_bytes(self.svg, self.gzipped))
+
+    def pruned_to(self, limit: int, empty: int, order: NDArray[np.intp]) -> Export:
+        """Return the export with as many Gaussians as `limit` bytes allow, the first of an order.
+
+        They are not refined. A file without any Gaussians has `empty` bytes.
+        """
+        if self.size <= limit or not len(self.scene):
+            return self
+        # Count and bytes, on both sides.
+        fewer, more = (0, empty), (len(self.scene), self.size)
+        best = None
+        while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
+            share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
+            kept = int(fewer[0] + share * (more[0] - fewer[0]))
+            kept = min(max(kept, fewer[0] + (best is not None)), more[0] - 1)
+            export = self._of(order[:kept])
+            if export.size > limit and kept:
+                more = kept, export.size
+            else:
+                fewer, best = (kept, export.size), export
+        return best
+
+    def _of(self, index: NDArray[np.intp]) -> Export:
+        """Return the export of some of the Gaussians, not rasterised."""
+        scene = in_file_order(self.scene.select(np.sort(index)), self.format, self.document)
+        svg = ordered_svg(scene, self.format, self.document)
+        return dataclasses.replace(self, scene=scene, svg=svg, score=math.nan)
+
+
+class Exporter:
+    """Writes scenes of the working canvas as files of the photo's size, and scores them.
+
+    With `full_size` they are scored at the size that they have without it, because each score
+    would take seconds.
+    """
+
+    def __init__(self, plan: Plan, subject: Subject) -> None:
+        self._plan, self._subject = plan, subject
+        self._gzipped, self._scored = plan.counts_gzipped, subject.photo
+        if plan.options.run.full_size:
+            width, height = measured_size(subject.photo.shape[1::-1], subject.size)
+            self._scored = shrunk(subject.photo, height, width, sharp=True)
+        self._last: tuple[str, NDArray[np.float32]] | None = None  # an SVG, and its raster
+        self.highest_psnr = -math.inf  # dB of the scenes that were quantised for their files
+
+    def quantized(self, scene: Scene, psnr: float | None) -> Scene:
+        """Return the scene on the file's canvas, with the colours and exponents of its file.
+
+        psnr  of the scene in dB, None where it has been quantised before
+        """
+        if psnr is not None and self._plan.covering:
+            scene = with_plain_edges(scene)
+        error = None if psnr is None else 10 ** (-psnr / 10)
+        plan, subject, (width, height) = self._plan, self._subject, self._subject.canvas
+        fit_width, fit_height = subject.size
+        scaled = scene.scaled(width / fit_width, height / fit_height)
+        return quantize(
+            scaled.replace(width=width, height=height),
+            plan.svg_format.form,
+            *plan.quantization(len(scene), error),
+            # A fit for perception weights the errors of colours as well.
+            subject.target(plan.tune).weight if plan.tune == PERCEPTUAL else None,
         )
-    across, down = photo.dpi
-    # Rounded resolutions of square pixels differ by less than a hundredth.
-    if abs(across / down - 1) > 0.01:
-        raise InputError(
-            f"size must be a width for a photo whose pixels are not square ({across:g}x{down:g} "
-            "dpi); got 'photo'. Try 120mm"
-        )
-    return f"{round(photo.full[0] / across * 25.4, 3):g}mm"
+
+    def as_written(self, scene: Scene, psnr: float) -> Scene:
+        """Return the scene of `quantized` on the working canvas, for the last steps of a fit.
+
+        Its PSNR chooses the format of its file. What was worth its bytes once stays so in later
+        fits, or their sizes would not compare.
+        """
+        written = self.quantized(scene, psnr)
+        self.highest_psnr = max(self.highest_psnr, psnr)
+        return written.scaled(scene.width / written.width, scene.height / written.height)
+
+    def formatted(self, scene: Scene, psnr: float) -> tuple[Scene, SvgFormat]:
+        """Return the scene of `quantized`, and the format of its file."""
+        return self.quantized(scene, psnr), self._plan.format_at(max(psnr, self.highest_psnr))
+
+    def bytes_each(self, quantized: Scene, written: SvgFormat, size: float) -> float:
+        """Return the mean bytes of a shape where shapes like these of a file fill `size` bytes.
+
+        A minimal file draws the first MOST_MASKED soft shapes under masks, which are short. The
+        more there are beyond these, the more of all are drawn by gradients.
+        """
+        documented, count = self._subject.document, max(len(quantized), 1)
+
+        def each(svg: str) -> float:
+            return max(len(file_bytes(svg, self._gzipped)) - self.empty_bytes, 1) / count
+
+        if written.markup != MINIMAL:
+            return each(write_svg(quantized, written, documented))
+        masked, by_gradients = (
+            each(
+                minimal_svg(
+                    quantized, written.precision, HEX_DIGITS[-1], documented, stops=written.stops,
+                    opacity_decimals=written.opacity_decimals, masked=masked,
+                )
+            )
+            for masked in (True, False)
+        )  # fmt: skip
+        soft = max(np.count_nonzero(~is_plain(quantized)), 1) / count
+        most, more = MOST_MASKED / soft, (1 + 1 / FADING) * MOST_MASKED / soft
+        low, high = most * masked, more * by_gradients
+        if not low < size < high:
+            return masked if size <= low else by_gradients
+        return size / (most + (more - most) * (size - low) / (high - low))
+
+    @cached_property
+    def empty_bytes(self) -> int:
+        """Bytes of a file without Gaussians."""
+        empty = Scene(*self._subject.canvas, transparent=has_alpha(self._subject.photo))
+        svg = write_svg(empty, self._plan.svg_format, self._subject.document)
+        return len(file_bytes(svg, self._gzipped))
+
+    def export(self, scene: Scene) -> Export:
+        """Return a scene of the working canvas as it would be written, and its scores."""
+        plan, working, document = self._plan, self._subject.working, self._subject.document
+        # Colours are in the palette already, except those of ellipses that are no longer plain.
+        written = plan.format_at(self.highest_psnr)
+        exact = in_file_order(self.quantized(scene, None), written, document)
+        svg = ordered_svg(exact, written, document)
+        score = math.nan
+        if plan.aim is not None:
+            score = plan.aim.score(self.raster(svg, self._scored), self._scored)
+        if plan.covering:
+            model = pixel_psnr(stacked(self.raster(svg, working)), stacked(working))
+        else:
+            model = model_psnr(scene, working)
+        return Export(exact, svg, written, document, self._gzipped, model, score)
+
+    def raster(self, svg: str, image: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return an SVG rasterised like an image, without drawing the last one again."""
+        if self._last is None or self._last[0] != svg or self._last[1].shape != image.shape:
+            self._last = svg, rasterize_like(svg, image, self._plan.options.run.renderer)
+        return self._last[1]
 
 
 # PSNR in dB up to which differences of a drawing can be seen at its own size
@@ -104,9 +276,9 @@ class Outcome:
     plan         of its search
     subject      of its search
     format       of its file
-    reached      its score, by the plan's aim; None without one
     corrections  how often the count was changed after the fit
     enlarged     the drawing enlarged, with which files are compared too; None for other pictures
+    reached      score of its file by the aim of the run, NaN where it is not measured
     """
 
     plan: Plan
@@ -114,65 +286,64 @@ class Outcome:
     scene: Scene
     svg: str
     format: SvgFormat
-    reached: float | None
     fitted: FitResult
     measured: RoundTrip
     corrections: int
     enlarged: NDArray[np.float32] | None = None
+    reached: float = math.nan
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file that a limit counts."""
+        measured = self.measured
+        return measured.svgz_bytes if self.plan.counts_gzipped else measured.svg_bytes
 
 
-class Search(Protocol):
-    """One way to carry out a plan."""
-
-    def run(self) -> Outcome:
-        """The best of what the search finds."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Watch:
-    """What watches a search: the clock, who sees its progress, and who may stop it.
-
-    report  called with "additive", "fit", "correct", "write" or "measure", and the progress of the
-            fit
-    stop    polled at every step; True ends the search with the best so far
-    """
-
-    budget: TimeBudget = field(default_factory=TimeBudget)
-    report: Callable[[str, FitProgress | None], None] = lambda phase, fitting: None
-    stop: Callable[[], bool] = lambda: False
-
-
-def best_of(searches: Iterable[Search]) -> Outcome:
+def best_of(
+    searched: Iterable[Outcome], aim: Aim | None = None, limit: float = math.inf
+) -> Outcome:
     """Return the closest outcome, with the costs of all.
 
-    Photos are compared at the size at which they are measured. Drawings are compared so up to
-    SEEN_UP_TO, and enlarged beyond it. Each search begins when the one before has run, and none
-    once one has been interrupted or has a drawing that close, for only its shapes are crisp.
+    Files of an aim are compared by their scores, and none is looked for once one of at most `limit`
+    bytes reaches it. Photos are compared at the size at which they are measured. Drawings are
+    compared so up to SEEN_UP_TO, and enlarged beyond it. No outcome is asked for once one has been
+    interrupted or has a drawing that close, for only its shapes are crisp.
     """
     outcomes: list[Outcome] = []
-    for search in searches:
-        outcomes.append(search.run())
-        del search  # its fit takes memory, which the next one needs
-        last = outcomes[-1]
+    is_met = False
+    for last in searched:
+        if aim is not None and math.isnan(last.reached):
+            reached = aim.score(last.measured.raster, last.subject.photo)
+            last = dataclasses.replace(last, reached=reached)
+        outcomes.append(last)
+        is_met = aim is not None and aim.reached(last.reached) and last.size <= limit
         is_close = last.enlarged is not None and last.measured.psnr_lowest >= SEEN_UP_TO
-        if is_close or last.fitted.stop_reason == "interrupted":
+        if is_met or is_close or last.fitted.stop_reason == "interrupted":
             break
     best = max(outcomes, key=lambda one: one.measured.psnr_lowest)
     large = next((one.enlarged for one in outcomes if one.enlarged is not None), None)
-    if large is not None and len(outcomes) > 1:
+    if aim is not None:
+        best = max(outcomes, key=lambda one: (one.size <= limit, one.reached))
+    elif large is not None and len(outcomes) > 1:
         best = max(
             outcomes,
-            key=lambda one: (min(one.measured.psnr_lowest, SEEN_UP_TO), -_error(one, large)),
+            key=lambda one: (
+                min(one.measured.psnr_lowest, SEEN_UP_TO),
+                -raster_error(one.svg, large, one.plan.options.run.renderer),
+            ),
         )
-    fitted, last = best.fitted, outcomes[-1].fitted.stop_reason
+    fitted, reason = best.fitted, best.fitted.stop_reason
+    if outcomes[-1].fitted.stop_reason == "interrupted":
+        reason = "interrupted"
+    if aim is not None and is_met:
+        reason = aim.name
     for other in outcomes:
         if other is not best:
-            ended = "interrupted" if last == "interrupted" else fitted.stop_reason
-            fitted = fitted.after(other.fitted, ended)
-    return dataclasses.replace(best, fitted=fitted)
+            fitted = fitted.after(other.fitted, reason)
+    return dataclasses.replace(best, fitted=dataclasses.replace(fitted, stop_reason=reason))
 
 
-def _error(outcome: Outcome, picture: NDArray[np.float32]) -> float:
-    raster = rasterize_like(outcome.svg, picture, outcome.plan.options.run.renderer)
+def raster_error(svg: str, picture: NDArray[np.float32], renderer: str) -> float:
+    """Return the mean squared error of a file, over both backdrops where a picture has alpha."""
+    raster = rasterize_like(svg, picture, renderer)
     return mean_squared_error(stacked(raster), stacked(picture))

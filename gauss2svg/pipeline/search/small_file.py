@@ -11,32 +11,21 @@ rounding the geometry costs (docs/decisions/small.md).
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
 from gauss2svg.fit.losses import psnr_of
-from gauss2svg.measure.metrics import mean_squared_error
-from gauss2svg.photo.alpha import BACKDROPS, has_alpha, shrunk, stacked, views
+from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
 from gauss2svg.pipeline.palette import best_palette
-from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Subject
-from gauss2svg.raster import rasterize_like
-from gauss2svg.render import render, render_rgba
-from gauss2svg.render.cpu import splats_of
+from gauss2svg.pipeline.search.outcome import SEEN_UP_TO
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import coverage, cut_radius, profile
-from gauss2svg.svg.blur import with_falloffs
-from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
-from gauss2svg.svg.minimal_shapes import HEX_DIGITS
-from gauss2svg.svg.plain_ellipse import drawn_beta, plain_radius
+from gauss2svg.svg.minimal import minimal_rounded, whole_unit
+from gauss2svg.svg.plain_ellipse import plain_radius
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -82,159 +71,30 @@ def closeness(file: SmallFile) -> tuple[float, ...]:
     return min(psnr_of(file.error), SEEN_UP_TO), gain, -file.size
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """A fit: how it begins, what shapes it has, and how its file is written.
+def flat_scene(
+    photo: NDArray[np.float32], canvas: tuple[int, int], digits: int
+) -> tuple[Scene, float]:
+    """Return a scene without Gaussians of a photo's mean colour, and the unit of its file."""
+    transparent = has_alpha(photo)
+    background = np.ones(3) if transparent else photo.mean(axis=(0, 1), dtype=np.float64)
+    scene, unit = (
+        Scene(*canvas, background=background, transparent=transparent),
+        whole_unit(*canvas),
+    )
+    return minimal_rounded(scene, unit, digits), unit
 
-    init, rate  placement and learning rate
-    exponents   of soft shapes; others are plain ellipses
-    each        bytes of a shape, until they are measured
-    grids       units to try, times UNITS_PER_ROOT
-    digits      of hex colours, 3 or 6, to try
-    shared      share of the squared error for which shapes get colours in common
+
+def unit_of(grid: float, count: int, canvas: tuple[int, int]) -> float:
+    """Return a unit in px for so many shapes, of which a finer grid has more along a side.
+
+    Both sides are whole numbers of it, so that the file needs no size, unless that takes many
+    more of them.
     """
-
-    init: str
-    rate: float
-    iterations: int
-    exponents: tuple[float, ...]
-    each: int
-    grids: tuple[float, ...]
-    digits: tuple[int, ...] = HEX_DIGITS
-    shared: float = 0.0
-
-
-class SmallFiles:
-    """Writes scenes as files of at most the bytes of a plan.
-
-    subject   its working picture is what files are compared with
-    count     bytes of a file's text; None: of the file itself
-    covering  whether plain ellipses are compared by how much of each pixel they cover
-    flat      the shortest file without Gaussians
-    large     the working picture enlarged, None if it is not known
-    Raises InputError where that has more bytes.
-    """
-
-    def __init__(
-        self,
-        plan: Plan,
-        subject: Subject,
-        count: Callable[[str], int] | None = None,
-        covering: bool = False,
-    ) -> None:
-        assert plan.goal.byte_limit is not None
-        self._bytes = count or (lambda svg: len(file_bytes(svg, plan.counts_gzipped)))
-        self._covering = covering
-        self.large: NDArray[np.float32] | None = None
-        self._planned: Subject | None = None  # by which colours are solved, if not by the subject
-        self._plan, self.subject, self._limit = plan, subject, plan.goal.byte_limit
-        self._flat = [self._flat_file(digits) for digits in HEX_DIGITS]
-        self.flat = min(self._flat, key=lambda file: file.size)
-        if self.flat.size > self._limit:
-            raise InputError(
-                f"max_bytes must be at least {self.flat.size}, the bytes of a file without "
-                f"Gaussians; got {self._limit}. Try {self.flat.size}"
-            )
-
-    def without_gaussians(self) -> SmallFile:
-        """The best file without Gaussians that fits."""
-        flat = [self.drawn(file) for file in self._flat if file.size <= self._limit]
-        return min(flat, key=lambda file: (file.error, file.size))
-
-    def bytes_of(self, scene: Scene) -> int:
-        """Bytes of a scene in units of its canvas and short colours."""
-        return self._bytes(minimal_svg(scene, 1, HEX_DIGITS[0], self.subject.document))
-
-    def drawn(self, file: SmallFile) -> SmallFile:
-        """Return the file with the error of its raster, and of its model enlarged.
-
-        A renderer would take seconds for the masks of an enlarged file.
-        """
-        working = self.subject.working
-        raster = rasterize_like(file.svg, working, self._plan.options.run.renderer)
-        file = dataclasses.replace(file, error=_error(raster, working))
-        if (large := self.large) is None:
-            return file
-        draw = render_rgba if has_alpha(large) else render
-        model = draw(file.scene, large.shape[1], large.shape[0], covering=self._covering)
-        return dataclasses.replace(file, enlarged_error=_error(model, large))
-
-    def enlarge(self, large: NDArray[np.float32], divisor: int) -> None:
-        """Compare files with an enlarged picture too, and solve colours on it, reduced so much."""
-        self.large = large
-        height, width = large.shape[:2]
-        picture = shrunk(large, height // divisor, width // divisor)
-        self._planned = dataclasses.replace(self.subject, working=picture)
-
-    def of(
-        self, fitted: Scene, recipe: Recipe, stop: Callable[[], bool]
-    ) -> tuple[SmallFile | None, tuple[int, int]]:
-        """The best file of a fitted scene by the model, and (count, bytes) before any was left out.
-
-        None where no Gaussian is left. stop is polled before each grid but the first.
-        """
-        planned = self._planned or self.subject
-        width, height = planned.size
-        scale = width / fitted.width, height / fitted.height
-        splats = splats_of(fitted, scale, self._covering)
-        cost = planned.target(self._plan.tune).removal_cost(splats)[1][:, 0]
-        order = np.argsort(-cost, kind="stable")
-        best, whole = None, (len(fitted), self.flat.size)
-        for grid in recipe.grids:
-            if best is not None and stop():
-                break
-            units = math.ceil(grid * UNITS_PER_ROOT * math.sqrt(max(len(fitted), 1)))
-            unit = self._unit(units)
-            for digits in recipe.digits:
-                file, size = self._pruned(fitted, order, unit, digits, recipe)
-                if best is None or (file is not None and file.error < best.error):
-                    best, whole = file, (len(fitted), size)
-        return best, whole
-
-    def _pruned(
-        self, fitted: Scene, order: NDArray[np.intp], unit: float, digits: int, recipe: Recipe
-    ) -> tuple[SmallFile | None, int]:
-        """The file of the first Gaussians of an order that fit, and the bytes of all of them."""
-        kept, whole, picture = len(fitted), 0, (self._planned or self.subject).working
-        while kept > 0:
-            scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
-            exact, error = recolored(scene, picture, digits, recipe.shared, self._covering)
-            file = self._file(exact, unit, digits, error)
-            whole = whole or file.size
-            if file.size <= self._limit:
-                return file, whole
-            each = max(recipe.each, (file.size - self.flat.size) / kept)
-            kept -= math.ceil((file.size - self._limit) / each)
-        return None, whole
-
-    def _file(self, scene: Scene, unit: float, digits: int, error: float) -> SmallFile:
-        svg = minimal_svg(scene, unit, digits, self.subject.document)
-        return SmallFile(svg, scene, error, self._bytes(svg))
-
-    def _flat_file(self, digits: int) -> SmallFile:
-        """A file without Gaussians, not yet drawn."""
-        photo, (width, height) = self.subject.photo, self.subject.canvas
-        transparent = has_alpha(photo)
-        background = np.ones(3) if transparent else photo.mean(axis=(0, 1), dtype=np.float64)
-        scene = Scene(width, height, background=background, transparent=transparent)
-        unit = whole_unit(width, height)
-        return self._file(minimal_rounded(scene, unit, digits), unit, digits, math.nan)
-
-    def _unit(self, units: int) -> float:
-        """A unit in px of which about so many are along the longest side.
-
-        Both sides are whole numbers of it, so that the file needs no size, unless that takes many
-        more of them.
-        """
-        width, height = self.subject.canvas
-        longest = max(width, height)
-        units = max(units, math.ceil(ACROSS * longest / min(width, height)))
-        unit = whole_unit(width, height, units)
-        return unit if longest / unit <= FINER * units else longest / units
-
-
-def _error(drawn: NDArray[np.float32], picture: NDArray[np.float32]) -> float:
-    return mean_squared_error(stacked(drawn), stacked(picture))
+    longest, shortest = max(canvas), min(canvas)
+    units = math.ceil(grid * UNITS_PER_ROOT * math.sqrt(max(count, 1)))
+    units = max(units, math.ceil(ACROSS * longest / shortest))
+    unit = whole_unit(*canvas, units)
+    return unit if longest / unit <= FINER * units else longest / units
 
 
 _LEAST_WEIGHT = 1e-9
@@ -247,25 +107,19 @@ DAMPING = 1e-6  # share of the diagonal that is added to it, for nearly hidden s
 
 
 def recolored(
-    scene: Scene,
-    pixels: NDArray[np.float32],
-    digits: int,
-    shared: float = 0.0,
-    covering: bool = False,
+    scene: Scene, pixels: NDArray[np.float32], digits: int, shared: float = 0.0
 ) -> tuple[Scene, float]:
     """The scene with the colours of least squared error, and that error per value.
 
     pixels  (h, w, 3) or (h, w, 4) float32 in 0..1, compared with the scene at this size
     digits  of hex colours, 3 or 6, that the colours are rounded to
     shared  share of the squared error that may be added so that shapes have colours in common
-    covering  whether plain ellipses count by how much of each pixel they cover, not by a falloff
-    A picture with alpha is compared over white and over black, and has no background. The error is
-    that of the model at pixel centres, or where it is covering by shares of pixels.
+    A picture with alpha is compared over white and over black, and has no background. Plain
+    ellipses count by how much of each pixel they cover, as in `render` with covering.
     """
     height, width = pixels.shape[:2]
-    weights, products = _weights(
-        scene.scaled(width / scene.width, height / scene.height), height, width, covering
-    )
+    scaled = scene.scaled(width / scene.width, height / scene.height)
+    weights, products = _weights(scaled, height, width)
     targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
     first = 0
     if has_alpha(pixels):  # what shows through the shapes is the backdrop, and given
@@ -295,9 +149,7 @@ def recolored(
     return scene.replace(background=color[0], color=color[1:]), error
 
 
-def _weights(
-    scene: Scene, height: int, width: int, covering: bool
-) -> tuple[csr_array, NDArray[np.float64]]:
+def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[np.float64]]:
     """(n + 1, h w) weight of each colour, that of the background first, and their products.
 
     The products (n + 1, n + 1) are sums over all pixels. The weights are sparse: few shapes show in
@@ -305,10 +157,7 @@ def _weights(
     """
     from scipy.sparse import csr_array  # a third of a second, for small files alone
 
-    covers = (scene.drawn == PLAIN) & covering
-    radius = cut_radius(scene.beta)
-    radius[covers] = plain_radius(scene.beta[covers])
-    scene = scene if covering else _antialiased(scene)
+    covers, radius = scene.drawn == PLAIN, plain_radius(scene.beta)
     reach = scene.sigma * cut_radius(scene.beta)[:, None] + covers[:, None]
     low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
     high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
@@ -338,14 +187,6 @@ def _weights(
         (np.concatenate(values), np.concatenate(pixels), starts), (len(values), height * width)
     )
     return weights, (weights @ weights.T).toarray()
-
-
-def _antialiased(scene: Scene) -> Scene:
-    """The scene with plain ellipses as their pixels' coverage has them, on a canvas in px."""
-    plain = scene.drawn == PLAIN
-    beta = scene.beta.copy()
-    beta[plain] = drawn_beta(scene, plain)
-    return with_falloffs(scene, beta)
 
 
 def _solved(
