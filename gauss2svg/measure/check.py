@@ -1,4 +1,4 @@
-"""How closely any SVG matches a photo: the numbers that `vectorize` reports."""
+"""Comparison of any SVG with a photo, by the scores that `vectorize` reports."""
 
 from __future__ import annotations
 
@@ -29,15 +29,16 @@ from gauss2svg.svg.source import BLANKS, SvgSource, from_root, read_source, stre
 from gauss2svg.svg.untrusted import Survey
 
 REFERENCE_SCALE = 4.0
-# Elements that have an effect in a web page and none on the raster. Browsers never draw animation
-# here, because gauss2svg.raster refuses it.
+# Elements that change a web page and not the raster. gauss2svg.raster refuses animation for
+# browsers, so they never draw it here.
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
 
 
 class Enlarged(NamedTuple):
-    """An SVG against what its photo was made from, larger than the photo, over white.
+    """Scores of an SVG against the source of its photo, larger than the photo, over white.
 
-    width, height  px; scale: times as many as the photo has
+    scale          width and height as a multiple of the photo's
+    width, height  px
     psnr           dB, infinite if equal
     ssim           -1..1, None under 3 px a side
     """
@@ -51,23 +52,25 @@ class Enlarged(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """An SVG against a photo.
+    """Scores of an SVG against a photo, over white unless said otherwise.
 
     psnr           dB, infinite if equal
     ssim           -1..1, None under 3 px a side
     ms_ssim        0..1, None under 176 px a side
-    largest_error  of any channel, bias: mean of SVG - photo; levels of 255
-    svg_bytes      of the file, gunzipped; svgz_bytes: gzipped at level 9
-    survey         its elements; frame: its own size
+    largest_error  largest error of any channel, in levels of 255
+    bias           mean of SVG - photo, in levels of 255
+    svg_bytes      bytes of the file, gunzipped
+    svgz_bytes     bytes of the file, gzipped at level 9
+    survey         counts of the SVG's elements
+    frame          the SVG's own size
     renderer       name and version
-    raster, photo  (h, w, 3) float32 in 0..1, the raster and the reference, perhaps reduced; both
-                   (h, w, 4) where the photo has alpha
+    raster, photo  (h, w, 3) float32 in 0..1: the SVG's raster, and the photo as it was compared.
+                   (h, w, 4) if the photo has alpha
     notes          remarks on the comparison
-    scores         SSIMULACRA2 and FLIP, over the worse of white and black; see
-                   gauss2svg.measure.scores
-    psnr_black     dB over black, psnr_alpha: of alpha; None where the photo is opaque. All
-                   other numbers are over white
-    enlarged       against the reference, None where none is given
+    scores         SSIMULACRA2 and FLIP, the worse of those over white and over black
+    psnr_black     dB over black, None if the photo is opaque
+    psnr_alpha     dB of alpha, None if the photo is opaque
+    enlarged       scores against the reference, None without a reference
     """
 
     psnr: float
@@ -90,7 +93,7 @@ class CheckResult:
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """The numbers, ready for JSON; see docs/reference/report.md for the keys."""
+        """Scores and counts, ready for JSON. docs/reference/report.md explains the keys."""
         height, width = self.photo.shape[:2]
         enlarged = self.enlarged
         return {
@@ -122,7 +125,7 @@ class CheckResult:
         }
 
     def heatmap(self) -> bytes:
-        """PNG of the error at each pixel over white: see gauss2svg.measure.heatmap."""
+        """Return a PNG of the error at each pixel, over white (gauss2svg.measure.heatmap)."""
         return heatmap(over(self.raster), over(self.photo))
 
     def __repr__(self) -> str:
@@ -140,28 +143,29 @@ def check(
 ) -> CheckResult:
     """Rasterise an SVG at the size of a photo, or max_size, and measure how closely it matches.
 
-    Over white; where the photo has alpha, alpha is compared as well, and both over black.
-    SSIMULACRA2 and FLIP are measured where the extra gauss2svg[scores] is installed.
+    Both are compared over white. If the photo has alpha, they are compared over black too, and
+    alpha itself. SSIMULACRA2 and FLIP need the extra gauss2svg[scores].
 
     photo          any image that `vectorize` takes
-    svg            a path, text that begins with <, bytes or a binary file; gzipped or not
-    reference      what the photo was made from: an SVG as for svg, or a picture of at least
-                   reference_scale times as many px a side; the SVG is compared with it too
+    svg            a path, text that begins with <, bytes or a binary file, gzipped or not
+    reference      source of the photo, with which the SVG is compared too: an SVG as for svg, or a
+                   picture of at least reference_scale times the photo's px a side
     options        fields of gauss2svg.measure.CheckOptions:
       renderer         one of RENDERERS
       max_svg_bytes    limit of the SVG's size, gunzipped: 256000000, "256M"
       max_elements     limit of its elements, >= 1
       draw_timeout     time limit of the drawing in s, > 0
-      max_pixels       limit of the photo, as of `vectorize`
+      max_pixels       limit of the photo's px, as in `vectorize`
       max_size         longest side in px to which a larger photo is reduced first
-      matte            colour, such as white or #fa0, over which the photo is composited first; its
-                       alpha is compared otherwise
-      reference_scale  times the photo's size at which the reference is compared, > 0; 4 if None
+      matte            colour, such as white or #fa0, over which the photo is composited first.
+                       Without it, the photo's alpha is compared
+      reference_scale  multiple of the photo's size at which the reference is compared, > 0. None: 4
 
-    The SVG is not trusted: entities, references to anything outside of it and files beyond the
-    limits are refused, and it is drawn in a separate process, whose memory is limited on Linux.
-    Raises InputError for a photo or an SVG that cannot be used, RendererError for an SVG that
-    cannot be drawn and for a renderer that is missing, TypeError for another option.
+    The SVG is not trusted. Entities, references to anything outside of it and files beyond the
+    limits are refused. A separate process draws it, whose memory is limited on Linux.
+
+    Raise InputError for a photo or an SVG that cannot be used. Raise RendererError for an SVG that
+    cannot be drawn, and for a missing renderer. Raise TypeError for an unknown option.
     """
     names = [field.name for field in fields_of(CheckOptions)]
     if unknown := options.keys() - set(names):
@@ -205,12 +209,13 @@ def enlarged(
     options: CheckOptions = CheckOptions(),
     matte: float | tuple[float, float, float] = WHITE,
 ) -> Enlarged:
-    """How closely an SVG's text matches its photo's source at `scale` times the photo's size.
+    """Compare an SVG's text with the source of its photo, at `scale` times the photo's size.
 
-    size   width and height of the photo in px
-    matte  colour in 0..1 that a transparent source is composited over
-    The source is an SVG, or a picture that has as many px, which is reduced. Raises InputError
-    and RendererError as `check`.
+    reference  source of the photo: an SVG, or a picture of at least that size, which is reduced
+    size       width and height of the photo in px
+    matte      colour in 0..1 over which a transparent source is composited
+
+    Raise InputError and RendererError as `check` does.
     """
     width, height = (max(1, round(scale * side)) for side in size)
     shown, advice = f"{width}x{height}", "a smaller --reference-scale or --max-size"
@@ -239,7 +244,7 @@ def enlarged(
 
 
 def _is_svg(source: ImageSource | SvgSource) -> bool:
-    """Whether a source is an SVG and not a picture: text or bytes of one, or a file's suffix."""
+    """Return whether a source is an SVG, not a picture, by its first characters or its suffix."""
     if isinstance(source, bytes):
         return source.lstrip(BLANKS.encode()).startswith((b"<", b"\x1f\x8b"))
     if not isinstance(source, (str, os.PathLike)):
@@ -251,9 +256,9 @@ def _is_svg(source: ImageSource | SvgSource) -> bool:
 def sized_svg(
     text: str, width: int, height: int, renderer: str, most_elements: int
 ) -> tuple[Survey, Frame, str]:
-    """What an untrusted SVG has, and the SVG that fills width x height px and can be drawn.
+    """Return the survey and the frame of an untrusted SVG, and its text for width x height px.
 
-    Raises InputError and RendererError as `check`.
+    Raise InputError and RendererError as `check` does.
     """
     text = from_root(text)
     surveyed = Survey(text, most_elements)
@@ -264,7 +269,7 @@ def sized_svg(
 
 
 def _finite(psnr: float | None) -> float | None:
-    """A PSNR; None for the infinite one of equal pictures, as JSON has no infinity."""
+    """Return a PSNR, or None if it is infinite, because JSON has no infinity."""
     return None if psnr is None or math.isinf(psnr) else psnr
 
 
@@ -275,7 +280,7 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
             stretch = f"and was stretched to {photo.width}x{photo.height} px"
             shape = f"{own[0]:g}x{own[1]:g}, not in the photo's proportions"
             notes.append(f"{name} is {shape}, {stretch}")
-            break  # one distortion is reported once
+            break  # a second note would report the same distortion
     if texts := tags.get("text", 0):
         no_fonts = "not drawn, because resvg gets no fonts. Try paths"
         how = no_fonts if renderer == "resvg" else "drawn in the fonts of this machine"
@@ -293,6 +298,6 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
 
 
 def _fits(own: tuple[float, ...], size: tuple[int, int]) -> bool:
-    """Whether a size scaled to the same width or the same height is at most a pixel off."""
+    """Return whether `own`, scaled to fit into `size`, is at most a pixel smaller a side."""
     scale = min(size[0] / own[0], size[1] / own[1])
     return all(side - scale * mine <= 1 for side, mine in zip(size, own, strict=True))

@@ -1,1 +1,1 @@
-"""Writing scenes as SVG by `write.write_svg`, and reading them back by `reader.read.read_svg`."""
+"""Writing of scenes as SVG by `write.write_svg`, and reading of them by `read.read_svg`."""

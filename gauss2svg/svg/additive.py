@@ -1,19 +1,19 @@
-"""The elements of an additive file, from a scene of signed colours.
+"""Elements of an additive file, which draws the sum of a scene's signed colours.
 
 Under mix-blend-mode: difference a colour s over v gives |v - s|. The canvas holds s_c (P + o_c) for
-a partial sum P, with a scale s_c and an offset o_c of each channel that keep all partial sums in
-0..1; there the difference subtracts, on an inverted channel it adds, and drawing full intensity
-inverts a channel. A Gaussian is a circle with an opaque gradient from its absolute colour to black,
-which changes nothing. A filter on the whole group maps the canvas back,
+a partial sum P. The scale s_c and the offset o_c of each channel keep all partial sums in 0..1. So
+the difference subtracts a colour. To add one, the channel is inverted first, by drawing it at full
+intensity. A Gaussian is a circle with an opaque gradient from its absolute colour to black, which
+changes nothing. A filter on the whole group maps the canvas back,
 
     image = P = background + slope (v - v_0),   slope = +-1 / s_c,
 
-with v_0 the background as it is written, so that its rounding shifts nothing; values outside 0..1
-are clipped, as those of the scene are.
+with v_0 the background as it is written, so that its rounding shifts nothing. Values outside 0..1
+are clipped, as in the scene.
 
-Three grey Gaussians of +.3, +.4 and -.5 at one place, on .5, in the order in which there is most
-room for them (gauss2svg.svg.headroom): sums from .3 to .8, so that 1 / s is .5, and .51
-with a margin. The canvas begins inverted, as the first one adds:
+An example: three grey Gaussians of +.3, +.4 and -.5 at one place, on a background of .5. In the
+best order (gauss2svg.svg.headroom) the sums are .3 to .8, so 1 / s is .5, or .51 with a margin. The
+canvas begins inverted, because the first Gaussian adds:
 
     drawn                      sum at the mean      canvas
     rect #999, the background  .5                   .6
@@ -24,20 +24,19 @@ with a margin. The canvas begins inverted, as the first one adds:
     circle, .4 s = .784        .7                   .208   |.992 - .784|
     filter                     .7 = .807 - .51 * .208
 
-Every layer rounds to 8 bits, so that a larger s_c is more accurate: gauss2svg.svg.headroom finds
-the order that allows it, gauss2svg.svg.stops stops with little rounding. A focal offset changes
-nothing here (docs/decisions/svg.md).
+Every layer rounds to 8 bits, so a larger s_c is more accurate. gauss2svg.svg.headroom finds the
+order that allows it, and gauss2svg.svg.stops finds stops with little rounding. A focal offset
+changes nothing here (docs/decisions/svg.md).
 
-Gaussians are drawn in phases, because a canvas holds a limited range of values. A Gaussian is added
-to a channel or subtracted from it, until the channel is inverted. So Gaussians of one pattern of
-signs form a phase, and patterns follow each other in the order of a Gray code, which inverts one
-channel at a time. Additive blending is commutative: a Gaussian is drawn once the canvas can hold
-its sum, and until then waits for a later tour through the patterns. If all wait for each other, the
-one that exceeds the range least is drawn.
+Gaussians are drawn in phases. While a channel is inverted, colours can only be added to it, and
+otherwise only subtracted. So Gaussians with the same signs form a phase. Patterns of signs follow
+each other in the order of a Gray code, which inverts one channel at a time. Additive blending is
+commutative, so a Gaussian can wait for a later tour through the patterns, until the canvas can hold
+its sum. If no Gaussian fits, the one that exceeds the range least is drawn.
 
 The range is checked between the pixels as well (gauss2svg.svg.headroom), so that a file can be
-drawn at any size. Values that are clipped in the end may fold on the canvas, which allows a larger
-scale (docs/decisions/svg.md).
+drawn at any size. Values that are clipped in the end may fold on the canvas (phases_of there),
+which allows a larger scale (docs/decisions/svg.md).
 
     <style>#additive-1a2b3c4d circle,#additive-1a2b3c4d rect{mix-blend-mode:difference}</style>
     <g id="additive-1a2b3c4d" filter="url(#transfer-1a2b3c4d)"> <rect fill="#.."/>
@@ -62,23 +61,24 @@ from gauss2svg.svg.encode import Drawing, layer, matrices_of, radial_gradient, s
 from gauss2svg.svg.headroom import phases_of
 from gauss2svg.svg.stops import Floats, whole_stops
 
-Ramp = Sequence[tuple[str, str]]  # the offset and the colour of each stop of a gradient
+Ramp = Sequence[tuple[str, str]]  # offset and colour of each stop of a gradient
 WHITE = 255
-# Levels of 255 that are added in the end: resvg and Chromium truncate a filter's result to whole
-# levels (bias -0.5 levels), the others round.
+# Levels of 255 that the filter adds. resvg and Chromium truncate its result to whole levels (bias
+# -0.5 levels), and the other renderers round it.
 HALF_WAY = 0.25
-# Levels of the canvas for partial sums (docs/decisions/svg.md).
+# Range of partial sums on the canvas (docs/decisions/svg.md).
 MARGIN = 0.01  # share of the span that is left at either end for the rounding of layers
 # Least span of partial sums. A smaller one only magnifies the rounding of renderers.
 LEAST_SPAN = 0.1
 
 
 def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
-    """Return the drawing of an additive scene; it depends on nothing but the two arguments.
+    """Return the drawing of an additive scene. It depends only on the two arguments.
 
-    Gaussians whose extent is written as 0 or whose colour as black are left out, as are those off
-    the canvas whose numbers are too large (gauss2svg.svg.element.writable, which raises SceneError
-    for others). Raise InputError for a form other than gradients.
+    Gaussians are left out if their extent is written as 0 or their colour as black. So are
+    Gaussians off the canvas whose numbers are too large for a file. Raise SceneError for visible
+    Gaussians with such numbers (gauss2svg.svg.element.writable). Raise InputError for a form other
+    than gradients.
     """
     if svg_format.form != GRADIENT:
         needed = f"{GRADIENT!r} for an additive scene, whose blurs cannot be added exactly"
@@ -86,12 +86,12 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     phases, low, high = phases_of(scene)
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
     span = np.maximum((1 + 2 * MARGIN) * (high - low), np.maximum(largest, LEAST_SPAN))
-    scale = WHITE / span  # levels of the canvas for 1 of the picture
+    scale = WHITE / span  # levels of the canvas for a difference of 1 in the picture
     begin = np.round(scale * (scene.background - 0.5 * (low + high) + 0.5 * span))
 
     ramps, reach = _ramps(scene, scale, svg_format.stops)
     matrices = matrices_of(scene, float(cut_radius(1.0)) * reach, svg_format.precision)
-    # The indices of the Gaussians that are written, of each phase that has any.
+    # Indices of the Gaussians that are written, by phase. Phases without any are left out.
     shown = ([i for i in phase.tolist() if ramps[i] and matrices[i]] for phase in phases)
     shown = list(filter(None, shown))
     inverted = first = scene.color[shown[0][0]] >= 0 if shown else np.zeros(3, bool)
@@ -102,7 +102,7 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
             fill = f"url(#{ids.setdefault(ramps[i], short_id(len(ids)))})"
             discs.append(Element("circle", fill=fill, r="1", transform=matrices[i]))
         if (turn := adds ^ inverted).any():
-            # Beside the layers, so that one can be hidden without the other.
+            # The inversion is outside the layers, so that hiding a layer keeps it.
             groups.append(_cover(hex_color(np.where(turn, WHITE, 0))))
         groups.append(layer(_label(index, len(discs), adds), discs, id=f"phase-{index}"))
         inverted = adds
@@ -111,8 +111,8 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     intercept = scene.background - slope * level + HALF_WAY / WHITE
     transfer = tuple((number(s, 5), number(i, 5)) for s, i in zip(slope, intercept, strict=True))
     background = hex_color(np.where(first, WHITE - begin, begin).astype(int))
-    # Two additive drawings inline in one page keep their own filter. The ids are longer than those
-    # of gradients, so that they cannot collide.
+    # The key keeps the filters of two additive drawings in one page apart. These ids are longer
+    # than those of gradients, so they cannot collide.
     key = f"{zlib.crc32(repr((transfer, background)).encode()):08x}"
     group = f"additive-{key}"
     inside = [_cover(background, "background"), *groups]
@@ -121,17 +121,17 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
         stops = [Element("stop", offset=at, stop_color=color) for at, color in ramp]
         definitions.append(radial_gradient(name, stops))
     body = [layer("Additive", inside, id=group, filter=f"url(#transfer-{key})")]
-    # Under its first rectangle the group is transparent, where a difference draws its source.
+    # Below its first rectangle the group is transparent, so the difference draws the rectangle.
     sheet = f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}"
     view = sides_of(scene, svg_format.precision, 6)
     return Drawing(view, sum(map(len, shown)), definitions, body, sheet)
 
 
 def _ramps(scene: Scene, scale: Floats, count: int) -> tuple[list[Ramp], Floats]:
-    """Return the stops of each Gaussian, none for black, and where they end (n,), in 0..1.
+    """Return the stops of each Gaussian, none for black, and the offset (n,) of the last, in 0..1.
 
-    A gradient and its circle end at the first of the trailing black stops, which saves a sixth of
-    the area of 8000 Gaussians.
+    A gradient and its circle end at the first of the trailing black stops. That saves a sixth of
+    the area that 8000 Gaussians cover.
     """
     color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
     offsets, levels = whole_stops(scale * color, count)
@@ -147,7 +147,7 @@ def _ramps(scene: Scene, scale: Floats, count: int) -> tuple[list[Ramp], Floats]
 
 
 def _label(index: int, count: int, adds: NDArray[np.bool_]) -> str:
-    """Label of a phase, such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
+    """Return a phase's label, as "Phase 3: 120 Gaussians that add red, green and take blue"."""
     verbs = ("adds", "takes") if count == 1 else ("add", "take")
     channels = [np.array(["red", "green", "blue"])[which] for which in (adds, ~adds)]
     does = [f"{verb} {', '.join(c)}" for verb, c in zip(verbs, channels, strict=True) if len(c)]
@@ -157,14 +157,14 @@ def _label(index: int, count: int, adds: NDArray[np.bool_]) -> str:
 def _cover(fill: str, key: str | None = None) -> Element:
     """Return a rectangle over the canvas and beyond, so that the filter maps opaque pixels only.
 
-    The filter region is extended to whole pixels; a rectangle that ends within a pixel would leave
-    it half inverted, which the filter makes an opaque line along the edge.
+    Renderers extend the filter's region to whole pixels. A rectangle that ends within a pixel would
+    leave it half inverted, and the filter would make that an opaque line along the edge.
     """
     return Element("rect", fill=fill, height="120%", id=key, width="120%", x="-10%", y="-10%")
 
 
 def _transfer_filter(transfer: Iterable[tuple[str, str]], name: str) -> Element:
-    """Return the filter that maps channels by slope and intercept, on all of any canvas."""
+    """Return the filter that maps channels by slope and intercept, on the whole canvas."""
     functions = [
         Element(f"feFunc{channel}", intercept=intercept, slope=slope, type="linear")
         for channel, (slope, intercept) in zip("RGB", transfer, strict=True)

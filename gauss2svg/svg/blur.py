@@ -1,15 +1,15 @@
-"""Gaussians as blurred discs: a circle under feGaussianBlur, and the shapes that may be drawn so.
+"""Gaussians as blurred discs, which are circles under feGaussianBlur.
 
 A disc of radius rho blurred by s has the radial profile
 
     g(r) = integral over t in 0..rho of t / s^2 exp(-(r^2 + t^2) / 2 s^2) I0(r t / s^2),
 
-variance rho^2 / 4 + s^2 per axis and peak g(0) = 1 - exp(-rho^2 / 2 s^2). A small rho / s gives a
-faint Gaussian, a large one the flat top and crisp rim of a large exponent. So every ratio stands
-for one exponent and bounds the opacity; the exponents, largest opacities and errors of BLURS
-are in docs/decisions/svg.md, and tests/svg/test_blur.py derives them again.
+the variance rho^2 / 4 + s^2 per axis, and the peak g(0) = 1 - exp(-rho^2 / 2 s^2). A small rho / s
+gives a faint Gaussian. A large one gives the flat top and crisp rim of a large exponent. So every
+ratio stands for one exponent and limits the opacity. docs/decisions/svg.md has the exponents,
+largest opacities and errors of BLURS, and tests/svg/test_blur.py derives them again.
 
-`snapped` returns the exponents and colours that a file can hold, before any palette.
+`snapped` rounds exponents and colours to those that a file can hold, before any palette.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from gauss2svg.svg.document import Form
 from gauss2svg.svg.plain_ellipse import is_plain
 
 GRADIENT, BLUR = get_args(Form)
-_LOG_STEP = 0.04  # of exponents at which differences are cached
+_LOG_STEP = 0.04  # step of log(exponent) at which differences are cached
 
 # Shapes that are blurred (docs/decisions/svg.md).
-# Px from the mean to half the height, across the minor axis. Smaller shapes are not blurred.
+# Least distance in px from the mean to half of the height, along the minor axis.
 LEAST_HALF_WIDTH = 1.8
-# Largest change by blurring, as a share of the full height: as large as that by a gradient's
-# nearest exponent.
+# Largest error of a blurred disc, as a share of the full height. It is as large as the error by the
+# nearest exponent of a gradient.
 MOST_DIFFERING = 0.08
-OVERFULL = 0.02  # relative excess over a disc's largest opacity that is clipped
-CLEAR = 3.5  # standard deviations around the disc that a filter region includes
+OVERFULL = 0.02  # relative excess over a disc's largest opacity that may be clipped
+CLEAR = 3.5  # margin of a filter region around the disc, in standard deviations
 
 
 class Blur(NamedTuple):
     """A blur of a disc of radius 1, and the profile that it draws.
 
-    deviation  of the blur, in radii of the disc
-    beta       exponent of the profile that it draws
-    radius     of the disc in sigmas of that profile
-    peak       fill-opacity divided by the opacity
+    deviation  standard deviation of the blur, in radii of the disc
+    beta       exponent of the profile
+    radius     radius of the disc, in sigmas of the profile
+    peak       fill-opacity of the disc divided by the opacity of the shape
     """
 
     deviation: float
@@ -54,8 +54,8 @@ class Blur(NamedTuple):
     peak: float
 
 
-# The blurs of files, the softest first: those of discs of 1.4, 2, 2.6, 3.4, 5, 8 and 12 deviations'
-# radius, as tests/svg/test_blur.py fits them.
+# Blurs that a file may have, softest first: for discs with radii of 1.4, 2, 2.6, 3.4, 5, 8 and 12
+# standard deviations. tests/svg/test_blur.py fits the other numbers.
 BLURS = (
     Blur(1 / 1.4, 1.01147233778, 1.09458307443, 1.59501799762),
     Blur(1 / 2, 1.14528662352, 1.25762415807, 1.16469982183),
@@ -68,8 +68,8 @@ BLURS = (
 
 
 def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
-    """(n,) opacity at radii r (n,) of a disc of radius 1, blurred by 1 / ratio."""
-    from scipy.special import ive  # a third of a second, and seldom needed
+    """Return the opacity (n,), at radii r (n,), of a disc of radius 1 blurred by 1 / ratio."""
+    from scipy.special import ive  # takes 0.3 s, and is seldom needed
 
     t = (np.arange(300) + 0.5) / 300
     exponent = -0.5 * (ratio * (r[:, None] - t)) ** 2
@@ -77,11 +77,11 @@ def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
 
 
 def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
-    """(n,) index into BLURS of each shape's blur in a form, -1 where it is not blurred.
+    """Return the index (n,) into BLURS of each shape's blur in a form, -1 for no blur.
 
-    The blur has the nearest exponent of those that allow the shape's opacity; a shape has none
-    where the two profiles differ too much, or where it is small. A shape that is blurred already
-    keeps its blur, unless its opacity needs another.
+    Of the blurs that allow the shape's opacity, it is the one with the nearest exponent. A shape
+    has no blur if it is small, or if the two profiles differ too much. A shape that is blurred
+    already keeps its blur, unless its opacity needs another.
     """
     index = np.full(len(scene), -1)
     if form == GRADIENT or not len(scene):
@@ -102,31 +102,31 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
 
 
 def drawn_blurs(scene: Scene) -> NDArray[np.intp]:
-    """(n,) index into BLURS of the one that draws a shape, by its exponent, or -1."""
+    """Return the index (n,) into BLURS of each blurred shape, by its exponent, -1 for others."""
     distance = np.abs(np.log(scene.beta[:, None] / [blur.beta for blur in BLURS]))
     return np.where(scene.drawn == BLURRED, distance.argmin(axis=1), -1)
 
 
 @lru_cache(maxsize=4096)
 def _differing(step: int, index: int) -> float:
-    """Largest difference of a blurred disc from a profile of equal half-way radius, 0..1.
+    """Return the largest difference, 0..1, of a blurred disc from a profile of equal half-radius.
 
-    The profile's exponent is exp(step _LOG_STEP).
+    The exponent of the profile is exp(step * _LOG_STEP).
     """
     beta, blur = math.exp(step * _LOG_STEP), BLURS[index]
-    r = np.linspace(0, 4, 400)  # in sigmas of the profile
+    r = np.linspace(0, 4, 400)  # radii in sigmas of the profile
     own = r * float(half_radius(blur.beta) / half_radius(beta))
     drawn = blur.peak * blurred_disc(own / blur.radius, 1 / blur.deviation)
     return float(np.abs(drawn - profile(r, beta)).max())
 
 
 def snapped(scene: Scene, form: str) -> Scene:
-    """Return the scene with exponents and colours as in a file of this form; idempotent.
+    """Return the scene with the exponents and colours that a file of this form holds.
 
-    Exponents become those of BETA_CLASSES, or in the form blur those of blurred discs. Sigma
+    Exponents become those of BETA_CLASSES, or those of BLURS for shapes that the form blurs. Sigma
     changes with them so that the contour of half height stays. Plain ellipses keep their exponent.
-    Colours are rounded to 8 bits. Additive scenes are returned as they are: their stops are
-    computed from exact colours.
+    Colours are rounded to 8 bits. Additive scenes are returned as they are, because their stops are
+    computed from exact colours. A scene that is snapped already does not change.
     """
     if scene.blend == ADD:
         return scene
@@ -143,6 +143,6 @@ def snapped(scene: Scene, form: str) -> Scene:
 
 
 def with_falloffs(scene: Scene, beta: NDArray[np.float64]) -> Scene:
-    """Return the scene with other exponents (n,); each shape keeps its contour of half height."""
+    """Return the scene with other exponents (n,). Shapes keep their contours of half height."""
     sigma = scene.sigma * (half_radius(scene.beta) / half_radius(beta))[:, None]
     return scene.replace(beta=beta, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))

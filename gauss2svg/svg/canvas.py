@@ -1,4 +1,4 @@
-"""Sizes in SVG: absolute lengths, and the canvas that the attributes of a root say."""
+"""Sizes in SVG: absolute lengths, and the canvas that the attributes of a root set."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from gauss2svg.errors import quoted, refusal
 
-# The canvas in px, whatever the physical size that width and height say.
+# Attribute of the root with the canvas in px. Its width and height may be a size in print.
 CANVAS = "data-canvas"
 MM = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
 # float() alone would accept nan, inf and 1_000. The quantifiers are possessive so that a long run
@@ -17,7 +17,7 @@ MM = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc":
 NUMBER = r"[+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+"
 _LENGTH = re.compile(rf"\s*+({NUMBER})({'|'.join(MM)}|)\s*+")
 _LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
-# Renderers hold numbers in 32 bits, of which the transform to pixels needs some of the range.
+# Renderers have 32-bit floats, and their transform to pixels needs part of the range.
 _LEAST, _MOST = 1e-30, 1e30
 
 
@@ -30,9 +30,9 @@ class Frame(NamedTuple):
 
 
 def numbers(text: str, name: str, count: int = 0) -> list[float]:
-    """Return finite numbers, separated by blanks or commas; raise InputError for anything else.
+    """Return finite numbers, separated by blanks or commas. Raise InputError for other texts.
 
-    count  of the numbers; 0 for any
+    count  required number of numbers, 0 for any
     """
     found = list(map(float, re.findall(NUMBER, text))) if _LIST.fullmatch(text) else [math.nan]
     if not all(map(math.isfinite, found)) or (count and len(found) != count):
@@ -48,10 +48,10 @@ def pixels_of(text: str) -> float | None:
 
 
 def frame_of(root: Mapping[str, str]) -> Frame:
-    """Return the frame of a root's attributes; a missing side follows from the viewBox.
+    """Return the frame of a root's attributes. A missing side follows from the viewBox.
 
-    Raise InputError where there is neither a viewBox nor a width and a height in absolute units,
-    and for numbers that renderers do not hold.
+    Raise InputError if there is neither a viewBox nor a width and a height in absolute units, and
+    for numbers that are too large or too small for renderers.
     """
     sides = [pixels_of(root.get(name, "")) for name in ("width", "height")]
     box = numbers(root["viewBox"], "viewBox", 4) if root.get("viewBox", "").strip() else None

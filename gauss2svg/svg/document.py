@@ -1,4 +1,4 @@
-"""Options of a file: SvgFormat says how a scene is written, Document how the file presents it."""
+"""Options of a file: SvgFormat sets how a scene is written, Document how the file presents it."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(MM)})")
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
-_DECIMALS = 4  # of a size: a millionth of a metre where the unit is a centimetre
-# Hides the rounds above the one that the address names.
+_DECIMALS = 4  # decimals of a size: in cm the last one is a micrometre
+# Rule that hides the rounds above the one in the file's address.
 UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
 def check_text(name: str, text: Any) -> str:
-    """Text that an element can hold; raises InputError for any other value."""
+    """Return the text. Raise InputError if an element cannot hold it, or if it is empty."""
     if not isinstance(text, str) or not text.strip():
         raise refusal(name, "text that is not empty", quoted(text))
-    # Control characters, lone surrogates, and what XML 1.0 has no place for.
+    # Control characters, lone surrogates, and the two noncharacters that XML 1.0 excludes.
     if any(unicodedata.category(c) in ("Cc", "Cs") or c in "\ufffe\uffff" for c in text):
         raise refusal(name, "text of UTF-8 without control characters", quoted(text))
     return text
 
 
 def check_size(name: str, size: Any) -> str:
-    """A width with its unit, PHOTO_SIZE or RESPONSIVE."""
+    """Return the size. Raise InputError unless it is photo, responsive or a width with a unit."""
     if not (isinstance(size, str) and size in (PHOTO_SIZE, RESPONSIVE)):
         _width_of(name, size)
     return size
 
 
 def check_aspect(name: str, aspect: Any) -> str:
-    """A value of preserveAspectRatio."""
+    """Return the aspect. Raise InputError unless it is a value of preserveAspectRatio."""
     if not isinstance(aspect, str) or not _ASPECT.fullmatch(aspect):
         raise refusal(name, "none or such as xMidYMid or 'xMinYMax slice'", quoted(aspect))
     return aspect
@@ -50,7 +50,7 @@ def check_aspect(name: str, aspect: Any) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Document(OptionGroup):
-    """How the document presents its picture; how shapes are written is SvgFormat."""
+    """Options for how the file presents its picture. SvgFormat has those for its shapes."""
 
     title: Annotated[str, check_text] = DEFAULT_TITLE
     """Title, which browsers show and screen readers read."""
@@ -76,11 +76,11 @@ class Document(OptionGroup):
 
     @property
     def layered(self) -> list[str]:
-        """Return the names of the given options that need layers of rounds."""
+        """Names of the given options that need layers of rounds."""
         return ["animate"] * (self.animate is not None) + ["fragments"] * self.fragments
 
     def check_without_layers(self, name: str, reason: str, advice: str) -> None:
-        """Raise InputError for an option that needs layers of rounds, which `name` lacks."""
+        """Raise InputError if an option needs layers of rounds, which a file with `name` lacks."""
         for option in self.layered:
             raise InputError(f"{option} must not be given with {name}, {reason}. Try {advice}")
 
@@ -90,9 +90,10 @@ class Document(OptionGroup):
         return self.size == RESPONSIVE
 
     def sides(self, width: float, height: float) -> tuple[str, str] | None:
-        """Width and height with their unit of a canvas of width x height px; None without a size.
+        """Return width and height, with their unit, of a canvas of width x height px.
 
-        Raises InputError for a size that is none, or at which a side would be written as 0.
+        Return None if no size is set, or if it is responsive. Raise InputError for an invalid size,
+        and for one at which a side would be written as 0.
         """
         if self.size is None or self.is_responsive:
             return None
@@ -105,21 +106,20 @@ class Document(OptionGroup):
         return first, second
 
     def mm_each(self, width: float) -> float:
-        """Millimetres of a px of a canvas of so many px across, on paper."""
+        """Return the millimetres on paper of one px of a canvas that is `width` px wide."""
         has_size = self.size is not None and not self.is_responsive
         across, unit = _width_of("size", self.size) if has_size else (width, "px")
         return across * MM[unit] / width
 
     def style(self, rounds: Sequence[int]) -> str:
-        """Return the style sheet of the groups of these rounds, "" where they need none.
+        """Return the style sheet of the groups of these rounds, or "" if they need none.
 
-        With fragments the groups after the one that the address names are hidden; without one in
-        the address, or where no group has it for its id, none is.
+        With `fragments` it hides the groups above the one that the file's address names. If the
+        address names none of them, all are shown.
 
-        With animation they fade in, group by group. Each begins when the one before is half there.
-        Before and while it waits a group is as it starts, afterwards as it is written, so nothing
-        is left of the animation in the end; whoever wants less motion, or has no CSS, sees the end
-        at once.
+        With `animate` the groups fade in one after the other. Each begins when the one below is
+        half visible. It is transparent until then, and as it is written afterwards. Viewers who
+        prefer less motion, and programs without CSS, show the finished picture at once.
         """
         sheet = UP_TO_TARGET if self.fragments and rounds else ""
         if self.animate is not None and rounds:
@@ -134,7 +134,7 @@ class Document(OptionGroup):
 
 
 def round_id(index: int) -> str:
-    """Id of the group of a round, from 0."""
+    """Return the id of a round's group. Rounds are counted from 0, ids from 1."""
     return f"round-{index + 1}"
 
 
@@ -150,19 +150,18 @@ def _width_of(name: str, size: Any) -> tuple[float, str]:
 Form = Literal["gradient", "blur"]
 EDITABLE, MINIMAL = "editable", "minimal"
 ROUNDS, INKS = "rounds", "inks"
-# Over 1 px thin shapes would be rounded to nothing.
+# Range of the precision in px. Above 1 px thin shapes would be rounded to nothing.
 LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
-StopCount = Literal[5, 6, 8, 10, 12]  # of a gradient
+StopCount = Literal[5, 6, 8, 10, 12]  # stops of a gradient
 STOP_COUNTS = get_args(StopCount)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SvgFormat(OptionGroup):
-    """How write_svg writes a scene, as its caller says it.
+    """Options for how write_svg writes a scene.
 
-    A run of vectorize takes SvgOptions, and finds this by them, its preset and its limits.
-
-    An additive scene is written in gradients alone, and without opacities.
+    vectorize derives them from its SvgOptions, its preset and its limits. Additive scenes have only
+    gradients and no opacities.
     """
 
     form: Form = "gradient"

@@ -1,9 +1,9 @@
 """Elements of an SVG and the short texts in them: numbers, colours, ids.
 
-All that gauss2svg draws is written by Element.text; svgwrite makes the root of editable files
+Element.text writes all elements except the root of editable files, which svgwrite writes
 (gauss2svg.svg.write).
 
-Numbers of a file are limited, because renderers compute in float32 and some crash on large ones.
+Numbers in a file are limited, because renderers compute in float32 and some crash on large ones.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from gauss2svg.scene import Scene
 
 
 class Element:
-    """One element: its tag, what is inside it, and its attributes in the order of the file.
+    """An element: its tag, its content, and its attributes in the order of the file.
 
-    inside      None for a tag that closes itself; or elements; or a text. Text and attributes are
-                written as they are: what users say is escaped before
-    attributes  fill_opacity is fill-opacity; those that are None are left out
+    inside      elements, a text, or None for a tag that closes itself
+    attributes  fill_opacity becomes fill-opacity. Attributes of None are left out
+
+    Text and attributes are not escaped here. Callers escape the texts of users.
     """
 
     __slots__ = "attributes", "inside", "tag"
@@ -35,7 +36,7 @@ class Element:
         self.attributes = {k.replace("_", "-"): v for k, v in attributes.items() if v is not None}
 
     def replace(self, **attributes: str | None) -> Element:
-        """Return the element with some attributes replaced, added, or if they are None left out."""
+        """Return the element with attributes replaced or added. Those of None are removed."""
         return Element(self.tag, self.inside, **{**self.attributes, **attributes})
 
     def text(self) -> str:
@@ -49,12 +50,12 @@ class Element:
 
 
 def attributes_text(attributes: Mapping[str, str]) -> str:
-    """Return attributes as they follow a tag's name, each with a space before it."""
+    """Return attributes as text, each after a space."""
     return "".join([f' {name}="{value}"' for name, value in attributes.items()])
 
 
 def unless(default: str, value: str) -> str | None:
-    """Return the value of an attribute, or None for the one that renderers assume without it."""
+    """Return an attribute's value, or None if it is the default, which need not be written."""
     return None if value == default else value
 
 
@@ -68,27 +69,27 @@ def number(value: float, decimals: int) -> str:
 
 
 def hex_color(color: Iterable[int], short: bool = True) -> str:
-    """#rrggbb of three levels 0..255, or where it may be short #rgb if that is the same."""
+    """Return #rrggbb for three levels in 0..255, or #rgb if `short` and that is the same colour."""
     text = "#" + "".join(f"{int(v):02x}" for v in color)
     return "#" + text[1::2] if short and text[1::2] == text[2::2] else text
 
 
 def short_id(index: int) -> str:
-    """The index-th shortest id of letters: a, b, ..., Z, aa, ab, ..."""
+    """Return the id at `index` in the list of the shortest: a, b, ..., Z, aa, ab, ..."""
     before, last = divmod(index, len(ascii_letters))
     return (short_id(before - 1) if before else "") + ascii_letters[last]
 
 
-# resvg panics from about 1e9 on; all six renderers draw numbers up to 1e8 within 2.1 levels of 255
-# (docs/decisions/numbers.md).
+# Largest number in a file, in user units. resvg panics from about 1e9 on. All six renderers draw
+# numbers up to 1e8 with errors of at most 2.1 levels of 255 (docs/decisions/numbers.md).
 LARGEST_NUMBER = 1e8
-_SMALLEST_CANVAS = 0.01
-# px. Cairo has 23 bits for whole pixels, and is 47 levels off at 1e7.
+_SMALLEST_CANVAS = 0.01  # px a side
+# Farthest reach of a shape in px. Cairo has 23 bits for whole pixels, and errs by 47 levels at 1e7.
 _FARTHEST = 8e6
 
 
 def check_view(scene: Scene, precision: float = 1.0) -> None:
-    """Raise SceneError for a canvas that is too small, or too wide in units of `precision` px."""
+    """Raise SceneError if the canvas is too small, or too large in units of `precision` px."""
     low, high = sorted((scene.width, scene.height))
     most = LARGEST_NUMBER * precision
     if low < _SMALLEST_CANVAS or high > most:
@@ -101,11 +102,14 @@ def check_view(scene: Scene, precision: float = 1.0) -> None:
 def writable(
     scene: Scene, radius: ArrayLike, precision: float, unit: ArrayLike = 1
 ) -> NDArray[np.bool_]:
-    """Return (n,) whether each shape's numbers, in user units of `precision` px, fit into a file.
+    """Return whether a file can hold each shape (n,), by its numbers and its reach.
 
-    radius  in sigmas, of the drawn discs, whose matrices are for circles of radius `unit`
-    A shape whose numbers do not fit, or that reaches too far for renderers, can be left out where
-    it lies entirely off the canvas. Raise SceneError for one that may be visible.
+    radius     radius in sigmas of the disc that is drawn
+    precision  user unit in px
+    unit       radius of the circle under the shape's matrix, in user units
+
+    Shapes that a file cannot hold are left out if they lie off the canvas. Raise SceneError for one
+    that may be visible.
     """
     extent = np.asarray(radius)[..., None] * scene.sigma
     offset = np.abs(scene.mean)
@@ -113,8 +117,8 @@ def writable(
     farthest = (offset + extent).max(axis=1)
     canvas = np.array([scene.width, scene.height])
     beyond = np.maximum(-scene.mean, scene.mean - canvas)
-    # All of a shape is drawn within 4 radii of its mean, because a blur fills up to 2.5 radii
-    # around its disc; and a px for antialiasing.
+    # A shape is drawn within 4 radii of its mean, because a blur fills up to 2.5 radii around its
+    # disc. Antialiasing adds a px.
     off = (beyond > 4.0 * extent + 1.0).any(axis=1)
     fits = (number <= LARGEST_NUMBER) & (farthest <= _FARTHEST)
     lost = ~fits & ~off

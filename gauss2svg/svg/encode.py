@@ -1,13 +1,13 @@
-"""The elements of an editable file, from a scene; svgwrite writes the document around them.
+"""Elements of an editable file. svgwrite writes the document around them.
 
 A Gaussian is the unit circle under matrix(a b c d e f). Any matrix M with M M^T = R^2 covariance,
-R = cut_radius(beta), draws the same ellipse, because a circle has no direction; the lower
-triangular one has c = 0 and is the shortest to write:
+R = cut_radius(beta), draws the same ellipse, because a circle has no direction. The lower
+triangular matrix has c = 0 and is the shortest to write:
 
     a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
 
-The user unit is `precision` px, so that all these are whole numbers. Three shapes at 0.04 px, of
-which 25 are a pixel:
+The user unit is `precision` px, so that all these are whole numbers. Three shapes in units of 0.04
+px, 25 to a pixel:
 
     mean (20, 15) px, sigma (4, 3) px, rho 0.5, orange, opacity 0.8; the exponent 1 has R = 3
         <circle fill="url(#a)" fill-opacity=".8" r="1" transform="matrix(300 112 0 195 500 375)"/>
@@ -20,16 +20,17 @@ which 25 are a pixel:
       <stop offset=".066" stop-color="#f80" stop-opacity=".99"/> .. <stop offset=".94" ../>
     <radialGradient cx="0" cy="0" fx=".1" gradientUnits="userSpaceOnUse" id="b" r="100"> ..
 
-Two forms have no gradient: a crisp shape that a plain ellipse draws as well, of the same area, and
-in the form blur a large soft one, a disc under a filter that shapes of its exponent share:
+Two kinds of shape have no gradient. A crisp shape is a plain ellipse of the same area if that looks
+the same. In the form blur, a large soft shape is a disc under a filter, which shapes of the same
+exponent share:
 
     <circle fill="#084" r="1" transform=".."/> <circle fill="#f80" filter="url(#c)" r="1" ../>
 
 Crisp rims need two more things (docs/decisions/svg.md):
 
-- a circle a little larger than its gradient, whose own antialiased edge would clip the rim;
-- from the exponent large_from on a gradient of radius 100 under a matrix of a hundredth, because
-  cairo shifts the rim of large shapes otherwise.
+- The circle is a little larger than its gradient, because its antialiased edge would clip the rim.
+- From the exponent LARGE_FROM on, the gradient has a radius of 100 and the matrix is a hundredth,
+  because cairo shifts the rim of large shapes otherwise.
 """
 
 from __future__ import annotations
@@ -51,29 +52,30 @@ from gauss2svg.svg.plain_ellipse import drawn_radius, is_plain
 from gauss2svg.svg.stops import Floats, gradient_stops
 
 _LARGE = 100  # radius of gradients of large exponents
-Round = tuple[int, list[Element]]  # its index, and the elements of its shapes
+Round = tuple[int, list[Element]]  # index of the round, and the elements of its shapes
 # fx of a gradient of radius 1: resvg draws 0 less accurately (docs/decisions/svg.md).
 _FOCUS = 0.001
 
 
-# Position of crisp rims (docs/decisions/svg.md).
-LARGE_FROM = 16.0  # exponent from which gradients have a large radius
-SOFT_RIM = 1.0  # px of rim across the minor axis above which the circle's edge does little harm
+# Circles and gradients of crisp rims (docs/decisions/svg.md).
+LARGE_FROM = 16.0  # exponent from which gradients have the radius _LARGE
+SOFT_RIM = 1.0  # least width in px of a rim that a circle's edge hardly clips
 CLEAR_OF_THE_RIM = 0.7  # px from a gradient's end to the circle's edge for crisper rims
-# Multiple of the gradient's radius. Shapes that need more are too thin to be drawn.
+# Largest distance from a gradient's end to the circle's edge, in radii of the gradient. Shapes that
+# need more are too thin to be drawn.
 MOST_MARGIN = 20.0
 
 
 class Drawing(NamedTuple):
-    """The elements of a file, and what its root and its style sheet say.
+    """Elements of a file, its style sheet, and attributes of its root.
 
     view         width and height in user units
-    gaussians    their number
-    definitions  gradients and filters, those alone that are used
-    body         the background and the groups of shapes, bottom first
-    sheet        the style sheet, "" for none
-    root         more attributes of the root
-    size         width with its unit, None for that of the document
+    gaussians    number of shapes
+    definitions  gradients and filters that are used
+    body         background and groups of shapes, bottom first
+    sheet        style sheet, "" for none
+    root         further attributes of the root
+    size         width with its unit, None for the size of the document
     """
 
     view: tuple[str, str]
@@ -86,11 +88,11 @@ class Drawing(NamedTuple):
 
 
 def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
-    """Return the drawing of a scene, which depends on nothing but the arguments.
+    """Return the drawing of a scene. It depends only on the arguments.
 
-    Gaussians whose opacity or extent is written as 0 draw nothing and are left out, as are those
-    off the canvas whose numbers are too large for a file (gauss2svg.svg.element.writable). Raise
-    SceneError for other Gaussians with such numbers, and for such a canvas.
+    Gaussians whose opacity or extent is written as 0 are left out. So are Gaussians off the canvas
+    whose numbers are too large for a file (gauss2svg.svg.element.writable). Raise SceneError for
+    visible Gaussians with such numbers, and for such a canvas.
     """
     scene = snapped(scene, svg_format.form)
     # Each shape is one of three: a plain ellipse, a blurred disc, or shaded by a gradient.
@@ -98,11 +100,11 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     blurred = ~plain & (blur >= 0)
     shaded = ~plain & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
-    # Shapes of one exponent and colour share a gradient, those of one blur a filter.
+    # Shapes of one exponent and colour share a gradient. Shapes of one blur share a filter.
     kind = np.where(blurred, len(BETA_CLASSES) + blur, nearest_class(scene.beta))
     keys = np.column_stack([kind, np.where(blurred[:, None], 0, color)])[~plain]
     shared, entry, uses = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-    # The shortest ids go to those that are used most; argsort of argsort is the rank.
+    # The most used definitions get the shortest ids. argsort of argsort is the rank.
     ids = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
     links = np.full(len(scene), None, dtype=object)
     links[~plain] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
@@ -119,7 +121,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
             fill, link = (links[i], None) if shaded[i] else (hex_color(color[i]), links[i])
             more = {"fill_opacity": unless("1", shown), "filter": link, "r": number(circle[i], 1)}
             shapes.append((i, Element("circle", fill=fill, **more, transform=matrix)))
-    # What only shapes without extent or opacity would refer to is not written.
+    # Definitions that only omitted shapes use are omitted too.
     used = set(links[[i for i, _ in shapes]].tolist())
     definitions = [
         _definition(name, kind, shade, svg_format.stops)
@@ -133,13 +135,13 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
 
 
 def rounds_of(drawn: Sequence[tuple[int, Element]], scene: Scene) -> list[Round]:
-    """Return the elements of shapes by rounds, from the index of each shape and its element."""
+    """Return elements by round, from pairs of a shape's index and its element."""
     runs = groupby(drawn, lambda one: int(scene.round_index[one[0]]))
     return [(index, [element for _, element in run]) for index, run in runs]
 
 
 def round_layers(rounds: Sequence[Round]) -> list[Element]:
-    """Return shapes in groups, each of one round, which Inkscape shows as layers."""
+    """Return a group for each round, which Inkscape shows as a layer."""
     return [
         layer(f"Round {index + 1}: {len(inside)} Gaussians", inside, id=round_id(index))
         for index, inside in rounds
@@ -147,7 +149,7 @@ def round_layers(rounds: Sequence[Round]) -> list[Element]:
 
 
 def ink_layers(rounds: Sequence[Round]) -> list[Element]:
-    """Return shapes in groups, each of one ink, which has the fill."""
+    """Return a group for each round, whose shapes have one ink. The fill is set on the group."""
     layers = []
     for index, inside in rounds:
         fill, bare = inside[0].attributes["fill"], [one.replace(fill=None) for one in inside]
@@ -164,7 +166,7 @@ def layer(label: str, inside: Sequence[Element], **attributes: str) -> Element:
 
 
 def sides_of(scene: Scene, unit: float = 1.0, decimals: int = 3) -> tuple[str, str]:
-    """Return the width and height of a canvas in units of so many px."""
+    """Return the width and height of a canvas as texts, in units of `unit` px."""
     return number(scene.width / unit, decimals), number(scene.height / unit, decimals)
 
 
@@ -176,13 +178,15 @@ def _background(scene: Scene) -> list[Element]:
 
 
 def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike = 1) -> list[str]:
-    """Return the transform of each shape's circle, "" for a shape that is not drawn.
+    """Return the transform of each shape's circle, or "" if the shape is not drawn.
 
-    radius  (n,) in sigmas, of the ellipse that is drawn
-    unit    (n,) radius of the circle, a power of ten
-    A shape without an extent in the file is not drawn, nor is one off the canvas whose numbers are
-    too large. Raise SceneError for any other with such numbers (gauss2svg.svg.element.writable),
-    and for a canvas that is too small.
+    radius     (n,) radius in sigmas of the ellipse that is drawn
+    precision  user unit in px
+    unit       (n,) radius of the circle, a power of ten
+
+    A shape is not drawn if its extent is written as 0, or if it is off the canvas and its numbers
+    are too large. Raise SceneError for a visible shape with such numbers
+    (gauss2svg.svg.element.writable), and for a canvas that is too small or too large.
     """
     check_view(scene, precision)
     unit = np.broadcast_to(unit, len(scene))
@@ -198,7 +202,10 @@ def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike 
 
 
 def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Element:
-    """Return the gradient of a class of exponents and a colour, or the blur after the classes."""
+    """Return the gradient of a class of exponents and a colour, or the filter of a blur.
+
+    kind  index into BETA_CLASSES, or len(BETA_CLASSES) plus an index into BLURS
+    """
     if kind >= len(BETA_CLASSES):
         return _filter(name, BLURS[kind - len(BETA_CLASSES)])
     beta, shade = BETA_CLASSES[kind], hex_color(color)
@@ -212,17 +219,17 @@ def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Eleme
 def radial_gradient(key: str, stops: list[Element], r: str = "1", fx: str | None = None) -> Element:
     """Return a radial gradient of radius r around the origin of user space.
 
-    fx moves resvg to its accurate gradient (docs/decisions/svg.md).
+    With fx, resvg uses its more accurate gradient (docs/decisions/svg.md).
     """
     units = "userSpaceOnUse"
     return Element("radialGradient", stops, cx="0", cy="0", fx=fx, gradientUnits=units, id=key, r=r)
 
 
 def _filter(name: str, blur: Blur) -> Element:
-    """Return a blur of a circle of radius 1, in a region of its box with a margin around it."""
-    margin = number(CLEAR * blur.deviation / 2, 2)  # in diameters
+    """Return the filter of a blur, whose region is the box of the circle with a margin."""
+    margin = number(CLEAR * blur.deviation / 2, 2)  # share of the diameter
     size, start = number(1 + 2 * float(margin), 2), f"-{margin}"
-    # The default, linearRGB, rounds colours once more.
+    # linearRGB, the default, rounds colours once more.
     region = {"height": size, "id": name, "width": size, "x": start, "y": start}
     source = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
     step = Element("feGaussianBlur", **source)
@@ -230,7 +237,7 @@ def _filter(name: str, blur: Blur) -> Element:
 
 
 def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> Floats:
-    """Return the radius of each circle (n,) as a multiple of its gradient's, rounded up to .1."""
+    """Return the radius of each circle (n,) in radii of its gradient, rounded up to 0.1."""
     minor = scene.ellipse_axes[0][:, 1]
     crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < SOFT_RIM * scene.beta)
     end = minor * cut_radius(scene.beta)

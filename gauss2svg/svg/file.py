@@ -1,8 +1,8 @@
-"""The file of an SVG: its name, its bytes, gzipped or not, what parts they are of, and its HTML.
+"""SVG files: checks of their names, their bytes, the bytes of each part, and HTML that shows them.
 
-A scene lies below the renderers and cannot draw, so `Scene` asks the function that this module
-installs for the HTML that IPython shows. The package and the reader take `Scene` from here, and a
-scene alone still loads NumPy and no renderer.
+IPython shows a scene as HTML. `gauss2svg.scene` cannot import a renderer, so this module sets
+`Scene.as_html`. The package and the reader import `Scene` from here. `gauss2svg.scene` alone loads
+NumPy and no renderer.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
 
 
 def is_svgz(path: str | os.PathLike[str]) -> bool:
-    """Whether a file of that name is a gzipped SVG: its extension is .svgz, in any case."""
+    """Return whether a file name ends in .svgz, in any case. Such a file is a gzipped SVG."""
     return os.fsdecode(path).lower().endswith(".svgz")
 
 
 def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
-    """Raise InputError for an empty name, that of a folder, and that of another format."""
+    """Raise InputError if a file name is empty, a folder's, or has the suffix of another format."""
     text = os.fspath(path)
     if not os.path.basename(text):
         raise refusal(name, "the name of a file, not of a folder", quoted(text))
@@ -37,7 +37,7 @@ def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
 
 
 def check_suffix(name: str, path: str | os.PathLike[str], suffix: str) -> None:
-    """Raise InputError for a file name whose suffix is known as of another type than `suffix`."""
+    """Raise InputError if a file name has the suffix of a type other than that of `suffix`."""
     text = os.fspath(path)
     if _type_of(text) not in (None, "text/plain", _type_of(f"x{suffix}")):
         raise refusal(name, f"a name that ends in {suffix}", quoted(text))
@@ -48,16 +48,17 @@ def _type_of(path: str) -> str | None:
 
 
 def file_bytes(svg: str, gzipped: bool) -> bytes:
-    """Bytes of the file of an SVG; gzipped at level 9 and without a date, so always the same."""
+    """Return the bytes of an SVG's file. Gzip without a date gives the same bytes each time."""
     data = svg.encode()
     return gzip.compress(data, compresslevel=9, mtime=0) if gzipped else data
 
 
 def bytes_by_part(svg: str) -> dict[str, int]:
-    """Bytes of a text of write_svg by part; they add up to its size.
+    """Return the number of bytes of each part of a text of write_svg. They add up to its size.
 
-    gradients  all definitions; geometry: the shapes' own elements; overhead: the rest, which is
-    the root, names, background, groups and a style sheet
+    gradients  all definitions
+    geometry   elements of the shapes
+    overhead   the rest: root, names, background, groups and style sheet
     """
     data = svg.encode()
     # Text and attributes contain no < or > themselves, as both are written as entities.
@@ -67,7 +68,7 @@ def bytes_by_part(svg: str) -> dict[str, int]:
 
 
 def image(data: bytes, media_type: str, alt: str) -> str:
-    """HTML of a picture with its data, no wider than the page.
+    """Return HTML that embeds a picture's data and shows it no wider than the page.
 
     It is an <img>, because the gradient ids of two inline SVGs would clash.
     """
@@ -76,8 +77,8 @@ def image(data: bytes, media_type: str, alt: str) -> str:
 
 
 def picture(scene: Scene) -> str:
-    """HTML of a scene as the model's renderer draws it, some 50 kB for any number of shapes."""
-    from gauss2svg.render.frame import as_jpeg  # numba, which few scenes are shown for
+    """Return HTML that shows a scene as a JPEG: some 50 kB for any number of Gaussians."""
+    from gauss2svg.render.frame import as_jpeg  # imports numba, which is slow and seldom needed
 
     return image(as_jpeg(scene), "image/jpeg", repr(scene))
 

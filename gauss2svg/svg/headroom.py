@@ -1,20 +1,20 @@
-"""Headroom: the order in which Gaussians are added to a canvas that holds a limited range.
+"""The order in which Gaussians are added to a canvas that holds a limited range of values.
 
-A canvas holds values from low to high, at least those of the background and of the image. Say that
-at one place the background is .5 and the image .7, the sum with +.3, +.4 and -.5:
+The range is at least that of the background and of the image. An example: at one place the
+background is .5, and the image is .7, which is .5 + .3 + .4 - .5. The range is .5 to .7:
 
-    total   room that +.3, +.4, -.5 lack    drawn
-    .5      .1, .2, .5                      +.3: none has room, and it lacks least
-    .8          .5, .2                      -.5
-    .3          0                           +.4: .7 is the image, for which there is room
+    total   excess of +.3, +.4, -.5    drawn
+    .5      .1, .2, .5                 +.3: all exceed the range, and it exceeds it least
+    .8          .5, .2                 -.5
+    .3          0                      +.4: the total is then that of the image
 
-In that order the canvas must hold .3 to .8. In another it would have to hold .5 to 1.2, and all
-that is drawn on it would be rounded more coarsely.
+In this order the canvas must hold .3 to .8. In another order it would have to hold .5 to 1.2, and
+would round everything on it more coarsely.
 
-The room of a Gaussian is looked for at samples: pixels of a grid, and the means of all Gaussians,
-because thin ones peak between pixels. They are sorted by the row of the grid that they lie in, and
-by x within it. Kernels walk the samples of a Gaussian and store nothing per Gaussian, so that
-memory is that of the samples.
+Totals are checked at samples: the pixels of a grid, and the means of all Gaussians, because thin
+ones peak between pixels. Samples are sorted by the row of the grid in which they lie, then by x.
+Kernels walk the samples of a Gaussian and store nothing for each Gaussian, so memory depends on the
+number of samples alone.
 """
 
 from __future__ import annotations
@@ -30,35 +30,35 @@ from gauss2svg.scene.falloff import cut_radius, profile
 
 Floats = NDArray[np.float64]
 _kernel = cached()
-# A smaller contribution to a colour channel of a sample needs no room there.
+# Smaller contributions to a colour channel of a sample are not checked.
 _LEAST_ADDED = 1e-3
-# Equal values of a colour channel: the rounding of float32 is smaller. Those of a sample and of the
-# image, which it may have wherever the canvas ends, may differ more.
+# Largest difference between equal values of a colour channel, more than float32 rounds. The second
+# one is for a sum and the image at a sample, which may lie outside the range.
 _EQUAL, _EQUAL_IN_IMAGE = 1e-4, 1e-3
-# Share of a channel that is spared at either end, so that fewer Gaussians wait for each other.
+# Extension of the range at either end, so that fewer Gaussians wait for each other.
 SPARE = 0.02
 _RADIUS = float(cut_radius(1.0))
-_STEPS = 4096  # of the falloff by squared radius
+_STEPS = 4096  # number of steps of squared radius in the table of the falloff
 _FALLOFF = profile(_RADIUS * np.sqrt(np.arange(_STEPS + 1) / _STEPS), 1.0)
 _DRAWN = -1
 
 
 # Grid on which partial sums are sampled (docs/decisions/svg.md).
-FINEST = 4.0  # most samples for each px, each way
-SIDE = 1536  # most samples of a side
-# Samples that all Gaussians together may touch, without means. A coarser grid is enough for wider
-# Gaussians.
+FINEST = 4.0  # most samples per px, in x and in y
+SIDE = 1536  # most samples along a side
+# Most samples of the grid that all Gaussians together touch. If they would touch more, the grid is
+# coarser, which is enough for wide Gaussians.
 TOUCHED = 3e7
 
 
 class Samples(NamedTuple):
-    """Positions of samples, and the Gaussians in the same units, those of the grid.
+    """Positions of m samples, and the n Gaussians. The unit is a cell of the grid.
 
-    place      (m, 2) x, y
-    start      (rows + 1,) of each row's samples
+    place      (m, 2) x and y of the samples
+    start      (rows + 1,) index of each row's first sample, and m
     mean       (n, 2)
     whitening  (n, 3) w11, w21, w22
-    reach      (n, 2) from the mean, in x and y
+    reach      (n, 2) largest distance from the mean in x and y
     color      (n, 3)
     """
 
@@ -73,12 +73,12 @@ class Samples(NamedTuple):
 def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Floats, Floats]:
     """Return an additive scene's phases in drawing order, and the range (3,) of each channel.
 
-    A phase is the indices of Gaussians of the same signs, and each Gaussian is in one. The canvas
-    must hold the lowest and the highest value of a channel: they include the image and all partial
-    sums between and within phases, except values of a sample that equal its image.
+    A phase has the indices of Gaussians with the same signs, and each Gaussian is in one phase. The
+    canvas must hold the range. It includes the image and all partial sums, after each Gaussian,
+    except sums of a sample that equal its image.
 
-    Values of the image outside fold: v above the highest h becomes 2 h - v. Values above 1 are
-    clipped in the end, so that 2 h - v >= 1 is enough; likewise below 0.
+    Values of the image outside of the range fold: a value v above the highest h becomes 2 h - v.
+    Values above 1 are clipped in the end, so 2 h - v >= 1 is enough. The same holds below 0.
     """
     samples, background = _samples_of(scene), scene.background
     total = np.tile(background.astype(np.float32), (len(samples.place), 1))
@@ -102,7 +102,7 @@ def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Floats, Floats]:
 
 
 def _samples_of(scene: Scene) -> Samples:
-    """Return the samples of an additive scene; they depend only on the scene."""
+    """Return the samples of an additive scene. They depend only on the scene."""
     canvas = np.array([scene.width, scene.height])
     touched = float(np.minimum(2 * _RADIUS * scene.sigma, canvas).prod(axis=1).sum())
     factor = min(FINEST, SIDE / canvas.max(), np.sqrt(TOUCHED / max(1.0, touched)))
@@ -121,17 +121,18 @@ def _samples_of(scene: Scene) -> Samples:
 
 @_kernel
 def _order_of(samples, picture, low, high, total, lowest, highest, pattern, by_mass):
-    """All Gaussians, each once, in the order in which to draw them on a canvas of low..high.
+    """Return the indices of all Gaussians, in the order in which to draw them within low..high.
 
-    They are added to total (m, 3) one by one; lowest and highest (m, 3) follow it. A sample may
-    also reach its own value of the image: wherever the canvas folds, the final error is then no
-    larger than that of the image. Tours through the patterns draw what has room, in the order
-    by_mass; where nothing has, the one that lacks least is drawn.
+    Each is added to `total` (m, 3), and `lowest` and `highest` (m, 3) are updated. A sample may
+    also reach its own value of the image. If that lies outside the range, it folds, and the final
+    error is no larger than that of the image.
+    Tours through the patterns draw each Gaussian that stays in the range, in the order by_mass. If
+    a tour draws none, the one that exceeds the range least is drawn.
     """
     order = np.empty(by_mass.size, np.intp)
     waiting, done = by_mass, 0
-    patterns = np.arange(8) ^ (np.arange(8) >> 1)  # signs: each step changes one
-    seen = np.zeros(by_mass.size, np.intp)  # a sample where each Gaussian lacked room last
+    patterns = np.arange(8) ^ (np.arange(8) >> 1)  # Gray code: each step changes one sign
+    seen = np.zeros(by_mass.size, np.intp)  # sample at which each Gaussian exceeded the range last
     while waiting.size:
         before = done
         for signs in patterns:
@@ -152,16 +153,16 @@ def _order_of(samples, picture, low, high, total, lowest, highest, pattern, by_m
         for i in order[before:done]:
             seen[i] = _DRAWN
         waiting = waiting[seen[waiting] != _DRAWN]
-        # Back through the patterns: the first of a tour is the last of the one before.
+        # The next tour goes back, so that it begins with the last pattern of this one.
         patterns = patterns[::-1].copy()
     return order
 
 
 @_kernel
 def _lacking(samples, i, total, picture, low, high, seen, enough):
-    """How far beyond low..high the i-th Gaussian would lead, and at which sample.
+    """Return by how much the i-th Gaussian would exceed low..high, and at which sample.
 
-    What lacks `enough` will do, beginning with the sample `seen`.
+    The search begins at the sample `seen`, and ends early once the excess is at least `enough`.
     """
     most, worst = _beyond(samples, i, seen, total, picture, low, high), seen
     for row in range(*_rows(samples, i)):
@@ -176,7 +177,7 @@ def _lacking(samples, i, total, picture, low, high, seen, enough):
 
 @_kernel
 def _beyond(samples, i, at, total, picture, low, high):
-    """How far beyond low..high the i-th Gaussian would lead a sample; at most 0 where not."""
+    """Return by how much the i-th Gaussian would exceed low..high at a sample, 0 if not at all."""
     alpha = _alpha(samples, i, at)
     most = 0.0
     for c in range(3):
@@ -202,7 +203,7 @@ def _add(samples, i, total, lowest, highest):
 
 @_kernel
 def _rows(samples, i):
-    """First and last of the rows that the i-th Gaussian may reach."""
+    """Return the first row that the i-th Gaussian may reach, and the end of these rows."""
     y, reach, rows = samples.mean[i, 1], samples.reach[i, 1], float(samples.start.size - 1)
     first, last = max(0.0, min(rows, y - reach)), max(0.0, min(rows, y + reach))
     return int(np.floor(first)), int(np.ceil(last))
@@ -210,11 +211,11 @@ def _rows(samples, i):
 
 @_kernel
 def _of_row(samples, i, row):
-    """First and last of a row's samples, which are sorted, that the i-th Gaussian may reach."""
+    """Return the first of a row's samples that the i-th Gaussian may reach, and their end."""
     mean, reach, whitening = samples.mean, samples.reach, samples.whitening
     w11, w21, w22 = whitening[i, 0], whitening[i, 1], whitening[i, 2]
-    # Samples lie anywhere in their row: the interval is that of its edge nearest to the mean, and
-    # as much wider as the ridge on which rows peak moves within half a row.
+    # Samples lie anywhere in their row. So the interval is that at the row's edge nearest to the
+    # mean, widened by the shift of the Gaussian's ridge within half a row.
     across, v = w11 * w11 + w21 * w21, row + 0.5 - mean[i, 1]
     ridge, near = -w21 * w22 / across, min(1.0, max(0.0, abs(v) - 0.5) / reach[i, 1])
     half = _RADIUS * np.sqrt((1 - near * near) / across) + 0.5 * abs(ridge)
@@ -228,7 +229,7 @@ def _of_row(samples, i, row):
 
 @_kernel
 def _alpha(samples, i, at):
-    """The falloff of the i-th Gaussian at a sample, by linear interpolation."""
+    """Return the falloff of the i-th Gaussian at a sample, by linear interpolation in a table."""
     mean, whitening, place = samples.mean, samples.whitening, samples.place
     u, v = place[at, 0] - mean[i, 0], place[at, 1] - mean[i, 1]
     across, along = whitening[i, 0] * u, whitening[i, 1] * u + whitening[i, 2] * v

@@ -1,13 +1,13 @@
-"""SVG text with nothing that does not draw: small files, and shorter large ones.
+"""Minimal markup, which is short SVG text that has only what draws the picture.
 
     <svg xmlns=".." viewBox="0 0 64 43"><defs> falloffs </defs><path fill="#abc" d="M0 0h64v43H0"/>
     <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg>
 
 Coordinates are whole numbers of user units (gauss2svg.svg.minimal_shapes). Up to MOST_MASKED
 soft shapes share one masked circle for each exponent, so that a colour costs a few bytes. The stops
-of its mask are greys, whose luminance is the falloff. Crisp shapes are arcs of a path. Below are
-two soft shapes of one colour and opacity and a crisp one round an ellipse of 8 by 7 units, in units
-of a pixel:
+of its mask are greys, whose luminance is the falloff. Crisp shapes are arcs of a path. This example
+has two soft shapes of one colour and opacity, and a crisp one whose radii are 8 and 7 units. Its
+unit is a pixel:
 
     <radialGradient id="c" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1">
       <stop offset=".08" stop-color="#fff"/><stop offset=".63" stop-color="#222"/> ..
@@ -18,10 +18,10 @@ of a pixel:
     <use href="#d" transform="matrix(9 0 0 9 10 5)"/>
     <use href="#d" transform="matrix(12 4 0 8 20 15)"/>
 
-Of more soft shapes renderers round every mask to 8 bits and take long. So the more there are, the
-more of them, the lowest first, have a gradient for each colour. It takes its geometry from one of
-its exponent, and the opacities of its stops from a style sheet, where each rule holds from its stop
-on:
+Renderers draw masks slowly, and round each to 8 bits. So the more soft shapes there are beyond
+MOST_MASKED, the more of them have gradients in place of masks, the lowest first. Each gradient is
+for one exponent and colour. It takes its geometry from one that its exponent shares, and the
+opacities of its stops from a style sheet. A rule there applies to its stop and to all later ones:
 
     <style>[href="#a"] stop{stop-color:currentColor;stop-opacity:.99}[href="#a"] stop+stop{..}..
     <radialGradient id="a" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1" fx=".001"/>
@@ -49,13 +49,13 @@ from gauss2svg.svg.element import Element, attributes_text, hex_color, number, s
 from gauss2svg.svg.minimal_shapes import OPACITY_DIGITS, Shapes, color_levels, path_data, shapes_of
 from gauss2svg.svg.stops import gradient_stops, grey_stops
 
-MASK_STOPS = (3, 5)  # of few soft shapes, and of many
+MASK_STOPS = (3, 5)  # stops of a mask if soft shapes are few, and if they are many
 
 
 # Accuracy of a minimal file (docs/decisions/minimal.md).
-MANY = 60  # soft shapes from which two more stops of a mask are worth their bytes
+MANY = 60  # number of soft shapes from which two more stops of a mask are worth their bytes
 VIEW_ERROR = 0.02  # largest error of a side of the view box in user units
-VIEW_ERROR_PX = 0.25  # largest error of it in px, if the file has a size
+VIEW_ERROR_PX = 0.25  # largest error of a side of the view box in px
 # Without userSpaceOnUse librsvg 2.54 loses shapes under a rotation.
 _UNIT_DISC = {"gradientUnits": "userSpaceOnUse", "cx": "0", "cy": "0", "r": "1"}
 
@@ -70,19 +70,22 @@ def minimal_svg(
     stops: int = STOP_COUNTS[0],
     masked: bool | None = None,
 ) -> str:
-    """The shortest SVG of a scene, of which coordinates are whole numbers of units.
+    """Return the shortest SVG text of a scene. Coordinates are whole numbers of units.
 
-    unit    px of the canvas, .001..1e6
-    digits  of colours, 3 or 6
-    stops   of a gradient, one of STOP_COUNTS
-    masked  whether soft shapes are drawn under masks, not by gradients. None: as many as
-            gauss2svg.svg.minimal_shapes says
-    What it draws is minimal_rounded(scene, unit, digits): shapes whose extent or opacity is written
-    as 0 are left out. Title, alt, size and aspect of the document are written where they are given;
-    otherwise the file has no names, and a size only where a unit is less than a pixel or a side is
-    no whole number of units: resvg rounds the sides of a view box for its size, and with them the
-    proportions. Raises InputError for an additive scene, and for animation and
-    fragments, which need layers.
+    unit    user unit in px of the canvas, 0.001..1e6
+    digits  hex digits of a colour, 3 or 6
+    opacity_decimals  decimals of opacities
+    stops   stops of a gradient, one of STOP_COUNTS
+    masked  whether soft shapes are drawn under masks, not by gradients. None: some of them, as
+            MOST_MASKED and FADING of gauss2svg.svg.minimal_shapes say
+
+    The file draws minimal_rounded(scene, unit, digits), if opacity_decimals has its default. Shapes
+    whose extent or opacity is written as 0 are left out. Title, alt, size and aspect are written if
+    the document has them. Without a size in the document, the file has one only if a unit is less
+    than a pixel or a side is not a whole number of units. In the latter case resvg would round the
+    sides of the view box to get a size, and so change the proportions.
+
+    Raise InputError for an additive scene, and for animation and fragments, which need layers.
     """
     document = instance(document, "document", Document)
     document.check_without_layers("minimal markup", "which has no layers", "--markup editable")
@@ -101,18 +104,19 @@ def minimal_svg(
 
 
 def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
-    """The scene as the file of minimal_svg has it, without the shapes that it leaves out.
+    """Return the scene that the file of minimal_svg draws, without the shapes that it leaves out.
 
-    Means, extents, colours, opacities and exponents are those of the file; a plain ellipse has the
+    Means, extents, colours, opacities and exponents are those of the file. A plain ellipse has the
     exponent whose profile it draws best. Arguments and errors are those of minimal_svg.
     """
     return shapes_of(scene, unit, digits, OPACITY_DIGITS).rounded(scene, unit, digits)
 
 
 def whole_unit(width: int, height: int, about: float = 0) -> float:
-    """The unit in px of which both sides are whole numbers, about so many along the longer one.
+    """Return a unit in px of which both sides are whole numbers.
 
-    As few as there are for 0. The larger their common divisor, the nearer it gets.
+    The longer side has about `about` units, or as few as possible if `about` is 0. The number is
+    the nearer to `about`, the larger the sides' greatest common divisor is.
     """
     longer = max(width, height)
     fewest = longer // math.gcd(width, height)
@@ -120,7 +124,7 @@ def whole_unit(width: int, height: int, about: float = 0) -> float:
 
 
 def _view(side: float, unit: float) -> str:
-    """A side of the view box with the fewest decimals."""
+    """Return a side of the view box in units, with as few decimals as its largest error allows."""
     units = side / unit
     error = min(VIEW_ERROR * min(1.0, units), VIEW_ERROR_PX / unit)
     texts = (number(units, decimals) for decimals in range(11))
@@ -128,10 +132,10 @@ def _view(side: float, unit: float) -> str:
 
 
 def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str | None]:
-    """Attributes of the root that say how large the picture is, where the view box does not."""
+    """Return the root's width, height and preserveAspectRatio, None for what is not needed."""
     sides = document.sides(scene.width, scene.height)
     canvas = scene.width / unit, scene.height / unit
-    # Without them the file's size would be that of its numbers, and these rounded.
+    # Without width and height, the size in px would be the view box's, with rounded sides.
     is_exact = unit >= 1 and all(u >= 0.5 and abs(u - round(u)) <= 1e-9 * u for u in canvas)
     if sides is None and not is_exact and not document.is_responsive:
         sides = number(scene.width, 3), number(scene.height, 3)
@@ -148,7 +152,7 @@ def _names(document: Document) -> list[Element]:
 def _drawing(
     shapes: Shapes, opacity_decimals: int, stops: int
 ) -> tuple[list[Element], list[Element]]:
-    """Return definitions, and all shapes; stops is the number of a gradient's."""
+    """Return the definitions and the elements of all shapes. Gradients have `stops` stops."""
     by_gradient = np.flatnonzero((shapes.falloff >= 0) & ~shapes.masked)
     fills = [_fill(levels) for levels in shapes.levels]
     definitions, uses = _masked(shapes.falloff[shapes.masked])
@@ -157,7 +161,7 @@ def _drawing(
         more, circles = _gradients(shapes, by_gradient, fills, stops, 3 * len(uses))
         definitions = more + definitions
     used = sum("id" in definition.attributes for definition in definitions)
-    # Opaque ellipses of one colour are one path; of others each is blended by itself.
+    # Consecutive opaque ellipses of one colour share a path. Translucent ones blend one by one.
     opaque = (shapes.falloff < 0) & (np.round(shapes.opacity, opacity_decimals) == 1)
     elements = []
     for _, run in groupby(range(len(fills)), lambda i: fills[i] if opaque[i] else i):
@@ -188,9 +192,9 @@ def _most_used(falloff: NDArray[np.intp]) -> list[int]:
 
 
 def _masked(falloff: NDArray[np.intp]) -> tuple[list[Element], dict[int, Element]]:
-    """Return a masked circle for each class of exponents (n,), and what uses it, by class.
+    """Return masked circles for the classes of exponents (n,), and a <use> of each, by class.
 
-    Their ids are the first ones, three for each class.
+    The circles, masks and gradients have the first ids, three for each class.
     """
     kinds = _most_used(falloff)
     count = MASK_STOPS[int(len(falloff) >= MANY)]
@@ -216,9 +220,10 @@ def _gradients(
 ) -> tuple[list[Element], dict[int, Element]]:
     """Return a gradient for each exponent and colour, and circles by exponent.
 
-    index  of the shapes that are drawn by gradients, to which their fills are set
-    stops  number of a gradient's
-    used   number of ids there are already
+    index  indices of the shapes that gradients draw
+    fills  fills of all shapes. Those at `index` are replaced by references to the gradients
+    stops  number of stops of a gradient
+    used   number of ids that are used already
     """
     kinds = _most_used(shapes.falloff[index])
     rules, definitions, first, ramps = "", [], {}, {}
@@ -228,7 +233,7 @@ def _gradients(
         for at, value in enumerate(values):
             look = ("" if at else "stop-color:currentColor;") + f"stop-opacity:{number(value, 3)}"
             rules += f'[href="#{name}"] stop{"+stop" * at}{{{look}}}'
-        # fx moves resvg to its accurate gradient.
+        # With fx, resvg uses its more accurate gradient.
         definitions.append(Element("radialGradient", id=name, **_UNIT_DISC, fx=".001"))
         ramps[kind] = [Element("stop", offset=number(at, 4)) for at in offsets]
     keys = {i: (int(shapes.falloff[i]), fills[i] or "#000") for i in index.tolist()}
@@ -245,7 +250,7 @@ def _gradients(
 
 
 def _circle(kind: int) -> str:
-    # The edge of the smaller circle would clip a crisp rim (gauss2svg.svg.encode).
+    # The edge of a circle of radius 1 would clip a crisp rim (gauss2svg.svg.encode).
     return "1.1" if BETA_CLASSES[kind] >= 6 else "1"
 
 
@@ -255,12 +260,12 @@ def _matrix(numbers: NDArray[np.float64]) -> str:
 
 
 def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Element]]:
-    """Return definitions of common fills and opacities where these make the file shorter.
+    """Return definitions of common fills and opacities, and the elements that use them.
 
-    used  how many ids there are already
+    A definition is made only if it shortens the file. `used` is the number of ids in use already.
     """
     definitions = []
-    # Colours with an opacity first, then the opacities of colours that too few shapes have.
+    # First common pairs of fill and opacity, then common opacities of the other elements.
     for names in (("fill", "opacity"), ("opacity",)):
         ids = {}
         keys = [tuple(map(one.attributes.get, ("href", *names))) for one in elements]
@@ -268,7 +273,7 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
             href, common = key[0], dict(zip(names, key[1:], strict=True))
             name = short_id(used + len(definitions))
             definition = Element("use", id=name, href=href, **common)
-            # Each use is without them, and refers to the new id in place of the old one.
+            # Each use drops these attributes, and refers to the new id in place of the old one.
             saved = len(definition.text()) - len(Element("use", id=name, href=f"#{name}").text())
             if uses * saved > len(definition.text()):
                 ids[key] = name
@@ -281,7 +286,7 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
 
 
 def _grouped(elements: list[Element]) -> list[Element]:
-    """Return all elements, consecutive ones of one fill in a group where that is shorter."""
+    """Return all elements, with consecutive ones of one fill in a group if that is shorter."""
     grouped = []
     for fill, run in groupby(elements, key=lambda one: one.attributes.get("fill")):
         inside = list(run)

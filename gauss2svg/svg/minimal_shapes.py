@@ -1,15 +1,15 @@
-"""The shapes of a minimal file as whole numbers, and the scene that these draw.
+"""Shapes of a minimal file as whole numbers, and the scene that these numbers draw.
 
-Plain ellipses are arcs of a path, many of one colour in one path:
+Plain ellipses are arcs of a path. One path may have many arcs of one colour:
 
     <path fill="#abc" d="M10 20a8 4 30 101 0m-2 9a3 3 0 100 1"/>
 
-Each arc goes round its ellipse but for a chord of one unit, (1, 0) or (0, 1), which filling closes.
-The radii and the tilt in degrees give the centre. All turn the same way, so that a path fills the
-union of its ellipses.
+Each arc goes round its ellipse except for a chord of one unit, (1, 0) or (0, 1). Filling the path
+closes it. The centre follows from the radii and the tilt in degrees. All arcs turn the same way, so
+that a path fills the union of its ellipses.
 
-Shapes of one colour are drawn after one another where the picture stays the same. Two shapes may
-change places if they do not overlap, or if their colours are equal.
+Shapes are reordered so that those of one colour follow each other, if the picture stays the same.
+Two shapes may change places if they do not overlap, or if their colours are equal.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ OPACITY_DIGITS = 2
 
 
 # Masks, gradients and plain ellipses of a minimal file (docs/decisions/minimal.md).
-# Most soft shapes that are drawn under masks. More of them are slow.
+# Most soft shapes that are drawn under masks, because masks are slow.
 MOST_MASKED = 500
-# Shapes that leave the masks for each shape beyond MOST_MASKED, until none is left. If all left
-# at once, the file would grow by a third at one shape more.
+# Number of shapes that get gradients in place of masks for each shape beyond MOST_MASKED. If all
+# got them at once, one more shape would make the file a third larger.
 FADING = 2
 
 
@@ -44,14 +44,15 @@ FADING = 2
 class Shapes:
     """The n shapes of a file, in painter's order.
 
-    index    (n,) of the shape in its scene
+    index    (n,) index of the shape in its scene
     falloff  (n,) index into BETA_CLASSES, -1 for a plain ellipse
-    numbers  (n, 5) whole a b d e f: matrix(a b 0 d e f) of the circle of radius 1; of a plain
-             ellipse those of `arc_numbers`
-    mean     (n, 2) centres, factor: (n, 3) l11 l21 l22 of the ellipses that are drawn, in units
+    numbers  (n, 5) whole numbers a b d e f, the matrix(a b 0 d e f) of a circle of radius 1. For a
+             plain ellipse they are those of `arc_numbers`
+    mean     (n, 2) centre of the ellipse that is drawn, in units
+    factor   (n, 3) its Cholesky factor l11 l21 l22, in units
     masked   (n,) whether a shape is soft and drawn under a mask, not by a gradient
-    levels   (n, 3) of colour, in 0..255
-    opacity  (n,) in 0..1
+    levels   (n, 3) colour in levels, 0..255
+    opacity  (n,) 0..1
     """
 
     index: NDArray[np.intp]
@@ -64,11 +65,11 @@ class Shapes:
     masked: NDArray[np.bool_]
 
     def rounded(self, scene: Scene, unit: float, digits: int) -> Scene:
-        """Return the scene that a file with these shapes of a scene draws."""
+        """Return the scene that a file with these shapes of `scene` draws."""
         plain = self.falloff < 0
         beta = np.array([*BETA_CLASSES, 1.0])[self.falloff]
         beta[plain] = arc_beta(np.sort(unit * self.numbers[plain, :2], axis=1)[:, ::-1])
-        # A minimal file has no layers, and its painter's order is not that of the rounds.
+        # A minimal file has no layers, and its shapes are not in the order of rounds.
         one_round = scene.replace(round_index=np.zeros_like(scene.round_index))
         rounded = one_round.select(self.index).replace(
             color=self.levels / 255,
@@ -83,12 +84,15 @@ class Shapes:
 def shapes_of(
     scene: Scene, unit: float, digits: int, opacity_decimals: int, masked: bool | None = None
 ) -> Shapes:
-    """Shapes of a scene in units of so many px; those written as nothing are left out.
+    """Return the shapes of a scene in a file. Shapes that are written as nothing are left out.
 
-    masked  whether soft shapes are drawn under masks; None: MOST_MASKED, fewer of more
+    unit    user unit in px
+    digits  hex digits of a colour, 3 or 6
+    masked  whether soft shapes are drawn under masks. None: up to MOST_MASKED of them are, and
+            fewer if there are more
 
-    Raises InputError for a unit out of range, other digits than 3 or 6, and an additive scene;
-    SceneError for shapes whose numbers do not fit into a file.
+    Raise InputError for a unit out of range, other digits, and an additive scene. Raise SceneError
+    for visible shapes whose numbers are too large for a file.
     """
     unit = Field("unit", float, 0.001, 1e6).checked(unit)
     if digits not in HEX_DIGITS:
@@ -111,7 +115,8 @@ def shapes_of(
         numbers[plain] = arc_numbers(snapped.select(plain), radius[plain], unit)
         extent = np.where(plain, numbers[:, :2].min(axis=1), numbers[:, 0] * numbers[:, 2])
         drawn = writable(snapped, radius, unit) & (extent > 0) & (opacity > 0)
-        # Shapes that are plain only as they are rounded, so that a rounded scene stays as it is.
+        # Soft shapes that look plain once they are rounded are made plain, so that rounding a scene
+        # twice changes nothing.
         soft = np.flatnonzero(drawn & ~plain)
         mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
         placed = _placed(snapped.select(soft), mean[soft], factor[soft], radius[soft], unit)
@@ -129,7 +134,7 @@ def shapes_of(
     most = max(MOST_MASKED + FADING * (MOST_MASKED - len(soft)), 0)
     count = {True: len(soft), False: 0, None: min(len(soft), most)}[masked]
     under = np.zeros(len(index), bool)
-    # The upper ones, which are smaller and quicker to paint.
+    # Upper shapes get the masks, because they are smaller and quicker to paint.
     under[soft[len(soft) - count :]] = True
     return Shapes(
         index, falloff[index], numbers[index], mean[index], factor[index], levels[index],
@@ -138,33 +143,35 @@ def shapes_of(
 
 
 def color_levels(color: Floats, digits: int) -> NDArray[np.intp]:
-    """Levels in 0..255 of colours that so many hex digits can say; any shape."""
+    """Return colours, of any shape, in levels of 0..255 that `digits` hex digits can write."""
     most = 15 if digits == HEX_DIGITS[0] else 255
     return np.round(color * most).astype(np.intp) * (255 // most)
 
 
 def _placed(scene: Scene, mean: Floats, factor: Floats, radius: Floats, unit: float) -> Scene:
-    """The scene with ellipses of these centres (n, 2) and factors (n, 3), in units."""
+    """Return the scene with ellipses of these centres (n, 2) and factors (n, 3), in units."""
     a, b, d = unit * factor.T
     sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
     rho = np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT)
     return scene.replace(mean=unit * mean, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA), rho=rho)
 
 
-_TILT_DECIMALS = 1  # of long ellipses; of the others none
+_TILT_DECIMALS = 1  # decimals for long ellipses, others have none
 
 
 def arc_numbers(scene: Scene, radius: Floats, unit: float) -> Floats:
-    """(n, 5) radii and start in whole units and the tilt between: rx ry tilt x y.
+    """Return the numbers (n, 5) of arcs: rx ry tilt x y.
 
-    radius  (n,) of the ellipses in sigmas
-    The tilt of the first radius is in (-45, 45] degrees, whole or for long ellipses with a decimal;
-    0 for circles. A radius of 0 is a shape that no arc can draw.
+    radius  (n,) radius of the ellipses in sigmas
+
+    Radii and start are whole units. The tilt of the first radius is in (-45, 45] degrees. It is
+    whole, or has one decimal for long ellipses, and is 0 for circles. No arc can draw a shape with
+    a radius of 0.
     """
     axes, angle_rad = scene.ellipse_axes
     radii = np.round(axes * radius[:, None] / unit)
     tilt = np.degrees(angle_rad)
-    # From 60 units between radii on half a degree of tilt moves the far end by half a unit.
+    # If the radii differ by 60 units, half a degree of tilt moves the far end by half a unit.
     decimals = np.where(radii[:, 0] - radii[:, 1] > 60.0, _TILT_DECIMALS, 0)
     tilt = np.round(tilt * 10.0**decimals) / 10.0**decimals
     steep = (tilt <= -45) | (tilt > 45)
@@ -177,7 +184,7 @@ def arc_numbers(scene: Scene, radius: Floats, unit: float) -> Floats:
 
 
 def arc_geometry(numbers: Floats) -> tuple[Floats, Floats]:
-    """Centres (n, 2) and Cholesky factors (n, 3) l11 l21 l22 of ellipses, in units."""
+    """Return centres (n, 2) and Cholesky factors (n, 3) l11 l21 l22 of ellipses, in units."""
     (rx, ry), tilt_rad = numbers[:, :2].T, np.radians(numbers[:, 2])
     co, si = np.cos(tilt_rad), np.sin(tilt_rad)
     l11 = np.hypot(rx * co, ry * si)
@@ -186,31 +193,32 @@ def arc_geometry(numbers: Floats) -> tuple[Floats, Floats]:
 
 
 def path_data(numbers: Floats) -> str:
-    """The d of a path of arcs."""
+    """Return the d of a path of arcs with numbers (n, 5)."""
     text, (x, y) = "", (np.nan, np.nan)
     _, chords = _from_start(numbers[:, :2], numbers[:, 2])
     for (rx, ry, tilt, start_x, start_y), chord in zip(numbers, chords, strict=True):
         move = f"M{number(start_x, 0)} {number(start_y, 0)}"
         if text:
             move = min(f"m{number(start_x - x, 0)} {number(start_y - y, 0)}", move, key=len)
-        to = "101 0" if chord[0] else "100 1"  # the large arc, against the clock, and its end
+        to = "101 0" if chord[0] else "100 1"  # large arc, counterclockwise, then its end
         text += f"{move}a{number(rx, 0)} {number(ry, 0)} {number(tilt, _TILT_DECIMALS)} {to}"
         x, y = start_x + chord[0], start_y + chord[1]
     return text.replace(" -", "-")
 
 
 def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
-    """Offsets (n, 2) in units from each arc's start to the centre of its ellipse, and to its end.
+    """Return offsets (n, 2) in units from each arc's start to its ellipse's centre, and to its end.
 
-    The chord that is shorter where the ellipse is mapped onto the unit circle cuts off less; u is
-    that chord there, and the centre lies beside its middle (SVG 2, implementation notes, B.2.4).
+    Of the two chords, the one that is shorter after mapping the ellipse onto the unit circle cuts
+    off less. There it is the vector u, and the centre lies beside its middle (SVG 2, implementation
+    notes, B.2.4).
     """
     tilt_rad, radii = np.radians(tilt), np.maximum(radii, 1.0)
     co, si = np.cos(tilt_rad), np.sin(tilt_rad)
     onto = np.array([[co, -si], [si, co]]).transpose(2, 0, 1) * radii[:, None, :]
     across = np.hypot(co / radii[:, 0], si / radii[:, 1])
     down = np.hypot(si / radii[:, 0], co / radii[:, 1])
-    level = across <= down + 1e-9  # alike for circles
+    level = across <= down + 1e-9  # both are equal for circles
     chord = np.column_stack([level, ~level]).astype(np.float64)
     u = np.einsum("nji,nj->ni", onto / np.square(radii)[:, None, :], chord)
     length = np.where(level, across, down)
@@ -219,18 +227,20 @@ def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
     return chord / 2 + np.einsum("nij,nj->ni", onto, center), chord
 
 
-_DIRECTIONS = np.arange(12) * np.pi / 12  # along which the projections of ellipses are compared
-_FIRST = 0, 6  # the two along the sides of a picture, after which few pairs are left
-_ROWS = 64  # of all pairs at a time, a multiple of the 8 bits of a byte
+_DIRECTIONS = np.arange(12) * np.pi / 12  # angles of the lines onto which ellipses are projected
+_FIRST = 0, 6  # directions along the sides of a picture, which rule out most pairs
+_ROWS = 64  # rows compared at a time, a multiple of the 8 bits of a byte
 
 
 def overlaps(
     mean: Floats, factor: Floats, kind: NDArray[np.generic], margin: float
 ) -> NDArray[np.uint8]:
-    """(n, n / 8) bits: whether the shape of a row lies below that of a column and is not apart.
+    """Return bits (n, n / 8): whether a row's shape lies below a column's and is not apart from it.
 
-    kind  (n,) shapes of one kind have no bits; other arguments are those of `colors_together`
-    Of 20000 shapes they are 50 MB, however many overlap. A row is np.unpackbits(row, count=n).
+    kind  (n,) kind of each shape. Two shapes of one kind have no bit
+
+    The other arguments are those of `colors_together`. np.unpackbits(row, count=n) unpacks a row.
+    20000 shapes take 50 MB, however many overlap.
     """
     x, y = np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)
     at = mean[:, :1] * x + mean[:, 1:] * y
@@ -255,17 +265,21 @@ def overlaps(
 def colors_together(
     mean: Floats, factor: Floats, color: NDArray[np.intp], key: Floats, margin: float
 ) -> NDArray[np.intp]:
-    """(n,) order of n shapes with few changes of colour; it does not depend on equivalent orders.
+    """Return an order (n,) of shapes that looks the same and has few changes of colour.
 
-    mean    (n, 2); factor (n, 3) l11 l21 l22 of the ellipses that the shapes stay in
+    Orders that look the same give the same result. A shape is ready once all overlapping shapes of
+    other colours below it are drawn. The next colour is the one with the largest share of ready
+    shapes, all of which are drawn.
+
+    mean    (n, 2) centres of the ellipses that contain the shapes
+    factor  (n, 3) l11 l21 l22 of these ellipses
     color   (n, 3) whole levels
-    key     (k, n) by which those of a run are sorted, the last row first
-    margin  of lengths, from which two ellipses count as apart
-    From below: a colour all of whose shapes can be drawn, else the one of the largest share.
+    key     (k, n) sort keys within a run of one colour, primary key last
+    margin  distance from which two ellipses count as apart
     """
     kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
     below, left = overlaps(mean, factor, kind, margin), np.ones(len(mean), bool)
-    waiting = np.zeros(len(mean), np.intp)  # number of shapes below that are not drawn yet
+    waiting = np.zeros(len(mean), np.intp)  # number of undrawn shapes below each
     for row in below:
         waiting += np.unpackbits(row, count=len(mean))
     order = [np.zeros(0, np.intp)]

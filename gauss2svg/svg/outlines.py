@@ -1,6 +1,6 @@
-"""Shapes as bare ellipses, for plotters: the contour of half height as a stroke.
+"""Outlines for plotters: each shape is a stroke along its contour of half height.
 
-With pens the strokes end at the page, and each is drawn by the pen whose colour is nearest:
+With pens the strokes end at the page, and the pen of the nearest colour draws each of them:
 
     <g inkscape:label="1 #c0322c" stroke="#c0322c"> <ellipse cx="90" cy="40" rx="8" ry="3"/>
       <path d="M0 12.5A31 20 15 0 1 22.1 0"/> .. </g>
@@ -23,18 +23,18 @@ from gauss2svg.svg.element import Element, check_view, hex_color, number, writab
 from gauss2svg.svg.encode import Drawing, layer, round_layers, rounds_of, sides_of
 
 Floats = NDArray[np.float64]
-OUTLINE_WIDTH = 0.5  # px
+OUTLINE_WIDTH = 0.5  # default width of strokes in px
 STROKE_WIDTHS = 0.01, 100.0
-STROKE_DECIMALS = 2  # of px, and of degrees
+STROKE_DECIMALS = 2  # decimals of px and of degrees
 MOST_PENS = MOST_INKS
-# A piece of an arc; of longer ones rounded ends would move the centre.
+# Longest piece of an arc. The rounded ends of longer pieces would move the centre.
 _PIECE_RAD = 0.5 * math.pi
 
 
 def encode_outlines(
     scene: Scene, document: Document, stroke_width: float, pens: int | None
 ) -> Drawing:
-    """Return the drawing of gauss2svg.svg.write.outline_svg, which has the arguments and errors."""
+    """Return the drawing of gauss2svg.svg.write.outline_svg, with the same arguments and errors."""
     check_view(scene)
     stroke_width = Field("stroke_width", float, *STROKE_WIDTHS).checked(stroke_width)
     width = number(stroke_width, STROKE_DECIMALS)
@@ -67,7 +67,7 @@ def outlines(scene: Scene) -> list[tuple[int, Element]]:
     radii, angles = axes * radius[:, None], np.degrees(angle_rad)
     levels = np.round(scene.color * 255).astype(int)
     drawn = []
-    # A fainter shape is hardly visible.
+    # Fainter shapes are hardly visible.
     for i in np.flatnonzero(writable(scene, radius, 1.0) & (scene.opacity >= 0.005)).tolist():
         numbers = *radii[i], *scene.mean[i], angles[i]
         rx, ry, x, y, angle = (number(v, STROKE_DECIMALS) for v in numbers)
@@ -81,10 +81,10 @@ def outlines(scene: Scene) -> list[tuple[int, Element]]:
 
 
 def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
-    """Return at most `count` pens as #rrggbb, lightest first, and what each draws on the page.
+    """Return at most `count` pens as #rrggbb, lightest first, and the strokes of each on the page.
 
-    Their colours are those of gauss2svg.scene.inks.inks_of for the colours of the shapes. The
-    strokes are those of `outlines` as far as they are on the page, those below first.
+    gauss2svg.scene.inks.inks_of chooses the colours of the pens from those of the shapes. The
+    strokes are those of `outlines`, cut at the page's sides, lowest first.
     """
     drawn = outlines(scene)
     if not drawn:
@@ -94,7 +94,7 @@ def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
     if distinct == 1:
         pens = hex_color(np.round(color[0] * 255).astype(int), short=False)
     else:
-        # Sorted, as the choice looks at neighbours: the painter's order must not decide.
+        # Sorted, because inks_of looks at neighbours, and the painter's order must not matter.
         sorted_by_color = color[np.lexsort(color.T)][None].astype(np.float32)
         pens = inks_of(sorted_by_color, min(count, distinct))
     entry = nearest_entry(ink_colors(pens), color)[1]
@@ -107,7 +107,7 @@ def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
 
 
 def _on_page(ellipse: Element, matrix: Floats, center: Floats, scene: Scene) -> list[Element]:
-    """Return the part on the page of the ellipse center + matrix (cos t, sin t), if there is one.
+    """Return the part on the page of the ellipse center + matrix (cos t, sin t), or nothing.
 
     It crosses a side x = k where m11 cos t + m12 sin t = k - x, at atan2(m12, m11) +- acos(..).
     """

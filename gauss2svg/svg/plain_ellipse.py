@@ -1,13 +1,13 @@
-"""Shapes that a plain ellipse, without a gradient, draws as well.
+"""Tests of whether a plain ellipse, without a gradient, draws a shape equally well.
 
-A renderer draws the edge of a filled ellipse by the coverage of each pixel: a ramp one pixel wide.
-A crisp rim of the falloff looks the same where it is about that wide,
+A renderer draws the edge of a filled ellipse by the coverage of each pixel, as a ramp one pixel
+wide. A crisp rim of the falloff looks the same if it is about that wide. Its profile is
 
     f(x) = exp(-exp(x ln(ln 0.1 / ln 0.9) / width)),  width = RIM_WIDTH / (beta |grad r|) px,
 
-with x the distance from the rim outwards and |grad r| the growth of the Mahalanobis distance per
-pixel there. The squared difference of the two, integrated along the rim, is compared with the
-squared mass of the shape and with the length of the rim (docs/decisions/svg.md).
+where x is the distance outwards from the rim, and |grad r| is the growth of the Mahalanobis
+distance per pixel there. The squared difference of ramp and profile is integrated along the rim. It
+is compared with the shape's squared mass and the rim's length (docs/decisions/svg.md).
 """
 
 from __future__ import annotations
@@ -21,34 +21,35 @@ from numpy.typing import NDArray
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import MOST_BETA, RIM_WIDTH, cut_radius, profile
 
-# Profiles of smaller exponents have no flat top.
+# Least exponent of plain ellipses. Profiles of smaller exponents have no flat top.
 LEAST_PLAIN_BETA = 3.0
-_DIRECTIONS = 16  # in one quadrant; the others mirror it
-_WIDTHS = np.geomspace(0.05, 8, 48)  # px
-# Exponents that plain_beta tries: steps of 6 % change a rim a pixel wide by a sixteenth of one.
+_DIRECTIONS = 16  # directions in one quadrant, which the others mirror
+_WIDTHS = np.geomspace(0.05, 8, 48)  # widths of rims in px
+# Exponents that plain_beta tries. Steps of 6 % change the width of a 1 px rim by 0.06 px.
 _GRID = tuple(np.round(np.geomspace(LEAST_PLAIN_BETA, MOST_BETA, 78), 2).tolist())
 
 
 # Largest errors at which a shape is drawn as a plain ellipse (docs/decisions/svg.md).
-LARGEST_ERROR = 0.003  # share of the squared mass: a compromise of PSNR and bytes
-# Px, times the rim's length: the error of rims of 0.5 and of 1.2 px. Without this limit large
-# soft discs would become visibly crisper.
+LARGEST_ERROR = 0.003  # share of the squared mass, a compromise of PSNR and bytes
+# Error in px for each px of the rim's length: that of rims 0.5 and 1.2 px wide. Without this limit
+# large soft discs would become visibly crisper.
 LARGEST_ON_RIM = 0.013
-# Px of rim across the major axis under which a shape is a plain ellipse, whose edge, of about a
-# pixel, is no crisper.
+# Largest width in px, across the major axis, of a crisp rim. is_arc accepts crisp rims, because the
+# edge of an ellipse, about a pixel wide, is no crisper.
 CRISP_RIM = 1.0
 
 
 def is_plain(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether a file draws a shape by a plain ellipse: as it says, or as that looks the same.
+    """Return whether a file draws each shape (n,) as a plain ellipse.
 
-    The latter is at the size of the scene's canvas: on a larger one rims are wider.
+    It does if the shape is plain in the scene, or if an ellipse looks the same at the size of the
+    scene's canvas. On a larger canvas rims are wider.
     """
     return (scene.drawn == PLAIN) | looks_plain(scene.ellipse_axes[0], scene.beta)
 
 
 def looks_plain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) whether an ellipse differs by no more than a small share of squared mass and rim.
+    """Return whether a plain ellipse looks like each shape (n,), within the limits on its error.
 
     axes  (n, 2) one-sigma semi-axes in px, larger first
     beta  (n,) exponents
@@ -60,14 +61,16 @@ def looks_plain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray
 
 
 def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) exponent whose profile a plain ellipse of semi_axes (n, 2) px, larger first, draws best.
+    """Return the exponents (n,) of the profiles that plain ellipses draw best.
 
-    Its error by the measure of is_plain is smallest, so that a shape written as a plain ellipse is
-    plain again. From about 180 px on, at the largest exponent, the profile's rim is softer than
-    the ellipse's.
+    semi_axes  (n, 2) px, larger first
+
+    The error that is_plain measures is smallest, so a shape written as a plain ellipse is plain
+    when it is read. From about 180 px on, even the largest exponent has a softer rim than the
+    ellipse.
     """
     grade = plain_radius(np.array(_GRID))
-    # Where the rim across the minor axis is 0.7 px wide; the best is a few steps from it.
+    # Begin at the exponent with a rim of 0.7 px across the minor axis. The best one is near it.
     guess = np.searchsorted(0.7 / RIM_WIDTH * np.array(_GRID) * grade, semi_axes[:, 1])
     best = np.full(len(semi_axes), np.inf)
     beta = np.full(len(semi_axes), _GRID[0])
@@ -81,17 +84,24 @@ def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def is_arc(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) whether an arc draws shapes of such one-sigma axes: nearly their rim, or a wider one."""
+    """Return whether minimal markup draws each shape (n,) as an arc.
+
+    It does if the ellipse looks the same, or if the exponent is at least LEAST_PLAIN_BETA and the
+    rim is narrower than CRISP_RIM.
+
+    axes  (n, 2) one-sigma semi-axes in px, larger first
+    beta  (n,) exponents
+    """
     across = RIM_WIDTH * axes[:, 0] / beta
     crisp = (beta >= LEAST_PLAIN_BETA) & (across < CRISP_RIM)
     return looks_plain(axes, beta) | crisp
 
 
 def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) exponents of arcs round ellipses of semi_axes (n, 2) px, larger first.
+    """Return the exponents (n,) of arcs round ellipses of semi_axes (n, 2) px, larger first.
 
-    That which a plain ellipse draws best, or the crispest where a shape of the best one would be
-    written as a soft shape: a thin one.
+    It is the exponent that a plain ellipse draws best. Thin shapes with that exponent would be
+    written as soft shapes, so they get the largest exponent.
     """
     beta = plain_beta(semi_axes)
     axes = semi_axes / plain_radius(beta)[:, None]
@@ -99,7 +109,7 @@ def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) squared error of plain ellipses as a multiple of the largest one allowed."""
+    """Return the squared errors (n,) of plain ellipses as multiples of the largest one allowed."""
     angle_rad = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
     along, across = np.cos(angle_rad), np.sin(angle_rad)
     growth = np.hypot(along / axes[:, :1], across / axes[:, 1:])
@@ -113,37 +123,37 @@ def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.
 
 
 def plain_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) radii in sigmas of ellipses that cover what profiles of exponents (n,) sum up to."""
+    """Return the radii (n,) in sigmas of ellipses with the mass of profiles of exponents (n,)."""
     return np.sqrt([_integrals(b)[0] / np.pi for b in np.round(beta, 2)])
 
 
 def drawn_radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return (n,) radii in sigmas of the circles that are drawn, of plain ellipses where plain."""
+    """Return the radii (n,) in sigmas of plain ellipses, for the mask `plain`, or of gradients."""
     radius = cut_radius(beta)
     radius[plain] = plain_radius(beta[plain])
     return radius
 
 
 def drawn_beta(scene: Scene, plain: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Exponents of the shapes that are plain, a mask (n,), as ellipses of their area draw best."""
+    """Return the exponents that ellipses draw best, for the shapes in the mask `plain` (n,)."""
     radius = plain_radius(scene.beta[plain])
     return plain_beta(scene.ellipse_axes[0][plain] * radius[:, None])
 
 
 @lru_cache(maxsize=1)
 def _errors() -> NDArray[np.float64]:
-    """Integral of the squared difference across the rim in px, for each of _WIDTHS."""
+    """Return the integral in px of the squared difference across the rim, for each of _WIDTHS."""
     x = np.linspace(-12, 12, 4801)
     step = x[1] - x[0]
     grade = math.log(math.log(0.1) / math.log(0.9)) / _WIDTHS[:, None]
     rim = np.exp(-np.exp(np.minimum(grade * x, 30.0)))
-    edge = rim.sum(axis=1, keepdims=True) * step + x[0]  # of equal mass
+    edge = rim.sum(axis=1, keepdims=True) * step + x[0]  # edge of equal mass
     return np.square(rim - np.clip(0.5 - (x - edge), 0, 1)).sum(axis=1) * step
 
 
 @lru_cache(maxsize=4096)
 def _integrals(beta: float) -> tuple[float, float]:
-    """Integrals of f and of f^2 over the plane, in px^2 at sigma 1 px."""
+    """Return the integrals of f and of f^2 over the plane, in px^2 at sigma 1 px."""
     r = (np.arange(2000) + 0.5) / 2000 * float(cut_radius(beta))
     value, area = profile(r, beta), 2 * np.pi * r * (r[1] - r[0])
     return float(np.sum(value * area)), float(np.sum(value**2 * area))

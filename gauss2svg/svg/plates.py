@@ -1,4 +1,4 @@
-"""Scenes in inks: shapes of one ink together, and what is seen of an ink as a plate.
+"""Scenes in inks: their shapes grouped by ink, and the plate of each ink for printing.
 
 Yellow ellipses, blue ones over them and yellow ones over those are three groups of two inks. The
 plate of the yellow has the first group in black, the blue ones in white, the last group in black.
@@ -15,25 +15,25 @@ from gauss2svg.svg.element import hex_color
 from gauss2svg.svg.minimal_shapes import color_levels, colors_together, overlaps
 from gauss2svg.svg.plain_ellipse import plain_radius
 
-_MARGIN = 1.0  # px from which two ellipses count as apart, for edges are antialiased
+_MARGIN = 1.0  # least distance in px of ellipses that count as apart: edges are antialiased
 
 
 def inks_of_scene(scene: Scene) -> NDArray[np.float64]:
-    """Scene.inks; raises InputError for a scene that has none."""
+    """Return Scene.inks. Raise InputError if the scene has none."""
     if scene.inks is None:
         raise refusal("the scene", "of opaque plain ellipses alone", "others", "a fit with inks")
     return scene.inks
 
 
 def ink_name(ink: NDArray[np.float64]) -> str:
-    """An ink (3,) as #rrggbb."""
+    """Return an ink (3,) as #rrggbb."""
     return hex_color(color_levels(ink, 6), short=False)
 
 
 def grouped_by_ink(scene: Scene) -> Scene:
-    """The scene with shapes of one ink after one another as far as it looks the same.
+    """Return the scene with its shapes grouped by ink, as far as it still looks the same.
 
-    Each run of an ink is a round of its own. Raises InputError for a scene that is not in inks.
+    Each run of one ink becomes a round. Raise InputError for a scene that is not in inks.
     """
     inks_of_scene(scene)
     mean, factor = _ellipses(scene)
@@ -46,10 +46,10 @@ def grouped_by_ink(scene: Scene) -> Scene:
 
 
 def plate_of(scene: Scene, ink: str) -> Scene:
-    """The scene in black where an ink #rrggbb is seen, and white elsewhere: its plate.
+    """Return the plate of an ink #rrggbb: black where the ink is visible, and white elsewhere.
 
-    What lies over shapes of the ink is knocked out of them; shapes that change nothing are left
-    out. Raises InputError for an ink that the scene does not have.
+    Shapes of other inks are white where they cover shapes of this ink. Shapes that change nothing
+    are left out. Raise InputError for an ink that the scene does not have.
     """
     names = [ink_name(one) for one in inks_of_scene(scene)]
     if ink not in names:
@@ -58,7 +58,7 @@ def plate_of(scene: Scene, ink: str) -> Scene:
     printed = (color_levels(scene.color, 6) == wanted).all(axis=1)
     ground = not scene.transparent and bool((color_levels(scene.background, 6) == wanted).all())
     shows = printed != ground
-    # What has the colour of the ground shows where it covers something else.
+    # Shapes in the colour of the plate's background are needed where they cover other shapes.
     below = overlaps(*_ellipses(scene), shows, _MARGIN)[shows]
     shows |= np.unpackbits(np.bitwise_or.reduce(below), count=len(scene)).astype(bool)
     black = np.where(printed, 0.0, 1.0)[:, None]
@@ -71,6 +71,6 @@ def plate_of(scene: Scene, ink: str) -> Scene:
 
 
 def _ellipses(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centres (n, 2) and factors (n, 3) of the ellipses that are drawn, in px."""
+    """Return the centres (n, 2) and factors (n, 3) of the ellipses that are drawn, in px."""
     factor = scene.factor * plain_radius(scene.beta)[:, None, None]
     return scene.mean, np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1)

@@ -1,20 +1,20 @@
-"""Scenes read back from SVG files of write_svg, also after an editor; additive ones are refused.
+"""Reading of scenes from SVG files that write_svg wrote, also after an editor saved them.
 
-Editable files are groups of circles. Minimal ones are uses of masked circles, circles whose stops
-have their opacities in a style sheet, and paths of arcs. One walk reads them all, by what their
-elements are.
+Additive files are refused. Editable files are groups of circles. Minimal files have uses of masked
+circles, circles under gradients whose stops have their opacities in a style sheet, and paths of
+arcs. One walk reads both kinds of file, because it decides element by element.
 
-What Inkscape 1.2 changes when it saves a file (tests/data has one, before and after):
+Inkscape 1.2 makes these changes when it saves a file (tests/data has one, before and after):
 
-- opening and saving alone adds ids and a namedview; the numbers stay as they were;
-- a shape that is moved, rotated or scaled by itself becomes an ellipse whose transform has unit
-  columns, with cx, cy, rx, ry on 8 digits; its gradient is moved along by a gradientTransform,
-  under a new id that refers to the old one for its stops where others use that too;
-- "Object to Path" makes a path of four arcs, also in later transforms;
-- a moved group or layer gets a transform, its children none; ungrouping hands it down to them;
-- colours, opacities and display go into style=, which wins over the attributes;
-- resizing the page changes width, height and viewBox and moves layers and background;
-- as plain SVG it drops labels and layers, and keeps ids.
+- Opening and saving alone adds ids and a namedview. The numbers stay as they were.
+- A shape that is moved, rotated or scaled by itself becomes an ellipse with cx, cy, rx, ry of 8
+  digits, under a transform with unit columns. A gradientTransform moves its gradient too. If other
+  shapes use that gradient, a new one with this transform refers to it for its stops.
+- "Object to Path" makes a path of four arcs, and later transforms keep the arcs.
+- Moving a group or layer gives it a transform. Ungrouping gives the transform to its children.
+- Colours, opacities and display go into style=, which overrides the attributes.
+- Resizing the page changes width, height and viewBox, and moves layers and background.
+- Saving as plain SVG drops labels and layers, and keeps ids.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from gauss2svg.svg.plain_ellipse import arc_beta, plain_radius
 from gauss2svg.svg.read_shapes import Affine, Fill, color_of, compose, share_of, styled, target_of
 from gauss2svg.svg.source import INKSCAPE, MOST_BYTES, SVG, from_root, parse, read_source
 
-MOST_ELEMENTS = 4_000_000  # their tree takes about 3 GB
+MOST_ELEMENTS = 4_000_000  # limit: a tree of these takes about 3 GB
 _DEEPEST = 100
-_LONGEST_CHAIN = 9  # of gradients: Inkscape makes chains of two
+_LONGEST_CHAIN = 9  # gradients that refer to one another. Inkscape makes chains of two
 _LABEL = INKSCAPE + "label"
 _ROUND_LABEL = re.compile(r"Round ([1-9]\d{0,8})\b")
 _ROUND_ID = re.compile(r"round-([1-9]\d{0,8})")
@@ -51,14 +51,15 @@ _GROUPS = {"svg", "g", "use"}
 _DRAWN = {*_GROUPS, "circle", "ellipse", "path", "rect"}
 # Elements that draw nothing themselves.
 _SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "filter", "mask", "style"}
-# Attributes and properties that change a shape and are not read unless they are switched off.
+# Attributes and properties that change a shape. They are refused unless their value is in _OFF, or
+# _READ has them for the element.
 _EFFECTS = {"stroke", "filter", "mask", "clip-path", "mix-blend-mode", "visibility", "animation"}
 _EFFECTS |= {"translate", "rotate", "scale", "transform-origin", "transform-box", "offset-path"}
 _EFFECTS |= {"zoom", "systemLanguage", "all"}
 _READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
 _OFF = {"none", "normal", "inherit", "visible"}
-_COVER = re.compile(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0")  # of gauss2svg.svg.minimal
-# Rules of write_svg without blanks. All but those of stops change nothing in the end.
+_COVER = re.compile(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0")  # background of gauss2svg.svg.minimal
+# Rules in style sheets of write_svg, without blanks. Only those of stops are read.
 _RULE = re.compile(
     rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
     rf"stop-opacity:({NUMBER})\}}|svg>g:target~g\{{display:none;?\}}"
@@ -77,24 +78,24 @@ def read_svg(
 ) -> Scene:
     """Return the scene of an SVG that write_svg wrote, also after Inkscape edited and saved it.
 
-    A shape's covariance is (M / R)(M / R)^T, M being the linear part of all transforms down to
-    the unit circle of its gradient and R = cut_radius(beta); its exponent is the one of
-    BETA_CLASSES that has such stops. A plain ellipse gets the exponent that it draws best
-    (gauss2svg.svg.plain_ellipse.plain_beta). Rounds come from the labels and ids of groups ("Round
-    3: ..", "round-3"), never decreasing: a round under an earlier one is counted as that one, a
-    group at the top level without either as a round of its own. Numbers are as exact as the file.
+    A shape's covariance is (M / R)(M / R)^T. M is the linear part of all transforms down to the
+    unit circle of its gradient, and R = cut_radius(beta). Its exponent is the one of BETA_CLASSES
+    that has such stops. A plain ellipse gets the exponent whose profile it draws best
+    (gauss2svg.svg.plain_ellipse.arc_beta). Numbers are as exact as in the file.
+
+    A shape's round comes from the label or id of its group ("Round 3: ..", "round-3"). It is at
+    least the round of the shapes below. A group at the top level without such a label or id is a
+    round of its own. A minimal file has one round, and a scene in user units if it has no size.
 
     source       a path (.svg, .svgz), text, or bytes
-    background   sRGB colour in 0..1 for a file without a background, which is a transparent scene
-                 if it is not given, or with a translucent one
+    background   sRGB colour in 0..1 for a file without a background. If it is None, the scene of
+                 such a file is transparent
     skip_hidden  skip hidden shapes and layers instead of refusing the file
-    max_bytes, max_elements  limits of the gunzipped file; raise them for a file that you trust
+    max_bytes, max_elements  limits of the gunzipped file. Raise them for a file that you trust
 
-    A minimal file has one round, and a scene in its own units where it has no size in px.
-
-    Raise InputError with the element's name for whatever write_svg does not write: additive files,
-    texts, images, other paths, strokes, masks, clips and style sheets, several shapes under one
-    group opacity (docs/reference/svg.md).
+    Raise InputError that names the element for anything that write_svg does not write: additive
+    files, texts, images, other paths, strokes, masks, clips and style sheets, and a group with an
+    opacity (docs/reference/svg.md).
     """
     text = from_root(read_source(source, max_bytes, "source", "max_bytes")[1])
     if text.count("<") - text.count("</") > max_elements:
@@ -115,7 +116,7 @@ class _State(NamedTuple):
 
 
 class _Shape(NamedTuple):
-    """One shape. Its maps are in an array, because tuples take three times the memory."""
+    """A shape. Its maps are in an array, because tuples take three times the memory."""
 
     element: Any
     fill: Fill
@@ -124,16 +125,16 @@ class _Shape(NamedTuple):
 
 
 class _Reader:
-    """The walk of one document, and the shapes that it has found."""
+    """A walk over one document, which collects its shapes."""
 
     def __init__(self, root: Any, background: ArrayLike | None, skip_hidden: bool) -> None:
         self._skip_hidden = skip_hidden
         self._by_id = {e.get("id"): e for e in root.iter() if e.get("id")}
-        self._opacities = defaultdict[str, list[str]](list)  # of stops, by the id of a gradient
+        self._opacities = defaultdict[str, list[str]](list)  # opacities of stops by gradient id
         self._gradient = cache(self._read_gradient)
         self._arcs = read_shapes.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
         self._shapes: list[_Shape] = []
-        # Two maps of the unit circle for each shape, onto its outline and its fill's edge, in px.
+        # Two maps of the unit circle for each shape, in px: onto its outline and its fill's edge.
         self._maps = array("d")
         self._background = None if background is None else np.asarray(background, np.float64)
         for sheet in root.iter(SVG + "style"):
@@ -146,7 +147,7 @@ class _Reader:
         self._visit(root, _State(onto))
 
     def _read_sheet(self, sheet: Any) -> None:
-        """Add the opacities of stops that a sheet of write_svg says; refuse other sheets."""
+        """Add the opacities of stops in a style sheet. Raise InputError if it has other rules."""
         text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
         if len(sheet) or _RULE.sub("", text):
             needed = "one that write_svg writes for a scene whose blend is 'over'"
@@ -157,7 +158,7 @@ class _Reader:
                 self._opacities[key].append(opacity)
 
     def _visit(self, element: Any, parent: _State) -> None:
-        """Add what an element draws."""
+        """Add the shapes of an element and of its children."""
         space, _, tag = element.tag.rpartition("}")
         if space + "}" != SVG or tag in _SILENT:
             return  # no renderer draws editors' own elements
@@ -175,7 +176,7 @@ class _Reader:
                 raise refusal("shapes", "visible", "a hidden one", advice)
             if tag not in _GROUPS:
                 self._add(element, tag, attributes, state)
-                state = state._replace(depth=_DEEPEST)  # nothing is drawn within a shape
+                state = state._replace(depth=_DEEPEST)  # so that children that draw are refused
             children = list(element)
             if tag == "use":
                 x, y = (numbers(attributes.get(name, "0"), name, 1)[0] for name in ("x", "y"))
@@ -183,7 +184,7 @@ class _Reader:
                 children = [target_of(self._by_id, read_shapes.link_of(element), "circle", "use")]
             elif tag in ("svg", "g"):
                 number = _round_of(element)
-                # A group of nothing but a fill is minimal markup's, which has no rounds.
+                # A group with a fill alone is from minimal markup, which has no rounds.
                 if number is None and state.depth == 1 and set(element.attrib) != {"fill"}:
                     number = self._shapes[-1].round + 1 if self._shapes else 0
                 state = state if number is None else state._replace(round=number)
@@ -192,7 +193,7 @@ class _Reader:
             self._visit(child, state)
 
     def _add(self, element: Any, tag: str, attributes: dict[str, str], state: _State) -> None:
-        """Add the shapes of an element, several where it is a path of minimal markup."""
+        """Add the shape of an element, or the shapes of a path of minimal markup."""
         alpha = state.opacity * share_of(state.fill_opacity, "fill-opacity")
         data = attributes.get("d", "") if tag == "path" else ""
         cover, arcs = _COVER.fullmatch(data), self._arcs.get(data)
@@ -210,7 +211,7 @@ class _Reader:
         return None
 
     def _fill_of(self, fill: str, attributes: Mapping[str, str], edge: Affine) -> Fill:
-        """Return the fill of a shape with an outline; raise InputError for one of another file."""
+        """Return the fill of a shape. Raise InputError if write_svg does not write such a fill."""
         said = fill, attributes.get("filter", ""), attributes.get("mask", "")
         key, blur, mask = map(read_shapes.reference_of, said)
         if key is not None and blur is None and mask is None:
@@ -222,7 +223,7 @@ class _Reader:
         if blur is None:
             return Fill(color)
         known = read_shapes.blur_of(target_of(self._by_id, blur, "filter"), edge)
-        # A blurred disc may be slightly less opaque than its profile.
+        # The fill-opacity of a blurred disc is known.peak times the shape's opacity.
         return Fill(color, BLURRED, 1 / known.peak, known.beta, known.radius)
 
     def _read_gradient(self, key: str, in_mask: bool) -> Fill:
@@ -239,8 +240,8 @@ class _Reader:
     def _cover(self, sides: Mapping[str, str], state: _State, alpha: float) -> None:
         """Keep the fill of a rectangle as the background.
 
-        Raise InputError unless it is opaque and upright over all of the canvas, under all shapes.
-        It may miss a hundredth of a px, and a twentieth of a unit, as sides of minimal markup do.
+        Raise InputError unless it is opaque, upright, below all shapes and covers the canvas. Each
+        side may miss 0.01 px or 0.05 user units, because minimal markup rounds its sides.
         """
         whole = dict(zip(("x", "y", "width", "height"), 2 * self._user_size, strict=True))
         x, y, across, down = (_side(sides.get(name, "0"), name, whole[name]) for name in whole)
@@ -258,11 +259,11 @@ class _Reader:
             self._background = np.array(color_of(state.fill, "fill"))
 
     def scene(self) -> Scene:
-        """Return the scene of all shapes; raise InputError for those that it cannot hold."""
+        """Return the scene of all shapes. Raise InputError if a scene cannot hold one of them."""
         shapes = self._shapes
         maps = np.array(self._maps).reshape(-1, 2, 3, 2)
         edge, disc = maps.transpose(1, 0, 3, 2)
-        rows = disc[:, :, :2]  # M, (n, 2, 2)
+        rows = disc[:, :, :2]  # the matrices M (n, 2, 2)
         with np.errstate(all="ignore"):
             extent = np.hypot(rows[:, :, 0], rows[:, :, 1])
             unit = rows / extent[:, :, None]
@@ -297,15 +298,15 @@ class _Reader:
 
 
 def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ...], Affine]:
-    """Return the canvas in px, its size in user units, and the map onto it.
+    """Return the canvas's size in px, its size in user units, and the map from user units to px.
 
-    It is that of data-canvas where that is there, over which the viewBox is spread.
+    The viewBox fills the canvas, whose size in px is that of data-canvas if the root has it.
     """
     frame = frame_of(root)
     width, height = numbers(root[CANVAS], CANVAS, 2) if CANVAS in root else frame[:2]
     x, y, across, down = frame.view_box
     scale_x, scale_y = width / across, height / down
-    # Sides of a minimal file are rounded.
+    # Minimal markup rounds the sides of its viewBox.
     if not abs(scale_x - scale_y) <= (1e-3 + 0.05 / min(across, down)) * scale_y:
         needed = f"of the proportions of the viewBox, {across:g}x{down:g}"
         advice = f"to write its size in px into {CANVAS}, or to remove that"
@@ -314,7 +315,7 @@ def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ..
 
 
 def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
-    """Return the state under an element; raise InputError for effects that a scene cannot hold."""
+    """Return the state under an element. Raise InputError for effects that a scene cannot hold."""
     changes: dict[str, Any] = {}
     for name, value in attributes.items():
         if name in ("fill", "fill-opacity") and value != "inherit":
@@ -324,7 +325,7 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
         elif name == "opacity":
             changes["opacity"] = parent.opacity * share_of(value, "opacity")
             if tag in ("svg", "g") and changes["opacity"] < 1:
-                advice = "to set that of each shape"  # which are composited one by one
+                advice = "to set that of each shape"  # a scene composites shapes one by one
                 raise refusal("opacity of a group", "1", quoted(value), advice)
         elif name in _EFFECTS and (tag, name) not in _READ and value.lower() not in _OFF:
             raise refusal(f"its {name}", "none", quoted(value), "to remove it")
@@ -338,7 +339,7 @@ def _side(text: str, name: str, whole: float) -> float:
 
 
 def _round_of(group: Any) -> int | None:
-    """Return the round, from 0, of a group's label or id; the label is first, as users edit it."""
+    """Return the round, from 0, of a group's label, which users edit, or else of its id."""
     label = _ROUND_LABEL.match(group.get(_LABEL, ""))
     match = label or _ROUND_ID.fullmatch(group.get("id", ""))
     return int(match[1]) - 1 if match else None
@@ -346,7 +347,7 @@ def _round_of(group: Any) -> int | None:
 
 @contextmanager
 def _naming(element: Any) -> Iterator[None]:
-    """Put the element before the message of an InputError."""
+    """Name the element at the start of an InputError's message."""
     try:
         yield
     except InputError as error:
@@ -354,7 +355,7 @@ def _naming(element: Any) -> Iterator[None]:
 
 
 def _name(element: Any) -> str:
-    """Return an element as it can be found in the file: by its id, or by its first attributes."""
+    """Return an element's tag with its id and label, or else with its first three attributes."""
     named = [(key, element.get(key)) for key in ("id", _LABEL) if element.get(key)]
     shown = " ".join(f'{_bare(k)}="{v}"' for k, v in named or list(element.attrib.items())[:3])
     return f"<{_bare(element.tag)[:40]} {' '.join(shown.split())[:120]}>".replace(" >", ">")

@@ -1,19 +1,19 @@
-"""What the elements of a file draw: the outlines of circles, ellipses and arcs, and their fills.
+"""Outlines and fills of a file's elements: circles, ellipses and paths of arcs.
 
 An affine map of the plane is a tuple of six numbers, in the order of SVG's matrix(a b c d e f):
 
     x' = a x + c y + e,   y' = b x + d y + f
 
-Thousands are read one by one, where numpy is ten times slower than tuples.
+It is a tuple because thousands are read one by one, and numpy is ten times slower for that.
 
-An outline is the affine map of the unit circle onto a circle, an ellipse or a path of arcs.
-Inkscape makes an ellipse of a circle that is moved by itself, and a path of four arcs of one that
-is converted ("Object to Path"), whose arcs it keeps through every later transform. Minimal markup
-writes many ellipses of one colour as open arcs of one path.
+An outline is the affine map of the unit circle onto a circle, an ellipse or a path of arcs. If a
+circle is moved by itself, Inkscape makes it an ellipse. "Object to Path" makes it a path of four
+arcs, and every later transform keeps the arcs. Minimal markup writes many ellipses of one colour as
+open arcs of one path.
 
-The exponent of a gradient is the one of BETA_CLASSES for which files have such stops. The stops of
-minimal markup have their opacities in a style sheet, or are greys of a mask, whose luminance is the
-falloff.
+A gradient's exponent is the one of BETA_CLASSES for which files have such stops. In minimal markup
+the opacities of stops are in a style sheet, or the stops are greys of a mask, whose luminance is
+the falloff.
 """
 
 from __future__ import annotations
@@ -48,15 +48,15 @@ _CALL = re.compile(r"[\s,]*+(matrix|translate|scale|rotate)\s*+\(([^()]*+)\)[\s,
 _CALLS = re.compile(rf"(?:{_CALL.pattern})*+\s*+")
 _REFERENCE = re.compile(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""")
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
-# Largest difference of a stop from that of a file. Those of two exponents are .1 apart.
+# Largest difference of a stop's offset or opacity from a known one. Two exponents differ by 0.1.
 _SAME_STOP = 0.02
-MOST_BEYOND_PX = 0.05  # of a gradient beyond its ellipse, by the rounding of an editor
-_TOLERANCE = 0.02  # share of the radius by which 8 digits move the ends of a thin arc
+MOST_BEYOND_PX = 0.05  # largest reach of a gradient beyond its ellipse: editors round
+_TOLERANCE = 0.02  # largest error of an arc's end in radii: 8 digits move the ends of thin arcs
 _GAP = r"[\s,]*"
 _N = rf"({NUMBER}){_GAP}"
 _ARC = re.compile(rf"{_GAP}([Aa]?){_GAP}{_N}{_N}{_N}([01]){_GAP}([01]){_GAP}{_N}{_N}")
 _CLOSED = re.compile(rf"\s*[Mm]{_GAP}{_N}{_N}((?:{_ARC.pattern}){{4}})[Zz]\s*")
-_PLACE, _RADIUS = r"(-?\d{1,9})", r"([1-9]\d{0,8})"  # whole numbers, as minimal markup has them
+_PLACE, _RADIUS = r"(-?\d{1,9})", r"([1-9]\d{0,8})"  # whole numbers, as in minimal markup
 _TILT = r"(-?(?:\d{1,3}(?:\.\d)?|\.\d))"
 _OPEN_ARC = re.compile(
     rf"([Mm]){_PLACE}{_GAP}{_PLACE}a{_RADIUS} {_RADIUS}{_GAP}{_TILT} 10(1 0|0 1)"
@@ -71,7 +71,7 @@ _FUNCTIONS = {
 
 
 def compose(outer: Affine, inner: Affine) -> Affine:
-    """Return the map that does `inner` first, then `outer`."""
+    """Return the map that applies `inner` first, then `outer`."""
     a, b, c, d, e, f = outer
     p, q, r, s, t, u = inner
     return (
@@ -81,11 +81,11 @@ def compose(outer: Affine, inner: Affine) -> Affine:
 
 
 def transform_of(text: str, name: str = "transform") -> Affine:
-    """Return the map of a list of matrix, translate, scale and rotate in degrees.
+    """Return the map of a transform: a list of matrix, translate, scale and rotate.
 
     Raise InputError for anything else.
     """
-    with suppress(TypeError):  # of another number of values
+    with suppress(TypeError):  # if a function gets another number of values
         maps = [_FUNCTIONS[call](*numbers(values, name)) for call, values in _CALL.findall(text)]
         if _CALLS.fullmatch(text):
             return reduce(compose, maps, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))
@@ -107,13 +107,13 @@ def color_of(text: str, name: str) -> Color:
     """Return an opaque sRGB colour in 0..1: #rgb, #rrggbb, rgb(..) or a name."""
     try:
         red, green, blue = map(int, ImageColor.getrgb(text.strip()[:40]))
-    except ValueError:  # also where there is an alpha
+    except ValueError:  # also for a colour with alpha
         raise refusal(name, "an opaque colour, such as #1a2b3c", quoted(text)) from None
     return red / 255, green / 255, blue / 255
 
 
 def reference_of(text: str) -> str | None:
-    """Return the id in url(#id), or None where there is no such reference."""
+    """Return the id in url(#id), or None if there is no such reference."""
     match = _REFERENCE.match(text)
     return match[1] if match else None
 
@@ -121,7 +121,7 @@ def reference_of(text: str) -> str | None:
 def styled(element: Any) -> dict[str, str]:
     """Return the attributes of an element, overridden by the properties of its style.
 
-    Raise InputError for escapes in names and for what is !important.
+    Raise InputError if the style has an escape or !important.
     """
     if "style" not in element.attrib:
         return element.attrib
@@ -134,13 +134,14 @@ def styled(element: Any) -> dict[str, str]:
 
 
 class Fill(NamedTuple):
-    """What fills an outline.
+    """Fill of an outline.
 
     color   sRGB in 0..1
-    drawn   of the shape in a scene
-    peak    opacity at the centre
-    beta    exponent, and radius in sigmas of the circle that `disc` is; 0 of a plain ellipse
-    disc    the map of the unit circle onto a gradient's edge in user space; None: the outline
+    drawn   value of Scene.drawn for the shape
+    peak    opacity at the centre at fill-opacity 1
+    beta    exponent, 0 for a plain ellipse
+    radius  radius in sigmas of the circle that `disc` maps, 0 for a plain ellipse
+    disc    map of the unit circle onto the gradient's edge in user space. None: the outline
     """
 
     color: Color
@@ -152,7 +153,7 @@ class Fill(NamedTuple):
 
 
 def target_of(by_id: Mapping[str, Any], key: str | None, *tags: str) -> Any:
-    """Return the element of an id; raise InputError unless it is one of these."""
+    """Return the element of an id. Raise InputError unless it has one of these tags."""
     found = by_id.get(key or "")
     if found is None or found.tag.removeprefix(SVG) not in tags:
         raise refusal("its reference", f"to a {tags[0]} in the file", quoted(key), "to remove it")
@@ -171,7 +172,7 @@ def disc_of(gradient: Mapping[str, str]) -> Affine:
     texts = (said.get(name, "") for name in ("cx", "cy", "r", "fx", "fy"))
     cx, cy, r, fx, fy = (numbers(text, "a number of its gradient", 1)[0] for text in texts)
     kind = said.get("gradientUnits"), said["spreadMethod"], said["fr"]
-    # Within a hundredth of the radius the focus changes the image by under a level.
+    # A focus within 0.01 radii of the centre changes the image by less than a level.
     off_center = 100 * math.hypot(fx - cx, fy - cy)
     if kind != ("userSpaceOnUse", "pad", "0") or not r > 0 or off_center > r:
         needed = "in user space, with its focus at the centre"
@@ -181,12 +182,12 @@ def disc_of(gradient: Mapping[str, str]) -> Affine:
 
 
 def beyond_px(edge: NDArray[np.float64], disc: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far (n,) in px gradients reach beyond the ellipses that show them, at most.
+    """Return how far (n,) in px each gradient reaches beyond the ellipse that shows it.
 
     edge, disc  (n, 2, 3) maps of the unit circle onto the ellipses and onto the gradients' edges
     """
     linear, area = edge[:, :, :2], np.abs(np.linalg.det(edge[:, :, :2]))
-    # This maps the ellipses onto circles of their areas as radii; as an inverse it need not exist.
+    # The adjugate maps each ellipse onto a circle of radius `area`. The inverse need not exist.
     adjugate = linear[:, ::-1, ::-1].swapaxes(1, 2) * [[1, -1], [-1, 1]]
     offset = np.linalg.norm(adjugate @ (disc - edge)[:, :, 2:], axis=(1, 2))
     return (_larger_axis(adjugate @ disc[:, :, :2]) + offset - area) / _larger_axis(linear)
@@ -200,8 +201,8 @@ def _larger_axis(linear: NDArray[np.float64]) -> NDArray[np.float64]:
 def stops_of(owner: Any, sheet: Sequence[str], in_mask: bool) -> tuple[Color, float]:
     """Return the colour of a gradient's stops, white in a mask, and their exponent.
 
-    owner  the element that has them
-    sheet  their opacities, where these are in a style sheet
+    owner  element that contains the stops
+    sheet  opacities of the stops in a style sheet, empty if they are in the stops themselves
     """
     colors, stops = set[Color](), []
     for k, stop in enumerate(owner):
@@ -226,7 +227,7 @@ def stops_of(owner: Any, sheet: Sequence[str], in_mask: bool) -> tuple[Color, fl
 
 @lru_cache(maxsize=2)
 def _known_stops(in_mask: bool) -> list[tuple[float, NDArray[np.float64]]]:
-    """Return the exponents of files, each with the offsets and heights (k, 2) of its stops."""
+    """Return the exponents of files, each with the offsets and opacities (k, 2) of its stops."""
     counts, stops = (MASK_STOPS, grey_stops) if in_mask else (STOP_COUNTS, gradient_stops)
     unit = np.array([1, MOST_GREY if in_mask else 1])
     rows = product(BETA_CLASSES, counts)
@@ -234,7 +235,7 @@ def _known_stops(in_mask: bool) -> list[tuple[float, NDArray[np.float64]]]:
 
 
 def mask_key(mask: Any, edge: Affine) -> str:
-    """Return the id of the gradient of a mask that is one circle, the same as what is under it."""
+    """Return the gradient id of a mask. Raise InputError unless it is one circle with this edge."""
     inside = [child.attrib for child in mask if child.tag == SVG + "circle"]
     key = reference_of(inside[0].get("fill", "")) if len(inside) == len(mask) == 1 else None
     if key is None or outline_of("circle", inside[0]) != edge or "maskUnits" in mask.attrib:
@@ -243,12 +244,12 @@ def mask_key(mask: Any, edge: Affine) -> str:
 
 
 def blur_of(element: Any, edge: Affine) -> Blur:
-    """Return the blur of a circle by a filter; raise InputError for one that is not written."""
+    """Return the blur of a filter on a circle. Raise InputError for one that write_svg lacks."""
     steps = [step.attrib for step in element if step.tag == SVG + "feGaussianBlur"]
     if len(steps) == len(element) == 1 and set(steps[0]) <= {"in", "stdDeviation", "id"}:
         deviation = numbers(steps[0].get("stdDeviation", ""), "stdDeviation", 1)[0]
         for blur in BLURS if edge[0] == edge[3] and not edge[1] else ():
-            if abs(edge[0] * blur.deviation - deviation) < 0.005 * deviation:  # an editor rounds
+            if abs(edge[0] * blur.deviation - deviation) < 0.005 * deviation:  # editors round it
                 return blur
     raise refusal("its filter", "a blur of a circle that write_svg writes", "another", "to undo")
 
@@ -268,7 +269,7 @@ def outline_of(tag: str, attributes: Mapping[str, str]) -> Affine:
 
 
 def open_arcs(paths: Iterable[str]) -> dict[str, list[Affine]]:
-    """Return the ellipses of those paths that minimal markup writes, by their text."""
+    """Return the ellipses of each path of open arcs, by its text. Other paths are left out."""
     texts, rows = [], []
     for data in filter(_OPEN_ARCS.fullmatch, set(paths)):
         x = y = 0.0
@@ -294,7 +295,7 @@ def _closed(data: str) -> Affine:
             ends.append(complex(float(x), float(y)) + (ends[-1] if letter == "a" else 0))
         rx, ry, tilt_rad = float(arcs[0][1]), float(arcs[0][2]), math.radians(float(arcs[0][3]))
         center = sum(ends[1:]) / 4
-        # Where the ellipse is the unit circle, the ends are a quarter of a turn apart.
+        # On the unit circle the ends of the arcs are a quarter turn apart.
         with np.errstate(all="ignore"):
             turned = (np.array(ends) - center) * np.exp(-1j * tilt_rad)
             at = turned.real / rx + 1j * turned.imag / ry

@@ -1,8 +1,8 @@
-"""An SVG that anyone wrote: its bytes, its text from the root on, and the one parser of its XML.
+"""Reading of untrusted SVGs: their bytes, their text from the root on, and their XML.
 
-What stands before the root is dropped, so that neither the parser nor a renderer sees a document
-type or an encoding. A document type with declarations of its own is refused. So is what is deeper
-or has more bytes or elements than the limits.
+Everything before the root is dropped, so that neither the parser nor a renderer sees a document
+type or an encoding. A document type with declarations of its own is refused, and so is a file with
+more bytes than the limit.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from gauss2svg.options import file_name
 SvgSource = Any  # a path, text that begins with <, bytes or a binary file
 SVG = "{http://www.w3.org/2000/svg}"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
-BLANKS = "\ufeff \t\r\n"  # that text may begin with
-MOST_BYTES = 256_000_000  # gunzipped: a gzip bomb expands a thousandfold
+BLANKS = "\ufeff \t\r\n"  # characters that may precede the first <
+MOST_BYTES = 256_000_000  # limit of a gunzipped file: a gzip bomb expands a thousandfold
 _MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # byte order marks
 _DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
-# Blanks, instructions that name no sheet, comments, document types without declarations.
+# Blanks, comments, processing instructions except xml-stylesheet, and document types without
+# declarations.
 _BEFORE_ROOT = re.compile(
     r"""(?:[\s\ufeff]++|<\?(?!xml-stylesheet).*?\?>|<!--.*?-->|<!DOCTYPE(?:[^\[\]<>"']|"[^"]*"|'[^']*')*+>)*+""",
     re.DOTALL,
@@ -40,8 +41,9 @@ def read_source(
 ) -> tuple[bytes, str]:
     """Return the bytes of an SVG, gunzipped, and the text that they encode.
 
-    A str that begins with < is text, otherwise a path. Raise InputError that names the argument for
-    a source that cannot be read, and the limit for one of more than most_bytes bytes, gunzipped.
+    A str is text if it begins with <, and a path otherwise. Raise InputError if the source cannot
+    be read, or if it has more than most_bytes bytes, gunzipped. The messages use the names
+    `argument` and `limit`.
     """
     name, data = "the SVG", source
     if isinstance(source, str) and source.lstrip(BLANKS).startswith("<"):
@@ -85,10 +87,10 @@ def _decoded(data: bytes, name: str) -> str:
 def from_root(text: str) -> str:
     """Return the text from the root on.
 
-    Raise InputError for null characters, and for a document type with declarations or a style sheet
-    of another file before the root.
+    Raise InputError if the text has a null character, or if a document type with declarations or a
+    style sheet of another file precedes the root.
     """
-    # expat takes null characters for UTF-16, and would see elements that no renderer does.
+    # expat takes null characters for UTF-16, and would find elements that no renderer finds.
     if "\0" in text:
         raise refusal("the SVG", "without null characters", "some", "to save it as UTF-8")
     rest = _BEFORE_ROOT.sub("", text, count=1)
@@ -100,9 +102,9 @@ def from_root(text: str) -> str:
 
 
 def parse(text: str, target: Any = None) -> Any:
-    """Return the tree of an SVG from its root on, or what `target` makes of its elements.
+    """Return the tree of an SVG's text, or the result of `target` as the parser's target.
 
-    Raise InputError unless it is XML.
+    The text begins with the root. Raise InputError if it is not well-formed XML.
     """
     try:
         parser = ElementTree.XMLParser(target=target)
@@ -113,10 +115,10 @@ def parse(text: str, target: Any = None) -> Any:
 
 
 def stretched(text: str, width: int, height: int, view_box: str | None = None) -> str:
-    """Return the text with a root that fills width x height px, whatever its own proportions.
+    """Return an SVG's text with its root stretched to width x height px.
 
-    view_box is the part that is shown; None keeps the root's own, and a root that has none as it
-    is. A width in the root's style changes nothing in any renderer.
+    view_box is the visible part. If it is None, the root keeps its own viewBox, and a text whose
+    root has none is returned as it is. A width in the root's style changes nothing in any renderer.
     """
     size = {"width": width, "height": height, "preserveAspectRatio": "none"}
     if view_box is not None:

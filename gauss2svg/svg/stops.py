@@ -1,18 +1,18 @@
-"""Gradient stops: the piecewise linear functions nearest to the falloff's profiles.
+"""Gradient stops, which are the piecewise linear functions nearest to the falloff's profiles.
 
 An SVG gradient is linear between its stops. Their offsets (free knots) and opacities minimise
 
     integral over the disc of (stops(r) - f(r))^2 2 pi r dr,   r in 0..cut_radius(beta),
 
-in px^2 for a shape of sigma 1 px: the squared error of the image. Finding them takes up to a second
-for each exponent, so stops.json has those of all files, which
-`python benchmarks/stops.py gauss2svg/svg/stops.json` finds. tests/svg/test_stops.py derives them
-again, and has the errors of docs/decisions/svg.md.
+in px^2 for a shape of sigma 1 px. This is the squared error of the image. Finding them takes up to
+a second for each exponent, so stops.json has all stops that files use, and
+`python benchmarks/stops.py gauss2svg/svg/stops.json` writes it. tests/svg/test_stops.py derives the
+stops again, and has the errors of docs/decisions/svg.md.
 
-Whole stops are chosen for each colour, because opaque colours of stops are rounded to 8 bits, an
-error as large as that of all layers together. But the offsets are free: near most of them all three
-channels happen to be nearly whole. Stops are moved one by one, each with the best whole colour
-there, so that
+Whole stops are stops of opaque colours, which a file rounds to 8 bits. This rounding is an error as
+large as that of all layers together. But the offsets are free: near most of them all three channels
+happen to be nearly whole. So the stops of each colour are moved one by one, each with the best
+whole colour at its place, so that
 
     sum over channels of the integral of (stops(r) - level f(r))^2 2 pi r dr
 
@@ -35,8 +35,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 FEWEST_STOPS = 3
 LENIENCE = 1.2  # ratio of another exponent's allowed error to that of beta = 1
-# Exponent from which offsets have four decimals, for a thousandth of the radius shifts a crisp rim
-# of sigma 100 px by 0.14 px.
+# Exponent from which offsets have more decimals, because a thousandth of the radius shifts a crisp
+# rim of sigma 100 px by 0.14 px.
 CRISP = 8.0
 Stops = tuple[list[float], list[float]]
 
@@ -44,8 +44,11 @@ Stops = tuple[list[float], list[float]]
 def gradient_stops(count: int, beta: float = 1.0) -> Stops:
     """Return offsets (0..1, as shares of cut_radius(beta)) and opacities (0..1) of gradient stops.
 
-    At beta = 1 there are `count`; another beta has the fewest with at most LENIENCE times the
-    error at beta = 1, or `count`. Both are those of files: in STOP_COUNTS and BETA_CLASSES.
+    At beta = 1 there are `count` stops. Another beta has the fewest stops whose error is at most
+    LENIENCE times that at beta = 1, and never more than `count`.
+
+    count  one of STOP_COUNTS
+    beta   one of BETA_CLASSES
     """
     known = known_stops()
     allowed = LENIENCE * known[count, 1.0][1] if beta != 1 else 0.0
@@ -65,15 +68,17 @@ _PLACES = 1000  # offsets are multiples of a thousandth
 _SAMPLES_A_PLACE = 8
 
 
-# Search for whole stops (docs/decisions/svg.md).
-TRIED = 24  # offsets that are tried for a stop between its neighbours
-SWEEPS = 3  # moves of each stop
-GAP = 8  # least distance in places between two stops
+# Settings of the search for whole stops (docs/decisions/svg.md).
+TRIED = 24  # offsets tried for a stop between its neighbours
+SWEEPS = 3  # number of times that each stop is moved
+GAP = 8  # least distance between two stops, in places
 _Integrals = tuple[Floats, ...]
 
 
 def whole_stops(levels: Floats, count: int) -> tuple[Floats, Ints]:
-    """Offsets (n, count) and colours (n, count, 3) in levels of 255 for peaks levels (n, 3) >= 0.
+    """Return the offsets (n, count) and colours (n, count, 3), in levels of 255, of whole stops.
+
+    levels  (n, 3) colours of the peaks, >= 0, in levels of 255
 
     The last stop is black.
     """
@@ -81,9 +86,11 @@ def whole_stops(levels: Floats, count: int) -> tuple[Floats, Ints]:
 
 
 def grey_stops(count: int, beta: float) -> tuple[Floats, Ints]:
-    """Offsets (count,) and greys (count,) in 0..15 of the profile of an exponent, which ends at 0.
+    """Return the offsets (count,) and greys (count,), in 0..15, of an exponent's profile.
 
-    count  3..5; offsets have two decimals, of crisp exponents three
+    count  3..5
+
+    Offsets have two decimals, or three for crisp exponents. The last grey is 0.
     """
     levels = np.full((1, 3), float(MOST_GREY))
     step = 1 if beta > CRISP else 10
@@ -92,7 +99,7 @@ def grey_stops(count: int, beta: float) -> tuple[Floats, Ints]:
 
 
 def _moved(levels: Floats, stops: Stops, beta: float, most: int, step: int) -> tuple[Floats, Ints]:
-    """Offsets (n, count) in multiples of `step` places, and colours (n, count, 3) in 0..most."""
+    """Return offsets (n, count), multiples of `step` places, and colours (n, count, 3), 0..most."""
     offsets, values = (np.array(part) for part in stops)
     count, moments = len(offsets), _moments(beta)
     rounded = step * np.round(offsets * (_PLACES / step)).astype(np.intp)
@@ -120,13 +127,13 @@ def _moved(levels: Floats, stops: Stops, beta: float, most: int, step: int) -> t
 def _around(
     k: int, tried: Ints, places: Ints, colors: Floats, levels: Floats, moments: _Integrals
 ) -> _Integrals:
-    """Squared error between a stop's neighbours if the stop were at the places tried (n, t).
+    """Return square (n, t), linear (n, t, 3) and cost (n, t) of the k-th stop at `tried` (n, t).
 
-    With colour u there it is, up to a constant, the sum over channels of
-    u^2 square (n, t) - 2 u linear (n, t, 3), plus cost (n, t).
+    With a colour u there, the squared error between the neighbours of the stop is, up to a
+    constant, cost plus the sum over channels of u^2 square - 2 u linear.
     """
     level = levels[:, None, :]
-    if k == 0:  # the first colour fills all within
+    if k == 0:  # the first colour fills the disc inside
         square, linear = moments[0][tried], level * moments[3][tried][:, :, None]
         cost = np.zeros(tried.shape)
     else:
@@ -144,10 +151,10 @@ def _around(
 
 
 def _segment(first: Ints, last: Ints, moments: _Integrals) -> _Integrals:
-    """Integrals between places of a a, a b, b b, f a and f b, weighted by r.
+    """Return the integrals of a a, a b, b b, f a and f b from one place to another, weighted by r.
 
-    a falls from 1 to 0 from one place to the other, b = 1 - a; all (n, t), but for a b, f a and
-    f b, which are (n, t, 1).
+    a falls from 1 to 0 between the places, and b = 1 - a. Those of a a and b b are (n, t), those of
+    a b, f a and f b are (n, t, 1).
     """
     one, x, xx, f, fx = (moment[last] - moment[first] for moment in moments)
     p, q = first / _PLACES, last / _PLACES
@@ -161,7 +168,7 @@ def _segment(first: Ints, last: Ints, moments: _Integrals) -> _Integrals:
 
 @lru_cache(maxsize=8)
 def _moments(beta: float) -> _Integrals:
-    """Integrals of r, r x, r x^2, r f and r f x from 0 to each place, x being the offset."""
+    """Return the integrals of r, r x, r x^2, r f and r f x from 0 to each place, at offsets x."""
     count = _PLACES * _SAMPLES_A_PLACE
     x = (np.arange(count) + 0.5) / count
     weight = x / count

@@ -1,8 +1,7 @@
-"""What an SVG of anyone has, by one walk that refuses what would load anything from outside of it.
+"""A survey of an untrusted SVG, which refuses whatever would load anything from outside the file.
 
-resvg reads local files that an href names, absolute or relative to the current folder, and CairoSVG
-draws what is embedded as an image if it is another SVG. Escapes in CSS could spell an address that
-no search finds.
+resvg reads local files that an href names, absolute or relative to the current folder. CairoSVG
+draws an SVG that is embedded as an image. Escapes in CSS could hide an address from a search.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from gauss2svg.errors import InputError, quoted, refusal
 from gauss2svg.svg.source import INKSCAPE, SVG, parse
 
 MOST_ELEMENTS = 1_000_000  # resvg's limit
-MOST_IMAGE_PIXELS = 100_000_000  # of all embedded images, which are decoded to draw the SVG
-# Local names of attributes by which renderers, editors and browsers load.
+MOST_IMAGE_PIXELS = 100_000_000  # limit of all embedded images, because drawing decodes them
+# Local names of attributes whose address a renderer, an editor or a browser loads.
 _LINKS = {"href", "absref", "base", "src", "srcset", "imagesrcset", "srcdoc", "poster"}
 _LINKS |= {"data", "background", "archive", "code", "codebase", "classid"}
 _FORMATS = ("PNG", "JPEG", "GIF", "WEBP")
@@ -31,16 +30,17 @@ _LOADING = re.compile(
 
 
 class Survey:
-    """The number of an SVG's elements by name, of its layers in Inkscape, and its root.
+    """Counts of an SVG's elements and layers, and its root.
 
-    elements   their number
-    tags       the commonest first; SVG's own by their local name, others as {namespace}name
-    layers     groups that Inkscape shows as layers
+    elements   number of elements
+    tags       number of elements by name, commonest first. Names outside of SVG's namespace are
+               written {namespace}name
+    layers     number of groups that Inkscape shows as layers
     root       attributes of the root
     qualified  whether the root is in SVG's namespace, which browsers require
 
-    Raise InputError for an SVG of more than most_elements elements, and for one that refers to
-    anything outside of it.
+    Raise InputError if the SVG has more than most_elements elements, or refers to anything outside
+    of it.
     """
 
     def __init__(self, text: str, most_elements: int = MOST_ELEMENTS) -> None:
@@ -52,7 +52,7 @@ class Survey:
         self.tags = dict(Counter(self.tags).most_common())
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
-        """Count an element, and check what it refers to."""
+        """Count an element, and check its references."""
         name, local = tag.removeprefix(SVG), tag.rpartition("}")[2]
         if not self.tags:
             if name != "svg":
@@ -62,7 +62,7 @@ class Survey:
         if self.elements > self._most:
             advice = "to raise --max-elements if you trust it"
             raise refusal("the SVG", f"of at most {self._most} elements", "more", advice)
-        if self._in_sheet:  # renderers disagree on which of its texts are the sheet
+        if self._in_sheet:  # renderers disagree on which text is then the sheet
             got = f"<{local[:80]}> in it"
             raise refusal("a style sheet", "of text alone", got, "to save it as plain SVG")
         self._in_sheet = local == "style"
@@ -71,7 +71,7 @@ class Survey:
         for key, value in attributes.items():
             link = key.rpartition("}")[2]
             if link in _LINKS:
-                if (local, link) != ("a", "href"):  # which is only loaded on a click
+                if (local, link) != ("a", "href"):  # browsers load a link only on a click
                     self._pixels += _pixels_of(value.strip())
                     if self._pixels > MOST_IMAGE_PIXELS:
                         needed, advice = f"at most {MOST_IMAGE_PIXELS} px", "smaller images"
@@ -80,7 +80,7 @@ class Survey:
                 _check_css(value)
 
     def end(self, _tag: str) -> None:
-        """Check a style sheet that ends."""
+        """Check a style sheet at its end."""
         if self._in_sheet:
             _check_css("".join(self._sheet))
             self._sheet.clear()
@@ -92,13 +92,13 @@ class Survey:
             self._sheet.append(text)
 
     def pi(self, target: str, _text: str) -> None:
-        """Refuse a style sheet of another file, wherever it stands."""
+        """Raise InputError for a style sheet of another file, at any place."""
         if target == "xml-stylesheet":
             raise _outside("xml-stylesheet")
 
 
 def _check_css(text: str) -> None:
-    """Raise InputError for CSS that loads, and for escapes, which could hide that it does."""
+    """Raise InputError for CSS that loads anything, and for escapes, which could hide that."""
     if "\\" in text:
         raise refusal("CSS", "without escapes", quoted(text), "to save it as plain SVG")
     if found := _URL.search(text) or _LOADING.search(text):
@@ -106,7 +106,7 @@ def _check_css(text: str) -> None:
 
 
 def _pixels_of(target: str) -> int:
-    """Return the pixels of an embedded image, 0 of an address within the file.
+    """Return the number of pixels of an embedded image, or 0 for a reference within the file.
 
     Raise InputError for any other address.
     """

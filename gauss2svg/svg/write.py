@@ -1,11 +1,11 @@
-"""SVG documents: write_svg and outline_svg, the only module that knows svgwrite.
+"""Writing of SVG files: write_svg, outline_svg and plate_svg. Only this module imports svgwrite.
 
-gauss2svg.svg.encode has the elements of an editable file; those that other encodings would need
-fail in one renderer or another (docs/decisions/svg.md). An additive scene is written as differences
-(gauss2svg.svg.additive).
+gauss2svg.svg.encode makes the elements of an editable file. Other encodings need elements that fail
+in one renderer or another (docs/decisions/svg.md). gauss2svg.svg.additive writes an additive scene
+as differences.
 
-The root has role="img", by which Chromium gives a screen reader the title as its name and the desc
-as its description, both inline and as a file of its own; aria-labelledby would add nothing.
+The root has role="img". It makes Chromium give screen readers the title as the name and the desc as
+the description, both inline and as a file of its own. aria-labelledby would add nothing.
 """
 
 from __future__ import annotations
@@ -37,28 +37,30 @@ def write_svg(
 ) -> str:
     """Return the SVG text of a scene. It depends only on the scene, the format and the document.
 
-    The scene is written with the exponents and colours that a file can hold
-    (gauss2svg.svg.blur.snapped); gauss2svg.quantize returns a scene with fewer of them, for a
-    smaller file. A transparent scene has no <rect>.
+    Exponents and colours become those that a file can hold (gauss2svg.svg.blur.snapped).
+    gauss2svg.quantize returns a scene with fewer of them, for a smaller file. A transparent scene
+    has no <rect>.
 
-    Minimal markup is that of gauss2svg.svg.minimal. Layers by ink are those of
-    gauss2svg.svg.plates.grouped_by_ink.
+    gauss2svg.svg.minimal explains minimal markup, gauss2svg.svg.additive the file of an additive
+    scene, whose layers are phases. gauss2svg.svg.plates.grouped_by_ink makes layers by ink.
 
-    An additive scene is written as gauss2svg.svg.additive explains: its layers are phases.
-    Raise InputError for an additive scene with animation or fragments, for these, such a scene and
-    blurs in minimal markup, for a document whose size depends on a photo, and for layers by ink of
-    a scene without (Scene.inks).
+    Raise InputError for
+
+    - animation or fragments with an additive scene, with minimal markup or with layers by ink;
+    - an additive scene or blurs in minimal markup, and blurs of an additive scene;
+    - layers by ink of a scene that is not in inks (Scene.inks);
+    - a document whose size depends on a photo.
     """
     scene = required(scene, "scene", Scene)
     svg_format = instance(svg_format, "svg_format", SvgFormat)
     document = instance(document, "document", Document)
-    if svg_format.markup != MINIMAL:  # whose painter's order is that of its rounded shapes
+    if svg_format.markup != MINIMAL:  # minimal markup orders shapes after rounding
         scene = in_file_order(scene, svg_format, document)
     return ordered_svg(scene, svg_format, document)
 
 
 def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Scene:
-    """Return the scene in the order of its file: with layers by ink, each ink's runs as rounds."""
+    """Return the scene in the order of its file. With layers by ink, runs of an ink are rounds."""
     if svg_format.layers != INKS:
         return scene
     document.check_without_layers(f"layers {INKS}", "which are no rounds", f"layers {ROUNDS}")
@@ -66,7 +68,7 @@ def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Sc
 
 
 def ordered_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
-    """Return the text of write_svg for a scene that is in the order of its file already."""
+    """Return the text of write_svg for a scene that in_file_order returned."""
     if svg_format.markup == MINIMAL:
         if svg_format.form != GRADIENT:
             raise refusal("form", f"{GRADIENT} in minimal markup", quoted(svg_format.form))
@@ -81,10 +83,10 @@ def ordered_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
 
 
 def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
-    """Return the SVG text of a plate, which is black where an ink #rrggbb of a scene is seen.
+    """Return the SVG text of an ink's plate, which is black where the ink #rrggbb is visible.
 
-    All plates of a scene are of one size and lie over each other. Raises InputError for a scene
-    that is not in inks (Scene.inks), and for another ink.
+    All plates of a scene have the same size, so that they can be printed over each other. Raise
+    InputError for a scene that is not in inks (Scene.inks), and for an ink that it does not have.
     """
     plate = plate_of(required(scene, "scene", Scene), ink)
     return write_svg(plate, SvgFormat(layers=INKS), document)
@@ -96,18 +98,19 @@ def outline_svg(
     stroke_width: float = OUTLINE_WIDTH,
     pens: int | None = None,
 ) -> str:
-    """Return the SVG text of a scene's shapes as bare strokes, for plotters; without a background.
+    """Return the SVG text of a scene's shapes as bare strokes, for plotters.
 
-    Each is an <ellipse> along the contour on which the falloff is half of its height, in the
-    shape's colour, opaque, in layers like those of write_svg. Shapes whose extent or opacity is
-    written as 0 are left out.
+    Each shape is an <ellipse> along the contour on which the falloff is half of its height. Its
+    stroke has the shape's colour and is opaque. Layers are those of write_svg, and there is no
+    background. Shapes whose extent or opacity is written as 0 are left out.
 
-    stroke_width  px, above 0
-    pens          colours at most, each with the layer that its strokes form: "1 #c0322c: ..". Then
-                  strokes end at the page, and the unit is a millimetre, of the document's size or
-                  at 96 px an inch
-    Raise InputError for a width out of range, for an additive scene, and for pens with
-    animation or fragments, which need layers of rounds.
+    stroke_width  width in px, 0.01..100
+    pens          largest number of colours. Each has a layer of its strokes, such as "1 #c0322c:
+                  ..". Strokes then end at the page, and the unit is a millimetre on paper: by the
+                  document's size, or at 96 px an inch
+
+    Raise InputError for a width or a number of pens out of range, for an additive scene, and for
+    pens with animation or fragments, which need layers of rounds.
     """
     scene = required(scene, "scene", Scene)
     document = instance(document, "document", Document)
@@ -118,15 +121,14 @@ def outline_svg(
 
 
 def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
-    """Return the file of a drawing: a root with size, title and description, and what is in it."""
+    """Return the text of a file: a root with size, title and description, around the drawing."""
     canvas = sides_of(scene)
     document = dataclasses.replace(document, size=drawing.size or document.size)
     sides = document.sides(scene.width, scene.height)
-    # debug=True, svgwrite's default, triples the time and still lets NaN through;
-    # the numbers are checked by number().
+    # debug=True, the default, triples the time, and NaN passes its checks.
     view = f"0 0 {drawing.view[0]} {drawing.view[1]}"
     root = svgwrite.Drawing(size=sides or canvas, viewBox=view, debug=False)
-    Inkscape(root)  # which names its namespaces
+    Inkscape(root)  # adds Inkscape's namespaces
     if document.aspect:
         root["preserveAspectRatio"] = document.aspect
     if document.is_responsive:
