@@ -1,4 +1,4 @@
-"""Options that exclude each other, refused before anything slow begins."""
+"""Refusal of options that exclude each other, before anything slow begins."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from gauss2svg.scene import ADD
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.document import EDITABLE, MINIMAL
 
-_ROUNDS = ("per_round", "round_iterations", "schedule")  # options that ask for a given count
+_ROUNDS = ("per_round", "round_iterations", "schedule")  # options that need a given count
 _LIMITS = ("target_psnr", "target_ssimulacra2", "max_bytes", "time_limit")
 
 
 def check_together(options: Options) -> None:
-    """Raise InputError for options that exclude each other, RendererError where a renderer does."""
+    """Raise InputError if options conflict, or RendererError if the renderer lacks them."""
     for name, rule, got, advice in _exclusions(options):
         raise InputError(f"{name} must {rule}; got {got}. Try {advice}")
     renderer, svg = options.run.renderer, options.svg
@@ -43,13 +43,13 @@ def check_alpha(options: Options, photo: Photo) -> None:
 
 
 def needs_editable(options: Options) -> str:
-    """What is asked for that a minimal file does not have; empty if nothing."""
+    """Return the first requested feature that a minimal file cannot have, or "" if none."""
     additive = ["additive blending"] * (options.written_blend == ADD)
     return next(iter([*additive, *_layered(options)]), "")
 
 
 def _layered(options: Options) -> list[str]:
-    """Return what is asked for that neither additive, minimal files nor those of inks have."""
+    """Return the requested features that additive, minimal and ink files cannot have."""
     form = options.svg.form
     return [*[f"form {form}"] * (form != GRADIENT), *options.document.layered]
 

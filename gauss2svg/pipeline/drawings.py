@@ -1,7 +1,7 @@
-"""Flat drawings: whether a picture is one, and what in it is shaded or texture.
+"""Flat drawings: tests for their edges and shading, and the enlarged picture to fit.
 
-A drawing is fitted enlarged, to what several fits agree on between its pixels. Every fit is close
-to the picture and errs elsewhere between them (docs/decisions/enlarged.md):
+A drawing is fitted enlarged. Several fits are close to it at its pixels, and each errs differently
+between them. The enlarged picture is what they agree on (docs/decisions/enlarged.md):
 
     fits -> renders at four times the size -> their mean, corrected to match each pixel where the
     renders differ -> a larger picture to fit
@@ -19,29 +19,30 @@ from PIL import Image, ImageFilter
 from gauss2svg.photo.alpha import from_views, has_alpha, views
 
 # Definition of a flat drawing (docs/decisions/small.md).
-FLAT_SHARE = 0.4  # share of the pixels that a drawing's most frequent colours have
+FLAT_SHARE = 0.4  # smallest share of a drawing's pixels that have its most frequent colours
 FLAT_COLORS = 4  # number of colours that count as the most frequent
-GENTLE = 0.03  # largest change for each px, in 0..1, of a shaded area
-SHADED_SHARE = 0.01  # share of shaded pixels from which a drawing has shading
-# Largest second difference between neighbours, in 0..1, of a flat or evenly shaded area: one
-# level of 255, and roundings (docs/decisions/enlarged.md).
+GENTLE = 0.03  # largest change per px, in 0..1, of a shaded area
+SHADED_SHARE = 0.01  # smallest share of shaded pixels of a drawing with shading
+# Largest second difference between neighbours, in 0..1, of a flat or evenly shaded area. It
+# allows for one level of 255 and rounding (docs/decisions/enlarged.md).
 EVEN = 1.5 / 255
 RIM = 2  # distance in px from an even area up to which an uneven pixel is part of an edge
-# Share of uneven pixels that are farther, from which a picture is textured, like a photo on
-# white.
+# Share of the uneven pixels that are farther away than RIM, above which a picture is textured,
+# like a photo on white.
 TEXTURED_SHARE = 0.5
 
 
 def is_drawing(photo: NDArray[np.float32]) -> bool:
-    """Whether a few colours make up much of a picture, as the flat ones of a drawing do."""
+    """Return whether a few colours make up much of a picture, as in a flat drawing."""
     return _flat_share(photo) >= FLAT_SHARE
 
 
 def has_edges(photo: NDArray[np.float32]) -> bool:
-    """Whether what is not flat or evenly shaded in a drawing is mostly its antialiased edges.
+    """Return whether a picture is a drawing whose uneven pixels are mostly antialiased edges.
 
     photo  (h, w, 3) or (h, w, 4) float32 in 0..1
-    Not so of drawings of whole pixels, which have no other colours, and of photos on a flat ground.
+    False for drawings without antialiasing, which have only a few colours, and for photos on a flat
+    ground.
     """
     if _flat_share(photo[::7, ::13]) < FLAT_SHARE / 2:  # most photos
         return False
@@ -49,7 +50,7 @@ def has_edges(photo: NDArray[np.float32]) -> bool:
 
 
 def is_shaded(photo: NDArray[np.float32]) -> bool:
-    """Whether some of a picture is neither flat nor near an edge (docs/decisions/enlarged.md).
+    """Return whether a picture has shaded areas away from edges (docs/decisions/enlarged.md).
 
     photo  (h, w, 3) or (h, w, 4) float32 in 0..1
     """
@@ -57,13 +58,13 @@ def is_shaded(photo: NDArray[np.float32]) -> bool:
         return False
     down, across = np.gradient(_channels(photo), axis=(0, 1))
     slope = np.hypot(down, across).max(axis=2)
-    # Beside an antialiased edge some pixels are gentle.
+    # A pixel beside an antialiased edge may be gentle, so its neighbours must be gentle too.
     shaded = (slope > 0) & (_largest(slope, 1) < GENTLE)
     return bool(shaded[1:-1, 1:-1].mean() >= SHADED_SHARE)
 
 
 def _is_textured(photo: NDArray[np.float32]) -> bool:
-    """Whether much that is uneven lies away from what is flat or evenly shaded."""
+    """Return whether most uneven pixels lie away from flat or evenly shaded areas."""
     pixels, uneven = _channels(photo), np.zeros(photo.shape[:2], bool)
     for axis, inner in enumerate((uneven[1:-1], uneven[:, 1:-1])):
         if photo.shape[axis] > 2:
@@ -74,43 +75,46 @@ def _is_textured(photo: NDArray[np.float32]) -> bool:
 
 
 def _largest(values: NDArray[Any], reach: int) -> NDArray[Any]:
-    """Return (h, w) the largest of the values in the square of so many px around each."""
+    """Return (h, w) the largest value within `reach` px of each pixel, in a square."""
     return np.asarray(Image.fromarray(values).filter(ImageFilter.MaxFilter(2 * reach + 1)))
 
 
 def _flat_share(pixels: NDArray[np.float32]) -> float:
-    """Share of the pixels that have one of the most frequent colours of 8 bits."""
+    """Return the share of the pixels that have one of the most frequent 8-bit colours."""
     numbers = np.round(pixels * 255).astype(np.int64) @ 256 ** np.arange(pixels.shape[2])
     counts = np.sort(np.unique(numbers, return_counts=True)[1])
     return float(counts[-FLAT_COLORS:].sum() / numbers.size)
 
 
-RASTER_TIMES = 4  # size of the renders, times that of the picture
-# Longest side in px of a drawing that is fitted enlarged. A larger one has pixels enough.
+RASTER_TIMES = 4  # ratio of the renders' size to the picture's
+# Longest side in px of a drawing that is fitted enlarged. A larger one has enough pixels.
 LARGEST_ENLARGED = 512
-ENLARGED_TWICE_FROM = 256  # px of a side over which a picture is enlarged twice, not four times
-LOCAL_SHARE = 0.3  # share of the variance of 3 x 3 px that is uncertain beside that of the renders
-LEAST_VARIANCE = 1e-3  # variance that is uncertain everywhere, in 0..1
-CORRECTIONS = 5  # after which few values are left that clipping changed
+ENLARGED_TWICE_FROM = 256  # longest side in px above which a picture is enlarged 2, not 4 times
+LOCAL_SHARE = 0.3  # share of the variance in 3 x 3 px that is added to the renders' variance
+LEAST_VARIANCE = 1e-3  # variance that is added everywhere, of values in 0..1
+CORRECTIONS = 5  # number of corrections. After them, clipping changes few values
 
 
 def enlargement(width: int, height: int) -> int:
-    """Return how many times as large a drawing of so many px is fitted."""
+    """Return the factor, 2 or 4, by which a drawing of width x height px is enlarged."""
     return 2 if max(width, height) > ENLARGED_TWICE_FROM else 4
 
 
 def agreed(
     picture: NDArray[np.float32], renders: Sequence[NDArray[np.float32]], times: int
 ) -> NDArray[np.float32]:
-    """Return the picture enlarged, by renders of fits at four times its size.
+    """Return the picture enlarged, as renders of fits at four times its size agree on it.
 
-    x <- x + v / mean(v) (p - mean(x)), means over the 4 x 4 px of each pixel p of the picture, from
-    x = the mean of the renders, with v = their variance + .3 of that of x in 3 x 3 px + .001: as
-    in a Kalman filter an observation moves what is uncertain.
+    x begins as the mean of the renders and is corrected CORRECTIONS times by
+
+        x <- x + v / mean(v) (p - mean(x)),
+
+    with means over the 4 x 4 px of each pixel p of the picture, and v = variance of the renders
+    + .3 variance of x in 3 x 3 px + .001. Uncertain values move most, as in a Kalman filter.
 
     picture  (h, w, 3) or (h, w, 4) float32 in 0..1
     renders  one or more of (4 h, 4 w, channels)
-    times    size of the result, times that of the picture: 1, 2 or 4
+    times    ratio of the result's size to the picture's: 1, 2 or 4
     """
     height, width = picture.shape[:2]
     pixels = _channels(picture)
@@ -118,7 +122,7 @@ def agreed(
     x = all_.mean(axis=0)
     channels = x.shape[2]
     variance = np.full((*x.shape[:2], 1), LEAST_VARIANCE, np.float32)
-    for k in range(channels):  # one after the other: all at once take 100 MB
+    for k in range(channels):  # one channel at a time, because all at once take 100 MB
         local = LOCAL_SHARE * _local_variance(x[:, :, k])
         variance[:, :, 0] += (all_[:, :, :, k].var(axis=0) + local) / channels
     del all_
@@ -131,24 +135,24 @@ def agreed(
 
 
 def _channels(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return (h, w, 3), or (h, w, 6) over both backdrops where there is alpha."""
+    """Return (h, w, 3), or (h, w, 6) over both backdrops if there is alpha."""
     return np.concatenate(views(pixels), axis=2)
 
 
 def _averaged(pixels: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:
-    """Return means of blocks, (height, width, channels)."""
+    """Return (height, width, channels) the mean of each block of pixels."""
     down, across = pixels.shape[0] // height, pixels.shape[1] // width
     blocks = pixels.reshape(height, down, width, across, -1)
     return blocks.mean(axis=(1, 3), dtype=np.float32)
 
 
 def _repeated(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Repeat each pixel over a block of the renders' size."""
+    """Enlarge pixels to the renders' size by repeating each."""
     return pixels.repeat(RASTER_TIMES, axis=0).repeat(RASTER_TIMES, axis=1)
 
 
 def _local_variance(channel: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return (h, w) the variance in 3 x 3 px."""
+    """Return (h, w) the variance in the 3 x 3 px around each pixel."""
     padded = np.pad(channel, 1, mode="edge")
     mean, squares = _sums(padded) / 9, _sums(np.square(padded)) / 9
     return np.maximum(squares - np.square(mean), 0, dtype=np.float32)

@@ -1,16 +1,16 @@
-"""Sizes of a run in px, and the memory that it takes and has, all known before the fit.
+"""Image sizes of a run, the memory that it needs and the memory that it may use.
 
-The estimate is an upper bound of the process's resident size in bytes, for a photo of P px, M px
-that are measured and a fit on F px: the largest of three stages,
+All are known before the fit. The estimate is an upper bound of the process's resident size in
+bytes. For a photo of P px that is measured at M px and fitted at F px, three stages need
 
-    decoding    31 P, or d P + 12 M by the photo's format where it is reduced to M meanwhile, from
-                twice the side on
-    fitting     12 M + a F,  a by the loss, and more in inks
-    measuring   57 M + 36 F, and more in inks
+    decoding    31 P, or d P + 12 M with d by the format if the photo is reduced while it is decoded
+    fitting     12 M + a F, with a by the loss
+    measuring   57 M + 36 F
 
-(70, 28 and 151 for a transparent photo), plus that of the interpreter, the libraries and each
-shape, times a margin. benchmarks/memory.py compares it with processes. Not counted are other
-programs that rasterise, and the first compilation of the kernels (105 MB).
+A transparent photo has 70, 28 and 151 instead of 31, 12 and 57, and inks and enlarged drawings add
+to these. The largest stage, the interpreter, the libraries and the shapes are added up and
+multiplied by a margin. benchmarks/memory.py compares the estimate with processes. It leaves out
+other programs that rasterise, and the first compilation of the kernels (105 MB).
 """
 
 from __future__ import annotations
@@ -30,41 +30,50 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import CAP_FOR_TARGET
 from gauss2svg.scene import ADD
 
-# Pixels at which a file is measured at least, where the photo has them: docs/decisions/photo.md.
+# Fewest pixels at which a file is measured, if the photo has as many (docs/decisions/photo.md).
 MEASURED_PIXELS = 1_000_000
-# Measured bytes per pixel of a photo (benchmarks/memory.py), opaque and with alpha: held, while
-# decoding, and while measuring.
+# Bytes of each pixel while it is held, decoded and measured, of an opaque photo and of a photo with
+# alpha (benchmarks/memory.py).
 _BYTES = (12, 31, 57), (28, 70, 151)
 
 
-# Measured bytes of a run, and what they are counted for (docs/decisions/memory.md).
-BASE = 205e6  # a run with a photo of a few pixels
-SHAPE = 3000  # each Gaussian
-FIT = 75  # each pixel of the fit
-FIT_SSIM = 130  # the same where the loss has SSIM
-INKS = 34  # added for each pixel of a fit in inks, whose target is not the photo
-ENLARGED = 230  # each pixel of an enlarged drawing, as photos with a limit of bytes may be
-LARGEST = 1024**2  # pixels of the enlarged drawing at most
-HELD = 36  # each pixel of the fit after it has ended
-ADDITIVE = 110e6  # writing an additive scene
-MARGIN = 1.2  # factor for what is not measured
+# Measured bytes of a run (docs/decisions/memory.md).
+BASE = 205e6  # bytes of a run with a photo of a few pixels
+SHAPE = 3000  # bytes of each Gaussian
+FIT = 75  # bytes of each pixel of the fit
+FIT_SSIM = 130  # bytes of each pixel of a fit whose loss has SSIM
+INKS = 34  # bytes added for each pixel of a fit in inks, whose target is not the photo
+ENLARGED = 230  # bytes of each pixel of an enlarged drawing
+LARGEST = 1024**2  # largest number of pixels of an enlarged drawing
+HELD = 36  # bytes of each pixel of the fit after it has ended
+ADDITIVE = 110e6  # bytes for writing an additive scene
+MARGIN = 1.2  # factor for memory that was not measured
 
 
 def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXELS) -> Size:
-    """Size of measuring: the fit's from `least` pixels on, else one of so many, or the photo's."""
+    """Return the size in px at which a file is measured.
+
+    It is the fit's size if that has at least `least` pixels. Otherwise it is the photo's size,
+    reduced to about `least` pixels if it has more.
+    """
     if fit[0] * fit[1] >= least or fit == photo:
         return fit
     scale = math.sqrt(least / (photo[0] * photo[1]))
     if scale >= 1:
         return photo
-    scale = math.ceil(scale * max(photo)) / max(photo)  # such as a longest side alone asks for
+    scale = math.ceil(scale * max(photo)) / max(photo)  # makes the longest side whole
     width, height = (max(1, round(scale * side)) for side in photo)
     return width, height
 
 
 @dataclass(frozen=True)
 class Load:
-    """A run of a plan on a photo, whose fit runs on an image of `fit` px, and what that takes."""
+    """The sizes and the memory of a run.
+
+    plan   plan of the run
+    photo  header of the photo
+    fit    width and height in px of the image that the fit runs on
+    """
 
     plan: Plan
     photo: Header
@@ -77,7 +86,7 @@ class Load:
 
     @property
     def measured(self) -> Size:
-        """Width and height in px at which the file is measured; with a time limit no larger."""
+        """Width and height in px at which the file is measured. A time limit may reduce them."""
         limit, least = self.plan.goal.time_limit, MEASURED_PIXELS
         if self.plan.options.run.full_size:
             return self.size
@@ -87,7 +96,7 @@ class Load:
 
     @property
     def most_gaussians(self) -> int:
-        """Largest number of Gaussians."""
+        """Largest number of Gaussians that the run may have."""
         if self.plan.goal.count is not None:
             return self.plan.goal.count
         caps = [
@@ -98,7 +107,7 @@ class Load:
 
     @property
     def bytes(self) -> int:
-        """Estimated bytes that the run takes at most."""
+        """Estimated upper bound of the run's memory in bytes."""
         plan, options, target = self.plan, self.plan.options, self.plan.goal.target
         fit, kept = math.prod(self.fit), math.prod(self.measured)
         held, _, measured = _BYTES[self.photo.has_alpha]
@@ -114,7 +123,7 @@ class Load:
 
 
 def _decoding(photo: Header, kept: int) -> int:
-    """Return the bytes that decoding takes if so many pixels are kept."""
+    """Return the bytes that decoding takes if `kept` pixels are kept."""
     held, decoded, _ = _BYTES[photo.has_alpha]
     pixels = photo.width * photo.height
     if photo.reduced_bytes is not None and kept < pixels:
@@ -123,9 +132,10 @@ def _decoding(photo: Header, kept: int) -> int:
 
 
 def allowed(max_memory: int | str | None) -> int:
-    """Bytes that a run may take: those given, such as "2G", or SHARE of the free and its own.
+    """Return the bytes of memory that a run may take.
 
-    Raises InputError for an invalid size.
+    They are `max_memory`, such as "2G", or SHARE of the free memory and the process's own if it is
+    None. Raise InputError for an invalid size.
     """
     if max_memory is not None:
         return byte_size("max_memory", max_memory)
@@ -133,9 +143,9 @@ def allowed(max_memory: int | str | None) -> int:
 
 
 def check_decoding(header: Header, limit: int, reduced: bool = False) -> None:
-    """Raise InputError for a photo whose pixels alone take more than a limit of bytes.
+    """Raise InputError if decoding a photo takes more memory than `limit` bytes.
 
-    reduced  whether it is reduced while it is decoded
+    reduced  whether the photo is reduced while it is decoded
     """
     decoding = _decoding(header, 0 if reduced else header.width * header.height)
     needed = math.ceil(MARGIN * (BASE + decoding))
@@ -145,10 +155,10 @@ def check_decoding(header: Header, limit: int, reduced: bool = False) -> None:
 
 
 def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[Load, str | None]:
-    """Return the load of the largest fit under a limit of bytes, and a note if it is reduced.
+    """Return the load of the largest fit within `limit` bytes, and a note if that is reduced.
 
-    asked  whether the size was given by the user and may not be reduced
-    Raise InputError if a given size does not fit, and if none does.
+    asked  whether the size is required and may not be reduced
+    Raise InputError if a required size does not fit, or if no size does.
     """
     if load.bytes <= limit:
         return load, None
@@ -179,19 +189,19 @@ def _megabytes(size: float) -> str:
     return f"{size / 1e6:.0f} MB" if size >= 1e6 else f"{size:.0f} bytes"
 
 
-# The size of a fit within a time limit (docs/decisions/time.md).
+# Size of a fit within a time limit (docs/decisions/time.md).
 PIXELS_PER_SECOND = 150_000  # most pixels of the fit for each second of the limit
 START_S = 0.5  # seconds of the limit that the start takes
-LEAST_S = 0.25  # fewest seconds of the limit that are left
+LEAST_S = 0.25  # fewest seconds that are assumed to be left after the start
 
 
 def pixels_within(time_limit: float) -> float:
-    """Return the most pixels of a fit for which a time limit in s has time."""
+    """Return the largest number of pixels that a fit may have within a time limit in s."""
     return PIXELS_PER_SECOND * max(time_limit - START_S, LEAST_S)
 
 
 def load_of(plan: Plan, photo: Header) -> Load:
-    """Return the load of a run on a photo, with the sizes that the preset asks for."""
+    """Return the load of a run on a photo, by its options, presets and time limit."""
     given, limit = plan.options.run.max_size, plan.goal.time_limit
     width, height = photo.width, photo.height
     longest = given or max(search.preset.max_size for search in plan.searches())

@@ -1,4 +1,4 @@
-"""The options of a run, in six groups, from which all other forms are derived."""
+"""The options of a run in six groups, from which command line and report are derived."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from gauss2svg.scene import OVER
 from gauss2svg.svg.document import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
 
 AUTO = "auto"
-_MOST_DECIBELS = 100.0  # 8-bit images that differ have less up to 65 megapixels
+_MOST_DECIBELS = 100.0  # dB. Differing 8-bit images of up to 65 megapixels have less
 
 
 @dataclass(frozen=True, kw_only=True)
 class Goal(OptionGroup):
-    """Targets and limits of a run, the first of which ends it.
+    """Targets and limits of a run. The first one that is reached ends the run.
 
     A limit of bytes or seconds that is given alone is a budget: the best picture within it is
-    written. A preset or a number of Gaussians that is given with it is an upper bound. Of two
-    limits both hold.
+    written. A preset or a number of Gaussians that is given with it is an upper bound. If two
+    limits are given, the run keeps both.
     """
 
     quality: Literal["draft", "fast", "balanced", "high", "max"] | None = None
@@ -74,17 +74,17 @@ class Goal(OptionGroup):
 
     @property
     def target(self) -> Score | None:
-        """The score that has a target."""
+        """Score that has a target, None without one."""
         return next(iter(self._targets()), None)
 
     @property
     def count(self) -> int | None:
-        """The given number of Gaussians, None if it adapts to the image."""
+        """Given number of Gaussians, None if it adapts to the image."""
         return self.gaussians if isinstance(self.gaussians, int) else None
 
     @property
     def byte_limit(self) -> int | None:
-        """`max_bytes` as a number, which it is once it is checked."""
+        """`max_bytes` as a number of bytes, None without a limit."""
         return self.max_bytes if isinstance(self.max_bytes, int) else None
 
     @property
@@ -99,16 +99,16 @@ class Goal(OptionGroup):
 
     @property
     def is_budget(self) -> bool:
-        """Whether bytes or seconds are limited and nothing else is asked for: the best in them."""
+        """Whether a limit is given without a preset, a number of Gaussians or a target."""
         return self.is_limited and self.quality is self.gaussians is self.target is None
 
 
 @dataclass(frozen=True, kw_only=True)
 class SvgOptions(OptionGroup):
-    """How the SVG is written.
+    """Options of the written SVG.
 
-    A caller of vectorize gives these, of which many are by default found out; write_svg takes what
-    they come to, an SvgFormat.
+    `vectorize` takes these and chooses the values that are not given. `write_svg` takes the chosen
+    values as an SvgFormat.
     """
 
     form: Form = "gradient"
@@ -149,7 +149,7 @@ class SvgOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(OptionGroup):
-    """Resources and the measuring renderer."""
+    """Resources of a run, and the renderer that measures it."""
 
     renderer: Renderer = "resvg"
     """Renderer that rasterises the SVG to measure it. resvg comes with gauss2svg, cairo needs the
@@ -188,14 +188,14 @@ GROUPS: dict[str, type[OptionGroup]] = {
 }
 
 
-# The key of the group and the field of each option, by its name.
+# Key of the group and field of each option, by the option's name.
 OPTIONS: dict[str, tuple[str, Field]] = {
     field.name: (key, field) for key, group in GROUPS.items() for field in fields_of(group)
 }
 
 
 def unknown_option(name: str) -> TypeError:
-    """The error of a keyword that vectorize does not have, with where the option belongs."""
+    """Return the error for a keyword that vectorize lacks. It says where the option belongs."""
     if name in OPTIONS:
         key = OPTIONS[name][0]
         where = f"{key}={GROUPS[key].__name__}({name}=...)"
@@ -203,9 +203,9 @@ def unknown_option(name: str) -> TypeError:
     return TypeError(f"option must be one of vectorize or of its classes; got {quoted(name)}")
 
 
-# Options that change no picture; max_memory only where there is too little of it.
+# Options that do not change the picture. max_memory does only if the memory is too small.
 NOT_OF_PICTURE = frozenset({"threads", "max_memory", "max_pixels", "scores"})
-# In the order in which the help lists the groups.
+# Titles of the groups, in the order of the help.
 GROUP_TITLES = {
     "goal": "Goal",
     "svg": "SVG",
@@ -234,15 +234,15 @@ class Options:
 
     @classmethod
     def from_flat(cls, values: Mapping[str, Any]) -> Options:
-        """The options of these names and values; raises InputError for an unknown name."""
+        """Return options from names and values. Raise InputError for an unknown name."""
         return cls().changed(**values)
 
     def flat(self) -> dict[str, Any]:
-        """Every option's value by its name."""
+        """Return the value of every option by its name."""
         return {name: getattr(getattr(self, key), name) for name, (key, _) in OPTIONS.items()}
 
     def changed(self, /, **values: Any) -> Options:
-        """The options with other values, by their names; raises InputError for an unknown name."""
+        """Return the options with these values changed. Raise InputError for an unknown name."""
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             if name not in OPTIONS:

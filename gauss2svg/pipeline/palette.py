@@ -1,6 +1,6 @@
 """Quantisation to a palette, by weighted k-means on colours and exponents.
 
-A palette has a gradient for each of its entries, so fewer entries make a smaller file.
+The file has a gradient for each entry of the palette, so fewer entries make a smaller file.
 """
 
 from __future__ import annotations
@@ -23,21 +23,26 @@ from gauss2svg.svg.blur import GRADIENT, drawn_blurs, snapped, with_falloffs
 from gauss2svg.svg.plain_ellipse import drawn_beta, is_plain
 
 # Search for a palette (docs/decisions/palette.md).
-ITERATIONS = 6  # iterations of Lloyd's algorithm; twice as many gain under 2 %
-# Multiple of the allowed error until which clusters are split, because Lloyd's iterations remove
-# about a tenth of it.
+ITERATIONS = 6  # iterations of Lloyd's algorithm. Twice as many gain under 2 %
+# Multiple of the allowed error at which splitting ends, because Lloyd's iterations remove about a
+# tenth of it.
 SPARE = 1.12
 LESS = 0.94  # factor of that multiple if Lloyd's iterations remove less than a tenth
-LEAST_AIM = 0.1  # multiple of the allowed error under which no palette suffices
-# Weight of ln beta beside colours in 0..1: the best for photos and near the best at few bytes.
+LEAST_AIM = 0.1  # multiple of the allowed error below which the search gives up
+# Weight of ln beta beside colours in 0..1. It is best for photos and near the best at few bytes.
 BETA_WEIGHT = 0.1
-LARGEST_SIDE = 768  # px of the longest side of the canvas for weights
+LARGEST_SIDE = 768  # longest side in px of the canvas on which weights are computed
 Rows = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Palette:
-    """k entries: 8-bit sRGB color (k, 3) and exponent beta (k,); entry (n,) of each shape."""
+    """A palette of k entries for n shapes.
+
+    color  (k, 3) 8-bit sRGB colours of the entries
+    beta   (k,) exponents of the entries
+    entry  (n,) index of each shape's entry
+    """
 
     color: NDArray[np.uint8]
     beta: NDArray[np.float64]
@@ -47,16 +52,16 @@ class Palette:
 def best_palette(
     color: Rows, beta: Rows, weight: Rows, count: int, allowed: float = 0.0
 ) -> Palette:
-    """Return at most `count` pairs of a colour and an exponent, and the one of each shape.
+    """Return a palette of at most `count` pairs of a colour and an exponent.
 
-    Weighted k-means on color (n, 3) in 0..1 and beta_weight ln beta (n,) minimises
+    Weighted k-means on color (n, 3) in 0..1 and BETA_WEIGHT ln beta (n,) minimises
 
         sum weight |difference|^2,
 
-    whose colour part is the squared error of the image if weight (n,) >= 0 is the squared visible
-    mass of a shape. Pairs that are few enough already are kept, colours rounded to 8 bits and
-    exponents to BETA_CLASSES. If `allowed` > 0, about as few entries are used as keep the sum under
-    it. The result is deterministic: it starts from clusters that are split again and again.
+    whose colour part is the squared error of the image if weight (n,) >= 0 is the visible mass of
+    each shape. Colours are rounded to 8 bits and exponents to BETA_CLASSES. If there are no more
+    than `count` pairs, all are kept. If `allowed` > 0, about the fewest entries that keep the sum
+    under it are used. The result is deterministic, because clusters begin by splitting.
     """
     features = np.column_stack([color, BETA_WEIGHT * np.log(_class_of(beta))])
     entries, entry = few_rows(features, weight, count, allowed, _rounded)
@@ -67,22 +72,23 @@ def best_palette(
 def few_rows(
     features: Rows, weight: Rows, count: int, allowed: float, rounded: Callable[[Rows], Rows]
 ) -> tuple[Rows, NDArray[np.intp]]:
-    """Return at most `count` entries (k, d) for features (n, d), and that of each, (n,).
+    """Return at most `count` entries (k, d) for features (n, d), and the entry (n,) of each.
 
-    rounded  returns the values of the file for any features
+    allowed  weighted squared error that may be added to use fewer entries; 0: none
+    rounded  function that rounds features to values that a file can have
     """
     kept, entry_kept = np.unique(rounded(features), axis=0, return_inverse=True)
     exact, distinct = (kept, entry_kept.reshape(-1)), len(kept)
     if distinct <= 1 or (allowed <= 0 and distinct <= count):
         return exact
     floor = max(float(weight.mean()), np.finfo(np.float64).tiny) * 1e-3
-    weight = weight + floor  # so that colours that are hardly visible still count
+    weight = weight + floor  # hardly visible colours count a little
 
     def loss(entries: Rows, entry: NDArray[np.intp]) -> float:
         return float(np.sum(weight * np.square(entries[entry] - features).sum(axis=1)))
 
     def refined(entries: Rows) -> tuple[Rows, NDArray[np.intp]]:
-        """Return the entries after Lloyd's iterations, and that of each feature."""
+        """Return the entries after Lloyd's iterations, and the entry of each feature."""
         for _ in range(ITERATIONS):
             entry = nearest_entry(entries, features)[1]
             mass = np.bincount(entry, weight, len(entries))
@@ -102,7 +108,7 @@ def few_rows(
         if loss(entries, entry) <= allowed:
             return entries, entry
         if left > aim or len(means) >= most or aim < allowed * LEAST_AIM:
-            # No palette suffices: the rest of the error is rounding.
+            # No palette reaches `allowed`, because the rest of the error is rounding.
             return exact if distinct <= count else (entries, entry)
         aim *= LESS
 
@@ -112,7 +118,7 @@ def _class_of(beta: Rows) -> Rows:
 
 
 def _rounded(features: Rows) -> Rows:
-    """Return features with 8-bit colours and the classes of their exponents."""
+    """Round colours to 8 bits and exponents to their classes."""
     classes = _class_of(np.exp(features[:, 3] / BETA_WEIGHT))
     return np.column_stack([np.round(features[:, :3] * 255) / 255, BETA_WEIGHT * np.log(classes)])
 
@@ -120,9 +126,9 @@ def _rounded(features: Rows) -> Rows:
 def _split(
     features: NDArray[np.float64], weight: NDArray[np.float64], count: int, aim: float
 ) -> tuple[NDArray[np.float64], float]:
-    """Means (k, d) of clusters, k <= count, and the squared error that is left.
+    """Return the means (k, d) of k <= count clusters, and the squared error that is left.
 
-    The cluster of the largest error is cut at its mean, across its direction of largest variance,
+    The cluster with the largest error is cut at its mean, across its direction of largest variance,
     until the error is at most `aim` (Wan, Wong and Prusinkiewicz, "An algorithm for
     multidimensional data clustering", 1988).
     """
@@ -140,7 +146,7 @@ def _split(
     left = -heap[0][0]
     while len(heap) < count and left > aim:
         worst, _, members, _, above = heap[0]
-        if above.all() or not above.any():  # one colour only
+        if above.all() or not above.any():  # all members are equal
             break
         parts = cluster(members[above]), cluster(members[~above])
         heapq.heapreplace(heap, parts[0])
@@ -149,10 +155,10 @@ def _split(
     return np.array([mean for _, _, _, mean, _ in heap]), left
 
 
-# Shapes of a drawing that are edges (docs/decisions/enlarged.md).
-RIM = 1.5  # longest rim of an edge, px across the minor axis from .9 to .1
-# Least distance in px from the middle to the edge. What is thinner cannot be seen to be crisp,
-# and is closer as it was fitted.
+# Shapes of a drawing that count as crisp (docs/decisions/enlarged.md).
+RIM = 1.5  # widest crisp rim in px, from .9 to .1 of the opacity across the minor axis
+# Least distance in px from the middle of a crisp shape to its rim. A thinner shape does not look
+# crisp, and is closer as it was fitted.
 HALF = 1.0
 
 
@@ -163,17 +169,17 @@ def quantize(
     color_error: float = 0.0,
     weight: NDArray[np.floating] | None = None,
 ) -> Scene:
-    """Return the scene with colours and exponents of a palette; the operation is idempotent.
+    """Return the scene with the colours and exponents of a palette. The operation is idempotent.
 
-    form         of the shapes in the file, "gradient" or "blur"
-    palette      largest number of gradients, one for each colour and exponent, in proportion if
-                 some shapes are blurred; 0: no limit
-    color_error  mean squared error that fewer gradients may add; 0: as many as the palette has
-    weight       (h, w) of a pixel's error, of any size and mean 1; None: 1 everywhere
+    form         form of the shapes in the file, "gradient" or "blur"
+    palette      largest number of gradients, one for each colour and exponent. If some shapes are
+                 blurred, it shrinks by their share. 0: no limit
+    color_error  mean squared error that fewer gradients may add. 0: gradients up to the limit
+    weight       (h, w) weight of each pixel's error, of any size and mean 1. None: 1 everywhere
 
     Plain ellipses and blurred discs need no gradient and keep their colour, rounded to 8 bits. In
-    an additive scene only colours are quantised, and not rounded. Raises InputError for an additive
-    scene in another form than gradients.
+    an additive scene only colours are quantised, and they are not rounded. Raise InputError for an
+    additive scene in another form than gradients.
     """
     additive, exact = required(scene, "scene", Scene).blend == ADD, scene
     if additive and form != GRADIENT:
@@ -196,10 +202,10 @@ def quantize(
 
 
 def with_plain_edges(scene: Scene) -> Scene:
-    """The scene whose crisp shapes are plain ellipses whatever their size.
+    """Return the scene with its crisp shapes as plain ellipses.
 
-    They keep their contour of half height. In a fit that goes on such a shape counts by how much of
-    each pixel it covers.
+    They keep their contour at half the opacity. If a fit goes on, such a shape counts by how much
+    of each pixel it covers.
     """
     minor = scene.ellipse_axes[0][:, 1]
     crisp = RIM_WIDTH * minor < RIM * scene.beta
@@ -210,7 +216,11 @@ def with_plain_edges(scene: Scene) -> Scene:
 def with_plain(
     scene: Scene, plain: NDArray[np.bool_], beta: NDArray[np.float64] | None = None
 ) -> Scene:
-    """Return the scene with other exponents, those of some shapes as plain ellipses draw them."""
+    """Return the scene with exponents `beta`, and with some shapes as plain ellipses.
+
+    plain  (n,) whether a shape gets the exponent that a plain ellipse draws
+    beta   (n,) exponents of the other shapes, by default those of the scene
+    """
     beta = (scene.beta if beta is None else beta).copy()
     beta[plain] = drawn_beta(scene, plain)
     return with_falloffs(scene, beta)
@@ -219,11 +229,11 @@ def with_plain(
 def visible_mass(
     scene: Scene, weight: NDArray[np.floating] | None = None
 ) -> tuple[NDArray[np.float64], int]:
-    """(n,) visible mass in px of each shape, sum over the canvas of weight (alpha transmittance)^2.
+    """Return the visible mass (n,) of each shape, and the number of pixels of the canvas used.
 
-    And the pixels of the canvas that it was computed on, which is reduced if large. A change d of
-    a colour changes the weighted sum of squared errors by visible_mass d^2. weight is as for
-    `quantize`.
+    The visible mass is the sum of weight (alpha transmittance)^2 over the canvas, which is reduced
+    if it is large. A change d of a colour adds visible_mass d^2 to the weighted sum of squared
+    errors. weight is as for `quantize`.
     """
     shrunk = min(1.0, LARGEST_SIDE / max(scene.width, scene.height))
     width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))

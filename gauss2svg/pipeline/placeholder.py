@@ -1,6 +1,6 @@
-"""Placeholders: an SVG of about a kilobyte that a page shows until its photo has come.
+"""Placeholders: SVGs of about a kilobyte that a page shows until its photos are loaded.
 
-Those of several photos go into one file, or a file each, and what has not changed is kept.
+Placeholders of several photos go into one file or into a file each. Unchanged ones are kept.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from gauss2svg.svg.element import hex_color
 from gauss2svg.version import __version__
 
 DEFAULT_BYTES = 1000
-# Attributes of Placeholder of which the bytes may be limited.
+# Attributes of Placeholder whose bytes may be limited.
 Counted = Literal["svg", "inline", "data_uri", "data_uri_base64"]
-# px of the photo, from which the working picture of at most 384 px is made.
+# Longest side in px of the loaded photo, from which a working picture of at most 384 px is made.
 _LONGEST_SIDE = 640
-# What browsers take as it is in a data URI; % and # have a meaning of their own, and " would end
-# the attribute or the url("") that holds it (docs/decisions/small.md).
+# Characters that browsers accept unescaped in a data URI. % and # have a meaning there, and " would
+# end the attribute or the url("") that holds the URI (docs/decisions/small.md).
 _UNESCAPED = " !$&'()*+,/:;<=>?@[]^`{|}"
 _MEDIA_TYPE = "image/svg+xml"
-# Where a minimal file names an element or refers to one.
+# Positions at which a minimal file names an element or refers to one.
 _IDS = re.compile(r'(?<=id=")|(?<=href="#)|(?<=url\(#)')
 
 
@@ -53,9 +53,9 @@ class Placeholder:
     """A small SVG that stands for a photo until the photo is loaded.
 
     svg            text of the file
-    width, height  px of the photo; the SVG has its proportions
+    width, height  size of the photo in px. The SVG has its proportions
     color          mean colour of the photo's visible pixels, such as #8a7f6d
-    gaussians      number of Gaussians; 0 where the bytes leave room for none
+    gaussians      number of Gaussians, 0 if the bytes suffice for none
     transparent    whether the photo has alpha
     """
 
@@ -68,23 +68,26 @@ class Placeholder:
 
     @property
     def inline(self) -> str:
-        """The SVG for a page's own markup: its ids are no other file's. 50 to 90 bytes longer."""
+        """SVG for a page's own markup, with ids of its own. It is 50 to 90 bytes longer."""
         own = "g" + hashlib.sha256(self.svg.encode()).hexdigest()[:5]
         return _IDS.sub(own, self.svg)
 
     @property
     def data_uri(self) -> str:
-        """The SVG as the shortest data URI that browsers take in src="" and in CSS url("")."""
+        """SVG as the shortest data URI that browsers accept in src="" and in CSS url("")."""
         plain = "'" if "'" not in self.svg else '"'
         return f"data:{_MEDIA_TYPE}," + quote(self.svg.replace('"', plain), safe=_UNESCAPED)
 
     @property
     def data_uri_base64(self) -> str:
-        """The SVG as a data URI in base64, for wherever the shorter `data_uri` is refused."""
+        """SVG as a data URI in base64, for programs that refuse the shorter `data_uri`."""
         return f"data:{_MEDIA_TYPE};base64," + base64.b64encode(self.svg.encode()).decode()
 
     def record(self, name: str) -> dict[str, Any]:
-        """The keys of SQIP's result and `transparent`, ready for JSON; name is the file's."""
+        """Return a dict for JSON with the keys of SQIP's result and `transparent`.
+
+        name  name of the photo's file
+        """
         metadata = {
             "filename": name,
             "originalWidth": self.width,
@@ -101,13 +104,14 @@ class Placeholder:
         return {"content": self.inline, "metadata": metadata}
 
     def snippet(self, source: str, alt: str = "") -> str:
-        """An HTML <img> of the photo with the placeholder behind it, at most as wide as its place.
+        """Return an HTML <img> of the photo with the placeholder behind it.
 
         source  URL of the photo, escaped as URLs are
-        alt     what the photo shows, for those who do not see it
+        alt     description of the photo, for readers who do not see it
 
-        Its width and height keep the room for the photo. The placeholder of a photo with alpha,
-        which would shine through, goes when the photo has come, by an onload attribute.
+        Its width and height reserve the photo's space, and it is no wider than its container. If
+        the photo has alpha, through which the placeholder would be seen, an onload attribute
+        removes the placeholder.
         """
         size = f'width="{self.width}" height="{self.height}"'
         color = "" if self.transparent else f"{self.color} "
@@ -119,9 +123,9 @@ class Placeholder:
         )
 
     def picture(self, source: str, others: Mapping[str, str], alt: str = "") -> str:
-        """An HTML <picture> of the `snippet`, for which a browser may take another file.
+        """Return an HTML <picture> around the `snippet`, with other files that a browser may take.
 
-        others  media types of the other files of the photo by their URLs, the best first:
+        others  media types of the other files of the photo by URL, the best first:
                 {"a.avif": "image/avif"}
         """
         found = "".join(
@@ -132,7 +136,7 @@ class Placeholder:
 
 
 def _in_attribute(text: str) -> str:
-    """Text as the value of an HTML attribute in double quotes, in which < and > may stand."""
+    """Escape the value of an HTML attribute in double quotes, which may contain < and >."""
     return text.replace("&", "&amp;").replace('"', "&quot;")
 
 
@@ -146,14 +150,14 @@ def placeholder(
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Placeholder:
-    """The best SVG of at most max_bytes for a photo, such as 1000 or "1k"; see `vectorize`.
+    """Return the best SVG of a photo within max_bytes, such as 1000 or "1k".
 
     image                path, bytes, binary file, PIL image, numpy array or torch tensor
     bytes_of             attribute of the placeholder that max_bytes limits, such as "data_uri"
     threads, max_memory  see RunOptions
     progress, stop       see `vectorize`
-    Raises InputError for invalid input, for more than 20 kB, and for fewer bytes than a file
-    without Gaussians takes.
+    Raise InputError for invalid input, for more than 20 kB, and for fewer bytes than a file without
+    Gaussians has.
     """
     limit = check_bytes("max_bytes", max_bytes)
     Field("bytes_of", words=get_args(Counted)).checked(bytes_of)
@@ -172,13 +176,13 @@ def placeholder(
         pixels = pixels_of(photo)
         with run.compiled():
             found = ByBytes(plan, Subject.of(pixels, photo.full), run, count).file()
-    mean = shrunk(pixels, 1, 1)[0, 0, :3]  # of what is visible
+    mean = shrunk(pixels, 1, 1)[0, 0, :3]  # mean of the visible pixels
     color = hex_color(np.round(255 * mean).astype(np.intp))
     return Placeholder(found.svg, *photo.full, color, len(found.scene), has_alpha(pixels))
 
 
 def check_bytes(name: str, value: Any) -> int:
-    """Bytes of a placeholder; raises InputError that names it."""
+    """Return the limit of a placeholder in bytes. Raise InputError with `name` if invalid."""
     size = byte_size(name, value)
     if size > MINIMAL_UP_TO:
         needed = f"at most {MINIMAL_UP_TO} bytes for a placeholder"
@@ -186,15 +190,15 @@ def check_bytes(name: str, value: Any) -> int:
     return size
 
 
-# The begin of a line of HTML, with the address of the photo.
+# Beginning of a line of HTML, with the address of the photo.
 _LINE = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
-# Files of these suffixes beside a photo are what a <picture> offers first, in this order.
+# Suffixes of the files beside a photo that a <picture> offers first, in this order.
 _SOURCES = {".avif": "image/avif", ".webp": "image/webp"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceholderOptions(OptionGroup):
-    """What is written for each photo."""
+    """Options of placeholders for a list of photos."""
 
     max_bytes: Annotated[int | str, check_bytes] = DEFAULT_BYTES
     """Maximum size of each placeholder in bytes, up to 20k."""
@@ -214,14 +218,16 @@ class PlaceholderOptions(OptionGroup):
 
 
 class PlaceholderList:
-    """Placeholders of photos, beside the entries that an earlier run has written.
+    """Placeholders of photos, and the entries that an earlier run has written.
 
-    photos     each given photo once; `copies` were given again
+    photos     the given photos, each once
+    copies     number of photos that were given again
     made       placeholders of this run
-    unchanged  number of photos whose entry is of the same bytes, options and version
-    failures   a line for each photo that cannot be read
-    Raise InputError for an output that is a photo, and for a file that is no list of placeholders,
-    since replacing it would lose what it has; OutputError for one that cannot be written.
+    unchanged  number of photos whose entry has the same photo, options and version
+    failures   a line for each photo that failed
+    Raise InputError for an output that is a photo or a file other than a list of placeholders,
+    because replacing it would lose its content. Raise OutputError for an output that cannot be
+    written.
     """
 
     def __init__(self, paths: list[str], output: str, options: PlaceholderOptions) -> None:
@@ -241,7 +247,7 @@ class PlaceholderList:
             make_folder(folder)
         inputs = {photo.path: "a photo" for photo in self.photos}
         check_outputs(inputs, list(self._targets.values()))
-        self._data, self._before = b"", dict[str, Any]()  # of the file that is there
+        self._data, self._before = b"", dict[str, Any]()  # content of the output so far
         if form != "svg" and output != STANDARD_STREAM and Path(output).is_file():
             with reading(output, "another name for --output") as file:
                 self._data = file.read()
@@ -276,14 +282,14 @@ class PlaceholderList:
 
     @property
     def kept(self) -> int:
-        """Number of entries of an earlier run for photos that failed now."""
+        """Number of entries of an earlier run that are kept for photos that failed now."""
         left = [photo for photo in self.photos if photo not in self.made]
         return sum(self._key(photo) in self._before for photo in left) - self.unchanged
 
     def files(self) -> dict[str, bytes]:
-        """Return the files to write, by name, with an entry for each photo that has one.
+        """Return the contents of the files to write, by name.
 
-        One that is there and would be the same is left out: writing it makes servers reload pages.
+        A list that would not change is left out, because writing it makes servers reload pages.
         """
         form = self._options.format
         if form == "svg":
@@ -295,7 +301,7 @@ class PlaceholderList:
             entry = self._before.get(key) if made is None else self._entry(photo, made)
             if entry is not None:
                 entries[key] = entry
-                if self._is_json:  # the name depends on what else is given
+                if self._is_json:  # depends on the other photos' names
                     entry["metadata"]["filename"] = photo.file
         if self._is_json:
             text = json.dumps(entries if form == "object" else [*entries.values()], indent=2) + "\n"
@@ -305,7 +311,7 @@ class PlaceholderList:
         return {} if is_same else {self._output: text.encode()}
 
     def _files_of_photos(self) -> dict[ListedPhoto, Path]:
-        """Return the file of each photo; none for standard output."""
+        """Return the file of each photo, or an empty dict for standard output."""
         form, path = self._options.format, Path(self._output)
         if self._output == STANDARD_STREAM:
             if form == "svg" and len(self.photos) > 1:
@@ -319,12 +325,12 @@ class PlaceholderList:
         return {photo: path / f"{photo.slug}.svg" for photo in self.photos}
 
     def _key(self, photo: ListedPhoto) -> str:
-        """Return the path of a photo from the root; in HTML its address."""
+        """Return the path of a photo relative to the root, escaped as an address in HTML."""
         folder = "" if self._output == STANDARD_STREAM else os.path.dirname(self._output)
         root = self._options.root or folder or "."
         try:
             path = Path(os.path.relpath(photo.path, root)).as_posix()
-        except ValueError as error:  # Windows knows no way from one drive to another
+        except ValueError as error:  # Windows has no relative path from one drive to another
             needed, advice = "on the drive of the photos", "a folder above them"
             raise refusal("--root", needed, quoted(str(root)), advice) from error
         return path if self._is_json else _url(path)
@@ -359,7 +365,7 @@ class PlaceholderList:
 
 
 def _sources(photo: ListedPhoto) -> list[Path]:
-    """Return the files beside a photo that a browser should rather take, the best first."""
+    """Return the files beside a photo that a browser should prefer, the best first."""
     own = Path(photo.path)
     better = takewhile(lambda suffix: suffix != own.suffix.lower(), _SOURCES)
     files = [own.with_suffix(suffix) for suffix in better if photo.problem is None]
@@ -367,5 +373,5 @@ def _sources(photo: ListedPhoto) -> list[Path]:
 
 
 def _url(path: str) -> str:
-    """Return the address of a path; any bytes of a name are escaped."""
+    """Return a path as an address, with the bytes of its names escaped."""
     return quote(os.fsencode(path))

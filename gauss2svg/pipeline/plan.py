@@ -35,31 +35,31 @@ from gauss2svg.svg.document import EDITABLE, INKS, MINIMAL, ROUNDS, SvgFormat
 
 Markup = Literal["editable", "minimal"]
 
-# Bytes of the largest placeholder, and of the largest file with a target that is minimal by itself.
+# Bytes of the largest placeholder, and largest limit for which auto markup is minimal at a target.
 MINIMAL_UP_TO = 20_000
 
 
-# Bytes before gzip between which each search for a limit is run (docs/decisions/markup.md).
-# Largest limit of the search that plans every byte, for photos that it has to reduce.
+# Limits in bytes before gzip between which each search runs (docs/decisions/markup.md).
+# Largest limit of a search by bytes on a photo that it has to reduce.
 BY_BYTES_UP_TO = 30_000
-WHOLE_SIDE = 256  # px of the longest side of a photo that this search does not reduce
-# Least limit of minimal files of the usual fit, where files that plan every byte are tried too.
+WHOLE_SIDE = 256  # longest side in px up to which that search does not reduce a photo
+# Smallest limit of a search by count for a minimal file, if there is also a search by bytes.
 MINIMAL_FROM = 8_000
-EDITABLE_FROM = 5_000  # least limit of editable files, where there is another
-UNASKED_UP_TO = 200_000  # bytes of the largest minimal file that is written unasked
+EDITABLE_FROM = 5_000  # smallest limit of a search for an editable file, if there is another
+UNASKED_UP_TO = 200_000  # bytes of the largest minimal file that auto markup chooses
 EDITABLE_IS_CLOSER = 1.5  # multiple of UNASKED_UP_TO from which an editable file is always closer
 GZIP = 6  # bytes of a file for each gzipped byte (docs/decisions/minimal.md)
-# Fewest entries of a palette. Fewer cost PSNR visibly even with a thousand Gaussians
+# Fewest entries of a palette. Fewer lower the PSNR visibly, even with a thousand Gaussians
 # (docs/decisions/palette.md).
 FEWEST_COLORS = 192
-# Palette entries within a budget. They cost less than 8 bits do, and more would take long to find
-# (docs/decisions/palette.md).
+# Most palette entries within a budget. Their error is below that of 8 bits, and more take long to
+# find (docs/decisions/palette.md).
 MOST_COLORS = 4096
-# PSNR in dB that the palette of a given count may cost by having fewer entries than allowed
+# dB of PSNR that a palette smaller than allowed may cost if the count is given
 # (docs/decisions/palette.md).
 UNSEEN_COLOR_LOSS = 0.03
-# Mean squared error that a palette may add in any case: 38 dB, about three levels of 255. With
-# eight levels, which a coarse fit of foliage would allow, sky and leaves change their hue
+# Largest mean squared error that a palette may add: 38 dB, about three levels of 255. A coarse fit
+# of foliage would allow eight levels, at which sky and leaves change their hue
 # (docs/decisions/palette.md).
 LARGEST_COLOR_ERROR = 1.6e-4
 # Most steps of a fit that ends by the clock alone. More gain nothing (docs/decisions/time.md).
@@ -67,20 +67,20 @@ MOST_STEPS = 1000
 # Steps of such a fit in a round of growth. The rest of the time is better spent once all
 # Gaussians exist (docs/decisions/time.md).
 STEPS_A_ROUND = 6
-# Ratio of a photo's side to a preset's, up to which a reduction would matter too little.
+# Ratio of the fit's longest side to a preset's max_size, up to which the preset reduces it little.
 NEARLY = 1.5
-PRECISION_OF_INKS = 0.1  # px: edges of opaque ellipses at a tenth of one (docs/decisions/inks.md)
+PRECISION_OF_INKS = 0.1  # px, step of coordinates in a file of inks (docs/decisions/inks.md)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What the options of a run, or of one of its searches, come to.
+    """The options of a run or of one of its searches, and the decisions that follow from them.
 
-    fit_side  longest side in px of the image that the fit runs on, None before the photo is read
-    by_bytes  whether the search plans every byte, else it is one by count
-    has_edges  whether the photo is a drawing with antialiased edges; False before it is read
-    is_small  whether the photo has at most WHOLE_SIDE px a side; False before it is read
-    Raises InputError or RendererError for options that exclude each other.
+    fit_side   longest side in px of the image that the fit runs on, None before the photo is read
+    by_bytes   whether the search is by bytes, otherwise by count
+    has_edges  whether the photo is a drawing with antialiased edges, False before it is read
+    is_small   whether the photo has at most WHOLE_SIDE px a side, False before it is read
+    Raise InputError or RendererError if options exclude each other.
     """
 
     options: Options
@@ -95,7 +95,7 @@ class Plan:
 
     @property
     def goal(self) -> Goal:
-        """The targets and limits of the options."""
+        """Targets and limits of the options."""
         return self.options.goal
 
     @property
@@ -104,7 +104,7 @@ class Plan:
         return self.options.fit.inks is not None
 
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
-        """Return the plan for a photo: with inks that are chosen from it, or with its edges."""
+        """Return the plan for a photo, with inks chosen from it, or its edges and size noted."""
         given: Any = self.options.fit.inks
         if isinstance(given, int):
             options = self.options.changed(inks=inks_of(pixels, given))
@@ -118,8 +118,9 @@ class Plan:
     def covering(self) -> bool:
         """Whether crisp shapes are fitted by how much of each pixel they cover.
 
-        A given number, a target and a limit alone are of the picture at its size: there soft rims
-        are as close, and sometimes closer. So they are where no edge is antialiased.
+        The photo must be a drawing with antialiased edges. With a number of Gaussians, a target or
+        only a limit, this is False: then the picture's own size counts, at which soft rims are as
+        close or closer.
         """
         goal = self.goal
         by_preset = goal.count is None and self.aim is None and not goal.is_budget
@@ -131,7 +132,7 @@ class Plan:
 
     @cached_property
     def preset(self) -> Preset:
-        """The preset, or the numbers of a budget of bytes or seconds."""
+        """Preset of the run, or numbers of its budget of bytes or seconds."""
         goal = self.goal
         if self.is_budget:
             return budget_preset(self.plain_limit, goal.time_limit, self.in_inks)
@@ -141,18 +142,18 @@ class Plan:
     def is_budget(self) -> bool:
         """Whether the best picture within a limit of bytes or seconds is wanted.
 
-        Not of a portable file, whose additive fit decides the count before.
+        False for a portable file, whose additive fit decides the count first.
         """
         return self.goal.is_budget and not self.options.svg.portable
 
     @property
     def quality(self) -> str | None:
-        """The name of the preset, None of a budget."""
+        """Name of the preset, None for a budget."""
         return None if self.is_budget else self.goal.quality or DEFAULT_PRESET
 
     @property
     def plain_limit(self) -> int | None:
-        """About the bytes of the file before gzip that a limit stands for."""
+        """Limit of bytes before gzip, estimated if the limit counts gzipped bytes."""
         limit = self.goal.byte_limit
         return limit if limit is None or not self.counts_gzipped else GZIP * limit
 
@@ -163,9 +164,10 @@ class Plan:
 
     @property
     def iterations(self) -> int:
-        """Steps of a fit: the preset's; no fewer than cheaper ones' that reduce the image little.
+        """Number of steps of a fit.
 
-        Otherwise a small drawing that needs as few Gaussians in both would end worse
+        It is at least that of each cheaper preset that reduces the image little. Otherwise a small
+        drawing that has equally few Gaussians in both would end worse than by the cheaper one
         (docs/decisions/monotone.md).
         """
         side, preset = self.fit_side or math.inf, self.preset
@@ -175,36 +177,37 @@ class Plan:
 
     @property
     def tune(self) -> Tune:
-        """What fits are best at; where every byte is planned, PSNR unless it is given."""
+        """Measure that fits are tuned for. The default of a search by bytes is PSNR."""
         return self.options.fit.tune or (PSNR if self.by_bytes else self.options.fit.tuned)
 
     @cached_property
     def aim(self) -> Aim | None:
-        """The target of the rasterised SVG."""
+        """Target of the rasterised SVG, None without one."""
         return aim_of(self.goal)
 
     @property
     def stop_psnr(self) -> float:
         """PSNR (dB) of the model from which no Gaussians are added.
 
-        The preset's; with a limit of bytes, in which the best is wanted, one at which none show.
+        It is the preset's. With a limit of bytes, for which the best picture is wanted, it is at
+        least INDISTINGUISHABLE.
         """
         limited = self.goal.byte_limit is not None
         return max(self.preset.enough, INDISTINGUISHABLE) if limited else self.preset.enough
 
     @cached_property
     def fit_config(self) -> FitConfig:
-        """The fit that is written."""
+        """Configuration of the fit that is written."""
         return self.config(self.options.written_blend)
 
     @property
     def only_time_limits(self) -> bool:
-        """Whether the steps of the fit follow from the seconds that are left."""
+        """Whether a time limit, without preset or target, decides the steps of the fit."""
         goal = self.goal
         return goal.time_limit is not None and goal.quality is None and self.aim is None
 
     def config(self, blend: str) -> FitConfig:
-        """Return the fit with a blend, which is additive before that of a portable file."""
+        """Return the configuration of a fit. A portable file has an additive fit first."""
         options, densify = self.options, self.options.densify
         iterations = options.fit.iterations or self.iterations
         if self.only_time_limits and options.fit.iterations is None:
@@ -223,7 +226,7 @@ class Plan:
 
     @cached_property
     def markup(self) -> Markup:
-        """Markup of the file: with auto minimal for small ones; `searches` tries more than one."""
+        """Markup of the file. auto is minimal for small limits, and `searches` may try both."""
         asked, limit = self.options.svg.markup, self.goal.byte_limit
         if asked != AUTO:
             return asked
@@ -232,7 +235,7 @@ class Plan:
 
     @property
     def _may_be_minimal(self) -> bool:
-        """Whether the renderer draws minimal files, and nothing is asked for that they lack."""
+        """Whether the renderer draws minimal files, and they can have all that is asked for."""
         return self.options.run.renderer in DRAW_MINIMAL and not needs_editable(self.options)
 
     @property
@@ -244,11 +247,11 @@ class Plan:
         return usual and self._may_be_minimal and svg.palette is svg.stops is svg.precision is None
 
     def searches(self) -> list[Plan]:
-        """Return the plans of the searches to run, whose closest file is written; mostly one.
+        """Return the plans of the searches to run. The closest of their files is written.
 
-        With a limit of bytes they differ in markup and fit. A limit of seconds leaves time for one.
-        If none of the files within the bytes reaches a target, the closest one without it is
-        written.
+        Without a limit of bytes there is one search. With it, searches differ in markup and fit,
+        and searches without the target follow in case that the file misses the target. A time limit
+        leaves time for one search.
         """
         limit, asked = self.plain_limit, self.options.svg.markup
         is_timed = self.goal.time_limit is not None
@@ -271,7 +274,7 @@ class Plan:
             plans.append(self._search(EDITABLE))
         if not is_timed:
             return plans
-        # The one that is the closest most often.
+        # Run the search that is closest most often.
         return plans[-1:] if limit > UNASKED_UP_TO else plans[-2:-1] or plans
 
     def _search(self, markup: Markup, by_bytes: bool = False) -> Plan:
@@ -283,13 +286,13 @@ class Plan:
 
     @property
     def svg_format(self) -> SvgFormat:
-        """The format of the shapes, before any is fitted."""
+        """Format of the shapes before any is fitted."""
         return self.format_at(None)
 
     def format_at(self, psnr: float | None) -> SvgFormat:
-        """Return the format of the shapes of a scene of this PSNR in dB, None for any."""
+        """Return the format of the shapes of a scene by its PSNR in dB, None if that is unknown."""
         svg, preset = self.options.svg, self.preset
-        if self.is_budget and psnr is not None:  # the numbers that this PSNR is worth
+        if self.is_budget and psnr is not None:  # numbers as fine as this PSNR is worth
             of_bytes = FINE_BYTES_FROM if self.goal.byte_limit is not None else FINE_FROM
             preset = next((PRESETS[name] for name, least in of_bytes if psnr >= least), preset)
         precision = PRECISION_OF_INKS if self.in_inks else preset.precision
@@ -305,7 +308,7 @@ class Plan:
     def quantization(self, gaussians: int, error: float | None = None) -> tuple[int, float]:
         """Return palette and color_error, as `quantize` takes them, for a number of Gaussians.
 
-        error  their mean squared error, where it is known
+        error  mean squared error of the scene, None if it is unknown
         """
         preset, adapts, palette = self.preset, self.goal.count_adapts, 0
         if self.options.svg.palette is not None:
@@ -324,7 +327,7 @@ class Plan:
 class Aim:
     """A target of the rasterised SVG: a score, its value, and how closely a search meets it.
 
-    The value and all scores are multiplied by the sign of the score, so that more is better.
+    The value and all scores are multiplied by the sign of the score, so that larger is better.
     """
 
     of: Score
@@ -333,7 +336,7 @@ class Aim:
 
     @property
     def name(self) -> str:
-        """The option, which is also the stop reason once it is reached."""
+        """Name of the option, and the stop reason once the target is reached."""
         return self.of.option
 
     def score(self, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
@@ -341,12 +344,12 @@ class Aim:
         return self.of.sign * measured(self.of, raster, photo)
 
     def reached(self, score: float) -> bool:
-        """Whether a score counts as reached."""
+        """Return whether a score reaches the target, within the tolerance."""
         return score >= self.value - self.search.tolerance
 
 
 def aim_of(goal: Goal) -> Aim | None:
-    """Return the target of a goal, None without one."""
+    """Return the target of a goal, or None if there is none that a search can aim at."""
     score = goal.target
     if score is None or score.search is None:
         return None
@@ -356,9 +359,9 @@ def aim_of(goal: Goal) -> Aim | None:
 def unreached(
     goal: Goal, reached: float, size: int, seconds: float, reason: str, gaussians: int
 ) -> Iterator[str]:
-    """Yield a line for each target or limit that the written result of so many Gaussians misses.
+    """Yield a line for each target or limit that the written result misses.
 
-    reached  its score by the goal's aim
+    reached  score of the result by the goal's aim
     """
     aim, limit = aim_of(goal), goal.time_limit
     if aim is not None and not aim.reached(reached):

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from gauss2svg.fit.options import MOST_GAUSSIANS
 from gauss2svg.svg.document import StopCount
 
-# Bounds of the numbers of a run.
+# Bounds of the Gaussians and pixels of a run.
 MOST_A_SECOND = 5000  # most Gaussians for each second of a limit (docs/decisions/time.md)
-PIXELS_EACH = 30  # px of the fit for each usual shape within a limit (docs/decisions/time.md)
-LEAST_CAP = 150  # fewest Gaussians, however small the limit (docs/decisions/time.md)
+PIXELS_EACH = 30  # px of the fit for each shape within a limit (docs/decisions/time.md)
+LEAST_CAP = 150  # smallest cap, however small the limit (docs/decisions/time.md)
 
 # Bytes of a Gaussian in editable markup.
 USUAL_BYTES = 120  # bytes of an ellipse and its share of the palette (docs/decisions/numbers.md)
@@ -20,9 +20,9 @@ GZIPPED_SHARE = 0.17  # share of the bytes that gzip leaves (docs/decisions/numb
 BYTES_IN_LIMIT = 100  # bytes of an ellipse in a file that fills a limit (docs/decisions/time.md)
 LEAST_BYTES_IN_LIMIT = 60  # fewest bytes of such an ellipse
 BYTES_IN_INKS = 60  # bytes of an ellipse of one of a few inks (docs/decisions/inks.md)
-LEAST_BYTES_IN_INKS = 20  # fewest bytes of it, in minimal markup
-# In minimal markup of a soft shape, of a plain ellipse, of a shape of a drawing; and gzipped
-# (docs/decisions/small.md).
+LEAST_BYTES_IN_INKS = 20  # fewest bytes of such an ellipse, in minimal markup
+# Bytes in minimal markup of a soft shape, a plain ellipse and a shape of a drawing, before and
+# after gzip (docs/decisions/small.md).
 MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES = (62, 44, 36), (22, 20, 18)
 
 
@@ -33,12 +33,14 @@ class Preset:
     gain        dB that a kilobyte of the file must gain for growth to continue
     enough      PSNR (dB) at which growth stops
     cap         largest number of Gaussians
-    color_loss  dB that the palette of an adaptive count may cost before the last steps of the fit
-                compensate for some of it; 0: all colours are written
-    colors      palette entries per Gaussian for a given count; 0: all colours are written
-    iterations  optimiser steps
+    color_loss  PSNR (dB) that the palette may cost if the count adapts. The last steps of the fit
+                regain some of it. 0: all colours are written
+    colors      palette entries per Gaussian if the count is given. 0: all colours are written
+    iterations  number of optimiser steps
     max_size    longest side in px of the image that the fit runs on
-    stops, precision, opacity_decimals  of gradients, of coordinates in px, of fill-opacity
+    stops       number of stops of a gradient
+    precision   step of coordinates in px
+    opacity_decimals  number of decimals of fill-opacity
     """
 
     gain: float
@@ -53,8 +55,7 @@ class Preset:
     opacity_decimals: int
 
 
-# What more exact numbers and larger palettes gain for their bytes: docs/decisions/numbers.md and
-# palette.md.
+# docs/decisions/numbers.md and palette.md show what finer numbers and larger palettes gain.
 PRESETS = {
     "draft": Preset(
         gain=0.03, enough=28, cap=1000, color_loss=1.0, colors=0.154,
@@ -82,17 +83,17 @@ DEFAULT_PRESET = "balanced"
 CAP_FOR_TARGET = 50000  # largest number of Gaussians for a target, whatever the preset
 # PSNR (dB) from which more Gaussians do not show: an error of half a level of 255 has 54.1.
 INDISTINGUISHABLE = 54.0
-# PSNR (dB) of the model from which the 8 bits of a raster decide, and more Gaussians gain nothing.
+# PSNR (dB) of the model from which rounding the raster to 8 bits hides what more Gaussians gain.
 NOTHING_TO_GAIN = 58.0
-# PSNR (dB) from which the numbers of a dearer preset are worth their time, or their bytes.
+# PSNR (dB) from which a budget of seconds, or of bytes, uses the finer numbers of a preset.
 FINE_FROM = ("max", 46.0), ("high", 40.0)
 FINE_BYTES_FROM = (("high", 44.0),)
 
 
 def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = False) -> Preset:
-    """The numbers of a run that is limited by bytes before gzip, or by seconds, alone.
+    """Return the numbers of a budget of bytes before gzip, of seconds or of both.
 
-    inks  whether its shapes are opaque ellipses of a few inks
+    inks  whether the shapes are opaque ellipses of a few inks
     """
     usual, finest = PRESETS[DEFAULT_PRESET], PRESETS["max"]
     side, caps = finest.max_size, [MOST_GAUSSIANS]

@@ -20,26 +20,26 @@ _PHASES = {
     "measure": "rasterising and measuring the SVG",
 }
 _FITS = {"additive": "fitting additively", "correct": "correcting the number of shapes"}
-# Of a notebook, whose messages are kept and sent as text.
+# Most frames a second and longest side in px in a notebook, which keeps all messages as text.
 _FRAMES_A_SECOND, _MOST_SIDE = 4, 400
 
 
 def watched(
     progress: ProgressCallback | bool | None,
 ) -> AbstractContextManager[ProgressCallback | None]:
-    """Return the callback of a run: the one that is given, for True one that shows the run."""
+    """Return the callback of a run: the given one, or for True one that shows the run."""
     if progress is not True:
         return nullcontext(None if progress is False else progress)
-    # IPython runs, if at all, before this; elsewhere it need not be installed.
+    # IPython is imported before this if it runs, and need not be installed otherwise.
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return _notebook() if hasattr(shell, "kernel") else _terminal()
 
 
 @contextmanager
 def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | None]:
-    """Yield update(text, share), which shows a bar on standard error; None if it is no terminal.
+    """Yield update(text, share), which shows a bar, or None if standard error is no terminal.
 
-    share  of the work that is done, 0..1, or None where it is unknown
+    share  share of the work that is done, 0..1, or None if it is unknown
     """
     from rich.console import Console
     from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -71,7 +71,7 @@ def _terminal() -> Iterator[ProgressCallback | None]:
 
 @contextmanager
 def _notebook() -> Iterator[ProgressCallback]:
-    """Yield a callback that updates one output of a cell; the last picture and its figures stay."""
+    """Yield a callback that updates a cell's output. The last picture and its figures stay."""
     from gauss2svg.render.frame import FrameMaker, as_jpeg
     from gauss2svg.svg.file import image
 
@@ -99,13 +99,13 @@ def _notebook() -> Iterator[ProgressCallback]:
     try:
         yield update
     finally:
-        if newest is not None:  # of which no frame may have been due
+        if newest is not None:  # its frame may not have been shown
             last = picture(as_jpeg(newest.scene(), _MOST_SIDE), newest)
         handle.update(display.HTML(last))
 
 
 def _said(progress: Progress) -> tuple[str, float | None]:
-    """Return what a run does, and the share that is done, 0..1, or None where it is unknown."""
+    """Return a text about the run, and the share that is done, 0..1, or None if unknown."""
     now = progress.fit
     if now is None:
         return _PHASES[progress.phase], None

@@ -1,4 +1,4 @@
-"""The report of a run, ready for JSON, and what a browser takes to paint its file."""
+"""The report of a run, ready for JSON, and the time that a browser takes to paint its file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from gauss2svg.version import __version__
 def run_report(
     plan: Plan, photo: Photo, outcome: Outcome, scores: Scores, run: Run
 ) -> dict[str, Any]:
-    """All options and results of a run; the keys are in docs/reference/report.md."""
+    """Return all options and results of a run, with the keys of docs/reference/report.md."""
     chosen, subject, document = outcome.plan, outcome.subject, outcome.subject.document
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
     total_s, count = run.total_s, len(outcome.scene)
@@ -44,7 +44,7 @@ def run_report(
     return {
         **options.flat(),
         "quality": chosen.quality,
-        # Values of options that were left open.
+        # Values that were chosen for options that were not given.
         **_sides("", photo.full),
         **_sides("fit_", subject.size),
         **_sides("measured_", measured.raster.shape[1::-1]),
@@ -87,12 +87,12 @@ def _sides(prefix: str, size: tuple[int, ...]) -> dict[str, int]:
 
 
 def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
-    """Yield what a user may want to know or to change."""
+    """Yield notes on what a user may want to know or change."""
     chosen, count, rate = outcome.plan, len(outcome.scene), plan.options.fit.learning_rate
     usual, size = measured_size(photo.full, outcome.subject.size), (photo.width, photo.height)
     if plan.goal.time_limit is not None and size < usual:
         yield f"measured at {photo.width}x{photo.height} px to meet the time limit"
-    # Of a search by bytes `unreached` says that there is no room.
+    # After a search by bytes, `unreached` reports that the bytes suffice for no shape.
     if photo.alpha is not None and photo.alpha.any() and not count and not chosen.by_bytes:
         yield "the SVG is empty, because the photo is too transparent to be visible"
     if chosen.markup == MINIMAL != plan.options.svg.markup:
@@ -105,7 +105,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
     unused = ", ".join(ink for ink in (inks or "").split(",") if ink not in used)
     if unused:
         yield f"not used: {unused} of the inks, because other inks are closer everywhere"
-    if outcome.fitted.rollbacks and rate > 1:  # else nothing can be done about it
+    if outcome.fitted.rollbacks and rate > 1:  # the user can lower it
         yield (
             f"--learning-rate {rate:g} is too large for this picture. The fit diverged, went back "
             f"to its best state and ended with {outcome.fitted.rate:.3g}"
@@ -113,16 +113,16 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
 
 
 def decibels(value: float | None) -> str:
-    """A PSNR of the report as text; None is that of equal images."""
+    """Return a PSNR of the report as text. None stands for equal images."""
     return "equal" if value is None else f"{value:.2f} dB"
 
 
 def _finite(value: Any) -> Any:
-    """A PSNR; None for an infinite one, which JSON does not have."""
+    """Return a value, or None for an infinite PSNR, because JSON has no infinity."""
     return None if isinstance(value, float) and math.isinf(value) else value
 
 
-@cache  # reading them from the disk takes as long as a fit of a thumbnail
+@cache  # reading the versions from the disk takes as long as a fit of a thumbnail
 def _versions() -> dict[str, str]:
     found = {"gauss2svg": __version__, "python": platform.python_version()}
     for name in (
@@ -134,19 +134,19 @@ def _versions() -> dict[str, str]:
     return found
 
 
-# Milliseconds of a shape and of a million drawn pixels, by gradients and by masks
+# Milliseconds for painting a shape and a million drawn pixels, with gradients and with masks
 # (docs/benchmarks/paint.md).
 _BY_GRADIENTS, _BY_MASKS = np.array([0.03, 20.0]), np.array([0.9, 52.0])
-# A tenth of a second is what people take for at once (Miller, "Response time in man-computer
-# conversational transactions", 1968).
+# Paint time in ms from which a file is heavy. A tenth of a second seems immediate to people
+# (Miller, "Response time in man-computer conversational transactions", 1968).
 HEAVY_MS = 100.0
-WIDEST_SHOWN = 1600.0  # px, about the widest that pages show a picture
+WIDEST_SHOWN = 1600.0  # px, about the greatest width at which pages show a picture
 
 
 def drawn_pixels(scene: Scene) -> float:
-    """Pixels that a renderer blends at the scene's own size: the sum of all ellipses' areas.
+    """Return the pixels that a renderer blends at the scene's size: the sum of all ellipses' areas.
 
-    Of an ellipse counts the share that is on the canvas of its bounding box.
+    The area of an ellipse is multiplied by the share of its bounding box that is on the canvas.
     """
     half = cut_radius(scene.beta)[:, None] * scene.sigma
     size = np.array([scene.width, scene.height])
@@ -155,22 +155,22 @@ def drawn_pixels(scene: Scene) -> float:
 
 
 def shown_width(document: Document, scene: Scene) -> float:
-    """Width in px at which a page probably shows a file: as --size says, or its own up to 1600."""
+    """Return the probable width in px of a file on a page: by --size, or its own up to 1600."""
     sides = document.sides(scene.width, scene.height)
     return (pixels_of(sides[0]) or 0.0) if sides else min(scene.width, WIDEST_SHOWN)
 
 
 def paint_ms(scene: Scene, svg: str, width: float) -> float | None:
-    """Estimated CPU milliseconds of a browser's first paint, and of each repaint.
+    """Return the estimated CPU milliseconds of a browser's first paint and of each repaint.
 
-    a n + b drawn_pixels (width / scene.width)^2 / 1e6, width in px; a and b are of the file's ways
-    of drawing soft shapes, as measured in Chromium without a GPU. Other machines differ by a factor
-    of a few. None for a file with filters, which were not measured.
+    They are a n + b drawn_pixels (width / scene.width)^2 / 1e6, with width in px. a and b depend on
+    how the file draws soft shapes, and were measured in Chromium without a GPU. Other machines may
+    differ several times. Return None for a file with filters, which were not measured.
     """
     if "<filter" in svg:
         return None
     share = float("<mask" in svg)
-    if share and "<style" in svg:  # of which some soft shapes are under masks
+    if share and "<style" in svg:  # only some of the soft shapes are under masks
         masked = svg.count("<use ")
         share = masked / (masked + svg.count("<circle "))
     each, million = share * _BY_MASKS + (1 - share) * _BY_GRADIENTS

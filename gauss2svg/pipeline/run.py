@@ -33,9 +33,9 @@ from gauss2svg.svg.write import write_svg
 class Progress:
     """The phase of `vectorize`, and the state of the fit.
 
-    phase  "read", "compile", with portable "additive", "fit", "write", "measure"; with targets
-           "correct", "write" and "measure" may follow again
-    fit    at "additive", "fit" and "correct"; else None
+    phase  "read", "compile", "additive" (only with portable), "fit", "write" or "measure". With
+           targets, "correct", "write" and "measure" may follow again
+    fit    state of the fit during "additive", "fit" and "correct", otherwise None
     """
 
     phase: str
@@ -49,18 +49,18 @@ _DEFAULTS = RunOptions()
 
 
 class Run:
-    """A run that has begun: its clock, who sees its progress, and who may stop it.
+    """A run that has begun: its clock, its resources and its callbacks.
 
-    progress    called with a Progress at every step
-    stop        polled at every step; True ends the run with the best so far
-    started     when it began, by time.perf_counter(); None: now
-    threads     that it uses
-    most_bytes  memory that it may take
-    compile_s   spent on kernels so far
-    budget      of the time
-    reduced_bytes  of the photo that has been opened, see Header
-    ended       whether it has been stopped
-    Raises InputError for what cannot be called, and for more threads than there are cores.
+    progress    function that is called with a Progress at every step
+    stop        function that is polled at every step. True ends the run with the best so far
+    started     start in s of time.perf_counter(). None: now
+    threads     number of threads
+    most_bytes  memory in bytes that the run may take
+    compile_s   seconds spent on compiling or loading kernels so far
+    budget      time budget
+    reduced_bytes  field of the Header of the photo that has been opened
+    ended       whether the run has been stopped
+    Raise InputError for a callback that cannot be called, and for more threads than cores.
     """
 
     def __init__(
@@ -86,16 +86,16 @@ class Run:
             self._progress(Progress(phase, fit))
 
     def stop(self) -> bool:
-        """Return whether the run is to end with the best so far."""
+        """Return whether the run must end with the best so far."""
         self.ended = self.ended or (self._stop is not None and self._stop())
         return self.ended
 
     def read(
         self, image: ImageSource, needed: SizeNeeded, matte: Sequence[float] | None = None
     ) -> Photo:
-        """Return the photo; needed and matte are those of `load_image`.
+        """Return the photo. needed and matte are those of `load_image`.
 
-        What cannot fit is refused before its pixels take memory.
+        A photo too large for the memory is refused before it is decoded.
         """
         self.notify("read")
         image = rereadable(image)
@@ -120,7 +120,7 @@ class Run:
 
     @property
     def first_s(self) -> float:
-        """Seconds of the first compilation on a machine, which do not count; else 0."""
+        """Seconds of a first compilation, which a time limit does not count, otherwise 0."""
         return self.compile_s if self.compile_s > COMPILED_S else 0.0
 
     @property
@@ -130,27 +130,27 @@ class Run:
 
 
 def thread_count(count: int | None) -> int:
-    """Number of threads: one for each core if None; raises InputError for more than the cores."""
+    """Return the number of threads, by default one for each core. Raise InputError for more."""
     most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     return most if count is None else Field("threads", int, 1, most).checked(count)
 
 
 _done: set[str] = set()
-# Loading the kernels from the disk cache takes a fraction of a second; if it took longer than this,
-# they were compiled.
+# Seconds of loading the kernels above which they were compiled. From the disk cache it takes a
+# fraction of a second.
 COMPILED_S = 2.0
 
 
 def compile_kernels(blend: str = OVER) -> float:
-    """Compile every kernel that a run with this blend needs; returns the seconds spent.
+    """Compile every kernel that a run with this blend needs, and return the seconds spent.
 
-    numba caches them on disk: a few seconds for the first run on a machine, a quarter of a second
-    in later processes, 0 afterwards. Additive blending takes some more, once.
+    numba caches kernels on disk. The first run on a machine takes a few seconds, later processes a
+    quarter of a second, and later calls 0. Additive blending takes some more once.
     """
     if blend in _done:
         return 0.0
     begun = time.perf_counter()
-    if blend != OVER:  # a portable file is alpha-composited
+    if blend != OVER:  # a portable file needs the kernels of both blends
         compile_kernels()
     one = np.ones(1)
     scene = Scene(

@@ -1,7 +1,7 @@
-"""The time budget of a run: how many Gaussians and how long a fit its time limit allows.
+"""The time budget of a run: the Gaussians and the length of the fit that its time limit allows.
 
-A rule says what steps and the export cost, in seconds of the machine that it was measured on. The
-steps so far show how many seconds one of those takes here (docs/decisions/time.md).
+A rule predicts the seconds of steps and of the export on the machine on which it was measured. The
+steps so far show how many times slower this machine is (docs/decisions/time.md).
 """
 
 from __future__ import annotations
@@ -12,29 +12,29 @@ import time
 from gauss2svg.fit.schedule import GROWTH_SHARE
 from gauss2svg.raster import DEFAULT_RENDERER
 
-STEP = 5e-4  # s of a step of the fit
+STEP = 5e-4  # s of a step of the fit, whatever its size
 STEP_PIXEL = 3.3e-8  # s of a step for each pixel
 STEP_GAUSSIAN = 8e-7  # s of a step for each Gaussian
-GROWING = 0.5  # share of these seconds that a step of growth takes
-SECOND_THREAD = 0.8  # speed that each further thread adds to that of the first, pixels alone
-PRIOR_S = 0.03  # predicted s of steps that count as taken before any is
-EXPORT = 0.06  # s of writing, rasterising and measuring
+GROWING = 0.5  # share of these seconds that a step takes during growth
+SECOND_THREAD = 0.8  # speed that each further thread adds, relative to the first, for pixels
+PRIOR_S = 0.03  # s that count as predicted and taken before the first step
+EXPORT = 0.06  # s of an export: writing, rasterising and measuring
 EXPORT_PIXEL = 1.3e-6  # s of an export for each pixel that is measured
 EXPORT_GAUSSIAN = 5e-5  # s of an export for each Gaussian
 COLORS_GAUSSIAN = 5e-5  # s of finding the colours of the file, for each Gaussian
 STARTS = {"chromium": 2.0, "firefox": 2.0, "inkscape": 2.0}  # s until these programs rasterise
-STEPS = 100  # steps of a fit. With fewer it gains more from time than from Gaussians
+STEPS = 100  # steps of a fit. With fewer, it gains more from steps than from Gaussians
 STEPS_OF_DRAWING = 180  # steps of the fit of a drawing
 # Largest share of the time for the export. If that needs more, Gaussians are removed.
 MOST_RESERVED = 0.6
-LEAST_FIT_S = 0.15  # fewest s of a fit. Within less a limit has hardly a picture
-FEWEST = 150  # fewest Gaussians, however short the time. There are fewer steps then
+LEAST_FIT_S = 0.15  # fewest s of a fit. A shorter fit hardly makes a picture
+FEWEST = 150  # fewest Gaussians. If the time is too short for them, there are fewer steps
 
 
 class TimeBudget:
     """The time left, and how much of it the fit may use.
 
-    deadline  in s of time.perf_counter(), or infinite
+    deadline  end of the run in s of time.perf_counter(), infinite without a limit
     pixels    number of pixels of the image that the fit runs on
     measured  number of pixels at which the file is measured
     threads   number of threads of the fit
@@ -57,18 +57,18 @@ class TimeBudget:
         self._export_s = EXPORT + EXPORT_PIXEL * measured
         self._start_s = STARTS.get(renderer, 0.0)
         self._predicted = self._taken = PRIOR_S
-        self._last = 0.0, -1  # when the last step ended, and its count
+        self._last = 0.0, -1  # time at which the last step ended, and its count
         self.begin_fit(0)
 
     def begin_fit(self, count: int, share: float = 1.0) -> None:
-        """Begin a fit of about `count` Gaussians, which has this share of the time."""
+        """Begin a fit of about `count` Gaussians, which may take this share of the time."""
         self._begun, self._share, self._reserved_for = time.perf_counter(), share, count
 
     def stepped(self, pixels: int, count: int, done: float) -> None:
         """Note a step with `count` Gaussians on `pixels` pixels, at this progress of the fit.
 
-        The first one after `most_gaussians`, or with another count, says nothing: it takes the time
-        of what comes between too.
+        The first step with a new count, or after `most_gaussians`, is ignored, because its time
+        includes other work.
         """
         now, growing = time.perf_counter(), done <= GROWTH_SHARE
         if count == self._last[1]:
@@ -82,9 +82,9 @@ class TimeBudget:
     def most_gaussians(self, done: float, colors: bool = False) -> float:
         """Return the largest count for which the steps after `done` and the export have time.
 
-        colors  whether the time of finding the colours of the file is needed too
+        colors  whether the colours of the file must also be found in this time
         """
-        self._last = 0.0, -1  # what the caller does with the answer is no step
+        self._last = 0.0, -1  # the caller's next work is not part of a step
         steps = self._steps * (1 - done)
         left = (self._left_s() - self._start_s) / self._slowness
         each = STEP_GAUSSIAN * steps + EXPORT_GAUSSIAN + colors * COLORS_GAUSSIAN
@@ -92,13 +92,13 @@ class TimeBudget:
 
     @property
     def is_over(self) -> bool:
-        """Whether the time left is needed to write and measure a file."""
+        """Whether all the time left is needed to write and measure a file."""
         return self._left_s() < self._reserved_s(max(self._reserved_for, FEWEST))
 
     def fit_ends(self) -> float:
         """Return the end of the fit in s of time.perf_counter(), infinite without a limit.
 
-        It is put off by a pause in which the colours are found, whose time is reserved.
+        Finding the colours pauses the fit and delays this end, and the time for it is reserved.
         """
         whole = self.deadline - self._begun
         fitting = whole - min(self._reserved_s(self._reserved_for), MOST_RESERVED * whole)
@@ -106,7 +106,7 @@ class TimeBudget:
 
     @property
     def _slowness(self) -> float:
-        """Seconds that a second of the rule takes here. The first few steps say little of it."""
+        """Ratio of the seconds taken to those predicted. The first few steps change it little."""
         return self._taken / self._predicted
 
     def _left_s(self) -> float:

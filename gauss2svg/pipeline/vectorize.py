@@ -1,4 +1,4 @@
-"""Vectorising a photo: read, search, measure, report."""
+"""Vectorising a photo: reading, searching, measuring and reporting."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ _OPAQUE, _CRISP = 0.95, 3.0  # opacity and exponent from which a shape hides wha
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A vectorised photo; shows itself in a notebook.
+    """A vectorised photo, which a notebook shows as a picture.
 
     svg       text of the file
     scene     fitted Gaussians on the photo's canvas, in the order of the file
-    report    options and results of the run, ready for JSON; see docs/reference/report.md
-    raster    (h, w, 3) float32 in 0..1, the rasterised SVG, perhaps smaller than the canvas; of a
-              transparent photo (h, w, 4) with straight alpha
-    photo     of the same shape, what the raster was compared with: the photo, perhaps reduced
-    document  of the file
+    report    options and results of the run, ready for JSON (docs/reference/report.md)
+    raster    rasterised SVG, (h, w, 3) float32 in 0..1, perhaps smaller than the canvas. For a
+              transparent photo it is (h, w, 4) with straight alpha
+    photo     photo of the raster's shape, with which the raster was compared
+    document  document settings of the file
     """
 
     svg: str
@@ -64,9 +64,9 @@ class Result:
     def save(self, path: str | os.PathLike[str], gzip: bool | None = None) -> None:
         """Write the SVG, whole or not at all.
 
-        gzip  None: if the path ends in .svgz, or the run had gzip=True
-        Raises InputError for something else than a path and for the name of another format,
-        OutputError if it cannot be written.
+        gzip  whether to compress. None: if the path ends in .svgz, or the run had gzip=True
+        Raise InputError if path is no path or names another format, and OutputError if the file
+        cannot be written.
         """
         path = file_name("path", path)
         check_svg_name("path", path)
@@ -75,7 +75,7 @@ class Result:
         write_atomically(path, file_bytes(self.svg, Field("gzip", bool).checked(gzip)))
 
     def outline(self, pens: int | None = None) -> str:
-        """Return the SVG text of the outlines of the shapes; see gauss2svg.outline_svg."""
+        """Return the SVG text of the outlines of the shapes (see gauss2svg.outline_svg)."""
         return outline_svg(self.scene, self.document, pens=pens)
 
     @property
@@ -85,10 +85,10 @@ class Result:
         return int(np.count_nonzero((scene.opacity >= _OPAQUE) & (scene.beta >= _CRISP)))
 
     def plates(self) -> dict[str, str]:
-        """Return the SVG text of each ink's plate, by its #rrggbb; see gauss2svg.plate_svg.
+        """Return the SVG text of each ink's plate, by its #rrggbb (see gauss2svg.plate_svg).
 
-        In the order of the inks, without those that are seen nowhere. Raises InputError for a run
-        without inks.
+        They are in the order of the inks, without unused inks. Raise InputError if the run has no
+        inks.
         """
         if self.report["inks"] is None:
             raise InputError("inks must be given for plates; got none. Try FitOptions(inks=6)")
@@ -136,22 +136,24 @@ def vectorize(
     """Fit Gaussians to a photo, write them as an SVG, rasterise it and measure it.
 
     image     path, bytes, binary file, PIL image, numpy array or torch tensor
-    goal      quality, gaussians, target_psnr, target_ssimulacra2, max_bytes and time_limit, which
-              may also be given by these names: vectorize("photo.jpg", max_bytes="500k")
+    goal      targets and limits. Its fields quality, gaussians, target_psnr, target_ssimulacra2,
+              max_bytes and time_limit may also be given as keywords of this function:
+              vectorize("photo.jpg", max_bytes="500k")
     fit, densify, svg, document, run
-              less common options; each class documents its fields
-    progress  called with a Progress at every step; True shows the run, by a bar on a terminal or as
-              the forming picture in a notebook. By default nothing is shown
-    stop      called after every step; True ends the run with the best result so far
+              less common options. Each class documents its fields
+    progress  function that is called with a Progress at every step. True shows a bar on a terminal,
+              or the forming picture in a notebook. By default nothing is shown
+    stop      function that is called after every step. True ends the run with the best result so
+              far
 
-    With a target, a given number of Gaussians is the largest allowed. The first limit reached ends
-    the run and is the report's stop_reason; missed targets are in its `unreached`. The SVG has the
-    photo's width and height even if the fit ran on a smaller image. It is measured, for the report
-    and for targets, at the size of the fit or 1 megapixel, whichever is larger, or with
-    RunOptions.full_size at the photo's.
-    Raises InputError for invalid input, RendererError for a missing renderer, TypeError for another
-    keyword, which names the class that the option is of, if there is one. Calls from several
-    threads wait for each other; a forked child may call it as well.
+    With a target, a given number of Gaussians is an upper bound. The first limit that is reached
+    ends the run and is the report's stop_reason. Missed targets are in its `unreached`. The SVG has
+    the photo's width and height even if the fit ran on a smaller image. It is measured, for the
+    report and for targets, at the size of the fit or at 1 megapixel if that is larger. With
+    RunOptions.full_size it is measured at the photo's size.
+    Raise InputError for invalid input, RendererError for a missing renderer, and TypeError for an
+    unknown keyword, with the class to which an option of that name belongs. Calls from several
+    threads wait for each other. A forked child may call it too.
     """
     if unknown:
         raise unknown_option(next(iter(unknown)))
@@ -188,10 +190,11 @@ def vectorize_by(
     started: float | None = None,
     may_reduce: bool = True,
 ) -> Result:
-    """`vectorize` with all options in one object.
+    """Vectorize a photo with all options in one object.
 
-    may_reduce  whether the fit may run on a smaller image for lack of memory; InputError if not
-    started     when time_limit and total_s begin, by time.perf_counter(); None: now
+    started     time at which time_limit and total_s begin, in s of time.perf_counter(). None: now
+    may_reduce  whether the fit may run on a smaller image if memory is short. If not, InputError
+                is raised then
     """
     plan = Plan(options)
     plan.check_renderer()
@@ -202,7 +205,7 @@ def vectorize_by(
     if load.fit != load.measured:
         working = shrunk(pixels_of(photo), *load.fit[::-1], sharp=True)
     subject = Subject(pixels, working, photo.full, document_for(photo, plan.options.document))
-    del photo  # its own pixels may be many
+    del photo  # frees its pixels, which may be many
     plan = dataclasses.replace(plan, fit_side=max(load.fit)).for_picture(pixels)
     with run.compiled(plan.options.fit.blend):
         limit = plan.goal.byte_limit or math.inf
@@ -212,11 +215,11 @@ def vectorize_by(
 
 
 def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Load]:
-    """Return the photo, at its own size or that of measuring, and the load of the run."""
+    """Return the photo, at its own or the measured size, and the load of the run."""
     asked = plan.options.run.max_size is not None or not may_reduce
 
     def sizes(width: int, height: int, has_alpha: bool = False) -> tuple[Load, str | None]:
-        # Before it is decoded an opaque one: only its pixels say whether it has alpha.
+        # A photo counts as opaque until it is decoded, because only its pixels show alpha.
         load = load_of(plan, Header(width, height, has_alpha, run.reduced_bytes))
         return size_that_fits(load, run.most_bytes, asked)
 
@@ -230,7 +233,7 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     load, note = sizes(*photo.full, has_alpha=photo.alpha is not None)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
-    # A shape extends to 5 sides at most: its sigma is at most 1 of them, the cut-off at 3.
+    # A shape extends to at most 5 sides: its sigma is at most 1 side, and it is cut off at 3.
     side, precision = max(photo.full), plan.svg_format.precision
     if precision < (least := side * 5 / LARGEST_NUMBER):
         raise refusal("precision", f"at least {least:.4f} for {side} px", f"{precision:g}")
@@ -244,7 +247,7 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
 
 
 def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
-    """Yield what the searches of the plan end with, of which each runs when it is asked for."""
+    """Run the searches of the plan one by one, and yield the outcome of each."""
     limit, given = plan.goal.time_limit, plan.options.fit.iterations
     if limit is not None:
         run.budget = TimeBudget(
@@ -256,7 +259,7 @@ def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
             renderer=plan.options.run.renderer,
         )
     for one in plan.searches():
-        # Few runs need both.
+        # Import only the search that runs, because few runs need both.
         if one.by_bytes:
             from gauss2svg.pipeline.search.by_bytes import ByBytes
 
@@ -268,7 +271,7 @@ def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
 
 
 def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
-    """Return the file of an outcome, with the report on it."""
+    """Return an outcome as a result, with scores and a report."""
     aim, raster, subject = plan.aim, outcome.measured.raster, outcome.subject
     scores = Scores()
     if plan.options.run.scores or (aim is not None and not aim.of.always):
@@ -278,11 +281,11 @@ def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
     return Result(outcome.svg, outcome.scene, report, raster, subject.photo, subject.document)
 
 
-_SIDE = 32  # px
+_SIDE = 32  # px, side of the noise that warm_up vectorises
 
 
 def warm_up(given: Mapping[str, Any]) -> Result:
-    """Load the kernels and vectorise noise in two iterations, with these options by their names."""
+    """Load the kernels, and vectorise noise in two iterations with these options, by name."""
     compile_kernels()
     noise = np.random.default_rng(0).random((_SIDE, _SIDE, 3))
     return vectorize_by(Options.from_flat({**given, "iterations": 2}), noise)

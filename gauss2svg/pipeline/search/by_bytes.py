@@ -1,11 +1,12 @@
-"""The search by bytes: files of some hundred bytes to some thousand, each byte of them planned.
+"""The search by bytes: files of hundreds to thousands of bytes, with every byte planned.
 
     photo -> working picture of 96 to 256 px -> a few fits of as many opaque shapes as the bytes
     allow, with few exponents -> small files -> the best raster that fits
 
-Kodak 20, 768 x 512 px, in 250 bytes. A file without Gaussians has 98, and the other 152 bytes are
-3 plain ellipses of about 44, fitted at 96 x 64 px. Each fit is written in units of two sizes, with
-colours of 3 and of 6 digits; the file that is best by the model is drawn:
+Take Kodak 20, 768 x 512 px, and a limit of 250 bytes. A file without Gaussians has 98 bytes. The
+other 152 bytes suffice for 3 plain ellipses of about 44 bytes, which are fitted at 96 x 64 px. Each
+fit is written in units of two sizes, with colours of 3 and of 6 digits. The file whose model is
+best is drawn:
 
     <svg xmlns=".." viewBox="0 0 66 44"><path fill="#c3b8a0" d="M0 0h66v44H0"/>
     <path fill="#504c34" d="M86 27a93 10-1.8 101 0"/>
@@ -14,14 +15,14 @@ colours of 3 and of 6 digits; the file that is best by the model is drawn:
 
 A drawing gets ellipses that stay crisp when it is enlarged:
 
-    drawing -> four fits -> what they agree on, up to four times as large -> fits of more and more
-    ellipses, until the bytes are used or more no longer help -> the best of their files
+    drawing -> up to four fits -> the larger picture that they agree on -> fits of more and more
+    ellipses, until the bytes are used or more ellipses no longer help -> the best of their files
 
-Of two files the closer one is better, at the drawing's own size as long as the difference can be
-seen there, and enlarged beyond that (`closeness`). Where it cannot be seen, the counts of the fits
-do not depend on the limit, so that a larger limit has the files of a smaller one to choose from.
+The closer of two files is better (`closeness`). They are compared at the drawing's own size if the
+difference can be seen there, and enlarged if not. In the second case the counts of the fits do not
+depend on the limit, so that a larger limit has all files of a smaller one to choose from.
 
-All constants: docs/decisions/small.md and, of drawings, enlarged.md.
+docs/decisions/small.md explains the constants, and enlarged.md those of drawings.
 """
 
 from __future__ import annotations
@@ -64,56 +65,56 @@ from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 
-Exponents = tuple[float, ...]  # of soft shapes; other shapes are plain ellipses
+Exponents = tuple[float, ...]  # exponents of soft shapes. Other shapes are plain ellipses
 BytesOf = Callable[[str], int]
 
-# Exponents that are worth their definition in a file of so many bytes; plain ellipses need none.
+# Limits in bytes, and the exponents that are worth their definitions from there on.
 EXPONENTS = (6000, BETA_CLASSES), (2200, (1.0, 3.0)), (0, (3.0,))
-DEFINITION = 5  # shapes that take as many bytes as the definition of an exponent
-# Ratio by which shapes may turn out shorter than expected. If they seem shorter, most were
-# written as nothing.
+DEFINITION = 5  # number of shapes that have as many bytes as an exponent's definition
+# Largest plausible ratio of expected to actual bytes of a shape. If it is larger, most shapes were
+# left out of the file.
 SHORTER = 3.0
-SPARE = 1.03  # times the shapes that fit into the limit are fitted; the least useful are left out
+SPARE = 1.03  # ratio of fitted shapes to those that fit in. The least useful are left out
 
 # Photos.
 SIDE_PER_ROOT = 12.0  # longest side of the working picture in px, per square root of the count
-LEAST_SIDE = 96  # least longest side of the working picture in px
-PLAIN_UNDER = 900  # bytes under which every second fit has plain ellipses alone, like cut paper
-SOME = 60  # shapes up to which there are three fits on two grids, and beyond two on one
+LEAST_SIDE = 96  # least length in px of the working picture's longest side
+PLAIN_UNDER = 900  # bytes under which every second fit has only plain ellipses, like cut paper
+SOME = 60  # most shapes for three fits on two grids. More have two fits on one grid
 ITERATIONS = 200  # steps of a fit
 # Placement and learning rate of each fit to a photo.
 _BEGINNINGS = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
 
 # Drawings.
-LARGE_SIDE = 1024  # longest side in px of the working picture of a larger drawing
-FLAT_SIDE = 384  # longest side in px of the working picture of a drawing without smooth edges
-ENLARGED_FROM = 2000  # bytes of a file from which a drawing is fitted enlarged
+LARGE_SIDE = 1024  # longest side in px to which a larger drawing is reduced
+FLAT_SIDE = 384  # the same for a drawing without antialiased edges
+ENLARGED_FROM = 2000  # limit in bytes from which a drawing is fitted enlarged
 STEPS = 600  # steps of a fit
-LEAST_FEWER = 12  # shapes under which fits with fewer shapes are not tried
-AGREEING = (150, 300)  # shapes of the fits that enlarge a drawing
-AGREEING_LARGE = (300,)  # the same for drawings over 256 px, whose fits take longer
-OWN_UP_TO = 200  # shapes up to which fits at the drawing's own size are tried too
-FIRST_COUNT, GROWTH = 160, 1.265  # shapes of the first enlarged fit, and the ratio to the next
-IDLE = 2  # fits in a row whose files are no better, after which growth ends
-FEW, WELL_USED = 60, 0.97  # shapes and share of a limit from which more would have been written
-SHARED = 0.1  # share of the squared error that colours in common may add
+LEAST_FEWER = 12  # fewest shapes of the fits that halve the count
+AGREEING = (150, 300)  # counts of the fits that enlarge a drawing
+AGREEING_LARGE = (300,)  # the same over 256 px, where fits take longer
+OWN_UP_TO = 200  # most shapes for which fits at the drawing's own size are tried too
+FIRST_COUNT, GROWTH = 160, 1.265  # count of the first enlarged fit, and ratio to the next
+IDLE = 2  # number of fits in a row without a better file, after which growth ends
+FEW, WELL_USED = 60, 0.97  # more shapes in a smaller share of the limit: growth ended by gain
+SHARED = 0.1  # share of the squared error that shared colours may add
 COARSE_UNDER = 1100  # bytes under which a digit is a large part of a shape
-# Bytes from which numbers are finer, and drawings with shading have soft shapes beside ellipses.
+# Limit in bytes from which numbers are finer and shaded drawings also have soft shapes.
 FINE_FROM = 6000
 COARSE_GRIDS, GRIDS, FINE_GRIDS = (0.8, 1.2, 4.0, 8.0), (4.0, 8.0), (8.0, 16.0)
-SOFT_FROM = 4.0  # px of rim from which a shape of a shaded drawing is soft
+SOFT_FROM = 4.0  # rim in px from which a shape of a shaded drawing is soft
 
 
 class ByBytes:
-    """A search for the best file of at most the bytes of a plan.
+    """A search for the best file within the limit of bytes of a plan.
 
-    subject     of which the photo is reduced further for the fits
-    bytes_of    returns the bytes of a file's text; None: those of the file itself
+    subject     photo and canvas, with the photo reduced further for the fits
+    bytes_of    function that returns the bytes of a file's text. None: bytes of the file itself
     is_drawing  whether the photo is a drawing
-    flat        the shortest file without Gaussians
-    best        the closest file so far, with its raster's error
+    flat        shortest file without Gaussians
+    best        closest file so far, with its raster's error
     fits        results of the fits so far
-    Raises InputError where a file without Gaussians has more bytes.
+    Raise InputError if a file without Gaussians exceeds the limit.
     """
 
     def __init__(
@@ -122,29 +123,29 @@ class ByBytes:
         assert plan.goal.byte_limit is not None
         self._plan, self._run, self._limit = plan, run, plan.goal.byte_limit
         self._bytes_of = bytes_of or (lambda svg: len(file_bytes(svg, plan.counts_gzipped)))
-        self._plain_limit = plan.plain_limit or self._limit  # bytes before gzip
+        self._plain_limit = plan.plain_limit or self._limit  # limit in bytes before gzip
         learned = plan.options.fit.learned_falloff
         self.is_drawing = learned and drawings.is_drawing(subject.photo)
         self.subject, self.fits = subject, list[FitResult]()
         photo, canvas = subject.photo, subject.canvas
         flat = [self._file(*flat_scene(photo, canvas, digits), digits) for digits in HEX_DIGITS]
         self.flat = min(flat, key=lambda file: file.size)
-        self._room = self._limit - self.flat.size  # bytes of all shapes
+        self._room = self._limit - self.flat.size  # bytes left for shapes
         if self._room < 0:
             needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
             raise refusal("max_bytes", needed, str(self._limit), str(self.flat.size))
         each = MINIMAL_GZIPPED_BYTES if plan.counts_gzipped else MINIMAL_BYTES
         self._soft, self._plain = (each[2], each[2]) if self.is_drawing else each[:2]
-        self._each: dict[Exponents, float] = {}  # bytes of a shape in the last file of exponents
+        self._each: dict[Exponents, float] = {}  # bytes of a shape in the last file, by exponents
         self._set_up()
         self._large: NDArray[np.float32] | None = None  # the drawing enlarged
-        self._fitted = self._planned = self.subject  # that fits run on, and colours are solved by
-        self._ended = ""  # why no further step is made
+        self._fitted = self._planned = self.subject  # subjects for fits, and for solving colours
+        self._ended = ""  # reason for ending early, or ""
         fitting = [self._drawn(file) for file in flat if file.size <= self._limit]
         self.best = max(fitting, key=closeness)
 
     def _set_up(self) -> None:
-        """Choose how the photo is reduced, and how its fits are made and written."""
+        """Set the size of the working picture, and the numbers of the fits and files."""
         photo, limit, options = self.subject.photo, self._plain_limit, self._plan.options
         learned, self._enlarges = options.fit.learned_falloff, False
         exponents = next(classes for least, classes in EXPONENTS if self._limit >= least)
@@ -207,9 +208,9 @@ class ByBytes:
         return self.best
 
     def _fit_own_size(self) -> None:
-        """Fit as many shapes as the limit allows, and to drawings fewer, as long as they win.
+        """Fit as many shapes as the limit allows, and try fewer for drawings as long as that helps.
 
-        Edges that meet are drawn less exactly than they are fitted.
+        Fewer may help because edges that meet are drawn less exactly than they are fitted.
         """
         self._starts = len(self._beginnings) + self.is_drawing
         for k, (init, rate) in enumerate(self._beginnings):
@@ -223,9 +224,9 @@ class ByBytes:
     def _grow(self) -> None:
         """Fit more and more shapes to the drawing enlarged.
 
-        As many shapes as fill the limit are fitted only where the difference can be seen at the own
-        size. Beyond that a fit of a count of its own ends better or worse by chance, and a larger
-        limit, which does not try that count, could have a worse file.
+        A last fit fills the limit only if differences can still be seen at the drawing's own size.
+        Otherwise that fit would be better or worse by chance. A larger limit, which does not try
+        the same count, could then end with a worse file.
         """
         self._starts = len(self.fits) + 5 + len(list(self._ladder()))
         large = self._enlarged()
@@ -237,7 +238,7 @@ class ByBytes:
         self._large, self._planned = large.working, dataclasses.replace(large, working=solved)
         self._fitted = large
         self.best, idle = self._drawn(self.best), 0
-        for count in self._ladder():  # depends on the bytes of a shape so far
+        for count in self._ladder():  # the ladder depends on the bytes of a shape so far
             if self._stop() or idle == IDLE:
                 return
             idle = 0 if self._improves(count, "selective", self._exponents) else idle + 1
@@ -245,9 +246,9 @@ class ByBytes:
             self._improves(self._count(self._exponents), "selective", self._exponents)
 
     def _enlarged(self) -> Subject | None:
-        """Return the drawing enlarged; None if the search is stopped.
+        """Return the enlarged drawing, or None if the search is stopped.
 
-        One that is large, or that is reduced, is not enlarged.
+        A large or reduced drawing is returned as it is.
         """
         own, (width, height) = self.subject, self.subject.size
         if own.size != own.canvas or max(own.size) > drawings.LARGEST_ENLARGED:
@@ -259,7 +260,7 @@ class ByBytes:
             if self._stop():
                 return None
             scene = self._fit(count, init, self._exponents)
-            if not len(self.best.scene):  # of a search that is stopped here
+            if not len(self.best.scene):  # a search that is stopped here ends with shapes
                 self._keep(scene, self._exponents)
             renders.append(draw(scene, 4 * width, 4 * height, covering=True))
         return dataclasses.replace(own, working=drawings.agreed(own.working, renders, times))
@@ -272,7 +273,7 @@ class ByBytes:
             count *= GROWTH
 
     def _costs(self) -> FitResult:
-        """Return the costs of all fits, and why they ended."""
+        """Return the costs of all fits, and the reason why they ended."""
         count, used = len(self.best.scene), self.best.size / self._limit
         reason = "max_bytes"
         if self._ended:
@@ -291,32 +292,32 @@ class ByBytes:
     def _stop(self) -> bool:
         if not self._ended and self._run.stop():
             self._ended = "interrupted"
-        if not self._ended and self.fits and self._run.budget.is_over:  # the first makes a file
+        if not self._ended and self.fits and self._run.budget.is_over:  # the first fit always runs
             self._ended = "time_limit"
         return bool(self._ended)
 
     def _count(self, exponents: Exponents) -> int:
-        """Return how many shapes to fit for the limit, by what they take in the last file."""
+        """Return how many shapes to fit for the limit, by their bytes in the last file."""
         expected = self._soft if exponents else self._plain
         each = self._each.get(exponents, expected)
-        if not self.is_drawing:  # the least useful shapes of a photo are cheaply left out
+        if not self.is_drawing:  # leaving out a photo's least useful shapes costs little
             each = min(each, expected)
         count = SPARE * self._room / each - DEFINITION * len(exponents)
         return int(min(max(count, 1), self._most))
 
     def _improves(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> bool:
-        """Fit so many shapes, and return whether their file is the best so far."""
+        """Fit `count` shapes, and return whether their file is the best so far."""
         return self._keep(self._fit(count, init, exponents, rate), exponents)
 
     def _keep(self, scene: Scene, exponents: Exponents) -> bool:
-        """Write a fitted scene, and keep the file if it is the best so far."""
+        """Write a fitted scene, keep its file if it is the best, and return whether it is."""
         file, before = self._written(scene, exponents), self.best
         if file is not None:
             self.best = max(before, self._drawn(file), key=closeness)
         return self.best is not before
 
     def _fit(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> Scene:
-        """Return the scene of a fit to the working picture, or to it enlarged, on the canvas."""
+        """Fit the working or the enlarged picture, and return the scene on the canvas."""
         subject, options = self._fitted, self._plan.options.fit
         share = max(subject.size) / max(self.subject.size)
         soft_from = SOFT_FROM * share if self.is_drawing else 0.0
@@ -349,7 +350,7 @@ class ByBytes:
         self.fits.append(session.result())
         scene, (width, height) = session.scene(), subject.canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
-        # A plain ellipse of the area that was fitted, not of the contour of half height.
+        # A plain ellipse keeps the area that was fitted, not the contour at half the opacity.
         plain = scene.drawn == PLAIN
         wider = covered_radius(scene.beta) / covered_radius(np.full(len(scene), MOST_BETA))
         sigma = scene.sigma * np.where(plain, wider, 1.0)[:, None]
@@ -358,9 +359,9 @@ class ByBytes:
         return _drawn_as(with_falloffs(scene, beta), plain)
 
     def _written(self, fitted: Scene, exponents: Exponents) -> SmallFile | None:
-        """Return the best file of a fitted scene by the model; None where no Gaussian is left.
+        """Return the file of a fitted scene with the closest model, or None if no Gaussian is left.
 
-        Of a file that is too long the least useful Gaussians are left out.
+        The least useful Gaussians are left out if the file is too long.
         """
         order = self._planned.by_use(fitted, self._plan.tune, covering=True)
         best, expected = None, self._soft if exponents else self._plain
@@ -390,9 +391,9 @@ class ByBytes:
         return SmallFile(svg, scene, error, self._bytes_of(svg))
 
     def _drawn(self, file: SmallFile) -> SmallFile:
-        """Return the file with the error of its raster, and of its model enlarged.
+        """Return the file with the error of its raster, and that of its enlarged model.
 
-        A renderer would take seconds for the masks of an enlarged file.
+        The model is rendered, because rasterising the masks of an enlarged file takes seconds.
         """
         renderer, large = self._plan.options.run.renderer, self._large
         error, enlarged_error = raster_error(file.svg, self.subject.working, renderer), math.nan
@@ -404,10 +405,10 @@ class ByBytes:
 
 
 def with_few_exponents(scene: Scene, exponents: Exponents, soft_from: float) -> Scene:
-    """Return the scene with the nearest of these exponents, or that of a plain ellipse.
+    """Return the scene with each exponent set to the nearest of these, or to a plain ellipse's.
 
-    soft_from  px of rim from which a shape is soft. A narrower one is an edge, and from here on it
-               is fitted by how much of each pixel it covers
+    soft_from  rim in px from which a shape is soft. A shape with a narrower rim becomes a plain
+               ellipse, which is fitted by how much of each pixel it covers
     """
     classes = np.array([*exponents, BETA_CLASSES[-1]])
     nearest = np.abs(np.log(scene.beta)[:, None] - np.log(classes)).argmin(axis=1)

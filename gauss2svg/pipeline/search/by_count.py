@@ -1,7 +1,7 @@
 """The search by count: fit, write, rasterise, measure, and correct the number of Gaussians.
 
 Targets apply to the rasterised SVG at the size at which the report measures it, so every correction
-rasterises one. `Limits` says how many Gaussians come next, and which file is the best.
+with a target rasterises the SVG. `Limits` decides the next count and the best file.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from gauss2svg.pipeline.search.outcome import Export, Exporter, Outcome, Subject
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import ADD
 
-# Number and length of corrections (docs/decisions/monotone.md).
-CORRECTIONS = 5  # most corrections of a count
+# Corrections of a count (docs/decisions/monotone.md).
+CORRECTIONS = 5  # largest number of corrections
 CORRECTION_SHARE = 0.25  # share of a fit's iterations that a correction takes
 LEAST_STEPS = 40  # fewest steps of a correction
 ADDITIVE_SHARE = 0.35  # share of the time that the additive fit before a portable file takes
 
 
 class ByCount:
-    """A search for the number of Gaussians with which a file is what a plan asks for."""
+    """A search for the number of Gaussians with which a file meets a plan."""
 
     def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
         self._plan, self._subject, self._run = plan, subject, run
@@ -42,7 +42,7 @@ class ByCount:
         self._exports: list[Export] = []
 
     def run(self) -> Outcome:
-        """Fit, write and measure; correct the count until the targets are met or unreachable."""
+        """Fit, write, and correct the count while it helps. Return the best file, measured."""
         plan, limits, run = self._plan, self._limits, self._run
         steps = max(LEAST_STEPS, round(CORRECTION_SHARE * (plan.fit_config.iterations or 0)))
         adapts = plan.goal.count_adapts
@@ -76,9 +76,9 @@ class ByCount:
         )
 
     def _fitted(self) -> tuple[FitSession, FitResult | None]:
-        """Return the fit of the first export, and the additive one before that of a portable file.
+        """Run the fit of the first export. Return it, and a portable file's additive fit before it.
 
-        With only a time limit few Gaussians are fitted on reduced pictures first.
+        With only a time limit, few Gaussians are fitted on reduced pictures first, which is faster.
         """
         plan, limits, run, before = self._plan, self._limits, self._run, None
         run.stop()
@@ -119,7 +119,7 @@ class ByCount:
         return session
 
     def _ended(self, session: FitSession) -> str:
-        """Return what ended the fit before its last step, empty if nothing did."""
+        """Return the reason why the fit ended before its last step, or "" if it did not."""
         late = "time_limit" * session.clock.out_of_time
         return "interrupted" if self._run.ended else late
 
@@ -131,7 +131,7 @@ class ByCount:
         self._exports.append(self._exporter.export(session.scene()))
 
     def _pruned(self, best: Export) -> Export:
-        """Return an export within the limit of bytes."""
+        """Return an export with Gaussians removed until it is within the limit of bytes."""
         limit = self._plan.goal.byte_limit
         if limit is None or best.size <= limit:
             return best

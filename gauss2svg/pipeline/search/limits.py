@@ -1,16 +1,16 @@
-"""How many Gaussians the limits of a goal allow, as a fit and its files show what they cost.
+"""The counts that the limits of a goal allow, by what a fit and its files gain and cost.
 
-    psnr   as many as reach it, where each doubling gains `slope` dB
-    gain   as many as still gain what the preset asks for each kilobyte
-    cap    the preset's or the given number
-    bytes  as many as fit in, by the bytes of the shapes so far
-    time   as many as can be fitted and written in what is left
+    psnr   count that reaches the PSNR, where each doubling gains `slope` dB
+    gain   count up to which a kilobyte gains what the preset asks for
+    cap    count that the preset allows, or the given count
+    bytes  count that fits into the bytes, by the bytes of the shapes so far
+    time   count that can be fitted and written in the time left
 
-The smallest of these is the next count, and its limit the reason why growth stops. Constants:
+The smallest of these is the next count, and its limit is the reason why growth stops. Constants:
 docs/decisions/fit.md.
 
-Files are corrected by what the rasterised SVG has. Kodak 20, 768 px wide and fitted at 384 px, with
-a target of 28 dB:
+Files are corrected by the score of the rasterised SVG. Kodak 20 is 768 px wide. Fitted at 384 px
+with a target of 28 dB, it has:
 
     Gaussians    PSNR at 384 px    PSNR against the photo
     195          28.24             26.14: the photo has detail that the fit did not see
@@ -18,8 +18,9 @@ a target of 28 dB:
     607          31.03             27.63
     759          32.23             28.13: reached
 
-Each count is the last one doubled as often as the dB that lack up to 28.12 take, by the dB gained
-per doubling: at first 3.2, as during the growth, then by the last two exports, at least 1.5.
+Corrections aim at 28.12 dB. The number of doublings to the next count is the missing dB divided by
+the dB gained per doubling. A doubling gains 3.2 dB at first, as in growth. Later it gains as much
+as between the last two exports, but at least 1.5 dB.
 """
 
 from __future__ import annotations
@@ -40,16 +41,16 @@ FIRST_ROUND = 8  # Gaussians of the first round
 # Share of a doubling's final gain that a round of growth shows, because it has too few steps to
 # converge.
 GAIN_OF_A_ROUND = 0.72
-CONVERGES_ABOVE = 16.5  # dB of PSNR above which convergence still brings something
-# Share of the dB above CONVERGES_ABOVE that convergence brings after a round of growth.
+CONVERGES_ABOVE = 16.5  # dB of PSNR above which convergence still adds some
+# Share of the dB above CONVERGES_ABOVE that convergence adds after a round of growth.
 CONVERGES_AFTER_ROUND = 0.28
-CONVERGES_AFTER = dict(zip(ADJUST_AT, (0.055, 0.034, 0.029), strict=True))  # and in refinement
+CONVERGES_AFTER = dict(zip(ADJUST_AT, (0.055, 0.034, 0.029), strict=True))  # the same in refinement
 MOST_CHANGE = 0.3  # largest change of the count at one adjustment, as a share of it
-# Ratio of the count to that for which there is time, from which refinement removes Gaussians.
+# Ratio of the count to the count for which there is time, above which refinement removes some.
 TOO_MANY = 2.0
 LEAST_CHANGE = 0.02  # share of the count below which an adjustment is not made
 LEAST_ROUND = 1.1  # ratio of the wanted to the present count, below which no round begins
-WHOLE_ROUND = 0.6  # doublings from which a round says enough about the slope
+WHOLE_ROUND = 0.6  # fewest doublings of a round from which a slope is derived
 # Ratio of a doubling's gain to the one before that marks a drawing. Photos stay under 1.5.
 ACCELERATING = 1.7
 LEAP = 4  # ratio of the next count to the present one, from which a round is a leap
@@ -57,40 +58,40 @@ FLATTEST = 0.5  # least plausible slope, dB for each doubling
 STEEPEST = 8.0  # largest plausible slope, dB for each doubling
 
 # Gaussians that fit into a limit of bytes (docs/decisions/markup.md).
-LEAST_MEASURED = 200  # gaussians from which the bytes of one are measured
-# Multiple of the allowed bytes that growth aims at. The least useful shapes go afterwards.
+LEAST_MEASURED = 200  # fewest Gaussians from which the bytes of a shape are measured
+# Multiple of the allowed bytes that growth aims at. The least useful are pruned later.
 OVERFILL_GROWING = 1.25
 OVERFILL_REFINING = 1.03  # the same for refinement until its last steps
-# Excess over the allowed bytes, times the root of the count, that the last steps begin with: the
-# file is then full, and a few shapes more are pruned.
+# Share by which the last steps may exceed the allowed bytes, times the root of the count. The file
+# is then full after a few shapes are pruned.
 SPARE = 0.4
 # Share of a shape's bytes that refinement saves, for each unit of progress that is left.
 BYTES_SAVED = 0.15
-# Fewest pixels for each Gaussian. Nine numbers would exceed its share of the image.
+# Fewest pixels for each Gaussian. Fewer pixels have fewer values than a Gaussian's nine numbers.
 PIXELS_EACH = 3
-PIXELS_EACH_OF_BUDGET = 2  # fewest pixels where the best in some bytes or seconds is wanted
+PIXELS_EACH_OF_BUDGET = 2  # the same for a budget of bytes or seconds
 WRITING_LOSS = 0.06  # share of the scene's error that writing is expected to add
 
 # Corrections of a count (docs/decisions/monotone.md and numbers.md).
 FULL = 0.985  # share of the allowed bytes from which a file is full
-NEARLY_FULL = 0.97  # that share after one correction
+NEARLY_FULL = 0.97  # the same after one correction
 # Multiple of the allowed bytes from which a fit is corrected. A smaller excess is pruned.
 TOO_LARGE = 1.1
-PRUNED = 8.0  # dB that are lost for each halving of the bytes by pruning alone
-# dB under the preset's PSNR up to which there is no correction. LESS_THAN_ENOUGH and FAR_MORE
-# together are less than the presets lie apart, so that none ends under a cheaper one.
+PRUNED = 8.0  # dB that pruning alone loses for each halving of the bytes
+# dB under the preset's PSNR up to which there is no correction. LESS_THAN_ENOUGH + FAR_MORE is less
+# than the presets' PSNRs differ, so that no preset ends under a cheaper one.
 LESS_THAN_ENOUGH = 0.8
 FAR_MORE = 3.0  # dB over the preset's PSNR up to which there is no correction
-# Gaussians that are not removed for FAR_MORE. They are a kilobyte or two, and each shows.
+# Fewest Gaussians after a reduction for FAR_MORE. They take a kilobyte or two, and each is visible.
 FEW = 16
 SAME = 0.004  # relative difference up to which two counts are the same
 TELLING = 0.25  # least doublings between two exports from which a slope is derived
-AT_THE_CAP = 0.95  # share of the largest count from which the cap ended the fit
-BOUND = 0.93  # share of the allowed bytes from which they ended the fit
-# Largest reduction in doublings. Many at once end worse than a few after one another.
+AT_THE_CAP = 0.95  # share of the largest count above which the cap is the stop reason
+BOUND = 0.93  # share of the allowed bytes above which they are the stop reason
+# Largest reduction of a count, in doublings. A large one ends worse than several small ones.
 MOST_REDUCED = -0.5
-# Ratio of the last to the first count, up to which a fit of a drawing whose edges are ellipses
-# grows (docs/decisions/enlarged.md).
+# Largest ratio of the last to the first count for a drawing whose edges are ellipses
+# (docs/decisions/enlarged.md).
 FOR_EDGES = 1.4
 SLOPES = 1.5, 12.0  # least and largest plausible slope in dB for each doubling
 
@@ -108,18 +109,18 @@ def fewest(first: Cap, *others: Cap) -> Cap:
 
 
 class Limits(DensificationPolicy):
-    """A policy that doubles the count in each round until a limit is met, and corrects it after.
+    """A policy that doubles the count in each round until a limit is met, and then corrects it.
 
-    If a doubling gains s dB, a kilobyte gains s / (n ln 2 kilobytes) dB at n Gaussians: growth
-    aims at the n where that falls to the preset's gain. It continues beyond while the gains of
-    rounds accelerate and the squared error, falling in proportion to the last round's, would
-    vanish before the cap: a checkerboard's first squares gain next to nothing, its last ones
-    everything. For the same reason growth that does not pay at a small count leaps once to a
-    fourth of the cap, and returns if that did not pay either.
+    If a doubling gains s dB and a Gaussian has k kilobytes, a kilobyte gains s / (n k ln 2) dB at n
+    Gaussians. Growth aims at the n where this falls to the preset's gain. It goes on beyond n while
+    the gains of rounds accelerate, if the squared error would vanish before the cap at the last
+    round's rate. The first squares of a checkerboard gain next to nothing, and the last everything.
+    For the same reason, growth that does not pay at a small count leaps once to a fourth of the
+    cap. It returns if the leap does not pay either.
 
-    expected     largest count that the fit may end with, as far as it is known before
-    slope        dB gained by a doubling
-    is_additive  whether the fit is the one before that of the file, which tells no bytes
+    expected     largest count that the fit may end with, as known before the fit
+    slope        dB gained by a doubling of the count
+    is_additive  whether the additive fit before a portable file runs, from which no bytes follow
     """
 
     def __init__(self, plan: Plan, exporter: Exporter, budget: TimeBudget, pixels: int) -> None:
@@ -137,20 +138,20 @@ class Limits(DensificationPolicy):
         if goal.count is not None:
             self._cap = self._cap_for_target = Cap(goal.count, "gaussians")
             self._psnr = Cap(math.inf, "enough")
-        if aim is not None and aim.search.slope is None:  # that of the growth, which can aim at it
+        if aim is not None and aim.search.slope is None:  # growth itself aims at PSNR
             writing = 10 * math.log10(1 + WRITING_LOSS)
             self._psnr = Cap(aim.value + aim.search.over + writing, aim.name)
             self._cap = self._cap_for_target
-        # Else growth ends at what the preset calls enough, and corrections find the score.
+        # For another score, growth ends at the preset's PSNR, and corrections find the score.
         by_gain = goal.count is None and goal.byte_limit is None and aim is None
-        # dB that each Gaussian must gain, unless the best is wanted.
+        # dB that each Gaussian must gain, 0 if the best picture is wanted.
         self._price = plan.preset.gain * (usual / 1000) if by_gain else 0.0
         self.expected, first = int(self._cap.gaussians), FIRST_ROUND
         if plan.only_time_limits:
             self.expected = int(min(self.expected, budget.most_gaussians(0.0)))
             first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
         self._allowed, self._first = Cap(self.expected, self._cap.name), first
-        # One more for the leap.
+        # The leap takes one more round.
         self.rounds = max(1, math.ceil(math.log2(max(self.expected, 1) / first)) + 2)
         self.stop_reason = "cap"
         self.slope = 3.0
@@ -160,7 +161,7 @@ class Limits(DensificationPolicy):
         self._paying = self._rise = math.inf
 
     def grow(self, now: Snapshot) -> int:
-        """Return twice the count, or less if a limit allows less."""
+        """Return the next count: twice the present, less if a limit allows less, or a leap."""
         in_time = math.inf
         if self._plan.only_time_limits:
             in_time = self._budget.most_gaussians(now.done)
@@ -186,7 +187,7 @@ class Limits(DensificationPolicy):
         return min(math.ceil(wanted), max(2 * now.count, self._first))
 
     def adjust(self, now: Snapshot) -> int:
-        """Return more or fewer if the extrapolated PSNR or file size is off the limits."""
+        """Return another count if the extrapolated PSNR or file size misses its limit."""
         least, most = (1 - MOST_CHANGE) * now.count, (1 + MOST_CHANGE) * now.count
         in_time = max(TOO_MANY * self._budget.most_gaussians(now.done), least)
         if self._plan.only_time_limits:
@@ -200,8 +201,8 @@ class Limits(DensificationPolicy):
         return int(min(math.ceil(min(max(wanted, least), most)), self._allowed.gaussians))
 
     def most(self, now: Snapshot) -> int:
-        """Return the largest number that fits into the bytes and can be written in time."""
-        # Growth beside a target or a preset has not asked for the time.
+        """Return the largest count that fits into the bytes and can be written in time."""
+        # With a target or a preset, growth has not considered the time.
         done, colors = (1.0, False) if self._plan.only_time_limits else (now.done, True)
         self._allow(now, self._budget.most_gaussians(done, colors))
         return int(self._allowed.gaussians)
@@ -211,7 +212,7 @@ class Limits(DensificationPolicy):
         return self._price
 
     def _allow(self, now: Snapshot, in_time: float) -> None:
-        """Set the largest count, by the bytes of the shapes so far and by the count `in_time`."""
+        """Set the largest count, by the bytes of shapes so far and the count that time allows."""
         if self.is_additive:
             return
         limit, refining = self._plan.goal.byte_limit, now.done > schedule.GROWTH_SHARE
@@ -221,7 +222,7 @@ class Limits(DensificationPolicy):
         share = OVERFILL_REFINING if refining else OVERFILL_GROWING
         if now.done >= schedule.QUANTIZED_FROM:
             share = 1 + SPARE / math.sqrt(max(now.count, 1))
-        if self._plan.aim is not None:  # what is over is not pruned
+        if self._plan.aim is not None:  # an excess is not pruned for a target
             share = 1.0
         if refining or (now.count >= LEAST_MEASURED and not self._bytes_known):
             self._bytes_known = True
@@ -232,7 +233,7 @@ class Limits(DensificationPolicy):
         self._allowed = fewest(self._allowed, self._in_bytes(share * limit))
 
     def _in_bytes(self, size: float) -> Cap:
-        """Return the count that fills so many bytes."""
+        """Return the count that fills `size` bytes."""
         shapes = max(size - self._exporter.empty_bytes, 0)
         return Cap(int(shapes / self._bytes_each), "max_bytes")
 
@@ -242,7 +243,7 @@ class Limits(DensificationPolicy):
         added = now.count - last.count
         doublings = math.log2(now.count / last.count) if last.count else 1.0
         rise, before, self._rise = gain / doublings, self._rise, gain / doublings
-        # The count at which a kilobyte gains no more than the limit.
+        # Count at which a kilobyte gains just what the preset asks for.
         self._paying = rise / (self._price * math.log(2)) if self._price else math.inf
         if last == self._before_leap:
             pays = gain >= self._price * added
@@ -252,7 +253,7 @@ class Limits(DensificationPolicy):
         exact = last.count + added / share if share > 0 else math.inf
         if pays and exact <= self._allowed.gaussians:
             self._paying = max(self._paying, exact)
-        if doublings > WHOLE_ROUND:  # a smaller one gains more by convergence
+        if doublings > WHOLE_ROUND:  # a smaller round gains more by convergence
             self.slope = min(max(rise, FLATTEST), STEEPEST)
 
     def _wanted(self, count: int, converged: float) -> Cap:
@@ -264,13 +265,13 @@ class Limits(DensificationPolicy):
         return fewest(Cap(needed, name), self._allowed, Cap(self._paying, "gain"))
 
     def corrected(self, count: int, exports: Sequence[Export]) -> int:
-        """Return the count of the next export, the present one if no correction is needed.
+        """Return the count of the next export, or the present count if no correction is needed.
 
         Set `stop_reason` to the limit that decides.
         """
         last, aim, limit = exports[-1], self._plan.aim, self._plan.goal.byte_limit
         cap = self._cap if aim is None else self._cap_for_target
-        # Fewer would not take less time, for they are fitted and written again.
+        # A smaller count saves no time, because it is fitted and written again.
         in_time = max(self._budget.most_gaussians(1.0), count)
         cap = fewest(cap, Cap(in_time, "time_limit"))
         if limit is not None:
@@ -300,7 +301,7 @@ class Limits(DensificationPolicy):
         return wanted
 
     def _aimed(self, aim: Aim, count: int, cap: Cap, exports: Sequence[Export]) -> int:
-        """Return the count for a target."""
+        """Return the next count for a target."""
         over, search = exports[-1].score - aim.value, aim.search
         if -search.too_little <= over <= search.too_good:
             return count
@@ -308,7 +309,7 @@ class Limits(DensificationPolicy):
         return int(min(round(count * 2 ** max(min(missing, 2.0), -2.0)), cap.gaussians))
 
     def _filled(self, limit: int, count: int, cap: Cap, exports: Sequence[Export]) -> int:
-        """Return the count for a limit of bytes: as many as it allows, until no more show."""
+        """Return the next count for a limit of bytes, which is filled until more do not show."""
         last, share = exports[-1], FULL if len(exports) < 2 else NEARLY_FULL
         if last.size > share * limit or last.model >= self._plan.stop_psnr:
             return count
@@ -318,14 +319,14 @@ class Limits(DensificationPolicy):
         return wanted
 
     def _enough(self, count: int, cap: Cap, exports: Sequence[Export]) -> int:
-        """Return the count for the preset's PSNR."""
+        """Return the next count for the preset's PSNR."""
         missing = self._plan.stop_psnr - exports[-1].model
         given = self._plan.is_budget or self._plan.goal.count is not None
         too_few = missing > 0 and self.stop_reason != "enough"
         if given or too_few or -FAR_MORE <= missing <= LESS_THAN_ENOUGH:
             return count
         needed = count * 2 ** max(min(missing / self._slope(exports), 2.0), MOST_REDUCED)
-        if self._plan.covering:  # what a fit loses where soft shapes become edges, few regain
+        if self._plan.covering:  # more shapes do not regain what edges lose as ellipses
             cap = fewest(cap, Cap(math.ceil(FOR_EDGES * len(exports[0].scene)), "gain"))
         if missing < 0:
             needed = max(needed, min(count, FEW))
@@ -333,7 +334,7 @@ class Limits(DensificationPolicy):
         return int(min(math.ceil(needed), cap.gaussians))
 
     def _slope(self, exports: Sequence[Export]) -> float:
-        """Score gained per doubling, by the last two exports or by the growth.
+        """Return the score gained per doubling, by the last two exports or by the growth.
 
         Without an aim the score is PSNR in dB.
         """
@@ -344,14 +345,14 @@ class Limits(DensificationPolicy):
             before, last = exports[-2:]
             doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
             rise = last.model - before.model if search is None else last.score - before.score
-            if abs(doublings) > TELLING and rise / doublings > 0:  # else fits scatter or diverge
+            if abs(doublings) > TELLING and rise / doublings > 0:  # no chance or divergence
                 slope = rise / doublings
         return min(max(slope, least), most)
 
     def best(self, exports: Sequence[Export]) -> Export:
-        """Return the smallest file that meets every target, else the nearest one."""
+        """Return the smallest file that meets the goal, or the closest for a budget or count."""
         aim, limit = self._plan.aim, self._plan.goal.byte_limit or math.inf
-        tolerated = limit if aim is not None else TOO_LARGE * limit  # pruned to it
+        tolerated = limit if aim is not None else TOO_LARGE * limit  # rest is pruned
         small = [e for e in exports if e.size <= tolerated]
         if not small:
             return min(exports, key=attrgetter("size"))
@@ -359,13 +360,13 @@ class Limits(DensificationPolicy):
             by = aim.search
             return _nearest(small, lambda e: e.score - aim.value, by.tolerance, by.too_good)
         if self._plan.goal.count is not None or limit < math.inf or self._plan.is_budget:
-            # What is pruned to its bytes loses some dB for each halving of them.
+            # Pruning to the limit loses some dB for each halving of the bytes.
             return max(small, key=lambda e: e.model - PRUNED * math.log2(max(e.size / limit, 1)))
         stop_psnr = self._plan.stop_psnr
         return _nearest(small, lambda e: e.model - stop_psnr, LESS_THAN_ENOUGH, FAR_MORE)
 
     def ended_by(self, best: Export) -> str:
-        """Return the limit that allows no better file."""
+        """Return the stop reason, which is the limit that allows no better file."""
         aim, limit = self._plan.aim, self._plan.goal.byte_limit or math.inf
         by_bytes = aim is not None and self.stop_reason == "max_bytes"
         if best.size > BOUND * limit or by_bytes:
@@ -382,7 +383,7 @@ def _converging(now: Snapshot) -> float:
 
 
 def _filling(limit: int, cap: Cap, exports: Sequence[Export]) -> int:
-    """Return the count that fills the limit of bytes, between files on both sides of it."""
+    """Return the count that fills the limit of bytes, interpolated between files around it."""
     size = attrgetter("size")
     below = max((e for e in exports if e.size <= limit), key=size, default=None)
     above = min((e for e in exports if e.size > limit), key=size, default=None)
@@ -395,9 +396,10 @@ def _filling(limit: int, cap: Cap, exports: Sequence[Export]) -> int:
 def _nearest(
     exports: Sequence[Export], over: Callable[[Export], float], little: float, much: float
 ) -> Export:
-    """Return the smallest file of those that are `little` under the goal to `much` over it.
+    """Return the smallest file that is at most `little` under the goal and `much` over it.
 
-    Otherwise the smallest of those beyond, otherwise the nearest one below.
+    If there is none, return the smallest file over the goal. If there is none, return the nearest
+    one under it.
     """
     good = [e for e in exports if over(e) >= -little]
     close = [e for e in good if over(e) <= much]

@@ -1,4 +1,4 @@
-"""What a search is given, scenes as they are written and scored, and what a search ends with."""
+"""The subject of a search, the scenes that it writes and scores, and its outcome."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A photo, and the file that is made of it.
+    """A photo, and the canvas and document of its file.
 
-    photo     (h, w, 3) or (h, w, 4) float32 in 0..1, the reference of the measurements
-    working   the same, perhaps smaller: the image that a fit runs on
-    canvas    width and height in px of the file, which the photo has or had
-    document  of the file
+    photo     (h, w, 3) or (h, w, 4) float32 in 0..1, with which files are compared
+    working   image that a fit runs on: the photo, perhaps reduced
+    canvas    width and height in px of the file, those of the photo before it was reduced
+    document  document settings of the file
     """
 
     photo: NDArray[np.float32]
@@ -52,7 +52,7 @@ class Subject:
 
     @classmethod
     def of(cls, photo: NDArray[np.float32], canvas: tuple[int, int] | None = None) -> Self:
-        """Return a photo that is fitted as it is, by default to a file of its own size."""
+        """Return a subject that is fitted at the photo's size, by default for a file of it."""
         return cls(photo, photo, canvas or photo.shape[1::-1])
 
     @property
@@ -61,7 +61,7 @@ class Subject:
         return self.working.shape[1::-1]
 
     def targets(self, tune: Tune) -> TargetPyramid:
-        """Return the working image as targets of a fit, whose weight maps are computed once."""
+        """Return the working image as targets of a fit. Its weight maps are computed once."""
         if tune not in self._targets:
             self._targets[tune] = TargetPyramid(self.working, tune)
         return self._targets[tune]
@@ -73,7 +73,8 @@ class Subject:
     def by_use(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
         """Return the indices of a scene's shapes, the most useful ones first.
 
-        Useful are those whose removal would raise the weighted error against the working image.
+        The most useful are those whose removal would raise the weighted error against the working
+        image most.
         """
         target = self.target(tune)
         scale = target.width / scene.width, target.height / scene.height
@@ -81,14 +82,15 @@ class Subject:
         return np.argsort(-cost, kind="stable")
 
     def release(self) -> None:
-        """Free what fits needed, once there is none to come."""
+        """Free the targets of fits, after the last fit."""
         self._targets.clear()
 
 
 def document_for(photo: Photo, document: Document) -> Document:
     """Return the document, with a size by the photo's resolution if it asks for that.
 
-    Raise InputError for a photo without a resolution, or a size that makes a side 0.
+    Raise InputError if the photo lacks a resolution with square pixels for this, or if a size makes
+    a side 0.
     """
     if document.size == PHOTO_SIZE:
         across, down = photo.dpi or (math.nan, math.nan)
@@ -103,16 +105,17 @@ def document_for(photo: Photo, document: Document) -> Document:
     return document
 
 
-FILLED = 0.995  # share of a limit of bytes from which a file needs no more Gaussians
+FILLED = 0.995  # share of a limit of bytes from which a pruned file counts as full
 
 
 @dataclass(frozen=True, eq=False)
 class Export:
     """A quantised scene on the file's canvas, and its SVG.
 
-    model  PSNR (dB) against the working image: of the scene itself, and of the rasterised SVG where
-           the plan is covering, for there the falloffs of the scene are not what was fitted
-    score  of the rasterised SVG by the plan's aim; NaN if it was not rasterised
+    gzipped  whether `size` counts the gzipped file
+    model    PSNR (dB) of the scene against the working image. If the plan is covering, that of the
+             rasterised SVG, because the falloffs of the scene are not those of the fit
+    score    score of the rasterised SVG by the plan's aim, NaN if it was not rasterised
     """
 
     scene: Scene
@@ -129,13 +132,13 @@ class Export:
         return len(file_bytes(self.svg, self.gzipped))
 
     def pruned_to(self, limit: int, empty: int, order: NDArray[np.intp]) -> Export:
-        """Return the export with as many Gaussians as `limit` bytes allow, the first of an order.
+        """Return the export with the first Gaussians of `order`, as many as `limit` bytes allow.
 
-        They are not refined. A file without any Gaussians has `empty` bytes.
+        They are not fitted again. A file without Gaussians has `empty` bytes.
         """
         if self.size <= limit or not len(self.scene):
             return self
-        # Count and bytes, on both sides.
+        # Counts and bytes of files within the limit and beyond it.
         fewer, more = (0, empty), (len(self.scene), self.size)
         best = None
         while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
@@ -150,17 +153,17 @@ class Export:
         return best
 
     def _of(self, index: NDArray[np.intp]) -> Export:
-        """Return the export of some of the Gaussians, not rasterised."""
+        """Return the export of some of the Gaussians, without a score."""
         scene = in_file_order(self.scene.select(np.sort(index)), self.format, self.document)
         svg = ordered_svg(scene, self.format, self.document)
         return dataclasses.replace(self, scene=scene, svg=svg, score=math.nan)
 
 
 class Exporter:
-    """Writes scenes of the working canvas as files of the photo's size, and scores them.
+    """A writer of scenes of the working canvas as files of the photo's size, with their scores.
 
-    With `full_size` they are scored at the size that they have without it, because each score
-    would take seconds.
+    The option `full_size` does not change the size of scoring, because each score would take
+    seconds.
     """
 
     def __init__(self, plan: Plan, subject: Subject) -> None:
@@ -169,13 +172,13 @@ class Exporter:
         if plan.options.run.full_size:
             width, height = measured_size(subject.photo.shape[1::-1], subject.size)
             self._scored = shrunk(subject.photo, height, width, sharp=True)
-        self._last: tuple[str, NDArray[np.float32]] | None = None  # an SVG, and its raster
-        self.highest_psnr = -math.inf  # dB of the scenes that were quantised for their files
+        self._last: tuple[str, NDArray[np.float32]] | None = None  # last SVG, and its raster
+        self.highest_psnr = -math.inf  # dB, highest of the scenes of `as_written`
 
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
         """Return the scene on the file's canvas, with the colours and exponents of its file.
 
-        psnr  of the scene in dB, None where it has been quantised before
+        psnr  PSNR of the scene in dB, None if the scene has been quantised before
         """
         if psnr is not None and self._plan.covering:
             scene = with_plain_edges(scene)
@@ -187,15 +190,15 @@ class Exporter:
             scaled.replace(width=width, height=height),
             plan.svg_format.form,
             *plan.quantization(len(scene), error),
-            # A fit for perception weights the errors of colours as well.
+            # A perceptual fit weights the errors of colours too.
             subject.target(plan.tune).weight if plan.tune == PERCEPTUAL else None,
         )
 
     def as_written(self, scene: Scene, psnr: float) -> Scene:
         """Return the scene of `quantized` on the working canvas, for the last steps of a fit.
 
-        Its PSNR chooses the format of its file. What was worth its bytes once stays so in later
-        fits, or their sizes would not compare.
+        The highest PSNR so far chooses the format of files, which therefore never becomes coarser.
+        Otherwise the sizes of files could not be compared.
         """
         written = self.quantized(scene, psnr)
         self.highest_psnr = max(self.highest_psnr, psnr)
@@ -206,10 +209,10 @@ class Exporter:
         return self.quantized(scene, psnr), self._plan.format_at(max(psnr, self.highest_psnr))
 
     def bytes_each(self, quantized: Scene, written: SvgFormat, size: float) -> float:
-        """Return the mean bytes of a shape where shapes like these of a file fill `size` bytes.
+        """Return the mean bytes of a shape in a file that shapes like these fill to `size` bytes.
 
         A minimal file draws the first MOST_MASKED soft shapes under masks, which are short. The
-        more there are beyond these, the more of all are drawn by gradients.
+        more soft shapes it has beyond these, the more of all of them it draws by gradients.
         """
         documented, count = self._subject.document, max(len(quantized), 1)
 
@@ -242,7 +245,7 @@ class Exporter:
         return len(file_bytes(svg, self._gzipped))
 
     def export(self, scene: Scene) -> Export:
-        """Return a scene of the working canvas as it would be written, and its scores."""
+        """Return a scene of the working canvas as it would be written, with its scores."""
         plan, working, document = self._plan, self._subject.working, self._subject.document
         # Colours are in the palette already, except those of ellipses that are no longer plain.
         written = plan.format_at(self.highest_psnr)
@@ -258,7 +261,7 @@ class Exporter:
         return Export(exact, svg, written, document, self._gzipped, model, score)
 
     def raster(self, svg: str, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return an SVG rasterised like an image, without drawing the last one again."""
+        """Return an SVG rasterised like an image. The last raster is kept and used again."""
         if self._last is None or self._last[0] != svg or self._last[1].shape != image.shape:
             self._last = svg, rasterize_like(svg, image, self._plan.options.run.renderer)
         return self._last[1]
@@ -273,12 +276,12 @@ SEEN_UP_TO = 41.0
 class Outcome:
     """A fitted, written and measured scene on the photo's canvas.
 
-    plan         of its search
-    subject      of its search
-    format       of its file
-    corrections  how often the count was changed after the fit
-    enlarged     the drawing enlarged, with which files are compared too; None for other pictures
-    reached      score of its file by the aim of the run, NaN where it is not measured
+    plan         plan of the search
+    subject      subject of the search
+    format       format of the file
+    corrections  number of changes of the count after the fit
+    enlarged     enlarged drawing, with which files are compared too. None for other pictures
+    reached      score of the file by the aim of the run, NaN if it is not measured
     """
 
     plan: Plan
@@ -294,7 +297,7 @@ class Outcome:
 
     @property
     def size(self) -> int:
-        """Bytes of the file that a limit counts."""
+        """Bytes of the file, gzipped if the limit counts those."""
         measured = self.measured
         return measured.svgz_bytes if self.plan.counts_gzipped else measured.svg_bytes
 
@@ -304,10 +307,12 @@ def best_of(
 ) -> Outcome:
     """Return the closest outcome, with the costs of all.
 
-    Files of an aim are compared by their scores, and none is looked for once one of at most `limit`
-    bytes reaches it. Photos are compared at the size at which they are measured. Drawings are
-    compared so up to SEEN_UP_TO, and enlarged beyond it. No outcome is asked for once one has been
-    interrupted or has a drawing that close, for only its shapes are crisp.
+    With an aim, outcomes within `limit` bytes come before others, and are compared by their scores.
+    Without one, photos are compared at the size at which they are measured. Drawings are too up to
+    SEEN_UP_TO dB, and beyond it they are compared enlarged.
+
+    No further search runs after an outcome that meets the aim within the limit or was interrupted.
+    None runs after an enlarged drawing of SEEN_UP_TO dB either, because only its shapes are crisp.
     """
     outcomes: list[Outcome] = []
     is_met = False
@@ -344,6 +349,6 @@ def best_of(
 
 
 def raster_error(svg: str, picture: NDArray[np.float32], renderer: str) -> float:
-    """Return the mean squared error of a file, over both backdrops where a picture has alpha."""
+    """Return the mean squared error of a file's raster, over both backdrops if there is alpha."""
     raster = rasterize_like(svg, picture, renderer)
     return mean_squared_error(stacked(raster), stacked(picture))

@@ -1,7 +1,7 @@
 """Files whose every byte is planned: a scene in whole numbers of a coarse unit.
 
 shapes -> the most useful ones, in whole units -> colours by least squares, rounded to 3 or 6
-digits -> minimal markup -> fewer shapes until the file has as many bytes as allowed
+digits -> minimal markup -> fewer shapes until the file is within its limit of bytes
 
 With the shapes fixed a picture is linear in its colours: each pixel is sum_k w_k c_k, where w_k is
 alpha_k times the transmittance of all shapes above, and k = 0 is the background. The colours that
@@ -30,25 +30,26 @@ from gauss2svg.svg.plain_ellipse import plain_radius
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# dB of the enlarged picture that twice as many shapes must gain: more shapes follow further what is
+# dB that twice as many shapes must gain on the enlarged picture. More shapes follow more of what is
 # guessed between the pixels (docs/decisions/enlarged.md).
 LEAST_GAIN = 1.0
-EXACT = (0.5 / 255) ** 2  # mean squared error under which no level of 8 bits is wrong
+EXACT = (0.5 / 255) ** 2  # mean squared error of half an 8-bit level, under which a file is exact
 
 
-# The unit of a small file's whole numbers (docs/decisions/small.md).
+# Unit of a small file's whole numbers (docs/decisions/small.md).
 UNITS_PER_ROOT = 32.0  # units along the longest side of the file, per square root of the count
 # Fewest units along the shortest side. Shapes under half a unit are not drawn.
 ACROSS = 8
-FINER = 10  # multiple of the wanted units up to which they are rounded to sides of whole units
+FINER = 10  # largest multiple of the wanted units that whole numbers for both sides may take
 
 
 @dataclass(frozen=True, eq=False)
 class SmallFile:
     """A file, the scene that it draws on the photo's canvas, and its error.
 
-    error           mean squared error at the working size, of the raster once it is drawn
-    size            bytes, as they are counted
+    error           mean squared error at the working size, of the model until the file is drawn,
+                    then of the raster
+    size            bytes of the file, as the limit counts them
     enlarged_error  mean squared error of the model against the enlarged picture, NaN without one
     """
 
@@ -60,10 +61,11 @@ class SmallFile:
 
 
 def closeness(file: SmallFile) -> tuple[float, ...]:
-    """Return a key by which the closer of two files is the larger.
+    """Return a sort key that is larger for the closer of two files.
 
-    With an enlarged picture, differences at the working size count as far as they can be seen.
-    Files that are equal by that are compared enlarged: twice as many shapes must gain LEAST_GAIN.
+    If there is an enlarged picture, differences at the working size count up to SEEN_UP_TO dB.
+    Files that are equal by that are compared enlarged, and twice as many shapes must gain
+    LEAST_GAIN.
     """
     if math.isnan(file.enlarged_error):
         return -file.error, -file.size
@@ -85,10 +87,10 @@ def flat_scene(
 
 
 def unit_of(grid: float, count: int, canvas: tuple[int, int]) -> float:
-    """Return a unit in px for so many shapes, of which a finer grid has more along a side.
+    """Return the unit in px of a file with `count` shapes. A larger grid makes it smaller.
 
-    Both sides are whole numbers of it, so that the file needs no size, unless that takes many
-    more of them.
+    Both sides are whole numbers of units, so that the file needs no size. They are not if that
+    takes over FINER times the units.
     """
     longest, shortest = max(canvas), min(canvas)
     units = math.ceil(grid * UNITS_PER_ROOT * math.sqrt(max(count, 1)))
@@ -97,7 +99,7 @@ def unit_of(grid: float, count: int, canvas: tuple[int, int]) -> float:
     return unit if longest / unit <= FINER * units else longest / units
 
 
-_LEAST_WEIGHT = 1e-9
+_LEAST_WEIGHT = 1e-9  # least weight of a colour that counts in a pixel
 
 
 # Colours by least squares (docs/decisions/small.md).
@@ -109,11 +111,11 @@ DAMPING = 1e-6  # share of the diagonal that is added to it, for nearly hidden s
 def recolored(
     scene: Scene, pixels: NDArray[np.float32], digits: int, shared: float = 0.0
 ) -> tuple[Scene, float]:
-    """The scene with the colours of least squared error, and that error per value.
+    """Return the scene with the colours of least squared error, and that error per value.
 
     pixels  (h, w, 3) or (h, w, 4) float32 in 0..1, compared with the scene at this size
-    digits  of hex colours, 3 or 6, that the colours are rounded to
-    shared  share of the squared error that may be added so that shapes have colours in common
+    digits  number of hex digits, 3 or 6, to which the colours are rounded
+    shared  share of the squared error that may be added so that shapes share colours
     A picture with alpha is compared over white and over black, and has no background. Plain
     ellipses count by how much of each pixel they cover, as in `render` with covering.
     """
@@ -122,7 +124,7 @@ def recolored(
     weights, products = _weights(scaled, height, width)
     targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
     first = 0
-    if has_alpha(pixels):  # what shows through the shapes is the backdrop, and given
+    if has_alpha(pixels):  # the backdrop shows through the shapes, and is known
         through = weights[[0]].toarray().reshape(-1, 1)
         targets = [t - b * through for t, b in zip(targets, BACKDROPS, strict=True)]
         first = 1
@@ -150,12 +152,12 @@ def recolored(
 
 
 def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[np.float64]]:
-    """(n + 1, h w) weight of each colour, that of the background first, and their products.
+    """Return the weights (n + 1, h w) of the colours, the background first, and their products.
 
-    The products (n + 1, n + 1) are sums over all pixels. The weights are sparse: few shapes show in
-    a pixel.
+    The products (n + 1, n + 1) are sums over all pixels. The weights are sparse, because few shapes
+    show in a pixel.
     """
-    from scipy.sparse import csr_array  # a third of a second, for small files alone
+    from scipy.sparse import csr_array  # takes a third of a second, and only small files need it
 
     covers, radius = scene.drawn == PLAIN, plain_radius(scene.beta)
     reach = scene.sigma * cut_radius(scene.beta)[:, None] + covers[:, None]
@@ -192,10 +194,10 @@ def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[
 def _solved(
     products: NDArray[np.float64], given: NDArray[np.float64], levels: int
 ) -> NDArray[np.float64]:
-    """(k, 3) colours in 0..1, whole numbers of 1 / levels, that solve the normal equations.
+    """Return (k, 3) colours in 0..1, multiples of 1 / levels, that solve the normal equations.
 
-    First without bounds, then color by color within them, then rounded, each in turn beside the
-    others: a rounding error is made up for by the colours that are rounded later.
+    The equations are solved without bounds, then colour by colour within bounds, and then with each
+    colour rounded in turn. Colours that are rounded later make up for earlier rounding errors.
     """
     diagonal = np.maximum(np.diag(products), 1e-9)
     damped = products + DAMPING * np.diag(diagonal + diagonal.max())
