@@ -39,7 +39,7 @@ _POLL_S = 0.2
 
 
 def start(folder: Path, *command: str) -> subprocess.Popen[bytes]:
-    """A process of Python's with the stand-in, whose complaints are not shown."""
+    """Return a process of Python's with the stand-in, whose complaints are not shown."""
     (folder / "sitecustomize.py").write_text(_STAND_IN)
     path = os.pathsep.join([str(folder), *sys.path[1:]])
     return subprocess.Popen(
@@ -79,7 +79,7 @@ def measured(folder: Path, command: list[str], cluster: list[psutil.Process]) ->
 
 
 def photos(count: int, folder: Path) -> Iterator[Path]:
-    """The names of so many photos, a thousand in a folder."""
+    """Return the names of so many photos, a thousand in a folder."""
     for number in range(count):
         yield folder / f"{number // 1000:06}/{number % 1000:03}.jpg"
 

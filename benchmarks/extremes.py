@@ -85,7 +85,7 @@ class Case:
 
 
 def scene_of(mean: Any, sigma: Any, rho: Any = 0.0, **more: Any) -> Scene:
-    """A scene of these shapes; every parameter that is not given has a fixed value."""
+    """Return a scene of these shapes; every parameter that is not given has a fixed value."""
     mean = np.atleast_2d(np.asarray(mean, np.float64))
     count = len(mean)
     color = np.random.default_rng(_SEED).uniform(0, 1, (count, 3))
@@ -108,7 +108,7 @@ def _corners() -> NDArray[np.float64]:
 
 
 def _needle(**more: Any) -> Scene:
-    """A needle across four tiles, along a diagonal of pixel centres, 0.9 of its widths off them."""
+    """Return a needle across four tiles, 0.9 of its widths off a diagonal of pixel centres."""
     sigma, rho = 4.0, 1 - 1e-12
     width = sigma * float(narrowing_of(np.array([rho]))[0])
     return scene_of((20.3, 17.3 + 0.9 * width), sigma, rho, **more)
@@ -266,7 +266,7 @@ def natural(scene: Scene, by: Gradients) -> Gradients:
 
 
 def gradient_difference(found: Gradients, exact: Gradients) -> tuple[float, str]:
-    """The largest relative difference, infinite if not finite, and its parameter."""
+    """Return the largest relative difference, infinite if not finite, and its parameter."""
     largest = {n: np.abs(g).max(initial=0.0) for n, g in exact.items()}
     floor = _FLOOR * max(largest.values())
     off = {

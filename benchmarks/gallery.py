@@ -66,7 +66,7 @@ def main() -> int:
 
 
 def print_medians(gallery: Gallery) -> None:
-    """The medians of each variant over the photos, and those that SplatThis publishes."""
+    """Return the medians of each variant over the photos, and those that SplatThis publishes."""
     print(f"{'median':16} photos  PSNR dB   SSIM  bytes      s")
     rows = [
         (row["variant"], row["photos"], {name: row[f"median_{name}"] for name in PUBLISHED})

@@ -56,7 +56,7 @@ def picture(size: tuple[int, int], mode: str) -> Image.Image:
 
 
 def shown(image: Image.Image) -> NDArray[np.float64]:
-    """An image of Pillow over white, (h, w, 3) in 0..255."""
+    """Return an image of Pillow over white, (h, w, 3) in 0..255."""
     rgba = np.asarray(image.convert("RGBA"), np.float64)
     return rgba[:, :, :3] * rgba[:, :, 3:] / 255 + 255 - rgba[:, :, 3:]
 
@@ -140,7 +140,7 @@ def by_tifffile() -> Iterator[Made]:
 
 
 def run(folder: Path, given: bytes, suffix: str, output: str, *command: str) -> bytes:
-    """What a program makes of a file, b"" where it refuses the options."""
+    """Return what a program makes of a file, b"" where it refuses the options."""
     source, target = folder / f"in.{suffix}", folder / f"out.{output}"
     source.write_bytes(given)
     target.unlink(missing_ok=True)
@@ -150,7 +150,7 @@ def run(folder: Path, given: bytes, suffix: str, output: str, *command: str) -> 
 
 
 def by_programs(folder: Path) -> Iterator[Made]:
-    """What the installed programs make of PNGs, PPMs, JPEGs and TIFFs by their options."""
+    """Return what the installed programs make of PNGs, PPMs, JPEGs and TIFFs by their options."""
     jobs: list[tuple[str, bytes, str, str, tuple[str, ...], float]] = []
     wanted = {}  # of copies by tiffcp: ImageMagick misreads grey with alpha in planes
     for size in SIZES[:3]:
@@ -210,7 +210,7 @@ def by_programs(folder: Path) -> Iterator[Made]:
 
 
 def second(file: bytes, folder: Path) -> NDArray[np.float64] | None:
-    """The photo by another decoder, over white in 0..255: ImageMagick, or Pillow where it is not.
+    """Return the photo by another decoder, over white in 0..255: ImageMagick, or Pillow where it is not.
 
     Pillow for BMP and AVIF too: ImageMagick 6 shows what a BMP does not use as alpha, and drops
     that of an AVIF. None where it has no answer.

@@ -17,7 +17,7 @@ BETAS = 0.8, 0.95  # decays of Adam's moments
 
 
 def loss_of(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """The loss of two pictures (h, w, 3) in 0..1; put yours here."""
+    """Return the loss of two pictures (h, w, 3) in 0..1; put yours here."""
     return (image - target).abs().mean()
 
 
@@ -32,7 +32,7 @@ def scattered(target: torch.Tensor, n: int) -> Scene:
 
 
 def refined(scene: Scene, target: torch.Tensor, steps: int) -> Scene:
-    """A scene after so many steps towards the least loss: full ones, the last 40 % ever smaller."""
+    """Return a scene after so many steps towards the least loss: full ones, the last 40 % ever smaller."""
     height, width, _ = target.shape
     mean, sigma, rho, color, opacity, background = (
         torch.tensor(getattr(scene, name), dtype=torch.float32)

@@ -25,7 +25,7 @@ STRIP = 256  # rows, which bound the memory
 def strips(
     scene: Scene, width: int, height: int, cut: tuple[float, float] = (0.5, 0.5)
 ) -> Iterator[np.ndarray]:
-    """The page in px from the top, as levels (rows, width, 3)."""
+    """Return the page in px from the top, as levels (rows, width, 3)."""
     scene = scene.scaled(max(width / scene.width, height / scene.height))
     beyond = (scene.width - width) * cut[0], (scene.height - height) * cut[1]
     scene = scene.replace(mean=scene.mean - beyond)

@@ -22,7 +22,7 @@ _SPECIAL = re.compile(r"([\\*_|<>])")
 
 
 def inline(text: str) -> str:
-    """A line with its special characters escaped, and `names` as literals."""
+    """Return a line with its special characters escaped, and `names` as literals."""
     parts = _LITERAL.split(text)
     return "".join(
         f"``{part[1:-1]}``" if k % 2 else _SPECIAL.sub(r"\\\1", part)
@@ -31,7 +31,7 @@ def inline(text: str) -> str:
 
 
 def as_rst(lines: list[str]) -> list[str]:
-    """The docstring of these lines as reStructuredText."""
+    """Return the docstring of these lines as reStructuredText."""
     out: list[str] = []
     kind = ""  # of the block that the last line belongs to
     for k, line in enumerate(lines):

@@ -53,7 +53,7 @@ def _number(value: float) -> str:
 
 
 def allowed(field: Field) -> str:
-    """What an option may hold, where its annotation states a range."""
+    """Return what an option may hold, where its annotation states a range."""
     if field.kind not in (int, float):
         return ""
     least, most = _number(field.least), _number(field.most)
@@ -71,7 +71,7 @@ class Options(SphinxDirective):
     option_spec = {"group": directives.unchanged}  # noqa: RUF012 (docutils reads it so)
 
     def run(self) -> list[nodes.Node]:
-        """The nodes."""
+        """Return the nodes."""
         app = build_app(True)
         name = self.arguments[0]
         command = app if name == "gauss2svg" else app[name]
@@ -131,7 +131,7 @@ def _table(head: str, rows: Iterable[str]) -> str:
 
 
 def formats_table() -> str:
-    """The formats of photos, and the names that are taken for them in a folder."""
+    """Return the formats of photos, and the names that are taken for them in a folder."""
     rows = [
         f"| {one.name} | {', '.join(f'`{suffix}`' for suffix in one.suffixes)} |"
         for one in FORMATS.values()
@@ -140,7 +140,7 @@ def formats_table() -> str:
 
 
 def features_table() -> str:
-    """The features of SVG that some renderers draw wrongly, and what is known of it."""
+    """Return the features of SVG that some renderers draw wrongly, and what is known of it."""
     rows = []
     for feature in Feature:
         said = [
@@ -162,7 +162,7 @@ _FORMS = {
 
 
 def forms_table() -> str:
-    """The forms of files, and the renderers that draw them."""
+    """Return the forms of files, and the renderers that draw them."""
     rows = [
         f"| {form} | " + " | ".join("yes" if n in names else "refused" for n in RENDERERS) + " |"
         for form, names in _FORMS.items()
@@ -171,7 +171,7 @@ def forms_table() -> str:
 
 
 def scores_table() -> str:
-    """The scores, where they are best, and the options that make them targets."""
+    """Return the scores, where they are best, and the options that make them targets."""
     rows = []
     for score in SCORES:
         best = "infinite" if score.best is None else f"{score.best:g}"
@@ -181,7 +181,7 @@ def scores_table() -> str:
 
 
 def record_table() -> str:
-    """The fields of the record of a photo, and what they hold."""
+    """Return the fields of the record of a photo, and what they hold."""
     lines = inspect.cleandoc(PhotoRecord.__doc__ or "").splitlines()
     found = (line.partition("  ") for line in lines if "  " in line)
     rows = [f"| `{'`, `'.join(names.split(', '))}` | {text.strip()} |" for names, _, text in found]

@@ -19,7 +19,7 @@ _PLAIN = ("errors", "version", "files", "options", "processes", "__main__")
 
 
 def rooms_in_order() -> list[str]:
-    """The rooms, highest layer first, as the import contract has them."""
+    """Return the rooms, highest layer first, as the import contract has them."""
     contracts = tomllib.loads(_PROJECT.read_text())["tool"]["importlinter"]["contracts"]
     (rows,) = (one["layers"] for one in contracts if one["type"] == "layers")
     named = (name.strip() for row in rows for name in row.split("|"))
@@ -39,7 +39,7 @@ def imports(rooms: set[str]) -> Counter[tuple[str, str]]:
 
 
 def drawing() -> str:
-    """The SVG: a box for each room, and an arc from each to those that it imports."""
+    """Return the SVG: a box for each room, and an arc from each to those that it imports."""
     at = {name: 8 + k * _STEP for k, name in enumerate(rooms_in_order())}
     height = 8 + len(at) * _STEP
     width = 212 + round(0.75 * _reach(height))  # as far as the widest arc gets
@@ -75,7 +75,7 @@ class Rooms(SphinxDirective):
     """The drawing."""
 
     def run(self) -> list[nodes.Node]:
-        """The node."""
+        """Return the node."""
         return [nodes.raw("", drawing(), format="html")]
 
 

@@ -34,7 +34,7 @@ class PhotoToGaussians(inkex.EffectExtension):
     """One layer for each selected photo, which it replaces."""
 
     def add_arguments(self, pars):
-        """What the dialog asks for, with Inkscape's defaults."""
+        """Add what the dialog asks for, with Inkscape's defaults."""
         pars.add_argument("--quality")
         pars.add_argument("--kilobytes", type=int)
         pars.add_argument("--program")
@@ -98,7 +98,7 @@ class PhotoToGaussians(inkex.EffectExtension):
         return data
 
     def drawn(self, source, out):
-        """The drawing of gauss2svg, with ids that the document does not have."""
+        """Return the drawing of gauss2svg, with ids that the document does not have."""
         options = ["--quality", self.options.quality, "--markup", "editable", "--quiet"]
         if self.options.kilobytes:
             options += ["--max-bytes", f"{self.options.kilobytes}k"]
