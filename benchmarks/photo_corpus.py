@@ -210,7 +210,7 @@ def by_programs(folder: Path) -> Iterator[Made]:
 
 
 def second(file: bytes, folder: Path) -> NDArray[np.float64] | None:
-    """Return the photo by another decoder, over white in 0..255: ImageMagick, or Pillow where it is not.
+    """Return the photo over white in 0..255, as ImageMagick or else Pillow decodes it.
 
     Pillow for BMP and AVIF too: ImageMagick 6 shows what a BMP does not use as alpha, and drops
     that of an AVIF. None where it has no answer.

@@ -66,7 +66,7 @@ def gaussian_image(tensors: dict[str, np.ndarray], width: int, height: int) -> S
 
 
 def image_gs(tensors: dict[str, np.ndarray], width: int, height: int) -> tuple[Scene, np.ndarray]:
-    """Return the shapes of Image-GS, half opaque, and the picture (h, w, 3) that it draws with them.
+    """Return the shapes of Image-GS, half opaque, and the picture (h, w, 3) that it draws of them.
 
     A pixel is the mean of the ten colours that weigh most there, by exp(-r^2 / 2), which no SVG
     can say: the shapes are to be fitted to the picture.

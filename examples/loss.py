@@ -32,7 +32,7 @@ def scattered(target: torch.Tensor, n: int) -> Scene:
 
 
 def refined(scene: Scene, target: torch.Tensor, steps: int) -> Scene:
-    """Return a scene after so many steps towards the least loss: full ones, the last 40 % ever smaller."""
+    """Return a scene after some steps towards the least loss; the last 40 % get ever smaller."""
     height, width, _ = target.shape
     mean, sigma, rho, color, opacity, background = (
         torch.tensor(getattr(scene, name), dtype=torch.float32)
