@@ -74,15 +74,14 @@ class Field:
         """Return the value to store. Raise InputError with the option's name if it is refused."""
         if value is None and self.is_optional:
             return None
-        accepted = None
         try:
             accepted = self._accepted(plain_scalar(value))
         except InputError:
             raise
-        except Exception:
-            pass
+        except Exception as error:  # a value's own methods may raise anything
+            raise self._refusal(value) from error
         if accepted is None:
-            raise refusal(self.name, self._needed, quoted(value), self.advice)
+            raise self._refusal(value)
         return accepted
 
     def parsed(self, text: str) -> Any:
@@ -120,6 +119,9 @@ class Field:
             number = float(value) if isinstance(value, _NUMBERS) else math.nan
         is_large = self.least < number if self.is_above else self.least <= number
         return number if is_large and number <= self.most else None
+
+    def _refusal(self, value: Any) -> InputError:
+        return refusal(self.name, self._needed, quoted(value), self.advice)
 
     @property
     def _needed(self) -> str:

@@ -15,13 +15,12 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.plan import BY_BYTES_UP_TO, MINIMAL_FROM, Plan
 from gauss2svg.pipeline.presets import PRESETS
-from gauss2svg.pipeline.search.limits import NEARLY_FULL, Limits
+from gauss2svg.pipeline.search.limits import FULL, NEARLY_FULL, Limits
 from gauss2svg.pipeline.search.outcome import Exporter, Subject
 from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.scene import Scene
 from gauss2svg.svg.write import write_svg
 
-LEAST_USED = NEARLY_FULL  # share of a limit from which nothing is corrected any more
 DECIDED_BY_8_BITS = 50.0  # dB, from which the rounding of renderers decides: decisions/monotone.md
 
 
@@ -115,17 +114,18 @@ def test_only_limits_alone_are_budgets(given):
 
 
 @pytest.mark.parametrize(
-    ("limit", "markup"),
+    ("limit", "markup", "least"),
     [
-        (30_000, "editable"),
-        pytest.param(100_000, "editable", marks=pytest.mark.sweep),
-        (60_000, "minimal"),
-        pytest.param(9_000, "minimal", marks=pytest.mark.sweep),
+        (30_000, "editable", FULL),
+        pytest.param(100_000, "editable", FULL, marks=pytest.mark.sweep),
+        (60_000, "minimal", FULL),
+        # From here on nothing is corrected a second time, and a shape is half a percent.
+        pytest.param(9_000, "minimal", NEARLY_FULL, marks=pytest.mark.sweep),
     ],
 )
-def test_a_limit_of_bytes_is_used_where_more_shapes_help(photo, limit, markup):
+def test_a_limit_of_bytes_is_used_where_more_shapes_help(photo, limit, markup, least):
     report = vectorize(photo, max_bytes=limit, markup=markup, iterations=40).report
-    assert LEAST_USED * limit <= report["svg_bytes"] <= limit
+    assert least * limit <= report["svg_bytes"] <= limit
 
 
 @pytest.mark.parametrize("count", [300, 600, 900])
