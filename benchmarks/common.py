@@ -17,8 +17,8 @@ from scipy.ndimage import uniform_filter
 from skimage import data
 
 from gauss2svg import Result
-from gauss2svg.photo.alpha import over
 from gauss2svg.photo.load import load_image
+from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.raster import rasterize

@@ -67,8 +67,8 @@ from gauss2svg import (
 from gauss2svg.errors import RendererError
 from gauss2svg.measure.heatmap import colors_of, errors
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.photo.alpha import over
 from gauss2svg.photo.load import load_image
+from gauss2svg.photo.pixels import over
 from gauss2svg.raster import RENDERERS, rasterize, rasterize_rgba
 from gauss2svg.render import render
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile

@@ -22,7 +22,7 @@ from common import head, line
 from PIL import Image
 
 from gauss2svg.photo.load import header_of
-from gauss2svg.pipeline.memory_budget import load_of
+from gauss2svg.pipeline.budgets import load_of
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import compile_kernels

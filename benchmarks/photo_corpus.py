@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo.alpha import over, pixels_of
 from gauss2svg.photo.load import load_image
+from gauss2svg.photo.pixels import over, pixels_of
 
 SIZES = ((45, 37), (64, 48), (131, 7), (1, 1))
 MODES = ("L", "RGB", "RGBA", "LA", "P", "1", "CMYK")

@@ -26,7 +26,7 @@ from gauss2svg import RendererError, Result
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS, rasterize, renderer_version
 from gauss2svg.render import render
-from gauss2svg.svg.blur import BLUR, GRADIENT
+from gauss2svg.svg.forms import BLUR, GRADIENT
 
 SCALES = (1.0, 2.0, 0.5)
 RUNS = 3

@@ -29,7 +29,7 @@ from PIL import Image
 from scipy.ndimage import maximum_filter
 
 from gauss2svg import Scene
-from gauss2svg.fit.options import FitConfig, FitProgress
+from gauss2svg.fit import FitConfig, FitProgress
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
-from gauss2svg.svg.document import STOP_COUNTS
+from gauss2svg.svg import STOP_COUNTS
 from gauss2svg.svg.stops import CRISP, FEWEST_STOPS, Stops
 
 SAMPLES = 2000  # of the profile

@@ -18,5 +18,5 @@ def main(photos: str, out: str, workers: int | None = None) -> int:
     return 1 if failed else 0
 
 
-if __name__ == "__main__":  # the workers are spawned
+if __name__ == "__main__":
     sys.exit(main(sys.argv[1], sys.argv[2]))

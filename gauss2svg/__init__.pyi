@@ -18,7 +18,7 @@ from .errors import (
     RendererError as RendererError,
     SceneError as SceneError,
 )
-from .fit.options import DensifyOptions as DensifyOptions, FitOptions as FitOptions
+from .fit import DensifyOptions as DensifyOptions, FitOptions as FitOptions
 from .measure.check import CheckResult as CheckResult, check as check
 from .pipeline.options import (
     Goal as Goal,
@@ -29,10 +29,9 @@ from .pipeline.options import (
 from .pipeline.placeholder import Placeholder as Placeholder, placeholder as placeholder
 from .pipeline.palette import quantize as quantize
 from .pipeline.vectorize import Result as Result
-from .pipeline.run import Progress as Progress
+from .pipeline.options import Progress as Progress
 from .pipeline.vectorize import vectorize as vectorize
-from .svg.document import Document as Document
-from .svg.document import SvgFormat as SvgFormat
+from .svg import Document as Document, SvgFormat as SvgFormat
 from .svg.file import Scene as Scene
 from .svg.read import read_svg as read_svg
 from .svg.write import outline_svg as outline_svg, plate_svg as plate_svg, write_svg as write_svg

@@ -1,6 +1,6 @@
 """Entry point of the program `gauss2svg`. It handles signals before it imports anything slow."""
 
-from gauss2svg.cli.signals import exit_before_fits
+from gauss2svg.cli.terminal import exit_before_fits
 
 
 def run() -> None:

@@ -36,7 +36,7 @@ class OutputError(Gauss2SvgError, OSError):
 
 
 class ClusterError(Gauss2SvgError, RuntimeError):
-    """A scheduler that does not answer or went away, or workers that cannot do the work."""
+    """A scheduler that does not answer or is lost, or workers that cannot do the work."""
 
 
 def refusal(name: str, needed: str, got: str, advice: str = "") -> InputError:

@@ -1,8 +1,12 @@
-"""Read regular files only, and write files whole or not at all, never over an input."""
+"""Read regular files only, and write files whole or not at all, never over an input.
+
+This module also has standard streams and patterns of file names.
+"""
 
 from __future__ import annotations
 
 import errno
+import glob
 import io
 import json
 import os
@@ -12,18 +16,19 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, TypeVar
 
-from gauss2svg.errors import InputError, OutputError, on_one_line, refusal
+from gauss2svg.errors import InputError, OutputError, brief, on_one_line, refusal
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
 STANDARD_STREAM = "-"
+PATTERN = re.compile(r"[*?\[]")  # wildcards of a pattern
 FileName = str | os.PathLike[str]
 _Name = TypeVar("_Name", str, Path, FileName)
 # Device names of Windows, with or without a suffix.
@@ -36,6 +41,41 @@ _PAUSES_S = (0.01, 0.03, 0.1, 0.3, 1.0)
 _NOT_BLOCKING, _BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
 
 
+def expanded(names: Iterable[str]) -> list[str]:
+    """Return file names, with each pattern such as *.jpg replaced by the files that match it.
+
+    Shells of Windows leave patterns to programs. A name that exists is not a pattern. Raise
+    InputError for a pattern that matches nothing.
+    """
+    paths: list[str] = []
+    for name in names:
+        matches = sorted(glob.glob(name, recursive=True)) if is_pattern(name) else [name]
+        if not matches:
+            got, advice = f"none in {brief(name)}", "the name of a file that exists"
+            raise refusal("files", "one or more", got, advice)
+        paths += matches
+    return paths
+
+
+def is_pattern(name: str) -> bool:
+    """Return whether a name has wildcards, and is not the name of a file that exists."""
+    return PATTERN.search(name) is not None and not os.path.lexists(name)
+
+
+def standard_stream(stream: Any, name: str) -> IO[bytes]:
+    """Return the binary stream under sys.stdin or sys.stdout. Raise InputError if it is closed."""
+    if stream is None:  # Python's value for a closed descriptor
+        raise refusal(f"standard {name}", "open", "a closed stream", "a file name instead of -")
+    return stream.buffer
+
+
+def write_output(data: bytes) -> None:
+    """Write to standard output. Raise InputError if it is closed."""
+    stdout = standard_stream(sys.stdout, "output")
+    stdout.write(data)
+    stdout.flush()
+
+
 @contextmanager
 def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
     """Open a regular file for reading. Raise InputError, with advice, if it cannot be read.
@@ -44,48 +84,52 @@ def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
     """
     try:
         descriptor = os.open(path, os.O_RDONLY | _NOT_BLOCKING | _BINARY)
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
     except (OSError, ValueError) as error:
-        # Windows reports "permission denied" for a folder.
+        # Windows reports "permission denied" for a folder, and others open it.
         is_folder = os.path.isdir(path)
         reason = "it is a folder, not a regular file" if is_folder else reason_of(error)
-        raise _cannot_read(path, reason, advice) from error
-    mode = os.fstat(descriptor).st_mode
-    if not stat.S_ISREG(mode):
-        os.close(descriptor)
-        kind = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
-        raise _cannot_read(path, f"it is {kind}, not a regular file", advice)
+        name = os.fsdecode(path)
+        raise InputError(f"cannot read {name}: {reason}. Try {advice}") from error
     with open(descriptor, "rb") as file:
         yield file
 
 
 def check_writable(path: FileName) -> None:
     """Raise OutputError if no file can be written at `path`. Change no existing file."""
-    target = Path(path)
-    try:
+    target, problem = Path(path), ""
+    with writing(target):
         _refuse_device(target)
         _mode_of(target)  # raises OSError for circular links, which exists() reports as missing
         if target.is_dir():
-            raise OutputError(f"cannot write {target}: it is a folder. Try a file name")
-        if target.exists() and not os.access(target, os.W_OK):
-            raise OutputError(f"cannot write {target}: it is read-only. Try another name")
-        if sys.platform == "win32" and target.is_file():
-            replace(target, target)  # changes nothing, but fails while a program holds it open
-        if not target.exists() or target.is_file():
+            problem = "it is a folder. Try a file name"
+        elif target.exists() and not os.access(target, os.W_OK):
+            problem = "it is read-only. Try another name"
+        elif sys.platform == "win32" and target.is_file():
+            replace(target, target)  # changes nothing, but fails while a program has it open
+        elif not target.exists() or target.is_file():
             with tempfile.TemporaryFile(dir=os.path.dirname(os.path.realpath(target))):
                 pass
-    except OutputError:
-        raise
+    if problem:
+        raise OutputError(f"cannot write {target}: {problem}")
+
+
+@contextmanager
+def writing(target: Path, verb: str = "write") -> Iterator[None]:
+    """Turn an error inside into an OutputError that says that `target` cannot be written."""
+    try:
+        yield
     except (OSError, ValueError) as error:
-        raise _cannot_write(target, error) from error
+        message = f"cannot {verb} {target}: {reason_of(error)}. Try another folder"
+        raise OutputError(message) from error
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder and its parents. Raise OutputError if that is not possible."""
-    try:
+    """Create a folder and its parents. Raise OutputError if they cannot be created."""
+    with writing(folder, "create"):
         folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        message = f"cannot create {folder}: {reason_of(error)}. Try another folder"
-        raise OutputError(message) from error
 
 
 def write_atomically(path: FileName, data: bytes) -> None:
@@ -103,28 +147,29 @@ def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
 
     So a full disk leaves every old file as it was. The files are renamed one by one. If a rename
     fails or is interrupted, the files before it are new and the others are old. Pipes and devices
-    cannot be renamed, and are written just before the renames. Raise OutputError for the first
+    cannot be renamed, so they are written just before the renames. Raise OutputError for the first
     file that cannot be written.
     """
     for path in files:
         check_writable(path)
     parts: dict[Path, Path] = {}  # temporary path of each regular file -> final path
-    target = Path()
+    contents = [(Path(name), data) for name, data in files.items()]
     try:
-        for target, data in zip(map(Path, files), files.values(), strict=True):
-            if not target.exists() or target.is_file():
-                real = Path(os.path.realpath(target))  # a link stays, its target is replaced
-                part = real.with_name(f".{real.name[:40]}.{secrets.token_hex(6)}")
-                parts[part] = real  # listed before it exists, so an interruption leaves none
-                _write_new(part, data, _mode_of(real))
-        for target, data in zip(map(Path, files), files.values(), strict=True):
-            if target.exists() and not target.is_file():
-                with target.open("wb", buffering=0) as stream:
-                    _write_all(stream.fileno(), data)
+        for target, data in contents:
+            with writing(target):
+                if not target.exists() or target.is_file():
+                    real = Path(os.path.realpath(target))  # a link stays, its target is replaced
+                    part = real.with_name(f".{real.name[:40]}.{secrets.token_hex(6)}")
+                    parts[part] = real  # listed before it exists, so an interruption leaves none
+                    _write_new(part, data, _mode_of(real))
+        for target, data in contents:
+            with writing(target):
+                if target.exists() and not target.is_file():
+                    with target.open("wb", buffering=0) as stream:
+                        _write_all(stream.fileno(), data)
         for part, target in parts.items():
-            replace(part, target)
-    except (OSError, ValueError) as error:
-        raise _cannot_write(target, error) from error
+            with writing(target):
+                replace(part, target)
     finally:
         for part in parts:
             with suppress(OSError):  # a renamed part no longer exists
@@ -156,18 +201,17 @@ def _refuse_device(path: Path) -> None:
 def write_whole(path: Path, data: bytes, part: Path, sync: bool = True) -> None:
     """Write `part`, which is on the same disk, and rename it to `path`. Raise OutputError.
 
-    Unlike write_atomically, check nothing beforehand and keep no permissions. This is for many
+    Unlike write_atomically, check nothing beforehand and keep no permissions. Use this for many
     files that are surely the program's own. Without `sync`, a power cut may leave an empty file.
     """
     try:
-        _refuse_device(path)
-        _write_new(part, data, None, sync)
-        replace(part, path)
-    except BaseException as error:
-        with suppress(OSError, ValueError):  # the part may not exist
+        with writing(path):
+            _refuse_device(path)
+            _write_new(part, data, None, sync)
+            replace(part, path)
+    except BaseException:
+        with suppress(OSError, ValueError):  # the part might not exist
             part.unlink()
-        if isinstance(error, (OSError, ValueError)):
-            raise _cannot_write(path, error) from error
         raise
 
 
@@ -180,7 +224,7 @@ def _mode_of(target: Path) -> int | None:
 
 
 def _write_new(path: Path, data: bytes, mode: int | None, sync: bool = True) -> None:
-    """Create a file with permissions `mode`, or the usual ones if None. Flush it if `sync`."""
+    """Create a file with permissions `mode`, or usual permissions if None. Flush it if `sync`."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
     # The file is private until it has its final permissions.
     descriptor = os.open(path, flags, 0o666 if mode is None else 0o600)
@@ -201,27 +245,16 @@ def _write_all(descriptor: int, data: bytes) -> None:
 
 
 def folds_case(folder: FileName) -> bool:
-    """Return whether a folder's file system ignores case. Raise OutputError if that is unknown."""
-    try:
-        with tempfile.NamedTemporaryFile(dir=folder, prefix=".aA") as probe:
-            parent, name = os.path.split(probe.name)
-            return os.path.exists(os.path.join(parent, name.swapcase()))
-    except OSError as error:
-        raise _cannot_write(Path(folder), error) from error
-
-
-def _cannot_write(target: Path, error: Exception) -> OutputError:
-    return OutputError(f"cannot write {target}: {reason_of(error)}. Try another folder")
+    """Return whether a folder's file system ignores case. Raise OutputError if it is unknown."""
+    with writing(Path(folder)), tempfile.NamedTemporaryFile(dir=folder, prefix=".aA") as probe:
+        parent, name = os.path.split(probe.name)
+        return os.path.exists(os.path.join(parent, name.swapcase()))
 
 
 def reason_of(error: BaseException) -> str:
     """Return why a file cannot be read or written, on one line."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return on_one_line(text).strip().rstrip(".")[:300]
-
-
-def _cannot_read(path: FileName, reason: str, advice: str) -> InputError:
-    return InputError(f"cannot read {os.fsdecode(path)}: {reason}. Try {advice}")
 
 
 def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
@@ -255,8 +288,8 @@ def _is_same_file(name: str, other: str) -> bool:
             return os.path.samefile(first, second)
     except (OSError, ValueError):
         return False  # reading or writing the file will raise the error
-    # At most one of them exists. They are one file if they differ in case only, and if the file
-    # system ignores case.
+    # At most one of the two names exists. They are one file if they differ in case only, and the
+    # file system ignores case.
     return first.casefold() == second.casefold() and folds_case(os.path.dirname(second))
 
 

@@ -27,7 +27,7 @@ _lost = False  # whether some code of this process could not be saved
 
 
 def are_kept() -> bool:
-    """Return whether later processes find all kernels of this process on the disk."""
+    """Return whether later processes will find all kernels of this process on the disk."""
     return not _lost
 
 
@@ -53,8 +53,8 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 def folder() -> Path | None:
     """Return the folder for compiled code, or None if no folder can be written.
 
-    It is $NUMBA_CACHE_DIR, which may be read-only. Without that variable it is `gauss2svg` in the
-    user's cache folder, or else a private temporary folder.
+    The folder is $NUMBA_CACHE_DIR, which may be read-only. Without that variable it is `gauss2svg`
+    in the user's cache folder, or else a private temporary folder.
     """
     return Path(_config.CACHE_DIR) if _config.CACHE_DIR else _folder_of_user()
 
@@ -85,7 +85,7 @@ def _caches() -> Path:
 def _temporary() -> Path | None:
     """Return a temporary folder that only this user can write, or None.
 
-    Its files are executed, so a folder of its name that another user has made is refused.
+    The files in it are executed. So a folder of this name that another user has made is refused.
     """
     if sys.platform == "win32":
         return None  # temporary files are in %LOCALAPPDATA% as well
@@ -111,9 +111,9 @@ class KernelCache:
 
     The name of a file has a digest of everything that its code depends on. So files that two
     processes write at once are equal. numba's own cache has an index file, which concurrent
-    processes can mix up. It also imports everything that compiled code may call before it loads
-    any, such as SciPy's linear algebra. That takes a fifth of a run on a small picture
-    (docs/decisions/start.md). Here only a compilation imports these modules.
+    processes can mix up. Before it loads any code, numba's cache also imports everything that
+    compiled code may call, such as SciPy's linear algebra. Those imports take a fifth of a run on a
+    small picture (docs/decisions/start.md). Here only a compilation imports these modules.
     """
 
     def __init__(self, function: Callable[..., Any], cache_path: Path) -> None:
@@ -125,7 +125,7 @@ class KernelCache:
         self._stamp = f"{_digest(module.parent)} {line} {numba.__version__} {sys.version}"
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
-        """Return the saved code for these argument types, or None if none can be read."""
+        """Return the saved code for these argument types, or None if no code can be read."""
         rtsys.initialize(target_context)  # numba's allocator of arrays, which saved code links to
         try:
             fields = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())
@@ -136,7 +136,7 @@ class KernelCache:
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the code for these argument types. If that fails, the next process compiles anew."""
         global _lost
-        assert not data.library.has_dynamic_globals  # addresses, valid in this process alone
+        assert not data.library.has_dynamic_globals  # such globals are addresses of this process
         path = self._file(sig, data.codegen)
         part = path.with_suffix(f".{secrets.token_hex(8)}")
         try:

@@ -1,4 +1,4 @@
-"""Option classes, in which the annotation of a field states once what it may hold.
+"""Option classes. The annotation of a field states once which values the field may hold.
 
     @dataclass(frozen=True, kw_only=True)
     class FitOptions(OptionGroup):
@@ -10,8 +10,8 @@ left out. `Annotated` adds a range by annotated_types, or a text of values to tr
 kind of value it adds a function (name, value) that returns the value to store.
 
 The Python call, the command line, the studio's form and requests, the axes of the benchmark, the
-report and the reference all follow. cyclopts makes the command line of the annotations, the
-defaults and the texts under the fields.
+report and the reference all come from these classes. cyclopts makes the command line from the
+annotations, the defaults and the texts under the fields.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from gauss2svg.errors import InputError, plain_scalar, quoted, refusal
 
 Renderer = Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"]
 Seed = Annotated[int, Interval(ge=0, le=2**63 - 1)]
-_MAX_INT = 2**31 - 1  # upper bound of a whole number whose annotation has none
+_MAX_INT = 2**31 - 1  # upper bound of a whole number whose annotation has no bound
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 _SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([kmg]?)b?", re.IGNORECASE)
 _NUMBERS: Any = (numbers.Number, decimal.Decimal)
@@ -210,7 +210,7 @@ def byte_size(name: str, value: Any) -> int:
 
 
 def file_name(name: str, value: Any, needed: str = "the path of a file") -> str:
-    """Return a path as text. Raise InputError with the option's name if it is none."""
+    """Return a path as text. Raise InputError with the option's name if it is not a path."""
     path = ""
     if isinstance(value, (str, os.PathLike)):
         with suppress(Exception):  # __fspath__ may raise, or return no path

@@ -1,7 +1,7 @@
 """A pool of processes: a crash, a time limit or a cancellation fails one job and no other.
 
-Every process has its own pipes. If processes share a pipe and its lock, killing one of them fails
-other jobs too (docs/decisions/batch.md).
+Every process has its own pipes. If processes shared a pipe and its lock, killing one process would
+fail other jobs too (docs/decisions/batch.md).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.processes import end_of, end_tree, end_with_parent
 
 _WATCH_S = 0.1  # seconds between two checks of the time and memory of jobs
-_IDLE_S = 1.0  # seconds after which `width` is called again, although no job has ended
+_IDLE_S = 1.0  # seconds after which `width` is called again even if no job has ended
 
 
 class WorkerDiedError(Gauss2SvgError, RuntimeError):
@@ -35,16 +35,16 @@ class WorkerDiedError(Gauss2SvgError, RuntimeError):
 class _Job(Future[Any]):
     """A job. Its cancellation kills the process that works on it."""
 
-    lock = threading.Lock()  # one for all jobs, because the next job may get the same process
+    lock = threading.Lock()  # all jobs share it, because the next job may get the same process
     process: subprocess.Popen[bytes] | None = None
     ends_at = float("inf")
-    reason: Exception | None = None  # why the process was killed
+    reason: Exception | None = None  # reason why the process was killed
 
     def cancel(self) -> bool:
         return super().cancel() or self.end(CancelledError())
 
     def end(self, reason: Exception) -> bool:
-        """Kill the job's process, if any, so that the job fails. Return whether it had one."""
+        """Kill the job's process, if any, so that the job fails. Return whether there was one."""
         with self.lock:
             if self.process is not None:
                 self.reason = reason
@@ -53,7 +53,7 @@ class _Job(Future[Any]):
 
 
 class Pool:
-    """Up to `workers` processes, started when jobs need them and killed by its with statement.
+    """Up to `workers` processes. They start when jobs need them, and die with the `with` block.
 
     memory  bytes that a process may hold before it is killed. None means no limit
     """
@@ -78,7 +78,7 @@ class Pool:
             _end(process)
 
     def submit(self, function: Callable[..., Any], *args: Any, timeout: float = 0.0) -> Future[Any]:
-        """Return the future of a call. It is killed after `timeout` seconds of work (0: never)."""
+        """Return the future of a call. The call is killed after `timeout` seconds (0: never)."""
         job = _Job()
         self._jobs.add(job)
         request = pickle.dumps(pickle.dumps((function, args)))
@@ -116,7 +116,7 @@ class Pool:
                 self._idle.append(process)
             else:
                 _end(process)
-        # An answer does not count if the job gave it because its child processes were killed.
+        # If the job's processes were killed, its answer may result from that and does not count.
         return answer if job.reason is None else (False, job.reason)
 
     def _watch(self) -> None:
@@ -165,7 +165,7 @@ def _start() -> subprocess.Popen[bytes]:
         command,
         stdin=pipe,
         stdout=pipe,
-        env={**os.environ, **processes.module_path()},
+        env={**os.environ, **processes.python_environment()},
         start_new_session=True,
         creationflags=processes.NEW_GROUP,
     )
@@ -174,13 +174,13 @@ def _start() -> subprocess.Popen[bytes]:
 def _end(process: subprocess.Popen[bytes]) -> int:
     """Kill a process and all processes that it has started, and return its exit status."""
     end_tree(process.pid)
-    with suppress(BrokenPipeError), process:  # the with statement closes its pipes
+    with suppress(BrokenPipeError), process:  # the with statement closes the process's pipes
         pass
     return process.wait()
 
 
 def _serve() -> None:
-    """Answer requests from standard input on standard output, until the pool closes it or ends."""
+    """Answer requests from standard input on standard output, until the pool closes the input."""
     end_with_parent(os.getppid())
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # text that a job prints goes to standard error, not among the answers

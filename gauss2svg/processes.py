@@ -1,4 +1,8 @@
-"""Child processes. `run` waits for one. `NEW_GROUP` and `end_tree` are for those that go on."""
+"""Child processes, and the memory that is left to this one.
+
+`run` waits for a child process. `NEW_GROUP` and `end_tree` are for processes that go on. The
+memory is what the machine, the container and the limits of this process leave.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +18,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-# Pass this as Popen's creationflags, along with start_new_session=True. Windows uses the flags, the
-# other systems the session. A Ctrl-C here then does not reach the process, and `end_tree` ends it.
+# Value of Popen's creationflags, along with start_new_session=True. Windows uses the flags, other
+# systems the session. A Ctrl-C in this process then does not reach the child; `end_tree` ends it.
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
+MEMORY_SHARE = 0.8  # share of the free memory that work may take by default
 _CHECK_S = 0.2  # seconds between two checks that the parent is alive
 
 
@@ -24,9 +29,9 @@ def nothing() -> None:
     """Do nothing, because no signal has come. This is the default of `pending`."""
 
 
-# Raises the exception of a signal once more. It is called between tasks and at a command's end.
-# Python drops the exception of a Ctrl-C that comes during a callback of its garbage collector or of
-# C code. Therefore a command's signal handler also sets `pending` to a function that raises it.
+# Function that raises the exception of a signal once more. It is called between tasks and at a
+# command's end. Python drops the exception of a Ctrl-C during a callback of its garbage collector
+# or of C code. Therefore a command's signal handler sets `pending` to a function that raises it.
 pending: Callable[[], None] = nothing
 
 
@@ -56,7 +61,7 @@ def run(
     An exception, such as an interrupt, kills the command as well.
 
     data         bytes for standard input, which is empty for None
-    environment  variables to set besides those of this process
+    environment  variables to add to those of this process
 
     Raise TimeoutError after `timeout_s` seconds, or OSError if the command cannot be started.
     """
@@ -64,7 +69,7 @@ def run(
     import tempfile
 
     with (
-        # Files and not pipes, because any process that is left behind would keep a pipe open.
+        # These are not pipes, because any process that is left behind would keep a pipe open.
         tempfile.TemporaryFile() as stdout,
         tempfile.TemporaryFile() as stderr,
         subprocess.Popen(
@@ -92,12 +97,12 @@ def run(
 
 
 def module_command(name: str, *words: str) -> list[str]:
-    """Return the command that runs a module in a new Python, with `module_path` as environment."""
+    """Return the command that runs a module in a new Python, in `python_environment()`."""
     return [sys.executable, "-P", "-m", name, *words]
 
 
-def module_path() -> dict[str, str]:
-    """Return variables with which another Python finds the same modules, and prints UTF-8."""
+def python_environment() -> dict[str, str]:
+    """Return the environment in which another Python finds the same modules and prints UTF-8."""
     entries = [os.path.abspath(entry) for entry in sys.path if entry]
     # The current folder, "", is left out. The package may be in it, so its own folder comes last.
     path = os.pathsep.join([*entries, str(Path(__file__).parents[1])])
@@ -148,3 +153,68 @@ def command_line(words: Sequence[str]) -> str:
         return shlex.join(words)
     is_plain = re.compile(r"[\w@+=:,./\\-]+", re.ASCII).fullmatch
     return " ".join(word if is_plain(word) else f'"{word}"' for word in words)
+
+
+def held_bytes() -> int:
+    """Return the memory (bytes) that this process holds."""
+    import psutil
+
+    return psutil.Process().memory_info().rss
+
+
+def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = Path("/sys/fs/cgroup")) -> int:
+    """Return the memory (bytes) that is left to this process."""
+    import psutil
+
+    bounds = [*_left_by_cgroups(process, cgroups), *_left_by_rlimits()]
+    return max(0, min([psutil.virtual_memory().available, *bounds]))
+
+
+def _left_by_cgroups(process: Path, cgroups: Path) -> list[int]:
+    """Return the bytes that each control group of this process leaves: on Linux, v1 or v2."""
+    try:
+        lines = (process / "cgroup").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return []
+    left: list[int | None] = []
+    for _, controllers, path in (line.split(":", 2) for line in lines):
+        root = cgroups
+        names = "memory.max", "memory.current", "inactive_file"
+        if "memory" in controllers.split(","):
+            root = cgroups / "memory"
+            names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+        elif controllers:
+            continue
+        # In a container the path may be the host's, but only the root of the host's is mounted.
+        groups = [root / path.strip("/"), *(root / path.strip("/")).parents]
+        left += [_left_by_cgroup(group, *names) for group in groups[: groups.index(root) + 1]]
+    return [free for free in left if free is not None]
+
+
+def _left_by_cgroup(group: Path, limit_file: str, usage_file: str, cached: str) -> int | None:
+    """Return the bytes that a control group leaves, or None if it has no limit or is missing."""
+    try:
+        names = limit_file, usage_file, "memory.stat"
+        limit, used, stat = ((group / name).read_text(encoding="utf-8") for name in names)
+        # cgroup v1 without a limit reports more than any machine has.
+        if limit.strip() == "max" or int(limit) >= 1 << 60:
+            return None
+        # Cached files count as used, but the system drops them when memory is short.
+        idle = int(dict(line.split() for line in stat.splitlines()).get(cached, 0))
+        return int(limit) - max(int(used) - idle, 0)
+    except (OSError, ValueError):
+        return None
+
+
+def _left_by_rlimits() -> list[int]:
+    """Return the bytes that RLIMIT_AS and RLIMIT_DATA leave, if they are set."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return []
+    import psutil
+
+    memory = psutil.Process().memory_info()
+    usages = (resource.RLIMIT_AS, memory.vms), (resource.RLIMIT_DATA, memory.rss)
+    limits = [(resource.getrlimit(kind)[0], used) for kind, used in usages]
+    return [soft - used for soft, used in limits if soft != resource.RLIM_INFINITY]

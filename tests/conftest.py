@@ -17,7 +17,7 @@ from pathlib import Path
 # Two threads also on one core, so that the tests of thread counts have two to compare;
 # numba reads it on import.
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
-# As gauss2svg.render.threads does, which is too late where a test module imports torch first.
+# As gauss2svg.render.tiles does, which is too late where a test module imports torch first.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import gallery_site
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from skimage import data
 
 from gauss2svg.errors import RendererError
-from gauss2svg.measure.perceptual import Scores
+from gauss2svg.measure import Scores
 from gauss2svg.raster import RENDERERS, rasterize
 from gauss2svg.scene import Scene
 
@@ -186,8 +186,8 @@ def threads_given_back() -> Iterator[None]:
 @pytest.fixture
 def hasty(monkeypatch) -> None:
     """Fits of a few steps, for what says nothing of how close they come."""
-    from gauss2svg.pipeline.presets import PRESETS
-    from gauss2svg.pipeline.search import by_bytes
+    from gauss2svg.pipeline import by_bytes
+    from gauss2svg.pipeline.plan import PRESETS
 
     for name, preset in PRESETS.items():
         monkeypatch.setitem(PRESETS, name, dataclasses.replace(preset, iterations=8, cap=60))

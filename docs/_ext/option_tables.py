@@ -19,17 +19,17 @@ from sphinx.util.docutils import SphinxDirective
 
 from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.cli.main import build_app
-from gauss2svg.measure.scores import SCORES
+from gauss2svg.measure import SCORES
 from gauss2svg.options import Field, OptionGroup, fields_of
-from gauss2svg.photo.formats import FORMATS
+from gauss2svg.photo import FORMATS
 from gauss2svg.raster import (
+    CANNOT_DRAW,
     DRAW_BLENDS,
     DRAW_MINIMAL,
     DRAW_ROTATED_BLURS,
     RENDERERS,
-    renderer_named,
+    Feature,
 )
-from gauss2svg.raster.features import Feature
 
 _OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z0-9-]*|-)(?![\w-])")
 _SPECIAL = re.compile(r"([\\`*_<>#|\[\]{}])")
@@ -146,7 +146,7 @@ def features_table() -> str:
         said = [
             f"{name} ({known})" if known else name
             for name in RENDERERS
-            if (known := renderer_named(name).CANNOT_DRAW.get(feature)) is not None
+            if (known := CANNOT_DRAW[name].get(feature)) is not None
         ]
         rows.append(f"| {_markdown(feature)} | {'; '.join(said)} |")
     return _table("| what a file uses | not drawn by |", rows)

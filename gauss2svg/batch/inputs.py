@@ -6,18 +6,16 @@ import codecs
 import glob
 import os
 import posixpath
-import re
 import sys
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 from gauss2svg.batch.stores import PARTS_OF, is_url, reached
-from gauss2svg.errors import brief, refusal
-from gauss2svg.files import STANDARD_STREAM
-from gauss2svg.photo.formats import SUFFIXES
+from gauss2svg.errors import refusal
+from gauss2svg.files import PATTERN, STANDARD_STREAM, is_pattern, standard_stream
+from gauss2svg.photo import SUFFIXES
 
 MANIFESTS = (".txt", ".lst")
-PATTERN = re.compile(r"[*?\[]")  # wildcards of a pattern
 
 
 def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:
@@ -28,7 +26,7 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
     before the first wildcard. A list (.txt, .lst, or - for standard input) has a path or URL on
     each line, and outputs keep the whole name. Any other source is one photo, and the output keeps
     the last part of its name. Names of outputs have no suffix. Raise InputError for a source
-    without photos, and for one that is no file if `must_exist`.
+    without photos, and if `must_exist` also for a source that is no file.
     """
     for source in sources:
         photo = None
@@ -37,22 +35,6 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
             yield path, posixpath.splitext(name.replace(os.sep, "/"))[0]
         if photo is None:
             raise refusal("photos", "one or more", f"none in {source}", "a folder of photos")
-
-
-def expanded(names: Iterable[str]) -> list[str]:
-    """Return file names, in which a pattern such as *.jpg is replaced by the files that match.
-
-    Shells of Windows leave that to programs. A name that exists is not a pattern. Raise InputError
-    for a pattern that matches nothing.
-    """
-    paths: list[str] = []
-    for name in names:
-        matches = sorted(glob.glob(name, recursive=True)) if _is_pattern(name) else [name]
-        if not matches:
-            got, advice = f"none in {brief(name)}", "the name of a file that exists"
-            raise refusal("files", "one or more", got, advice)
-        paths += matches
-    return paths
 
 
 def local_photos(sources: Iterable[str]) -> list[str]:
@@ -74,9 +56,7 @@ def is_picture(name: str) -> bool:
 def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
     """Yield the paths or URLs of one source, and names of outputs that still have suffixes."""
     if source == STANDARD_STREAM:
-        if sys.stdin is None:
-            raise refusal("standard input", "open", "a closed stream", "the name of a list")
-        yield from _listed(sys.stdin.buffer)
+        yield from _listed(standard_stream(sys.stdin, "input"))
         return
     with reached(source) as (fs, path):
         if source.lower().endswith(MANIFESTS):
@@ -87,7 +67,7 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
         elif os.path.isdir(source):
             for path in _pictures(source):
                 yield path, os.path.relpath(path, source)
-        elif _is_pattern(source):
+        elif is_pattern(source):
             for path in sorted(glob.glob(source, recursive=True)):
                 if not os.path.isdir(path):
                     yield path, os.path.relpath(path, _base(source) or ".")
@@ -95,10 +75,6 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
             if must_exist:
                 os.lstat(source)  # raises OSError if it does not exist
             yield source, os.path.basename(source)
-
-
-def _is_pattern(name: str) -> bool:
-    return PATTERN.search(name) is not None and not os.path.lexists(name)
 
 
 def _base(pattern: str) -> str:
@@ -121,7 +97,7 @@ def _pictures(root: str) -> Iterator[str]:
     """Yield the pictures in and under a folder. Links to folders are not followed."""
 
     def failed(error: OSError) -> None:
-        if not isinstance(error, FileNotFoundError):  # the folder has been removed meanwhile
+        if not isinstance(error, FileNotFoundError):  # raised if the folder was just removed
             raise error
 
     for folder, folders, files in os.walk(root, onerror=failed):
@@ -130,13 +106,13 @@ def _pictures(root: str) -> Iterator[str]:
 
 
 def _remote(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
-    """Yield the photo at a URL, or all photos that are under it or match it."""
+    """Yield the photo at a URL, or all photos under it, or all that match it as a pattern."""
     host, is_whole, _ = url.partition(path.rstrip("/"))  # fsspec's names lack the host
     is_pattern = PATTERN.search(url) is not None
     names = [path] if url.startswith("http") else (fs.glob if is_pattern else fs.find)(path)
     base = (_base(path) if is_pattern else path).rstrip("/")
     for name in names:
         inside = name.removeprefix(base).lstrip("/") or os.path.basename(name)
-        is_named = is_pattern or name == path  # then it may have any suffix
+        is_named = is_pattern or name == path  # a named photo may have any suffix
         if is_named or (is_picture(inside) and "/." not in f"/{inside}"):
             yield host + name if is_whole else fs.unstrip_protocol(name), inside

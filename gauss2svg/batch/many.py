@@ -31,20 +31,20 @@ from gauss2svg.errors import (
     refusal,
 )
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case, reason_of
-from gauss2svg.measure.memory import SHARE
 from gauss2svg.options import file_name
-from gauss2svg.photo.photo import Header
-from gauss2svg.pipeline.memory_budget import allowed
+from gauss2svg.photo.pixels import Header
+from gauss2svg.pipeline.budgets import allowed
 from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pool import Pool, WorkerDiedError, completed
+from gauss2svg.processes import MEMORY_SHARE
 from gauss2svg.version import __version__
 
 if TYPE_CHECKING:
     from distributed import Client
 
-_CONNECT_S = 10.0  # s; a scheduler on a busy or distant machine answers in less
-_SINGLE = 50_000  # number of photos up to which a job has only one of them
+_CONNECT_S = 10.0  # s, limit for a scheduler's answer, which a busy or distant machine meets
+_SINGLE = 50_000  # largest number of photos at which each job has only one
 _DIED = "its workers died; was there enough memory? Try --max-size, or fewer --workers"
 
 
@@ -65,8 +65,8 @@ def vectorize_many(
     client   client of a Dask cluster with one thread for each worker. If None, `batch` decides
 
     Photos that an earlier run has finished are skipped. Workers start only if other photos remain.
-    A bad photo has a record with an error. Raise InputError for bad arguments, before anything
-    runs. Raise OutputError if nothing can be written, and ClusterError if workers have other
+    A bad photo has a record with an error. Raise InputError for bad arguments, before any photo is
+    read. Raise OutputError if nothing can be written, and ClusterError if workers have other
     versions or are lost.
     """
     return Batch(sources, output, options, batch).run(client)
@@ -128,10 +128,10 @@ class Batch:
     def _listed(self, sources: list[str]) -> int:
         """List photos, each once, and return their number.
 
-        Raise InputError if two of them would write one file.
+        Raise InputError if two photos would write one file.
         """
         folder = self.root
-        while not (is_url(folder) or os.path.isdir(folder)):  # a new folder will be as its parent
+        while not (is_url(folder) or os.path.isdir(folder)):  # a new folder is like its parent
             folder = os.path.dirname(folder)
         key_of = str.casefold if not is_url(folder) and folds_case(folder) else str
 
@@ -185,7 +185,7 @@ class Batch:
     def _done_before(self) -> Iterator[PhotoRecord]:
         for row, photo in self._db.execute("SELECT rowid, photo FROM photos"):
             source, output = pickle.loads(photo)
-            # Only local files are checked here. Workers check stores, and so wait in parallel.
+            # Only local files are checked here. Workers check stores, so that waits overlap.
             is_local = not (is_url(source) or is_url(self.root))
             if is_local and (record := finished_record(self._spec, (source, output))):
                 self._db.execute("DELETE FROM photos WHERE rowid = ?", (row,))
@@ -203,8 +203,8 @@ class Batch:
         size = 1 + 10 * (count // _SINGLE)  # photos in a job, so a million photos are 5000 jobs
         rows = self._db.execute("SELECT photo FROM photos")
         jobs = iter(lambda: [pickle.loads(photo) for (photo,) in rows.fetchmany(size)], [])
-        suspects: list[Photo] = []  # photos whose worker died, to be tried once more, one by one
-        # Without a memory limit no photo is reduced. A file must not depend on memory that is free.
+        suspects: list[Photo] = []  # photos to try once more, singly, as their worker died
+        # Without a memory limit no photo is reduced, because files must not depend on free memory.
         may_reduce = self.options.run.max_memory is not None
         with engine as (submit, width, died, options):
             spec = replace(self._spec, options=options, may_reduce=may_reduce)
@@ -225,10 +225,11 @@ class Batch:
 def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iterator[_Engine]:
     """Yield processes of this machine for a number of photos.
 
-    By default, processes times threads is the number of cores. Processes times the estimated memory
-    of a usual run is at most the memory that a single run may take.
+    By default, the number of processes times the threads of each is the number of cores. Together
+    the processes need at most the memory that a single run may take, by the estimate for a usual
+    run.
     """
-    from gauss2svg.pipeline.memory_budget import load_of  # loads numba, which takes a while
+    from gauss2svg.pipeline.budgets import load_of  # loads numba, which takes a while
     from gauss2svg.pipeline.run import compile_kernels, thread_count
 
     compile_kernels(options.fit.blend)
@@ -239,7 +240,7 @@ def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iter
     workers = workers or max(1, min(cores // (threads or 1), allowed(None) // needed, photos))
     share = allowed(None) // workers
     memory, threads = allowed(memory or share), threads or max(1, cores // workers)
-    with Pool(workers, int(max(share, memory) / SHARE)) as pool:
+    with Pool(workers, int(max(share, memory) / MEMORY_SHARE)) as pool:
         job_options = options.changed(threads=threads, max_memory=memory)
         # Two jobs for each process: one runs, one waits.
         yield pool.submit, lambda: 2 * workers, WorkerDiedError, job_options

@@ -1,4 +1,4 @@
-"""Local files and files of stores that fsspec knows, by the same functions."""
+"""Functions that read and write local files as well as files of fsspec's stores."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from gauss2svg.files import check_writable, make_folder, reason_of, replace, wri
 STATE = "gauss2svg-batch"  # folder in the output folder for the table and unfinished files
 PARTS = f"{STATE}/parts"  # folder of unfinished files
 PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # separator of a path's parts
-# Protocols of stores on which nobody sees a file half written.
+# Protocols of stores that never show a file half written.
 _WHOLE_PUT = "s3, s3a, gs, gcs, az, abfs, abfss, oss, oci, memory"
 
 
 class _Local:
-    """Local files, with the functions of fsspec's file systems that are used here."""
+    """Local files, with those functions of fsspec's file systems that this package uses."""
 
     open = staticmethod(open)
     put_file = staticmethod(replace)
@@ -34,7 +34,7 @@ class _Local:
         return Path(path).read_bytes()
 
     def ukey(self, path: str) -> str:
-        """Return the size and date of a file, which change if its content does."""
+        """Return the size and date of a file. They change if its content changes."""
         status = os.stat(path)
         return f"{status.st_size} {status.st_mtime_ns}"
 
@@ -51,7 +51,7 @@ def is_url(path: str) -> bool:
 def reached(
     name: str, verb: str = "read", kind: type[Gauss2SvgError] = InputError
 ) -> Iterator[tuple[Any, str]]:
-    """Yield a file system and the path in it. Turn errors inside into errors of class `kind`."""
+    """Yield the file system of a name and the path in it. Turn errors inside into a `kind`."""
     advice = "the path or the URL of a photo, a folder, a glob or a list"
     try:
         if is_url(name):
@@ -89,8 +89,8 @@ def write(root: str, name: str, data: bytes, sync: bool = True) -> None:
 def prepare(root: str) -> None:
     """Create a folder, and remove the unfinished files of runs that were killed.
 
-    Raise OutputError if it cannot be written, and InputError for a store on which others could see
-    a file half written.
+    Raise OutputError if the folder cannot be written, and InputError for a store on which others
+    could see a file half written.
     """
     if is_url(root):
         if root.partition("://")[0] not in _WHOLE_PUT.split(", "):
@@ -101,7 +101,7 @@ def prepare(root: str) -> None:
     make_folder(parts)
     check_writable(parts / "writable")
     for part in parts.iterdir():
-        with suppress(OSError):  # another run removes it at the same time, or another user owns it
-            # A live worker renames its part within moments, so a part of a minute ago is left over.
+        with suppress(OSError):  # another run removes the part too, or another user owns it
+            # A live worker renames its part within moments, so a part a minute old is left over.
             if part.stat().st_mtime < time.time() - 60:
                 shutil.rmtree(part) if part.is_dir() else part.unlink()

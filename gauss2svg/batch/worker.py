@@ -1,7 +1,7 @@
 """Vectorise a photo of a batch: write its SVG by the usual pipeline, and its mark.
 
 The mark is a JSON file beside the SVG with the record of the photo. A later run skips the photo if
-the mark shows that it would become the same again.
+the mark shows that the SVG would become the same again.
 """
 
 from __future__ import annotations
@@ -27,9 +27,12 @@ from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
-MARK = ".gauss2svg.json"  # suffix added to the name of an SVG for that of its mark
-_OF_REPORT = {"width", "height", "gaussians", "psnr_svg", "ssim_svg", "paint_ms", "stop_reason"}
-# Errors by which a single name cannot be written, although other files in the folder can.
+MARK = ".gauss2svg.json"  # suffix that makes a mark's name from an SVG's name
+_OF_REPORT = {
+    "width", "height", "gaussians", "psnr_svg", "ssim_svg", "ssimulacra2_svg", "flip_svg",
+    "paint_ms", "stop_reason",
+}  # fmt: skip
+# Errors that prevent one name from being written, although the folder's other files can be.
 _OF_ITS_NAME = {errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EINVAL}
 
 
@@ -47,6 +50,7 @@ class PhotoRecord(NamedTuple):
     error                 reason why there is no SVG, on one line. None if it is written
     unreached             targets that were missed
     ssim_svg              SSIM of the SVG, -1..1
+    ssimulacra2_svg, flip_svg  SSIMULACRA2 and FLIP of the SVG with RunOptions.scores, else None
     paint_ms              estimated time in ms that a browser takes to paint the SVG
     stop_reason           reason why the fit ended, as in the report
     error_code            class of the error, such as InputError, or WorkerDied. None without error
@@ -71,6 +75,8 @@ class PhotoRecord(NamedTuple):
     cpu_seconds: float | None = None
     error_code: str | None = None
     skipped: bool = False
+    ssimulacra2_svg: float | None = None
+    flip_svg: float | None = None
 
 
 Photo = tuple[str, str]  # path or URL of a photo, and the name of its output
@@ -91,7 +97,7 @@ class BatchSpec:
     versions    versions that workers must have
     identity    hash of the version and of the options on which an SVG depends
     may_reduce  whether a photo is fitted smaller if memory is short. Otherwise it fails
-    run         random name of this run, which is in its marks
+    run         random name of this run. Marks of the run contain it
     """
 
     options: Options
@@ -105,7 +111,7 @@ class BatchSpec:
 def stamp_of(source: str) -> str:
     """Return the size and date of a photo, or the identifier of its version in a store.
 
-    Raise InputError if it cannot be read.
+    Raise InputError if the photo cannot be read.
     """
     with reached(source) as (fs, path):
         return fs.ukey(path)
@@ -116,7 +122,7 @@ def finished_record(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
     # An error means that there is no mark, or a file of another origin.
     with suppress(Gauss2SvgError), reached(f"{spec.root}/{photo[1]}") as (fs, path):
         mark = json.loads(fs.cat_file(path + MARK))
-        # A mark of this run belongs to a worker that died before it answered. It counts as done.
+        # A mark of this run is that of a worker that died before it answered. The photo is done.
         is_old = mark.pop("run") != spec.run
         record = PhotoRecord(**mark)
         expected = (*photo, spec.identity, stamp_of(photo[0]))
@@ -136,7 +142,7 @@ def work(spec: BatchSpec, photos: Sequence[Photo]) -> list[PhotoRecord]:
 
 
 def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
-    """Write the SVG of a photo and then its mark, and return its record."""
+    """Write the SVG of a photo, then the mark, and return the photo's record."""
     begun, cpu_begun = time.perf_counter(), time.process_time()
     try:
         stamp = stamp_of(photo[0])
@@ -177,7 +183,7 @@ def _written(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
     result = vectorize_by(options, image, may_reduce=spec.may_reduce)
     data = file_bytes(result.svg, options.svg.gzip)
     with reached(target) as (fs, path):
-        # A file of the same content is an SVG whose run was killed before it wrote the mark.
+        # If the content is the same, a run was killed after it wrote the SVG, before the mark.
         may_write = fs.exists(path + MARK) or not fs.exists(path) or fs.cat_file(path) == data
     if not may_write:
         raise refusal("output", "a new file, or one of a batch", target, "another folder")

@@ -10,10 +10,11 @@ from typing import Annotated, Literal
 
 from cyclopts import Group, Parameter
 
+from gauss2svg import files
 from gauss2svg.batch import BatchOptions
-from gauss2svg.cli import parameters, streams
+from gauss2svg.cli import parameters, terminal
 from gauss2svg.cli.parameters import Output, Quiet
-from gauss2svg.cli.streams import say
+from gauss2svg.cli.terminal import say
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 
 _Parsed = parameters.options_of(
@@ -59,19 +60,19 @@ def batch_command(
     from gauss2svg.batch.table import Summary
 
     if log == "json":
-        streams.standard_stream(sys.stdout, "output")  # refuse a closed stream before the first run
+        files.standard_stream(sys.stdout, "output")  # refuse a closed stream before the first run
     job = Batch(photos, output, Options(**vars(parsed)), batch)
     summary, count = Summary(), job.count
     try:
         with (
-            streams.counting_bar(quiet) as update,
+            terminal.counting_bar(quiet) as update,
             closing(job.run()) as records,
         ):
             update("", 0, count)
             for record in records:
                 summary.add(record)
                 if log == "json":
-                    streams.write_output(json.dumps(record._asdict()).encode() + b"\n")
+                    files.write_output(json.dumps(record._asdict()).encode() + b"\n")
                 update(summary.state(count), summary.total, count)
     except KeyboardInterrupt:
         job.finish()

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from gauss2svg.batch.inputs import local_photos
 from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, words
-from gauss2svg.cli.streams import counting_bar, say
+from gauss2svg.cli.terminal import counting_bar, say
 
 if TYPE_CHECKING:
     from gauss2svg.compare.grid import Progress
@@ -41,7 +41,7 @@ def bench_command(
         Option to vary, as NAME=VALUE,VALUE, or as NAME for all values of an option that has only a
         few. NAME is an option of the main command that changes the file, such as gaussians,
         iterations, quality, loss or palette, or a constant of the code, such as
-        pipeline.search.limits.FULL. Several axes give all combinations.
+        pipeline.limits.FULL. Several axes give all combinations.
         Without any, the presets and some counts are run. Separate lists of inks by semicolons:
         "inks=6;#f7c306,#17324d".
     peers
@@ -66,7 +66,7 @@ def bench_command(
     """
     from gauss2svg.compare.table import run_bench
     from gauss2svg.compare.variants import parse_axes, peer_variants
-    from gauss2svg.measure.perceptual import packages_missing
+    from gauss2svg.measure import packages_missing
 
     names, axes = words(peers), parse_axes(axis or ())
     if absent := peer_variants(names)[1]:

@@ -10,10 +10,9 @@ from annotated_types import Interval
 from cyclopts import Parameter
 
 from gauss2svg import files
-from gauss2svg.batch.inputs import expanded
-from gauss2svg.cli.streams import say, standard_stream
-from gauss2svg.errors import InputError, brief, refusal
-from gauss2svg.files import STANDARD_STREAM
+from gauss2svg.cli.terminal import say
+from gauss2svg.errors import brief, refusal
+from gauss2svg.files import STANDARD_STREAM, expanded
 from gauss2svg.measure import CheckOptions
 from gauss2svg.options import OptionGroup
 
@@ -74,19 +73,18 @@ def check_command(
     from gauss2svg.measure.check import check
 
     names = expanded([photo, svg])
-    if len(names) != 2:
-        raise refusal("photo and SVG", "one file each", brief(", ".join(names)))
+    if len(names) != 2 or names == [STANDARD_STREAM, STANDARD_STREAM]:
+        got = brief(", ".join(names))
+        raise refusal("photo and SVG", "one file each", got, "a file name for each")
     photo, svg = names
-    if photo == svg == STANDARD_STREAM:
-        raise InputError("photo and SVG must not both be -. Try a file name for one of them")
     inputs = {photo: "the photo", svg: "the SVG"}
     if reference is not None:
         inputs[reference] = "the reference"
     targets = [output.heatmap, output.preview, output.report]
     files.check_outputs(inputs, [path for path in targets if path is not None])
     result = check(
-        standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo,
-        standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else Path(svg),
+        files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo,
+        files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else Path(svg),
         reference=reference,
         **dataclasses.asdict(options),
     )

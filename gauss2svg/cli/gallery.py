@@ -1,6 +1,5 @@
 """The command `gauss2svg gallery`, imported only when it is run."""
 
-import re
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -9,12 +8,15 @@ from cyclopts import Parameter
 
 from gauss2svg.batch.inputs import local_photos
 from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, words
-from gauss2svg.cli.streams import counting_bar, say
+from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.compare.pages import GalleryOptions
-from gauss2svg.errors import quoted, refusal
+from gauss2svg.errors import refusal
+from gauss2svg.fit import MOST_GAUSSIANS
+from gauss2svg.options import Field
 from gauss2svg.processes import command_line
 
 _DEFAULTS = GalleryOptions()
+_COUNT = Field("each of --counts", int, 0, MOST_GAUSSIANS, advice="500,2000")
 
 
 def gallery_command(
@@ -52,7 +54,7 @@ def gallery_command(
 
     """
     from gauss2svg.compare.pages.build import build_gallery
-    from gauss2svg.measure.perceptual import packages_missing
+    from gauss2svg.measure import packages_missing
 
     paths = local_photos(photos)
     for source in photos:
@@ -64,7 +66,7 @@ def gallery_command(
             paths,
             output,
             variants=None if variants is None else words(variants),
-            counts=None if counts is None else [_whole_number(word) for word in words(counts)],
+            counts=None if counts is None else [_COUNT.parsed(word) for word in words(counts)],
             peers=words(peers),
             options=options,
             command=command_line(["gauss2svg", *sys.argv[1:]]),
@@ -83,9 +85,3 @@ def gallery_command(
         failed = f"{len(gallery.failures)} failed"
         say(f"{count} SVG{'s' * (count != 1)}{kept}; {failed}; open {gallery.index}")
     return STATUS_SOME_FAILED if gallery.failures else 0
-
-
-def _whole_number(word: str) -> int:
-    if not re.fullmatch("[0-9]{1,18}", word):
-        raise refusal("counts", "whole numbers separated by commas", quoted(word), "500,2000")
-    return int(word)

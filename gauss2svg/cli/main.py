@@ -7,24 +7,39 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import get_args
 
 import cyclopts
 from cyclopts import App, CycloptsError, Group, Parameter
 
 from gauss2svg.cli.parameters import read_options_file, refuse_options
-from gauss2svg.cli.signals import Terminated, handling, ignore, status_of
-from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, print_utf8, say
+from gauss2svg.cli.terminal import (
+    Terminated,
+    drop_output,
+    handling,
+    hold_closed_descriptors,
+    ignore,
+    print_utf8,
+    say,
+    status_of,
+)
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError
-from gauss2svg.options import field_of
+from gauss2svg.options import Renderer, field_of
 from gauss2svg.pipeline.options import OPTIONS
+from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
 
+_WIDTH = 79  # most characters in a line, so that no terminal breaks the line elsewhere
+# The packages that decode, fit and measure. Renderers have a line of their own.
+_PACKAGES = (
+    "numpy", "scipy", "numba", "scikit-image", "pillow", "pyvips", "pi-heif", "svgwrite", "torch",
+    "ssimulacra2", "flip-evaluator",
+)  # fmt: skip
 _HELP_ALL = "--help-all"
-# Command lines that need only the options of the short help, so that the program answers sooner.
+# Command lines that need only the options of the short help. The program answers them sooner.
 _SHORT_LINES = ([], ["--help"], ["-h"], ["--version"])
 
 
@@ -73,13 +88,13 @@ def main(arguments: list[str] | None = None) -> int:
          PSNR below --min-psnr
     2    an error, printed as one line on standard error
     130  ended by Ctrl-C, even if the best result so far was written
-    143  ended by SIGTERM, likewise
+    143  ended by SIGTERM, even if the best result so far was written
     """
     hold_closed_descriptors()
     # Standard error has only lines of the program: warnings and logs of libraries are silenced.
     warnings.filterwarnings("ignore", module="PIL|distributed")
     logging.getLogger().addHandler(logging.NullHandler())  # instead of Python's last resort
-    logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)  # has its own handler
+    logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)  # it has its own handler
     words = sys.argv[1:] if arguments is None else arguments
     try:
         app = build_app(everything=_HELP_ALL in words, short=list(words) in _SHORT_LINES)
@@ -110,17 +125,55 @@ def run() -> None:
     print_utf8()
     status = main()
     ignore()
-    # If a KeyboardInterrupt leaves a string that exec() runs, `python -m` ends itself by SIGINT in
-    # the end, even if the interrupt is caught. numba runs such strings when it compiles. An empty
-    # string resets this.
+    # If a KeyboardInterrupt leaves a string that exec() runs, `python -m` later ends itself by
+    # SIGINT, even if the interrupt was caught. numba runs such strings when it compiles. Running an
+    # empty string prevents that end.
     exec("")
     sys.exit(status)
 
 
 def _versions() -> str:
-    from gauss2svg.cli.versions import versions  # imported here, because only --version needs it
+    """Return the versions of the program, its packages and its renderers, and the machine.
 
-    return versions()
+    A fault report needs these lines. A package is imported only while its version is read, because
+    the reported fault may be a package that cannot be imported.
+    """
+    import platform
+    import textwrap
+    from importlib.metadata import distributions
+
+    renderers = (_or_reason(name, _renderer) for name in get_args(Renderer))
+    installed = {dist.name.lower().replace("_", "-"): dist.version for dist in distributions()}
+    packages = (f"{name} {installed[name]}" for name in _PACKAGES if name in installed)
+    lines = [
+        f"gauss2svg {__version__}",
+        f"system: {platform.platform()}, Python {platform.python_version()}",
+        _or_reason("CPU", _machine),
+        f"renderers: {', '.join(renderers)}",
+        f"packages: {', '.join(packages)}",
+    ]
+    return "\n".join(textwrap.fill(line, _WIDTH, subsequent_indent="  ") for line in lines)
+
+
+def _or_reason(name: str, describe: Callable[[str], str]) -> str:
+    """Return describe(name), or the name and the reason why it failed, without advice."""
+    try:
+        return describe(name)
+    except Exception as error:  # a package that is missing or broken may raise anything
+        return f"{name}: {re.split(r'; got |[.] Try ', str(error))[0]}"
+
+
+def _machine(name: str) -> str:
+    from gauss2svg.compare.records import machine
+
+    about = machine()
+    return f"{name}: {about['cpu']}, {about['cores']} cores"
+
+
+def _renderer(name: str) -> str:
+    from gauss2svg.raster import renderer_version
+
+    return renderer_version(name)
 
 
 def _in_our_words(error: CycloptsError) -> str:

@@ -13,7 +13,7 @@ from gauss2svg.errors import InputError, refusal
 from gauss2svg.files import STANDARD_STREAM, reading
 from gauss2svg.pipeline.options import GROUPS, Options
 
-STATUS_SOME_FAILED = 1  # exit status of a command of which some photos or runs failed
+STATUS_SOME_FAILED = 1  # exit status of a command if some photos or runs failed
 OPTIONS_FILE = "--options"
 _PHOTOS = (
     "Photos, folders, patterns such as photos/*.jpg, or lists of them (.txt, or - for standard "
@@ -84,7 +84,7 @@ def options_of(groups: Mapping[str, Group]) -> type[Options]:
         parameter = Parameter(name="*", group=group, **(negatable if key == "densify" else {}))
         default = dataclasses.field(default=GROUPS[key]())
         fields.append((key, Annotated[GROUPS[key], parameter], default))
-    # Without a module of its own the class would be in `types`, and the parser would think it
-    # builtin.
+    # Without this module's name the class would be in `types`, and the parser would take the class
+    # for a builtin.
     namespace = {"__module__": __name__}
     return dataclasses.make_dataclass("ParsedOptions", fields, namespace=namespace, kw_only=True)

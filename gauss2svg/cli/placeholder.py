@@ -5,11 +5,11 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from gauss2svg.batch.inputs import local_photos
+from gauss2svg.batch.placeholders import PlaceholderList, PlaceholderOptions
 from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Output, Photos, Quiet
-from gauss2svg.cli.streams import counting_bar, say, write_output
+from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.files import STANDARD_STREAM, write_all_atomically
-from gauss2svg.pipeline.placeholder import PlaceholderList, PlaceholderOptions
+from gauss2svg.files import STANDARD_STREAM, write_all_atomically, write_output
 
 _DEFAULTS = PlaceholderOptions()
 
@@ -77,7 +77,7 @@ def _write(listed: PlaceholderList, output: str) -> None:
 
 
 def _write_so_far(listed: PlaceholderList, output: str) -> None:
-    """Write the finished placeholders, but not to standard output, where they look complete."""
+    """Write the finished placeholders, but not to standard output, where they would look final."""
     for line in listed.failures:
         say(line)
     if listed.made and output != STANDARD_STREAM:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.streams import say
+from gauss2svg.cli.terminal import say
 from gauss2svg.errors import InputError
 
 

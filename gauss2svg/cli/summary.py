@@ -9,10 +9,11 @@ from rich.table import Table
 from rich.text import Text
 
 from gauss2svg.errors import on_one_line
-from gauss2svg.measure.scores import ON_REQUEST, TARGETS
-from gauss2svg.pipeline.report import HEAVY_MS, decibels
+from gauss2svg.measure import ON_REQUEST, TARGETS
+from gauss2svg.measure.paint import HEAVY_MS
+from gauss2svg.pipeline.report import decibels
 from gauss2svg.pipeline.run import COMPILED_S
-from gauss2svg.svg.document import MINIMAL, RESPONSIVE
+from gauss2svg.svg import MINIMAL, RESPONSIVE
 
 # Text that follows the number of shapes, for each stop_reason of the report.
 _STOPPED = {
@@ -34,8 +35,8 @@ _NOTHING_TO_GAIN = {
 }
 _SCALE = " (30 is soft, 35 good, 40 hard to tell apart)"
 _SCALE_OF_INKS = " (few inks are far in dB: judge by eye)"
-_FEW = 60  # number of shapes below which one more is a large part of the file
-_MOST_TAGS = 6  # number of tags of a checked SVG that are listed, the most frequent ones
+_FEW = 60  # number of shapes below which one more is much of the file
+_MOST_TAGS = 6  # number of tags of a checked SVG that are listed, the most frequent first
 
 
 def print_summary(report: dict[str, Any], output: str) -> None:
@@ -77,7 +78,7 @@ def print_check(report: dict[str, Any], svg: str) -> None:
 
 
 def _compilation(seconds: float) -> str:
-    """Return the seconds that compiled the kernels, as text, or "" if nothing was compiled."""
+    """Return the seconds of compiling kernels, as text, or "" if nothing was compiled."""
     from gauss2svg.kernel_cache import are_kept
 
     if seconds <= COMPILED_S:

@@ -13,14 +13,17 @@ from annotated_types import Interval
 from cyclopts import Group, Parameter
 
 from gauss2svg import files
-from gauss2svg.batch.inputs import expanded
 from gauss2svg.cli.parameters import Output, options_of
-from gauss2svg.cli.signals import Interruption, handling, status_of
-from gauss2svg.cli.streams import say, standard_stream, write_output
+from gauss2svg.cli.terminal import (
+    Interruption,
+    handling,
+    say,
+    status_of,
+)
 from gauss2svg.errors import InputError, brief, quoted, refusal
-from gauss2svg.files import STANDARD_STREAM
+from gauss2svg.files import STANDARD_STREAM, expanded
 from gauss2svg.options import OptionGroup
-from gauss2svg.photo.formats import FORMATS
+from gauss2svg.photo import FORMATS
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 from gauss2svg.scene import ADD
 from gauss2svg.scene.inks import MOST_INKS
@@ -36,7 +39,7 @@ _EXAMPLES = (
     "gauss2svg photo.jpg --max-bytes 60k --count-gzipped  # the best of 60 kB gzipped",
 )
 HELP = "Turn a picture into an SVG of soft shapes, and measure how closely it matches.\n\n" + (
-    "  \n".join(_EXAMPLES)  # two spaces keep the line break in Markdown
+    "  \n".join(_EXAMPLES)  # two trailing spaces keep the line break in Markdown
 )
 _SIGNATURE = b"written by gauss2svg"  # text in the description of every SVG that gauss2svg writes
 _SIGNATURE_WITHIN = 65536  # bytes at the start of a file in which the signature stands
@@ -145,8 +148,6 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
     with handling(interruption.receive):
         if output is None:
             output = _default_output(photo, extras.overwrite)
-        elif not output:
-            raise refusal("--output", "the name of a file", "''")
         options = _checked(photo, output, options, extras)
         result = _result(photo, output, options, extras, interruption)
         lines = [*result.report["unreached"]] if extras.quiet else []  # shown even if quiet
@@ -170,8 +171,8 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
 def _default_output(photo: str, overwrite: bool) -> str:
     """Return the name of the SVG beside a photo: photo.svg for photo.jpg.
 
-    Raise InputError if this is the photo itself. Also raise it if the file exists and gauss2svg did
-    not write it, unless overwrite is True.
+    Raise InputError if the name is the photo's own. Also raise it if the file exists and gauss2svg
+    did not write it, unless overwrite is True.
     """
     if photo == STANDARD_STREAM:
         advice = "-o out.svg, or -o - for standard output"
@@ -193,12 +194,15 @@ def _default_output(photo: str, overwrite: bool) -> str:
 def _checked(photo: str, output: str, options: Options, extras: Files) -> Options:
     """Return the options, with gzip on for an output that ends in .svgz.
 
-    Raise InputError if the options exclude a file, or if its suffix is wrong. Raise OutputError if
-    a file cannot be written.
+    Raise InputError if the options exclude a file, or if a file's suffix is wrong. Raise
+    OutputError if a file cannot be written.
     """
     from gauss2svg.svg.file import check_suffix, check_svg_name, is_svgz
 
-    _check_makers(options, extras)
+    for name, rule, advice in _exclusions(output, options, extras):
+        raise InputError(f"{name} must {rule}. Try {advice}")
+    if extras.separations is not None:
+        files.check_writable(extras.separations)  # refuse a folder, because plates need a file name
     paths = {name: path for name in _SUFFIXES if (path := getattr(extras, name)) is not None}
     targets = [] if output == STANDARD_STREAM else [Path(output)]
     targets += [path for name, path in paths.items() if name != "separations"]
@@ -216,38 +220,31 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
     return options.changed(gzip=True) if is_svgz(output) else options
 
 
-def _check_makers(options: Options, extras: Files) -> None:
-    """Raise InputError for outlines, plates and pens that the options exclude."""
-    if extras.outline is not None and options.fit.blend == ADD and not options.svg.portable:
-        raise InputError(
-            "--outline must not be given with --blend add, because its shapes are not drawn one "
-            "over the other. Try --portable"
-        )
-    if extras.separations is not None:
-        if options.fit.inks is None:
-            raise refusal("--separations", "given with --inks", "none", "--inks 3")
-        files.check_writable(extras.separations)  # refuse a folder, because plates need a file name
-    if extras.pens is None:
-        return
-    if extras.outline is None:
-        alone = f"{extras.pens} alone"
-        raise refusal("--pens", "given with --outline", alone, "--outline plot.svg")
-    for name in options.document.layered:
-        raise InputError(
-            f"--pens must not be given with --{name}, because its layers are rounds of the fit. "
-            f"Try without --{name}"
-        )
+def _exclusions(output: str, options: Options, extras: Files) -> Iterator[tuple[str, str, str]]:
+    """Yield the name of an option for files, the rule that it breaks, and what to try."""
+    if not output:
+        yield "--output", "be the name of a file; got ''", "-o out.svg"
+    if extras.outline is not None and options.written_blend == ADD:
+        why = "because its shapes are not drawn one over the other"
+        yield "--outline", f"not be given with --blend {ADD}, {why}", "--portable"
+    if extras.separations is not None and options.fit.inks is None:
+        yield "--separations", "be given with --inks; got none", "--inks 3"
+    if extras.pens is not None and extras.outline is None:
+        yield "--pens", f"be given with --outline; got {extras.pens} alone", "--outline plot.svg"
+    for name in options.document.layered if extras.pens is not None else ():
+        why = "because its layers are rounds of the fit"
+        yield "--pens", f"not be given with --{name}, {why}", f"without --{name}"
 
 
 def _result(
     photo: str, output: str, options: Options, extras: Files, interruption: Interruption
 ) -> "Result":
-    from gauss2svg.pipeline.progress_display import watched
+    from gauss2svg.pipeline.run import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
 
-    source = standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
+    source = files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
     if output == STANDARD_STREAM:
-        standard_stream(sys.stdout, "output")  # refuse a closed stream before the fit
+        files.standard_stream(sys.stdout, "output")  # refuse a closed stream before the fit
     started = _PROGRAM_START_S if options.goal.time_limit is not None else None
     with watched(not extras.quiet) as progress:
         return vectorize_by(
@@ -262,7 +259,7 @@ def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
     svg = file_bytes(result.svg, result.report["gzip"])
     contents: dict[files.FileName, bytes] = {} if output == STANDARD_STREAM else {output: svg}
     if output == STANDARD_STREAM:
-        write_output(svg)
+        files.write_output(svg)
     svgs: dict[Path, str] = {}
     if extras.outline is not None:
         svgs[extras.outline] = result.outline(extras.pens)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from gauss2svg.measure.scores import NONE, PSNR, SPACE, Score
+from gauss2svg.measure import NONE, PSNR, SPACE, Score
 
 
 def whole(value: float | None) -> str:
@@ -75,7 +75,7 @@ COSTS = (
     Cost("total_s", "seconds", "time, photo to measured SVG"),
 )
 _MARGIN = 1.25  # factor by which the cost axis extends beyond the outermost points
-_MOST_DECADES = 2.5  # length of a cost axis; a longer one has ticks at powers of ten only
+_MOST_DECADES = 2.5  # a cost axis of more decades has ticks at powers of ten only
 
 
 # Positions of the axes of a chart, in user units. A narrow chart has fewer ticks.
@@ -143,7 +143,7 @@ def template_environment(*packages: str) -> Environment:
 
 
 def _step(span: float, least: float) -> float:
-    """Return the distance of ticks: `least` times 1, 2, 5, 10, .., the first with <= 6 steps."""
+    """Return the distance of ticks: `least` times the first of 1, 2, 5, 10, .. with <= 6 steps."""
     steps = (least * factor * 10**power for power in count() for factor in (1, 2, 5))
     return next(step for step in steps if span / step <= 6)
 

@@ -1,7 +1,7 @@
 """The grid of photos and variants: finished runs keep their records, and missing ones are run.
 
-The benchmark and galleries are reports on a grid. A record is a line of JSON, which is appended to
-a file when its run ends.
+The benchmark and galleries are reports on a grid. When a run ends, its record is appended to a file
+as a line of JSON.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from gauss2svg.batch.listing import ListedPhoto
 from gauss2svg.batch.table import as_cell
 from gauss2svg.compare.records import Row, machine, record_or_error
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
-from gauss2svg.files import check_writable, make_folder, reading
-from gauss2svg.measure.perceptual import packages
+from gauss2svg.files import check_writable, make_folder, reading, writing
+from gauss2svg.measure import packages
 from gauss2svg.options import file_name
-from gauss2svg.pipeline.listing import ListedPhoto
 from gauss2svg.pool import Pool, WorkerDiedError, completed
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
 
 @cache
 def code_digest() -> str:
-    """Return the SHA-256 of the package's source files. If it changes, runs are made again."""
+    """Return the SHA-256 of the package's source files. If the code changes, runs are repeated."""
     package = Path(__file__).parent.parent
     sources = sorted(package.rglob("*.py"))
     parts = (str(path.relative_to(package)).encode() + path.read_bytes() for path in sources)
@@ -46,11 +46,11 @@ class Task:
     """A run of a photo in a variant.
 
     variant       None for the preparation of the photo
-    parameters    values of the request beside the photo and the variant
-    dependencies  values that change the result, beside photo, variant, code, renderer and scores
+    parameters    values of the request other than the photo and the variant
+    dependencies  values that change the result, apart from photo, variant, code, renderer, scores
     columns       further columns of the record
-    file          file that it writes in its own folder, or None. The task is finished only if this
-                  file exists.
+    file          file that the task writes in its own folder, or None. The task is finished only if
+                  this file exists.
     """
 
     photo: ListedPhoto
@@ -69,7 +69,7 @@ class Task:
 
     @cached_property
     def key(self) -> str:
-        """Hash of everything that the record depends on. Paths are not part of it."""
+        """Hash of everything that the record depends on, without paths."""
         software = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
         parts = [self.photo.digest, *software, self.variant, *self.dependencies]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
@@ -101,8 +101,8 @@ class Grid:
     """The tasks of a grid and their records.
 
     path     file of all records
-    records  record of each task, in the order of the tasks. It is empty until the task has ended,
-             and has a line "error" if the task failed.
+    records  record of each task, in the order of the tasks. A record is empty until its task has
+             ended, and has a line "error" if the task failed.
     kept     number of files that were made before and are still valid
     total    number of tasks that will have a record
     """
@@ -164,10 +164,10 @@ class Grid:
 
 
 def rows_in(path: Path) -> dict[str, Row]:
-    """Return the rows of a file of JSON lines, by their folder, or by their key if they have none.
+    """Return the rows of a file of JSON lines, each by its folder, or by its key without a folder.
 
-    The last row of a folder or key counts. Damaged lines are left out. Raise InputError if the file
-    cannot be read.
+    The last row of a folder or key counts. Damaged lines are left out, and so are rows without a
+    key. Raise InputError if the file cannot be read.
     """
     rows: dict[str, Row] = {}
     if path.exists():
@@ -181,16 +181,14 @@ def rows_in(path: Path) -> dict[str, Row]:
 
 def add_row(path: Path, row: Row) -> None:
     """Append a row to a file of JSON lines, and flush it. Raise OutputError if that fails."""
-    try:
-        with path.open("a+b") as stream:
-            if stream.tell():
-                stream.seek(-1, os.SEEK_END)  # an interruption may have left half a line
-                stream.write(b"" if stream.read(1) == b"\n" else b"\n")
-            stream.write(json.dumps(row, allow_nan=False).encode() + b"\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+    line = json.dumps(row, allow_nan=False).encode() + b"\n"
+    with writing(path), path.open("a+b") as stream:
+        if stream.tell():
+            stream.seek(-1, os.SEEK_END)  # an interruption may have left half a line
+            stream.write(b"" if stream.read(1) == b"\n" else b"\n")
+        stream.write(line)
+        stream.flush()
+        os.fsync(stream.fileno())
 
 
 def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -51,7 +51,7 @@ class Peer(NamedTuple):
     prepare   imports the tool, reads the PNG, and returns a function that writes the file. Only the
               time of that function is measured.
     suffix    suffix of the file. An .svg is rasterised for its scores. Others are read as images.
-    settings  keyword arguments of `prepare` that the benchmark tries, first those of a gallery
+    settings  sets of keyword arguments of `prepare`. The benchmark tries all, a gallery the first
     version   returns the installed version, or None if the tool is not installed
     """
 
@@ -69,7 +69,7 @@ def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Conversion:
 
 
 # Environment variable with the path of a Python that has vtracer 1.0. One Python cannot have both
-# 0.6 and 1.0.
+# vtracer 0.6 and 1.0.
 VTRACER1 = "GAUSS2SVG_VTRACER1"
 _VTRACER1_STYLES: dict[str, dict[str, Any]] = {
     "default": {},
@@ -134,7 +134,7 @@ _SPLATTHIS: dict[str, dict[str, Any]] = {
     "default": {
         "max_splats": 2000, "stages": [200, 150, 100, 50], "quality_profile": "max-fidelity",
     },
-    # 160 px took 125 CPU seconds: larger images would only time out.
+    # At 160 px a run took 125 CPU seconds. Larger images would only time out.
     "fast": {"max_splats": 500, "stages": [60, 40], "quality_profile": "fast", "side": 128},
 }  # fmt: skip
 
@@ -167,7 +167,7 @@ def _swag(png: Path, output: Path, quality: str) -> Conversion:
             words = ["--quality", quality, "--max-edge", "0", "--background", "keep"]
             words += ["--workers", "1", "--no-measure", "--quiet"]
             _output(["swag", str(png), "--out", folder, *words])
-            for drawing in Path(folder).glob("*.svg"):  # none of another program of this name
+            for drawing in Path(folder).glob("*.svg"):  # another program of this name writes none
                 shutil.move(drawing, output)
 
     return convert

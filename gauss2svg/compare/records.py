@@ -23,11 +23,11 @@ TOOL = "gauss2svg"  # value of "tool" in rows that are not a peer's
 def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:
     """Return the record that a function makes, or {"error": one line} if it raises an exception.
 
-    So a failing request does not stop the others. The record also has "fatal" if no other request
-    can succeed, for example because the disk is full. Infinities and NaN become None.
+    So a request that fails does not stop the others. The record also has "fatal" if no other
+    request can succeed, for example because the disk is full. Infinities and NaN become None.
     """
     try:
-        return finite(make(*arguments))
+        return json_safe(make(*arguments))
     except OutputError as error:
         return {"error": error_line(str(error)), "fatal": True}
     except MemoryError as error:
@@ -37,18 +37,18 @@ def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> 
     return {"error": error_line(on_one_line(line))}
 
 
-def finite(value: Any) -> Any:
-    """Return a value as JSON keeps it, with None for infinities and NaN, which JSON lacks."""
+def json_safe(value: Any) -> Any:
+    """Return a value as JSON keeps it. Infinities and NaN become None, because JSON lacks them."""
     return json.loads(json.dumps(value), parse_constant=lambda _: None)
 
 
 def start_watch() -> Callable[[], dict[str, Any]]:
-    """Start a watch, and return a function that returns the cost since then.
+    """Start a watch, and return a function that returns the cost since the start.
 
     total_s      wall-clock seconds
     cpu_s        CPU seconds of this process and its children
-    other_cpu_s  CPU seconds of all other programs. If they occupy the cores, threads that wait for
-                 each other take much longer.
+    other_cpu_s  CPU seconds of all other programs. If these programs occupy the cores, threads that
+                 wait for each other take much longer.
     peak_bytes   peak memory of this process or a child that it waited for; None if unknown
     """
     start = _seconds()

@@ -23,21 +23,21 @@ from gauss2svg.compare.records import TOOL, record_or_error, start_watch
 from gauss2svg.compare.variants import AXES, apply_constants, options_in
 from gauss2svg.errors import PeerError, RendererError
 from gauss2svg.files import as_json, as_png, make_folder, saved, write_all_atomically
+from gauss2svg.measure import SCORES, packages_missing
 from gauss2svg.measure.check import check, enlarged
 from gauss2svg.measure.heatmap import error_map
-from gauss2svg.measure.memory import held_bytes
-from gauss2svg.measure.perceptual import packages_missing, perceptual_scores
+from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.measure.scores import SCORES
-from gauss2svg.photo.alpha import over, pixels_of, shrunk
 from gauss2svg.photo.load import WHITE, header_of, load_image
+from gauss2svg.photo.pixels import over, pixels_of, shrunk
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
 from gauss2svg.pool import Pool
+from gauss2svg.processes import held_bytes
 
 Request = Mapping[str, Any]
-# Keys of a report that a record of the benchmark has: _OF_A_FIT for gauss2svg alone, _OF_A_FILE for
-# all tools.
+# Keys of a report that are also in a record of the benchmark: _OF_A_FIT for gauss2svg alone,
+# _OF_A_FILE for all tools.
 _OF_A_FIT = (
     "fit_width", "fit_height", "gaussians", "iterations", "rounds", "stop_reason", "threads",
     "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
@@ -50,7 +50,7 @@ _OF_A_FILE = (
 PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"
 PICTURE, SCENE, REPORT = "picture.svg", "scene.npz", "report.json"
 OUTLINES, ERRORS = "outlines.svg", "errors.png"
-SIDE = 74  # px, side of a crop: enlarged 3x, five fit on a laptop and more than one on a phone
+SIDE = 74  # px, side of a crop. Enlarged 3x, five crops fit on a laptop, more than one on a phone
 _THUMBNAIL_PX = 320  # longest side of a thumbnail
 
 
@@ -60,7 +60,7 @@ class Run(NamedTuple):
     data    bytes of the file, an SVG or a raster image
     report  measurements, in the form in which the command line writes them
     raster  pixels of the file, from which the scores were computed
-    photo   pixels of the photo that it was compared with, in the same size
+    photo   pixels of the photo that the file was compared with, in the same size
     cost    total_s, cpu_s, other_cpu_s and peak_bytes, and for gauss2svg also warmup_s
     result  result of gauss2svg; None for other tools
     """
@@ -107,14 +107,14 @@ def measure_run(request: Request) -> dict[str, Any]:
 def in_own_process(function: Callable[..., Any], *arguments: Any, timeout_s: float = 0.0) -> Any:
     """Call a function in a new process, and return its record, or {"error": line}.
 
-    Raise WorkerDiedError if the process dies, and TimeoutError after timeout_s seconds, unless that
-    is 0.
+    Raise WorkerDiedError if the process dies, and TimeoutError after timeout_s seconds. 0 seconds
+    mean no limit.
     """
     with Pool(1) as pool:
         return pool.submit(record_or_error, function, *arguments, timeout=timeout_s).result()
 
 
-# Warm up once in a process for all runs with the same settings. This is not part of their time.
+# Warm up once in a process for all runs with the same settings. Their time excludes the warm-up.
 _warm_up_once = cache(lambda options_json: warm_up(json.loads(options_json)))
 
 
@@ -147,13 +147,11 @@ def _by_peer(request: Request) -> Run:
         png.write_bytes(as_png(photo))
         try:
             cost = in_own_process(convert_by, tool, settings, png, output, timeout_s=limit_s)
-        except TimeoutError as error:
-            line = f"timed out after {limit_s:g} s. Try a longer --peer-timeout"
-            raise PeerError(line) from error
-        if "error" in cost:
-            raise PeerError(cost["error"])
-        if not output.exists():
-            raise PeerError(f"{tool} wrote no file. Try running it by hand")
+        except TimeoutError:
+            cost = {"error": f"timed out after {limit_s:g} s. Try a longer --peer-timeout"}
+        if "error" in cost or not output.exists():
+            line = f"{tool} wrote no file. Try running it by hand"
+            raise PeerError(cost.get("error", line))
         data = output.read_bytes()
     if output.suffix != ".svg":
         return Run(data, *_measured_image(data, photo), photo, cost)
@@ -194,11 +192,11 @@ def make_svg(request: Request) -> dict[str, Any]:
     """Write an SVG of a photo, its report, thumbnail and error map. Return the record.
 
     request  folder, photo_size, page_photo (path of the photo of the page), and what `run` needs
-    Raise Gauss2SvgError if it cannot be made.
+    Raise Gauss2SvgError if the SVG cannot be made.
     """
     header = header_of(request["source"], max_pixels=request["options"]["max_pixels"])
-    # A photo larger than photo_size is replaced by the page's, which is reduced and has 8 bits. Any
-    # other is read as the command line reads it.
+    # The page's photo, which is reduced and has 8 bits, replaces a photo larger than photo_size.
+    # Any other photo is read as the command line reads it.
     if header and max(header.width, header.height) > request["photo_size"]:
         request = {**request, "source": request["page_photo"]}
     finished = run(request)
@@ -247,12 +245,12 @@ def crops_of(
     down, across = min(side, height), min(side, width)
     squared = (np.subtract(image, other, dtype=np.float64) ** 2).mean(axis=2)
     means = uniform_filter(squared, (down, across))  # pyright: ignore[reportArgumentType]
-    means = means[down // 2 :, across // 2 :]  # now the index is the top left corner of a window
+    means = means[down // 2 :, across // 2 :]  # so that an index is a window's top left corner
     means = means[: height - down + 1, : width - across + 1]
     crops = {}
     for kind, distance in (("worst", -means), ("typical", np.abs(means - np.median(means)))):
         y, x = map(int, np.unravel_index(np.argmin(distance), means.shape))
-        error = squared[y : y + down, x : x + across].mean()  # is exactly 0 if the pixels are equal
+        error = squared[y : y + down, x : x + across].mean()  # exactly 0 if pixels are equal
         psnr = float(-10 * np.log10(error)) if error else np.inf
         crops[kind] = {"x": x, "y": y, "width": across, "height": down, "psnr": psnr}
     return crops

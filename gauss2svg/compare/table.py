@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gauss2svg.batch.listing import ListedPhoto, listed_photos
 from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import TOOL, Row
@@ -24,16 +25,15 @@ from gauss2svg.compare.run import measure_alone
 from gauss2svg.compare.variants import Variant, peer_variants, settings_of
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
-from gauss2svg.measure.scores import PSNR, SCORES, Score
+from gauss2svg.measure import PSNR, SCORES, Score
 from gauss2svg.options import Field
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
+from gauss2svg.photo import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import load_image
-from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
-TOLERANCE = 0.1  # largest distance (dB) below a Pareto front that still counts as on it
+TOLERANCE = 0.1  # largest distance (dB) below a Pareto front that counts as on the front
 # Columns that are averaged over the photos.
 _MEANS = (
     *(axis.key for axis in SCORES), "psnr_svg_enlarged", "psnr_model", "cpu_s", "total_s",
@@ -59,19 +59,19 @@ _COSTS = (
 )
 _LEAST_COST = 1e-4  # smallest cost in a plot, because a logarithmic axis has no 0
 NAMES = tuple(f"{axis.slug}_{cost.unit}.svg" for axis in SCORES for cost in _COSTS)
-_MOST_SERIES = 8  # up to this number, settings without a preset have a name and a colour each
+_MOST_SERIES = 8  # most settings without a preset that have a name and a colour each
 
 
 def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     """Return one row for each setting that has finished for all photos.
 
-    rows    records; those of a setting follow one another
+    rows    records. All records of a setting follow one another
     images  number of photos
 
     Values are means over the photos. A mean is None if one of its values is None, such as an
-    infinite PSNR. peak_bytes is the maximum. below_*_dB is the distance of the mean PSNR below that
-    of the best setting of gauss2svg that costs no more, in CPU seconds, in gzipped bytes, or in
-    both. It is None for peers, which have no front.
+    infinite PSNR. peak_bytes is the maximum. below_*_dB compares with the best setting of gauss2svg
+    that costs no more, in CPU seconds, in gzipped bytes, or in both: how far the mean PSNR is below
+    the PSNR of that setting. It is None for peers, which have no front.
     """
     finished = (row for row in rows if "error" not in row)
     summary = []

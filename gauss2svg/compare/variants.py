@@ -1,8 +1,8 @@
 """The variants of a comparison: presets, numbers of Gaussians, other tools, and axes.
 
 An axis is an option of `vectorize`, or a constant of a module as MODULE.NAME:
-`--axis pipeline.search.limits.FULL=0.97,0.985` varies FULL of
-gauss2svg.pipeline.search.limits. The benchmark runs every combination of the axes' values.
+`--axis pipeline.limits.FULL=0.97,0.985` varies FULL of
+gauss2svg.pipeline.limits. The benchmark runs every combination of the axes' values.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ from typing import Any, NamedTuple
 from gauss2svg.compare.peers import PEERS
 from gauss2svg.compare.records import TOOL
 from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
-from gauss2svg.fit.options import MOST_GAUSSIANS
+from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.options import Field, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
-from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
+from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS, Plan
 from gauss2svg.version import __version__
 
 Settings = tuple[tuple[str, Any], ...]  # names and values, sorted by name
@@ -41,12 +40,12 @@ class Variant(NamedTuple):
 
     @property
     def is_own(self) -> bool:
-        """Whether gauss2svg makes the file. Only then are there rounds, a scene and outlines."""
+        """Whether gauss2svg makes the file. Other files have no rounds, scene and outlines."""
         return self.tool == TOOL
 
     @property
     def preset(self) -> str | None:
-        """Preset of a variant that sets nothing else; None for any other."""
+        """Preset of a variant that sets nothing else, or None."""
         only = dict(self.settings) if self.is_own and len(self.settings) == 1 else {}
         return only.get("quality")
 
@@ -66,7 +65,7 @@ class Variant(NamedTuple):
 
     @property
     def slug(self) -> str:
-        """Name of its folder: "draft", "gaussians-500", "vtracer"."""
+        """Name of the variant's folder: "draft", "gaussians-500", "vtracer"."""
         return (self.label if self.is_own else self.name).replace(" ", "-")
 
     @property
@@ -129,7 +128,7 @@ def variants_of(
 
 
 def main_variant(variants: Sequence[Variant]) -> Variant:
-    """Return the variant that pages show first: the default preset, or gauss2svg's middle one."""
+    """Return the variant that pages show first: the default preset, else gauss2svg's middle one."""
     own = [variant for variant in variants if variant.is_own] or variants
     return next((v for v in own if v.preset == DEFAULT_PRESET), own[len(own) // 2])
 
@@ -141,8 +140,8 @@ def _sequence(name: str, values: Any) -> list[Any]:
     return [] if values is None else list(values)
 
 
-# Options that can be an axis: those of four groups, and two more. The seed is not among them,
-# because it is an option of the command itself.
+# Options that can be an axis: the options of four groups, and two more. The seed cannot, because it
+# is an option of the command itself.
 AXES: dict[str, Field] = {
     field.name: replace(field, name=f"axis {field.name}")  # name in errors
     for key, group in GROUPS.items()
@@ -151,7 +150,7 @@ AXES: dict[str, Field] = {
     or field.name in ("renderer", "max_size")
 }
 
-# Values of an axis that is given without values: only those that need no other program or renderer.
+# Values of an axis that is named without values: only those that need no program or extra renderer.
 _USUAL = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
 
 # Settings without any axis: the presets, then counts and iterations with the default preset. They
@@ -200,7 +199,7 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
 def _parsed(axis: Field, text: str) -> tuple[Any, ...]:
     try:
         return (axis.parsed(text.strip()),)
-    except InputError:  # it is not a single value
+    except InputError:  # the text is not a single value
         values = text.split(";" if ";" in text else ",")
         return tuple(axis.parsed(value.strip()) for value in values)
 
@@ -224,7 +223,7 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
         try:
             Plan(Options.from_flat(options_in(dict(settings))))
         except Gauss2SvgError as error:
-            # The error is about options. An axis has an equals sign between its name and its value.
+            # The error names options, --NAME VALUE. An axis has = between its name and its value.
             line = re.sub(r"(--[\w-]+) (?!and\b|or\b|without\b)(?=\w)", r"\1=", str(error))
             raise InputError(f"axes: {line.replace('--', '--axis ')}") from error
     return list(combinations)
@@ -232,9 +231,7 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
 
 def _axis(name: str) -> Field:
     """Return the field of an option or of a constant. Raise InputError for any other name."""
-    if "." not in name:
-        if name not in AXES:
-            raise InputError(f"axis must be one of {', '.join(AXES)}; got {quoted(name)}")
+    if name in AXES:
         return AXES[name]
     module, _, constant = name.rpartition(".")
     try:
@@ -242,6 +239,8 @@ def _axis(name: str) -> Field:
     except (ImportError, KeyError):
         kind = None
     if kind not in _CONSTANTS or not constant.isupper():
-        needed = "an option, or a number that a module has in capitals"
-        raise refusal("axis", needed, quoted(name), "pipeline.search.limits.FULL")
+        needed, advice = f"an option: one of {', '.join(AXES)}", "quality"
+        if module:
+            needed, advice = "a number that a module has in capitals", "pipeline.limits.FULL"
+        raise refusal("axis", needed, quoted(name), advice)
     return Field(f"axis {name}", kind, *_CONSTANTS[kind])

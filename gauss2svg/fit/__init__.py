@@ -1,1 +1,237 @@
-"""The fit, which turns pixels into a scene."""
+"""The fit, which turns pixels into a scene: its options, progress and result.
+
+The help needs the options without NumPy, so this module imports only the schedule of the fit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from annotated_types import Interval
+
+from gauss2svg.errors import InputError, quoted
+from gauss2svg.fit import schedule
+from gauss2svg.fit.schedule import refinement_reduction, totals
+from gauss2svg.options import Field, OptionGroup, Seed
+from gauss2svg.scene import ADD, OVER
+from gauss2svg.scene.inks import Inks, check_inks
+
+if TYPE_CHECKING:
+    from gauss2svg.scene import Scene
+
+Tune = Literal["perceptual", "psnr"]
+PERCEPTUAL, PSNR = "perceptual", "psnr"
+DEFAULT_LOSS = "mse"
+# Falloffs. GAUSSIAN: beta is 1, as in the paper. ADAPTIVE: each shape learns its beta. CRISP: sharp
+# rims, for inks.
+GAUSSIAN, ADAPTIVE, CRISP = "gaussian", "adaptive", "crisp"
+MOST_GAUSSIANS = 10_000_000  # limit of a fit. Their optimiser state, 253 bytes each, takes 2.5 GB
+
+
+def has_ssim(loss: str) -> bool:
+    """Return whether a loss has an SSIM term."""
+    return loss.endswith("+ssim")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions(OptionGroup):
+    """Options of the model and of the optimiser, as a caller of vectorize gives them."""
+
+    iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
+    """Number of optimiser steps. The default depends on the preset."""
+
+    loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
+    """Error that the fit reduces: mse (squared) or l1 (absolute), each also with ssim (structural
+    similarity). l1 and ssim follow the paper of the method. ssim takes about ten times as long."""
+
+    tune: Tune | None = None
+    """What the fit is best at. perceptual: what people see, so errors count more on smooth areas
+    and less in texture. psnr: PSNR. The default is perceptual, but psnr for the smallest files and
+    for inks."""
+
+    ssim_weight: Annotated[float | None, Interval(ge=0, le=1)] = None
+    """Weight of 1 - SSIM in a loss with ssim, from 0 to 1. The default is 0.2."""
+
+    learning_rate: Annotated[float, Interval(ge=1e-6, le=1e6)] = 1.0
+    """Factor by which every learning rate is multiplied."""
+
+    blend: Literal["over", "add"] = "over"
+    """over: shapes cover what is below them (alpha compositing). add: their colours add up and may
+    be negative, as in the paper of the method. CairoSVG does not draw add."""
+
+    falloff: Literal["gaussian", "adaptive"] | None = None
+    """How opacity falls from the centre of a shape to its rim. adaptive: each shape learns how
+    crisp its rim is. gaussian: all shapes stay Gaussians, as in the paper of the method. The
+    default is adaptive, but gaussian with --blend add."""
+
+    inks: Annotated[Inks | None, check_inks] = None
+    """Draw only in these colours, including the background: "#f7c306,#c0322c,#17324d". Or the
+    number of colours to choose from the picture, or a palette file (.gpl). Shapes are opaque and
+    have crisp rims."""
+
+    seed: Seed = 0
+    """Random seed. The same seed gives the same file. Another seed often does too, because few
+    choices are random by default."""
+
+    @property
+    def tuned(self) -> Tune:
+        """Value of tune or its default, which is PSNR for inks (docs/decisions/inks.md)."""
+        return self.tune or (PERCEPTUAL if self.inks is None else PSNR)
+
+    @property
+    def learned_falloff(self) -> bool:
+        """Whether each shape learns its exponent."""
+        return self.shaped == ADAPTIVE
+
+    @property
+    def shaped(self) -> str:
+        """Value of falloff or its default, but CRISP for inks."""
+        if self.inks is not None:
+            return CRISP
+        return self.falloff or (GAUSSIAN if self.blend == ADD else ADAPTIVE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DensifyOptions(OptionGroup):
+    """Options of adding and relocating Gaussians during the fit."""
+
+    init: Literal["selective", "error", "random", "live"] = "selective"
+    """Where new Gaussians are placed. selective: on the largest areas of error. error: at random,
+    more often where the squared error is larger. random: anywhere. live: as in the LIVE paper.
+    --tune perceptual weights the error."""
+
+    schedule: Literal["exponential", "linear", "all-at-once"] = "exponential"
+    """How the number of Gaussians grows over the rounds. Applies to a given --gaussians."""
+
+    per_round: Annotated[int | None, Interval(ge=1, le=MOST_GAUSSIANS)] = None
+    """Number of Gaussians added in each round. exponential adds 1, 2, 4, ... up to this number.
+    Needs --gaussians."""
+
+    round_iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
+    """Number of optimiser steps in each round. Needs --gaussians."""
+
+    relocate: bool = True
+    """During the fit, move the least useful Gaussians to where the error is large."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitConfig:
+    """Settings of `fit`: two groups of options, and numbers from the run's preset and limits.
+
+    gaussians   number of Gaussians, >= 0. If it is 0, a policy decides, or the scene has none
+    iterations  number of optimiser steps, >= 1; None: until the deadline
+    reduce      whether few Gaussians are first fitted on reduced targets, which is faster
+    extend      whether a fit takes twice the iterations if most are on reduced targets
+    opaque      whether all opacities stay 1, which makes files shorter
+    sparse      whether relocations are at least schedule.RELOCATE_SHARE of the steps apart. Fits of
+                many steps need that
+    enlarged    ratio of the target's size to a second size, 1 for none. The last steps of such a
+                fit reduce the error at both sizes, because ellipses that fit an edge at one size
+                may overlap visibly at the other
+    """
+
+    gaussians: int = 5000
+    iterations: int | None = 200
+    fit: FitOptions = FitOptions()
+    densify: DensifyOptions = DensifyOptions()
+    reduce: bool = True
+    extend: bool = False
+    opaque: bool = False
+    sparse: bool = False
+    enlarged: int = 1
+
+    def __post_init__(self) -> None:
+        Field("gaussians", int, 0, MOST_GAUSSIANS).checked(self.gaussians)
+        if self.iterations is not None:
+            Field("iterations", int, 1, 10**9).checked(self.iterations)
+        for name, needed, got, advice in self._exclusions():
+            raise InputError(
+                f"{name} must {needed}; got {got}" + (f". Try {advice}" * bool(advice))
+            )
+
+    @property
+    def totals(self) -> list[int]:
+        """Numbers of Gaussians after each round, ascending."""
+        densify = self.densify
+        return totals(densify.schedule, self.gaussians, self.iterations, densify.per_round)
+
+    def steps(self, width: int, height: int) -> int | None:
+        """Return the number of steps for a picture of this size; None means until the deadline."""
+        if self.iterations is None or not (self.extend and self.reduce and self.gaussians):
+            return self.iterations
+        start = schedule.GROWTH_SHARE
+        is_reduced = refinement_reduction(start, self.gaussians, width, height) > 1
+        return self.iterations * (schedule.EXTENDED if is_reduced else 1)
+
+    def _exclusions(self) -> Iterator[tuple[str, str, str, str]]:
+        """Yield the name of an option, what it must do, its value, and what to try instead."""
+        fit, densify = self.fit, self.densify
+        if fit.blend == ADD and fit.falloff not in (None, GAUSSIAN):
+            needed = f"be {GAUSSIAN} with additive blending"
+            yield "falloff", needed, quoted(fit.falloff), f"--blend {OVER}"
+        if fit.ssim_weight is not None and not has_ssim(fit.loss):
+            needed = "be one with ssim if ssim_weight is given"
+            yield "loss", needed, quoted(fit.loss), f"--loss {fit.loss}+ssim"
+        each, per_round = densify.round_iterations, densify.per_round
+        if per_round is not None and densify.schedule == "all-at-once":
+            needed = "be exponential or linear if per_round is given"
+            yield "schedule", needed, quoted(densify.schedule), ""
+        if self.iterations is not None and (each or per_round):
+            steps = self.iterations if each else int(self.iterations * schedule.GROWTH_SHARE)
+            rounds = len(self.totals)
+            if rounds * (each or 1) > steps:
+                needed = f"leave room for {rounds} rounds of {each or 1} or more"
+                advice = "more --iterations or fewer rounds"
+                yield "iterations", needed, f"{steps} for the rounds", advice
+
+
+@dataclass(frozen=True)
+class FitProgress:
+    """Progress of a fit: counts so far, PSNR of the model in dB, seconds elapsed and remaining.
+
+    psnr   against the photo at the size of the step, also in inks
+    done   progress in 0..1, by iterations or by the clock
+    scene  returns the Gaussians so far on the working canvas; must be called before the next step
+    """
+
+    round: int
+    iteration: int
+    done: float
+    gaussians: int
+    psnr: float
+    elapsed_s: float
+    remaining_s: float
+    scene: Callable[[], Scene] = dataclasses.field(repr=False, compare=False)
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A fitted scene on the working canvas, with the costs of the fit.
+
+    cpu_s        CPU seconds of all threads
+    pixel_pairs  pixel-Gaussian pairs of all optimiser steps, forward and backward counted once
+    stop_reason  one of gauss2svg.fit.session.STOP_REASONS
+    rollbacks    number of times that the fit diverged and was rolled back to its best state
+    rate         final learning-rate multiplier
+    """
+
+    scene: Scene
+    iterations: int
+    rounds: int
+    wall_s: float
+    cpu_s: float
+    pixel_pairs: int
+    stop_reason: str
+    rollbacks: int = 0
+    rate: float = 1.0
+
+    def after(self, before: FitResult | None, stop_reason: str) -> FitResult:
+        """Return the result with the costs of an earlier fit added, and with `stop_reason`."""
+        costs = ("iterations", "wall_s", "cpu_s", "pixel_pairs", "rollbacks")
+        changes: dict[str, Any] = {
+            name: getattr(self, name) + (getattr(before, name) if before else 0) for name in costs
+        }
+        return dataclasses.replace(self, stop_reason=stop_reason, **changes)

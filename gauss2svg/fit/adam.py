@@ -1,4 +1,4 @@
-"""One Adam step in each Gaussian's own frame.
+"""Adam steps in each Gaussian's own frame, and a guard that makes them smaller.
 
 The shape is stepped in whitened coordinates, x = mean + L z, where L is the Cholesky factor of the
 covariance:
@@ -16,26 +16,32 @@ Sizes, ratios and exponents are stepped as logarithms, and opacities as logits. 
 and no step can make the covariance indefinite. The rim of a crisp shape is about sigma / beta wide,
 so steps of mean and shape are multiplied by beta^-0.35. Without this, drawings with plain ellipses
 diverge (docs/decisions/divergence.md). Colours are clipped to 0..1. The gradient at a bound is that
-of the image, so the first step that points inward moves the colour again. Colours as logits, whose
-gradient vanishes at the bounds, end no better (docs/decisions/adam.md).
+of the image, so the first step that points inward moves the colour again. Steps of colours as
+logits, whose gradient vanishes at the bounds, are no better (docs/decisions/adam.md).
+
+If a fit diverges, the guard takes it back to its best state. The fit then continues in smaller
+steps. Detailed photos do not need the guard. Smooth images and images of few pixels do, because a
+single step can undo nearly all progress (docs/decisions/divergence.md).
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit import FitOptions
 from gauss2svg.fit.state import COLUMNS, FARTHEST, GEOMETRY, STEPS, State
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD
 from gauss2svg.scene.falloff import RIM_WIDTH
-from gauss2svg.scene.parameters import PARAMETERS, STEPPED
+from gauss2svg.scene.scene import PARAMETERS, STEPPED
 
 _Column = NDArray[np.float64]  # (n,), one number for each Gaussian
 
@@ -52,13 +58,13 @@ STEP_BY_BETA = -0.35
 # Largest ratio of major to minor axis. Thinner needles streak across flat areas
 # (docs/decisions/fit.md).
 MOST_ASPECT = 30.0
-# Least px of the working image over which a rim falls from 0.9 to 0.1 across the minor axis.
-# Renderers sample sharper rims differently (docs/decisions/renderers.md).
+# px of the working image, least width of a rim, from 0.9 to 0.1, across the minor axis. Renderers
+# sample sharper rims differently (docs/decisions/fit.md).
 LEAST_RIM = 0.5
 
 # px, least semi-axis. Below 0.3 px every SVG renderer loses mass (docs/decisions/renderers.md).
 LEAST_SIGMA = 0.35
-# Logit of opaque and additive Gaussians, which is not stepped. Its opacity is practically 1.
+# Logit of opaque and additive Gaussians, whose opacity is not stepped. It stands for nearly 1.
 OPAQUE_LOGIT = 12.0
 # Start of new Gaussians, and bounds of additive blending (docs/decisions/fit.md).
 INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new alpha-composited Gaussian
@@ -87,7 +93,7 @@ class Blending:
 
     @cached_property
     def sharing(self) -> Blending:
-        """Settings without steps of the shared parameters, which SharedColors steps."""
+        """Settings with rates of 0 for the shared parameters, because SharedColors steps them."""
         return self.without(*(p.name for p in PARAMETERS if p.shared))
 
 
@@ -107,7 +113,8 @@ def blending_of(options: FitOptions, opaque: bool = False) -> Blending:
     return blending if options.learned_falloff else blending.without("beta")
 
 
-# Keeps a step finite if the gradient has always been 0; added before the bias correction.
+# Term of the divisor that keeps a step finite if the gradient has always been 0. It is added before
+# the bias correction.
 EPSILON = 1e-12
 # Number of Gaussians that are stepped at a time, so that their arrays stay in the cache.
 _BLOCK = 4096
@@ -119,7 +126,8 @@ def gradients(
     """Return the gradients (n, STEPS) of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta.
 
     moments  (n, MOMENTS) in this order
-    price    least decrease of the loss for a unit of ln beta, which is added to its gradient
+    price    decrease of the loss that a unit of ln beta must bring. It is added to the gradient of
+             ln beta
     """
     gradient = moments.copy()
     gradient[:, COLUMNS["opacity"]] *= 1 - splats.opacity[:, None]
@@ -145,7 +153,7 @@ def step(
     columns = [*GEOMETRY, *(p.name for p, _ in STEPPED for _ in range(p.width))]
     sizes = rate * np.array([blending.rates[name] for name in columns])
     finite = True
-    with np.errstate(all="ignore"):  # numbers that are not finite are found afterwards
+    with np.errstate(all="ignore"):  # a later test finds numbers that are not finite
         for begin in range(0, len(state), _BLOCK):
             block = slice(begin, begin + _BLOCK)
             finite &= _step_block(state, block, gradient[block], sizes, blending, most_sigma)
@@ -206,7 +214,7 @@ def _directions(
     gradient: NDArray[np.float64],
     sizes: NDArray[np.float64],
 ) -> list[_Column]:
-    """Return Adam's step of each parameter by the gradient; update moments and ages in place.
+    """Return Adam's step of each parameter. Update moments and ages in place.
 
     One factor for each Gaussian corrects the bias of both moments, as "Adam: A Method for
     Stochastic Optimization" (Kingma and Ba, 2015) suggests at the end of its section 2.
@@ -231,7 +239,7 @@ def _stretched(
     l11: _Column, l21: _Column, l22: _Column, a: _Column, c: _Column, b: _Column, most_sigma: float
 ) -> tuple[_Column, _Column, _Column, _Column]:
     """Return l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], within limits, and the minor axis."""
-    # exp(A) to second order: the covariance by L exp(A) is valid whatever the error
+    # exp(A) to second order. L exp(A) gives a valid covariance however large the error is.
     e11 = 1 + a + 0.5 * (a * a + c * c)
     e12 = c + 0.5 * c * (a + b)
     e22 = 1 + b + 0.5 * (b * b + c * c)
@@ -258,3 +266,102 @@ def _stretched(
     root = np.sqrt(xx)
     l22 = np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / root
     return root, xy / root, l22, new_minor
+
+
+# Limits of divergence (docs/decisions/divergence.md).
+NEGLIGIBLE = 1e-5  # mean squared error under which a fit cannot diverge: 50 dB
+# A loss has diverged above this multiple of the least one since the last change, relocation or
+# rollback.
+DIVERGED = 2.0
+STALLED = 1.5  # a loss has stalled above this multiple of the least one
+STALLED_STEPS = 25  # a stalled loss has diverged so many steps after the least one
+# A stage returns to its best state if its last loss is above this multiple of its least one.
+WORSE_AT_END = 1.2
+CEILING = 0.5  # the rate grows again up to this share of the diverged rate
+CEILING_AGAIN = 0.1  # the same share if the loss diverges again within AGAIN steps
+AGAIN = 3  # a divergence after fewer accepted steps than this is a repeated one
+# Share of the ceiling at which steps begin after a rollback. They grow to the ceiling, so one bad
+# step among many good ones costs little.
+LOWERED = 0.5
+GROWTH = 1.1  # factor by which each step raises the rate, up to the ceiling
+GENTLE = 0.25  # share of the ceiling at which a finished fit continues
+
+_Backup = TypeVar("_Backup")
+
+
+class DivergenceGuard(Generic[_Backup]):
+    """A guard against divergence.
+
+    It keeps a fit's best state since the fit's problem last changed, and the share of the learning
+    rate that is in use.
+
+    learning_rate  FitOptions.learning_rate
+    rate           share of learning_rate that is in use
+    rollbacks      number of rollbacks
+    best           state of least loss; None before the first step
+    least          loss of that state
+    """
+
+    def __init__(self, learning_rate: float = 1.0) -> None:
+        self._usual = min(1 / learning_rate, 1.0)  # rate of the default learning rate
+        self.rate = self._ceiling = 1.0
+        self.rollbacks = 0
+        self._accepted = 0  # steps since the last rollback
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the best state, because the problem has changed, and let steps grow again."""
+        self._ceiling = max(self._ceiling, min(self._ceiling / CEILING, self._usual))
+        self.best: _Backup | None = None
+        self.least = self._recent_least = math.inf
+        self._steps_since_best = 0
+
+    def begin_gently(self) -> None:
+        """Continue with small steps that grow. Full steps would undo a nearly exact drawing."""
+        self.rate = min(self.rate, GENTLE * self._ceiling)
+
+    def relocated(self) -> None:
+        """Allow a larger loss after a relocation."""
+        self._recent_least = math.inf
+
+    def accepts(self, loss: float, error: float, backup: Callable[[], _Backup]) -> bool:
+        """Return whether a state of this loss and mean squared error is sound. Back up the best.
+
+        backup  returns a copy of the state
+        """
+        if not math.isfinite(loss):
+            return False
+        self._steps_since_best += 1
+        self._accepted += 1
+        stalled = loss > STALLED * self.least and self._steps_since_best > STALLED_STEPS
+        if error > NEGLIGIBLE and (loss > DIVERGED * self._recent_least or stalled):
+            return False
+        self._recent_least = min(self._recent_least, loss)
+        self.rate = min(self.rate * GROWTH, self._ceiling)
+        if loss < self.least:
+            self.best, self.least, self._steps_since_best = backup(), loss, 0
+        return True
+
+    def ends_worse(self, loss: float, tolerant: bool) -> bool:
+        """Return whether a stage that ends at this loss should return to its best state.
+
+        tolerant: whether a loss up to a fifth above the least one is accepted.
+        A larger loss counts as another rollback if steps were too large before.
+        """
+        diverged = not loss <= WORSE_AT_END * self.least
+        if diverged and (self._usual < 1 or self.rollbacks > 0):
+            self.roll_back()
+        if tolerant:
+            return diverged
+        return not loss <= self.least * (1 + 1e-6)  # a sum in another order is rounded differently
+
+    def roll_back(self) -> None:
+        """Count a rollback, and lower the rate and its ceiling."""
+        self.rollbacks += 1
+        again = self._accepted < AGAIN
+        share = CEILING_AGAIN if again and self.rollbacks > 1 else CEILING
+        # A rate far above the usual one goes back half of the way, on a logarithmic scale.
+        self._ceiling = min(self.rate * share, math.sqrt(self.rate * self._usual))
+        self._accepted = 0
+        self.rate = self._ceiling * LOWERED
+        self._recent_least, self._steps_since_best = math.inf, 0

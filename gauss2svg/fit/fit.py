@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, quoted
-from gauss2svg.fit.options import DensifyOptions, FitConfig, FitProgress, FitResult
+from gauss2svg.errors import refusal
+from gauss2svg.fit import DensifyOptions, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
@@ -45,17 +45,18 @@ def convert_additive(
 ) -> FitResult:
     """Convert an additive scene to the same number of alpha-composited shapes.
 
-    Every renderer draws these. They are fitted to pixels (h, w, 3) float32 in 0..1, by default to
-    the render of the scene (gauss2svg.fit.population). The count and the schedule of config are not
-    used. Raise InputError unless the scene is additive and config.fit.blend is "over".
+    Every renderer draws such shapes. They are fitted to pixels (h, w, 3) float32 in 0..1, by
+    default to the render of the scene (gauss2svg.fit.population). The count and the schedule of
+    config are not used. Raise InputError unless the scene is additive and config.fit.blend is
+    "over".
     """
-    if scene.blend != ADD:
-        raise InputError(f"scene.blend must be {ADD!r}; got {quoted(scene.blend)}")
     config = dataclasses.replace(
         config or FitConfig(), gaussians=len(scene), densify=DensifyOptions()
     )
-    if config.fit.blend != OVER:
-        raise InputError(f"blend must be {OVER!r}; got {quoted(config.fit.blend)}")
+    blends = scene.blend, config.fit.blend
+    if blends != (ADD, OVER):
+        needed = f"additive, and fitted by a config of blend {OVER!r}"
+        raise refusal("the scene", needed, f"blends {blends[0]!r} and {blends[1]!r}")
     if pixels is None:
         pixels = render(scene)
     with kernel_lock:

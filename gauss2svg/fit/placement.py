@@ -13,27 +13,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.options import PERCEPTUAL, FitOptions
+from gauss2svg.fit import PERCEPTUAL, FitOptions
 from gauss2svg.fit.target import Target
 from gauss2svg.kernel_cache import cached
-from gauss2svg.render.smooth import smoothed
+from gauss2svg.without_scipy import smoothed
 
 _PIXEL_VARIANCE = 1 / 12  # px^2, variance of positions within a pixel
 
 # Start of new Gaussians (docs/decisions/placement.md).
 INITIAL_SIGMA = 0.3  # sigma of a Gaussian placed by error, as a share of the spacing
 FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian; its value hardly matters
-LEAST_SIGMA = 0.8  # px, least sigma
-LEAST_MINOR = 0.6  # px, least minor axis
+LEAST_SIGMA = 0.8  # px, least sigma of a new Gaussian
+LEAST_MINOR = 0.6  # px, least minor axis of a new Gaussian
 # A Gaussian placed by error is up to e^ELONGATION times longer along an edge, and as much narrower.
 ELONGATION = 0.5
-REJECTED_SHARE = 0.2  # share of the largest residual, below which residuals are left out
+REJECTED_SHARE = 0.2  # residuals under this share of the largest are left out
 BINS = 8  # bins of equal width into which residuals are quantised, as in LIVE
-# Largest aspect of a component's new Gaussian. Round ones lose PSNR, most of all on drawings.
+# Largest aspect of a component's new Gaussian. Round Gaussians lose PSNR, most of all on drawings.
 MOST_FIRST_ASPECT = 6.0
-# Surplus of alpha from which a pixel is covered too much, which new Gaussians cannot repair.
+# Largest surplus of alpha at a pixel that is not covered too much. More Gaussians cannot repair it.
 TOO_COVERED = 0.03
-COVERED_WEIGHT = 0.3  # weight of the residual of such a pixel
+COVERED_WEIGHT = 0.3  # weight of the residual at a pixel that is covered too much
 
 
 class NewGaussians(NamedTuple):
@@ -133,11 +133,11 @@ class _Placer:
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
     def by_component(self, count: int) -> NewGaussians:
-        """Return Gaussians on the largest components of the quantised residual, the rest by error.
+        """Return a Gaussian on each of the largest components of the quantised residual.
 
-        Components are as in LIVE, but each Gaussian has the mean colour of its component, and the
-        direction and aspect of its second moments. A Gaussian has the variance of a disc of area A
-        if sigma = sqrt(A / pi) / 2.
+        `by_error` fills up to `count`. Components are as in LIVE. A Gaussian has its component's
+        mean colour, and direction and aspect by the component's second moments. With
+        sigma = sqrt(A / pi) / 2 it has the variance of a disc of the component's area A.
         """
         parts = self._components(count)
         if parts is None:
@@ -159,7 +159,7 @@ class _Placer:
     def as_in_live(self, count: int) -> NewGaussians:
         """Return Gaussians as in the paper: sigma = sqrt(A / (r s^2)), rho = 0, the rest at random.
 
-        The colour is that at the component's centre of mass.
+        A Gaussian has the colour at its component's centre of mass.
         """
         parts = self._components(count)
         if parts is None:
@@ -216,7 +216,7 @@ class _Placer:
 
 @dataclass(frozen=True)
 class _Components:
-    """k connected components: area (k,) in px, pixels x, y (p,), and each one's component rank."""
+    """k connected components: area (k,) in px, pixels x, y (p,), and each pixel's component."""
 
     area: NDArray[np.intp]
     rank: NDArray[np.intp]
@@ -258,7 +258,7 @@ def components_of(levels):  # numba kernel
     from 1 in the order of their first pixels, row by row. Pixels of level 0 have number 0.
     """
     height, width = levels.shape
-    # Union-find: for each pixel an earlier one of its component, or itself.
+    # Union-find: for each pixel an earlier pixel of its component, or itself.
     parent = np.zeros(height * width, np.int64)
     for y in range(height):
         for x in range(width):

@@ -1,4 +1,4 @@
-"""The Gaussians of a fit on the current target, which are added, relocated and pruned.
+"""The Gaussians of a fit on the current target, and how they are added, relocated and pruned.
 
 An additive fit is converted to an alpha-composited one, which every renderer draws. An additive
 scene has no order and no opacity. Its Gaussians are composited largest first, each in the target's
@@ -11,36 +11,32 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from copy import copy
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit import adam
+from gauss2svg.fit import FitConfig, FitOptions, adam
 from gauss2svg.fit.adam import OPAQUE_LOGIT, blending_of
-from gauss2svg.fit.losses import psnr_of
-from gauss2svg.fit.options import FitConfig, FitOptions
+from gauss2svg.fit.colors import Inks, SharedColors
 from gauss2svg.fit.placement import NewGaussians, first_raw_betas, place
 from gauss2svg.fit.schedule import enlarged_reduction, reduction, refinement_reduction, totals
-from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import LossAndGradient, Target, TargetPyramid
-from gauss2svg.photo.alpha import has_alpha
+from gauss2svg.fit.target import LossAndGradient, Target, TargetPyramid, psnr_of
+from gauss2svg.photo.pixels import has_alpha
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, PLAIN, SOFT, Scene
 from gauss2svg.scene.inks import ink_colors, inks_of
-from gauss2svg.scene.parameters import LEAST_RAW_BETA
+from gauss2svg.scene.scene import LEAST_RAW_BETA
 
-if TYPE_CHECKING:
-    from gauss2svg.fit.inks import Inks
-
-# Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off (docs/decisions/renderers.md).
+# Least opacity. Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off
+# (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
 RELOCATED = 0.08  # share of the Gaussians that are relocated at a time (docs/decisions/fit.md)
-# Share of the mean loss of a Gaussian by which a unit of ln beta must lower the loss. So shapes
-# that gain nothing stay Gaussians (docs/decisions/fit.md).
+# A unit of ln beta must lower the loss by this share of a Gaussian's mean loss. So shapes that gain
+# nothing stay Gaussians (docs/decisions/fit.md).
 BETA_PRICE = 0.06
-# Opacity from which a shape becomes opaque, which saves bytes (docs/decisions/fit.md).
+# Smallest opacity that is raised to 1, which saves bytes (docs/decisions/fit.md).
 OPAQUE_FROM = 0.953
 
 AsWritten = Callable[[Scene, float], Scene]
@@ -70,17 +66,15 @@ class Population:
         self._photo = self._pyramid = targets or TargetPyramid(pixels, config.fit.tuned)
         self.inks: Inks | None = None
         if config.fit.inks is not None:
-            from gauss2svg.fit.inks import Inks  # few fits need it
-
             inks: Any = config.fit.inks  # checked by check_inks
             self.inks = Inks(ink_colors(inks_of(pixels, inks)))
             self._pyramid = TargetPyramid(pixels, config.fit.tuned, transform=self.inks.inked)
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
-        # Rounded to 8 bits as in the file, so that the fit makes up for it.
+        # The background is rounded to 8 bits as in the file, so that the fit makes up for that.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
         if has_alpha(pixels):
-            self.background = np.ones(3)  # not in the file
+            self.background = np.ones(3)  # white, which the file leaves out
         elif self.inks is not None:
             self.background = self.inks.background(self.target)
 
@@ -101,7 +95,7 @@ class Population:
         scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
             scene = scene.replace(transparent=True)
-        if self.inks is not None:  # logits give nearly 1
+        if self.inks is not None:  # the logits stand for nearly 1
             scene = scene.replace(opacity=np.ones(len(scene)))
         height, width = self._pyramid.pixels.shape[:2]
         if (width, height) == size:
@@ -109,7 +103,7 @@ class Population:
         return scene.scaled(width / size[0], height / size[1])
 
     def psnr(self) -> float:
-        """Return the PSNR in dB against the photo at full size, also if the target is reduced."""
+        """Return the PSNR in dB against the photo at full size, even if the target is reduced."""
         photo = self._photo.reduced(1)
         factors = photo.width / self.target.width, photo.height / self.target.height
         state = self._crisp(self.state.scaled(*factors))
@@ -124,7 +118,7 @@ class Population:
     def evaluate(self, splats: Splats, at_both_sizes: bool = False) -> LossAndGradient:
         """Return the loss and its gradient.
 
-        at_both_sizes: whether to average those of an enlarged picture and of its own size.
+        at_both_sizes: whether to average them over the enlarged picture and its original size.
         """
         options, times = self.config.fit, self.config.enlarged
         evaluated = self.target.evaluate(splats, options.loss, options.ssim_weight)
@@ -144,11 +138,11 @@ class Population:
         return self.state.copy(), copy(self.shared)
 
     def restore(self, backup: Backup) -> None:
-        """Return to a state of which there is a backup."""
+        """Restore the state that backup() returned."""
         self.state, self.shared = backup[0].copy(), copy(backup[1])
 
     def step(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> bool:
-        """Take one optimiser step at this share of all rates; return whether all is finite."""
+        """Take one optimiser step with all rates times `rate`. Return whether all is finite."""
         share = evaluated.loss / max(len(self), 1)
         gradient = adam.gradients(evaluated.moments, splats, BETA_PRICE * share)
         most_sigma = float(max(self.target.width, self.target.height))
@@ -162,8 +156,8 @@ class Population:
     def reduce_to(self, factor: int, scale_moments: bool = False) -> None:
         """Change to the target of 1 / factor the width and height.
 
-        scale_moments: whether Adam's moments are scaled as gradients are, which are sums over
-        pixels. This pays only in refinement (docs/decisions/few.md).
+        scale_moments: whether Adam's moments are scaled like gradients, which are sums over pixels.
+        Scaling pays only in refinement (docs/decisions/few.md).
         """
         if factor == self.reduction:
             return
@@ -184,7 +178,7 @@ class Population:
     def reduction_at(self, done: float) -> int:
         """Return the factor by which refinement reduces the target at progress `done`.
 
-        It is 1 if the count adapts, because errors at full size decide the count.
+        The factor is 1 if the count adapts, because errors at full size decide the count.
         """
         if self.config.enlarged > 1:
             return enlarged_reduction(done, *self._pyramid.pixels.shape[1::-1])
@@ -228,7 +222,7 @@ class Population:
             return
         rendered, cost = self.target.removal_cost(self.splats())
         error = self.target.weighted_squares(rendered)
-        # Removing one turns the error e into e + cost, so it gains 10 log10(1 + cost / e) dB.
+        # Removal turns the error e into e + cost, so a Gaussian gains 10 log10(1 + cost / e) dB.
         least_cost = error * (10 ** (least / 10) - 1)
         self.state = self.state.select(cost[:, 0] > least_cost)
 
@@ -279,7 +273,7 @@ class Population:
         choices.assign(self.state, current)
 
     def _crisp(self, state: State) -> State:
-        """Return the state after its geometry has changed, with crisp rims in inks."""
+        """Return a state whose geometry has changed. In inks its rims are made crisp again."""
         if self.inks is not None:
             state.raw_beta = self.inks.crisp(state.factor)
         return state
@@ -308,8 +302,8 @@ class Population:
     def _overlap(self, new: NewGaussians) -> NDArray[np.float64]:
         """Return the sum (n,) of all new falloffs at each new mean, at least 1.
 
-        New additive Gaussians that overlap share the residual. If each added all of it, they would
-        overshoot, which would attract more of them, and the fit would diverge.
+        New additive Gaussians that overlap share the residual. If each added the whole residual,
+        they would overshoot and attract more Gaussians, and the fit would diverge.
         """
         alone = State.of(new.mean, new.factor, 0, color=np.ones((len(new.mean), 3)))
         target = self.target
@@ -321,8 +315,8 @@ class Population:
 def composited(scene: Scene, target: Target, options: FitOptions) -> State:
     """Return the initial state of an alpha-composited fit to target, from an additive scene.
 
-    options are those of the fit. New rounds with the largest Gaussians first replace those of the
-    scene. Gaussians whose mean lies on an invisible pixel of the target are left out.
+    options are those of the fit. New rounds, with the largest Gaussians first, replace the scene's
+    rounds. Gaussians whose mean lies on an invisible pixel of the target are left out.
     """
     height, width = target.height, target.width
     scene = scene.scaled(width / scene.width, height / scene.height)

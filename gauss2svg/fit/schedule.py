@@ -10,58 +10,53 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from gauss2svg.errors import InputError, quoted
-
 LARGEST_REDUCTION = 8
-# Longest side in px up to which an enlarged target is never reduced (docs/decisions/enlarged.md).
+# px, longest side of an enlarged target that is never reduced (docs/decisions/enlarged.md).
 LARGEST_UNREDUCED = 640
 
 # Events of a fit. Progress is in 0..1 (docs/decisions/fit.md).
-ROUNDS = 6  # rounds of growth; 4 to 20 end within 0.1 dB of each other
-GROWTH_SHARE = 0.3  # progress by which all Gaussians have been added
+ROUNDS = 6  # rounds of growth. 4 to 20 rounds change the PSNR by less than 0.1 dB
+GROWTH_SHARE = 0.3  # progress at which all Gaussians have been added
 DECAY_START = 0.75  # progress at which the learning rate begins to decay by a cosine
 LAST_RATE = 0.02  # share of the learning rate that is left at the end
-# Progress from which exponents and colours are those of the file. Earlier ends worse.
+# Progress at which exponents and colours become those of the file. Earlier is worse.
 QUANTIZED_FROM = 0.85
-# Least pixels for each Gaussian on a reduced target, which saves a fifth of pixel-Gaussian pairs at
+# Fewest pixels per Gaussian on a reduced target. Reducing saves a fifth of pixel-Gaussian pairs at
 # no loss of PSNR.
 PIXELS_PER_GAUSSIAN = 36
-SMALLEST_SIDE = 32  # px, least length of the shorter side of a reduced target in growth
-# Progress from which few Gaussians are refined at full size (docs/decisions/few.md, also for the
-# next five).
+SMALLEST_SIDE = 32  # px, shortest side that a reduced target may have in growth
+# Refinement of few Gaussians, six constants (docs/decisions/few.md). Full size from this progress
+# on.
 FULL_FROM = 0.55
-HALF_FROM = 0.45  # progress until which width and height are divided by four, then by two
-# px, least length of that side in refinement. On smaller targets a step costs no less.
+HALF_FROM = 0.45  # before this progress width and height are divided by four, then by two
+# px, shortest side that a reduced target may have in refinement. On smaller ones a step costs no
+# less.
 SMALLEST_REFINED_SIDE = 128
 REDUCED_STEPS = 0.72  # share of the steps of refinement that reduced targets take
-# Share of the time of refinement that they take if time ends the fit (docs/decisions/time.md).
+# Share of refinement's time that reduced targets take if time ends the fit
+# (docs/decisions/time.md).
 REDUCED_TIME = 0.4
 EXTENDED = 2  # factor of a preset's steps if most are on reduced targets
-RELOCATE_FROM = 0.2  # progress from which Gaussians are relocated
+RELOCATE_FROM = 0.2  # progress at which relocation begins
 RELOCATE_UNTIL = 0.75  # progress at which relocation ends
 RELOCATE_EVERY = 10  # steps between relocations
-# Least share of a long fit's steps between relocations (docs/decisions/time.md).
+# Fewest steps between two relocations of a long fit, as a share of its steps
+# (docs/decisions/time.md).
 RELOCATE_SHARE = 0.05
 
 
 def totals(
     schedule: str, gaussians: int, iterations: int | None, per_round: int | None = None
 ) -> list[int]:
-    """Return the ascending numbers of Gaussians after each round of a fit of `gaussians` (>= 0).
+    """Return the number of Gaussians after each round, ascending to `gaussians` (>= 0).
 
     schedule   "exponential": the total doubles in each round; "linear": equal parts; "all-at-once":
                one round
     per_round  if given, >= 1: as in the paper, round i = 0, 1, .. adds min(2^i, per_round) if the
                schedule is exponential, and per_round if it is linear
-    Without per_round there are at most as many rounds as iterations. Raise InputError for
-    per_round with all-at-once.
+    Without per_round there are at most as many rounds as iterations.
     """
     if per_round is not None:
-        if schedule == "all-at-once":
-            raise InputError(
-                "schedule must be exponential or linear if per_round is given; got "
-                f"{quoted(schedule)}"
-            )
         return _totals_by_round(schedule, gaussians, per_round)
     count = ROUNDS if iterations is None else min(ROUNDS, iterations)
     if schedule == "exponential":
@@ -96,8 +91,8 @@ def reduction(gaussians: int, width: int, height: int) -> int:
 def refinement_reduction(done: float, gaussians: int, width: int, height: int) -> int:
     """Return the factor by which refinement at progress `done` in 0..1 divides width and height.
 
-    It is 4 before HALF_FROM and 2 before FULL_FROM, but less if a Gaussian would have fewer than
-    PIXELS_PER_GAUSSIAN pixels, or the picture a side below SMALLEST_REFINED_SIDE.
+    The factor is 4 before HALF_FROM and 2 before FULL_FROM. It is less if a Gaussian would have
+    fewer than PIXELS_PER_GAUSSIAN pixels, or the picture a side below SMALLEST_REFINED_SIDE.
     """
     factor = 1
     for until in (FULL_FROM, HALF_FROM):
@@ -129,7 +124,7 @@ def relocates(done: float, iteration: int, sparsely: bool = False) -> bool:
 
 
 def rate(done: float) -> float:
-    """Return the share in 0.02..1 of the learning rate in use at progress `done` in 0..1."""
+    """Return the factor, in 0.02..1, of the learning rate at progress `done` in 0..1."""
     start = DECAY_START
     if done < start:
         return 1.0
@@ -137,7 +132,7 @@ def rate(done: float) -> float:
     return max(LAST_RATE, fall)
 
 
-# Largest number of steps of a round of growth in a fit that only time limits. The rest of the time
+# Most steps in a round of growth of a fit that is limited only by time. The rest of the time
 # is better spent once all Gaussians exist (docs/decisions/time.md).
 MOST_STEPS_A_ROUND = 30
 
@@ -145,10 +140,10 @@ MOST_STEPS_A_ROUND = 30
 class Clock:
     """A clock of progress in 0..1. Growth takes it to GROWTH_SHARE, and refinement to 1.
 
-    iterations        number in both stages, or None for as many as the time allows
+    iterations        number of steps in both stages, or None for as many as the time allows
     rounds            largest number of rounds of growth
     deadline          returns the end of the fit in s of time.perf_counter(), or None
-    round_iterations  number in each round of growth; None: GROWTH_SHARE of iterations in all
+    round_iterations  number of steps in each round; None: GROWTH_SHARE of iterations in all rounds
     stop              polled at every step; the fit ends once it returns True
     """
 
@@ -171,7 +166,7 @@ class Clock:
 
     @property
     def elapsed_s(self) -> float:
-        """Wall-clock seconds since the start of the fit, without pauses of this refinement."""
+        """Wall-clock seconds since the start of the fit, without pauses in this refinement."""
         return time.perf_counter() - self._started_s - self._paused_s
 
     @property
@@ -201,15 +196,15 @@ class Clock:
     def begin_refinement(self, steps: int | None, progress: float, reduced: bool = False) -> None:
         """Begin refinement, in which `steps` iterations or the time left take `progress` to 1.
 
-        reduced: whether the first steps run on reduced pictures, which then get most of them.
+        reduced: whether the first steps run on reduced pictures. Most of the steps then do.
         """
         self._start, self._reduced = progress, reduced
-        self._paused_s = 0.0  # earlier pauses put off the end no more
+        self._paused_s = 0.0  # earlier pauses no longer delay the end
         self._first_step, self._steps, self._start_s = self.iteration, steps, self.elapsed_s
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Stop the clock inside the context, and so put off the end of the fit."""
+        """Stop the clock inside the context, which delays the end of the fit."""
         started_s = time.perf_counter()
         yield
         self._paused_s += time.perf_counter() - started_s

@@ -26,33 +26,31 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit import schedule
-from gauss2svg.fit.divergence import NEGLIGIBLE, DivergenceGuard
-from gauss2svg.fit.losses import psnr_of
-from gauss2svg.fit.options import DEFAULT_LOSS, FitConfig, FitProgress, FitResult
+from gauss2svg.fit import DEFAULT_LOSS, FitConfig, FitProgress, FitResult, schedule
+from gauss2svg.fit.adam import NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.population import AsWritten, Backup, Population
 from gauss2svg.fit.schedule import Clock
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import TargetPyramid
+from gauss2svg.fit.target import TargetPyramid, psnr_of
 from gauss2svg.scene import Scene
 
-# Mean squared error from which no steps are taken: 120 dB, at which no pixel of a million is off by
-# half a level. Adam would take full steps all the same.
+# Largest mean squared error at which no step is taken. At this error, 120 dB, no pixel of a million
+# is off by half a level, but Adam would still take full steps.
 EXACT = 1e-12
-# Progress at which shapes may exchange their colours. Later they hardly do.
+# Progress at which shapes may exchange their colours. Later, hardly any would.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
-INKS_EXCHANGED_EVERY = 20  # steps; 10 end no closer (docs/decisions/inks.md)
+INKS_EXCHANGED_EVERY = 20  # steps between exchanges. 10 are no better (docs/decisions/inks.md)
 # Progress at which a fit resumes after its count has changed. Some relocation and the decay of the
-# learning rate follow (docs/decisions/fit.md).
+# learning rate follow.
 RESUME_AT = 0.6
-# Number of last steps whose mean error is the PSNR that a policy sees in refinement. The error of a
-# single step scatters (docs/decisions/fit.md).
+# Number of last steps over which the PSNR that a policy sees in refinement is averaged. The error
+# of a single step scatters.
 STEPS_AVERAGED = 5
 
 # Reasons why a fit ended. iterations: all steps are done. gaussians: the count is 0. gain: another
 # round would gain less than the preset asks for. enough: the preset's PSNR is reached. cap: the
-# largest number of Gaussians is reached. interrupted: the caller stopped it. max_bytes, time_limit:
-# the limit of this name. Runs add the names of target scores.
+# largest number of Gaussians is reached. interrupted: the caller stopped the fit. max_bytes,
+# time_limit: the option of this name ended growth. Runs add the names of target scores.
 STOP_REASONS = (
     "iterations", "gaussians", "gain", "enough", "cap", "max_bytes", "time_limit", "interrupted",
 )  # fmt: skip
@@ -86,7 +84,7 @@ class DensificationPolicy:
     """A policy that decides the number of Gaussians. This one follows the config and its schedule.
 
     rounds       approximate number of rounds of growth
-    stop_reason  reason why growth ended, one of STOP_REASONS; valid once it has ended
+    stop_reason  reason why growth ended, one of STOP_REASONS. Valid once growth has ended
     """
 
     def __init__(self, config: FitConfig) -> None:
@@ -113,7 +111,7 @@ class DensificationPolicy:
 
 @dataclass(frozen=True)
 class Event:
-    """An action at a progress of a fit. A needed one is also done if the fit ends earlier."""
+    """An action at a progress of a fit. A needed action is done even if the fit ends earlier."""
 
     at: float
     do: Callable[[], None]
@@ -156,7 +154,7 @@ class FitSession:
         self.wall_s = self.cpu_s = 0.0
         self._progress, self._as_written = progress or (lambda _: None), as_written
         self._errors: deque[float] = deque(maxlen=STEPS_AVERAGED)
-        self._quantized = False  # whether exponents are those of the file
+        self._quantized = False  # whether _quantize has been done
 
     @property
     def state(self) -> State:
@@ -165,13 +163,13 @@ class FitSession:
 
     @property
     def psnr(self) -> float:
-        """PSNR in dB of the last steps, or that of the state if its target is reduced."""
+        """PSNR in dB of the last steps, or of the state if its target is reduced."""
         if not self._errors or self.population.reduction > 1:
             return self.population.psnr()
         return psnr_of(float(np.mean(self._errors)))
 
     def fit(self) -> None:
-        """Grow and refine until the policy or the clock ends it."""
+        """Grow and refine until the policy or the clock ends the fit."""
         with self._timed():
             if self.population.target.is_blank:
                 self.policy.stop_reason = "enough"
@@ -185,7 +183,7 @@ class FitSession:
             self._refine(steps, schedule.GROWTH_SHARE, [*adjustments, pruning])
 
     def resize(self, count: int, iterations: int) -> None:
-        """Change the number of Gaussians of a finished fit, and refine them again."""
+        """Change the number of Gaussians of a finished fit, and refine the fit again."""
         with self._timed():
             self.population.densify_or_prune(count)
             self.population.soften()
@@ -223,7 +221,7 @@ class FitSession:
         )
 
     def _grow(self) -> None:
-        """Add Gaussians in rounds until the policy adds none, then change to refinement's size."""
+        """Add Gaussians in rounds until the policy adds none, then set the size for refinement."""
         population, clock = self.population, self.clock
         for index in itertools.count():
             count = total = len(population)
@@ -247,7 +245,7 @@ class FitSession:
     def _refine(
         self, steps: int | None, start: float, events: Iterable[Event], gently: bool = False
     ) -> None:
-        """Take steps from progress `start` to 1, with these events and those of every refinement.
+        """Take steps from progress `start` to 1, with `events` and the events of every refinement.
 
         steps   number of iterations; None for as many as the time allows
         gently  whether the first steps are small
@@ -288,7 +286,7 @@ class FitSession:
         self.guard.reset()
 
     def _change_size(self) -> None:
-        """Change to the target's size at this progress."""
+        """Change the target to the size for the present progress."""
         factor = self.population.reduction_at(self._done)
         if factor != self.population.reduction:
             with self._changing():
@@ -326,7 +324,8 @@ class FitSession:
     def _restore_best(self, tolerant: bool = False) -> None:
         """Return to the best state of a stage that ends worse.
 
-        tolerant: whether only if it ends much worse, because recent relocations may still pay.
+        tolerant: whether a somewhat worse end is accepted, because recent relocations may still
+        pay.
         """
         population, best = self.population, self.guard.best
         if not len(population) or best is None:
@@ -378,7 +377,7 @@ class FitSession:
 
     @contextmanager
     def _timed(self) -> Iterator[None]:
-        """Add the wall-clock seconds and the CPU seconds of all threads that the context takes."""
+        """Add the context's wall-clock seconds and CPU seconds, of all threads, to the costs."""
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         yield
         self.wall_s += time.perf_counter() - wall_s

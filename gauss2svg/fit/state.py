@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
-from gauss2svg.scene.parameters import STEPPED
+from gauss2svg.scene.scene import STEPPED
 
 FARTHEST = 1e9  # px, bound of a shape's position plus its size, well within the domain of scenes
 # Columns of gradients and of Adam's moments. The first five are two shifts along the whitened axes
@@ -35,7 +35,7 @@ class State:
     color        (n, 3) sRGB, signed with additive blending
     raw_beta     (n,) ln of the falloff exponent
     round_index  (n,) int32
-    drawn        (n,) int8, how a file draws each (Scene.drawn)
+    drawn        (n,) int8, how a file draws each shape (Scene.drawn)
     adam_m       (n, STEPS) Adam's first moments
     adam_v       (n, STEPS) Adam's second moments
     age          (n,) number of Adam steps taken
@@ -62,7 +62,7 @@ class State:
     ) -> State:
         """Return new Gaussians of one round, with moments of 0.
 
-        raw has raw arrays by name. Others start at the `first` of gauss2svg.scene.parameters.Raw.
+        raw has raw arrays by name. Other parameters start at gauss2svg.scene.scene.Raw.first.
         """
         count = len(mean)
         for parameter, raw_form in STEPPED:
@@ -88,7 +88,7 @@ class State:
         return State(**{name: array.copy() for name, array in vars(self).items()})
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:
-        """Return the Gaussians of a mask or index, in which rounds must not decrease."""
+        """Return the Gaussians that a mask or index picks. Rounds must not decrease."""
         return State(**{name: array[index] for name, array in vars(self).items()})
 
     def append(self, new: State) -> State:
@@ -97,7 +97,7 @@ class State:
         return State(**{n: np.concatenate([a, new_arrays[n]]) for n, a in vars(self).items()})
 
     def quantized(self, scene: Scene) -> State:
-        """Return the state with a scene's shapes and shared parameters, whose moments are 0."""
+        """Return the state with a scene's shapes and shared parameters, with moments of 0."""
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         adam_m, adam_v = self.adam_m.copy(), self.adam_v.copy()
         shared = {}

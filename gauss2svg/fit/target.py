@@ -11,6 +11,7 @@ docs/decisions/perceptual.md has the gains of both.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import cached_property, reduce
 from operator import add
@@ -19,9 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.losses import image_gradient
-from gauss2svg.fit.options import DEFAULT_LOSS, PSNR
-from gauss2svg.photo.alpha import BACKDROPS, has_alpha, shrunk
+from gauss2svg.fit import DEFAULT_LOSS, PSNR, has_ssim
+from gauss2svg.photo.pixels import BACKDROPS, has_alpha, shrunk
 from gauss2svg.render.cpu import (
     Splats,
     moments_of_gradient,
@@ -29,9 +29,9 @@ from gauss2svg.render.cpu import (
     render_planar,
     squared_error,
 )
-from gauss2svg.render.smooth import smoothed
+from gauss2svg.without_scipy import smoothed
 
-# Bounds of the opacity of new Gaussians on a target with alpha (docs/decisions/placement.md).
+# Bounds of the opacity of new Gaussians on a target with alpha.
 LEAST_OPACITY = 0.02
 MOST_OPACITY = 0.98
 
@@ -41,8 +41,8 @@ class LossAndGradient(NamedTuple):
 
     loss      unweighted sum over all values; for "mse" half the squared error
     error     mean squared error, unweighted
-    moments   (n, MOMENTS) of the gradient (gauss2svg.render.kernels); for "mse" that of half the
-              squared error weighted by Target.weight, not that of loss
+    moments   (n, MOMENTS) of the gradient (gauss2svg.render.kernels). For "mse" it is the gradient
+              of half the squared error weighted by Target.weight, not of `loss`
     pairs     number of pixel-Gaussian pairs that were evaluated
     rendered  renders (3, h, w), one for each of the target's backdrops
     """
@@ -55,7 +55,7 @@ class LossAndGradient(NamedTuple):
 
 
 def _over(splats: Splats, backdrop: float | None) -> Splats:
-    """Return the Gaussians over a backdrop of this grey level, or as they are if it is None."""
+    """Return the Gaussians over a backdrop of a grey level, or unchanged if it is None."""
     return splats if backdrop is None else splats._replace(background=np.full(3, backdrop))
 
 
@@ -64,7 +64,7 @@ class Target:
 
     color (3, h, w) is float32 or float64, and kernels compute in its dtype. alpha (h, w) is None if
     the image is opaque. An image with alpha is fitted over a white and a black backdrop at once.
-    These determine it over every other backdrop b, because Gaussians over b are C + T_end b, with
+    The two determine it over every other backdrop b, because Gaussians over b are C + T_end b, with
     C = sum w_k c_k and the transmittance T_end. The kernels run once for each backdrop.
 
     planar        (3, h, w), or (6, h, w) over both backdrops: image that the loss compares
@@ -133,7 +133,7 @@ class Target:
         return logit(opacity.astype(np.float64))
 
     def rendered(self, splats: Splats) -> NDArray[np.floating]:
-        """Render the Gaussians on this canvas, like planar."""
+        """Return the render of the Gaussians, with the shape of planar."""
         real, size = self.planar.dtype.type, (self.height, self.width)
         return _joined([render_planar(_over(splats, b), *size, real) for _, b in self._views])
 
@@ -152,7 +152,7 @@ class Target:
         return 0.5 * self.error(splats) * self.planar.size
 
     def evaluate(self, splats: Splats, loss: str, ssim_weight: float | None) -> LossAndGradient:
-        """Return the loss of a name of FitOptions.loss, and its gradient."""
+        """Return the loss and its gradient. `loss` is a name as in FitOptions.loss."""
         parts: list[LossAndGradient] = []
         for planar, backdrop in self._views:
             over = _over(splats, backdrop)
@@ -167,18 +167,18 @@ class Target:
         return LossAndGradient(*(reduce(add, values) for values in zip(*parts, strict=True)))
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
-        """Return the weighted sum of squared differences, and moments of its half's gradient."""
+        """Return the weighted sum of squared differences, and moments of half its gradient."""
         parts = [squared_error(_over(splats, b), planar, self.weight) for planar, b in self._views]
         rendered = _joined([part[0] for part in parts])
         return self.weighted_squares(rendered), reduce(add, (part[2] for part in parts))
 
     def weighted_squares(self, rendered: NDArray[np.floating]) -> float:
-        """Return the weighted sum of squared differences of a render, like planar."""
+        """Return the weighted sum of squared differences of a render with the shape of planar."""
         squares = np.square(rendered - self.planar) * self.weight
         return float(np.sum(squares, dtype=np.float64))
 
     def removal_cost(self, splats: Splats) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
-        """Return the render, like planar, and the costs (n, 2) of gauss2svg.render.cpu."""
+        """Return the render, like planar, and costs (n, 2) as gauss2svg.render.cpu defines them."""
         parts = [removal_cost(_over(splats, b), planar, self.weight) for planar, b in self._views]
         return _joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
@@ -194,7 +194,7 @@ def _joined(images: list[NDArray[np.floating]]) -> NDArray[np.floating]:
 
 
 def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[np.floating]:
-    """Return colours (3, h, w), at invisible pixels those of the nearest visible one."""
+    """Return colours (3, h, w). Invisible pixels get the colour of the nearest visible one."""
     if visible.all() or not visible.any():
         return color
     from scipy.ndimage import distance_transform_edt  # slow to import, seldom needed
@@ -227,7 +227,7 @@ class TargetPyramid:
         self._targets: dict[int, Target] = {}
 
     def reduced(self, factor: int) -> Target:
-        """Return the target at 1 / factor of the width and height, which is computed once."""
+        """Return the target at 1 / factor of the width and height. It is computed only once."""
         if factor not in self._targets:
             height, width = self.pixels.shape[:2]
             size = max(1, height // factor), max(1, width // factor)
@@ -239,13 +239,13 @@ class TargetPyramid:
 
 
 # Contrast masking and flat areas, by the module's formulas (docs/decisions/perceptual.md).
-CONTRAST = 0.03  # c: standard deviation of luma, in 0..1, from which an error is masked
+CONTRAST = 0.03  # c: standard deviation of luma, in 0..1, above which errors are masked
 EXPONENT = 0.5  # g: how fast the weight falls with the variance
 TIMES_MEDIAN = 100.0  # m is this multiple of the median variance
 LEAST_BOUND = 0.025  # least value of m
 MOST_BOUND = 0.04  # largest value of m
 WINDOW = 2.0  # px, sigma of the window of the variance
-FLAT = 8.0  # weight of a flat area beyond that of others, 1 (docs/decisions/metrics.md)
+FLAT = 8.0  # weight of a flat area in addition to the 1 of other areas (docs/decisions/metrics.md)
 FLAT_GRADIENT = 0.02  # gradient of luma per px below which an area is flat: 5 levels of 255
 FLAT_REACH = 4.0  # px, sigma of the window in which the gradient is averaged
 
@@ -283,3 +283,86 @@ def _gradient_energy(luma: NDArray[np.floating]) -> NDArray[np.floating]:
 def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
     mean = smoothed(luma, WINDOW)
     return np.maximum(smoothed(luma * luma, WINDOW) - mean * mean, 0)
+
+
+# Weight of 1 - SSIM against the pixel term, as in "3D Gaussian Splatting for
+# Real-Time Radiance Field Rendering" (Kerbl et al., 2023).
+SSIM_WEIGHT = 0.2
+
+# Functions that map the difference between a value and its target to the loss and its derivative.
+PIXEL_LOSSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
+    "mse": lambda difference: (difference**2, 2 * difference),
+    "l1": lambda difference: (np.abs(difference), np.sign(difference)),
+}
+
+
+def image_gradient(
+    loss: str,
+    rendered: NDArray[np.floating],
+    target: NDArray[np.floating],
+    ssim_weight: float | None = None,
+) -> tuple[float, NDArray[np.floating]]:
+    """Return the loss and its gradient (3, h, w) with respect to rendered (3, h, w).
+
+    The loss is the mean of a pixel loss p. With +ssim it is (1 - w) p + w (1 - SSIM), where w is
+    ssim_weight in 0..1, or SSIM_WEIGHT if None. The gradient is multiplied by the number of values,
+    so that its scale does not depend on the size.
+    """
+    losses, gradient = PIXEL_LOSSES[loss.removesuffix("+ssim")](rendered - target)
+    value = np.mean(losses, dtype=np.float64)
+    if has_ssim(loss):
+        weight = SSIM_WEIGHT if ssim_weight is None else ssim_weight
+        value *= 1 - weight
+        gradient *= 1 - weight
+        for channel, planes in enumerate(zip(rendered, target, strict=True)):
+            similarity, slope = structural_similarity(*planes)
+            value += weight * (1 - similarity) / len(rendered)
+            gradient[channel] -= weight * slope
+    return float(value), gradient
+
+
+def structural_similarity(
+    image: NDArray[np.floating], target: NDArray[np.floating]
+) -> tuple[float, NDArray[np.floating]]:
+    """Return the mean SSIM of planes (h, w) in 0..1, and h w times its gradient in `image`.
+
+    With a, b, p, s and q the blurred image x, target t, x^2, t^2 and x t, a window has
+
+        SSIM = A1 A2 / (B1 B2),  A1 = 2 a b + C1,        A2 = 2 (q - a b) + C2,
+                                 B1 = a^2 + b^2 + C1,    B2 = p - a^2 + s - b^2 + C2.
+
+    Blurring is its own transpose, so the gradient is blur(d/da) + 2 x blur(d/dp) + t blur(d/dq).
+
+    Windows are Gaussians of sigma 1.5 over 11 x 11 pixels (Wang et al., 2004) inside the image. For
+    a smaller image they have the largest odd size that fits.
+    """
+    height, width = image.shape
+    c1, c2 = 0.01**2, 0.03**2
+    radius = min(5, (height - 1) // 2, (width - 1) // 2)
+    windows = slice(radius, height - radius), slice(radius, width - radius)
+
+    from scipy.ndimage import gaussian_filter  # slow to import, seldom needed
+
+    def blurred(plane: NDArray[np.floating]) -> NDArray[np.floating]:
+        return gaussian_filter(plane, 1.5, radius=radius, mode="constant")
+
+    def gathered(slope: NDArray[np.floating]) -> NDArray[np.floating]:
+        padded = np.zeros_like(image)
+        padded[windows] = slope
+        return blurred(padded)
+
+    products = image, target, image * image, target * target, image * target
+    a, b, p, s, q = (blurred(plane)[windows] for plane in products)
+    a1, a2 = 2 * a * b + c1, 2 * (q - a * b) + c2
+    b1, b2 = a * a + b * b + c1, p - a * a + s - b * b + c2
+    over = 1 / (b1 * b2)
+    similarity = a1 * a2 * over
+    by_mean = 2 * b * (a2 - a1) * over + 2 * a * similarity * (1 / b2 - 1 / b1)
+    gradient = gathered(by_mean) + target * gathered(2 * a1 * over)
+    gradient -= 2 * image * gathered(similarity / b2)
+    return float(similarity.mean(dtype=np.float64)), gradient * (image.size / similarity.size)
+
+
+def psnr_of(error: float) -> float:
+    """Return the PSNR in dB of a mean squared error; infinity for 0."""
+    return -10 * math.log10(error) if error > 0 else math.inf

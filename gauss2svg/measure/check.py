@@ -13,29 +13,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import refusal
-from gauss2svg.measure import CheckOptions, metrics
+from gauss2svg.measure import CheckOptions, Scores, metrics
 from gauss2svg.measure.heatmap import heatmap
-from gauss2svg.measure.perceptual import Scores, perceptual_scores
+from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.options import fields_of
-from gauss2svg.photo.alpha import WHITE, has_alpha, matte_color, over, pixels_of, shrunk
-from gauss2svg.photo.formats import MOST_PIXELS
+from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
-from gauss2svg.photo.photo import Photo
+from gauss2svg.photo.pixels import WHITE, Photo, has_alpha, matte_color, over, pixels_of, shrunk
 from gauss2svg.raster import BROWSERS, refuse_unsupported, renderer_version
 from gauss2svg.raster.isolated import draw
-from gauss2svg.svg.canvas import Frame, frame_of
-from gauss2svg.svg.source import BLANKS, SvgSource, from_root, read_source, stretched
+from gauss2svg.svg.file import (
+    BLANKS,
+    Frame,
+    SvgSource,
+    frame_of,
+    from_root,
+    read_source,
+    stretched,
+)
 from gauss2svg.svg.untrusted import Survey
 
 REFERENCE_SCALE = 4.0
-# Elements that change a web page and not the raster. gauss2svg.raster refuses animation for
-# browsers, so they never draw it here.
+# Elements that change a web page and not the raster. gauss2svg.raster refuses animation in
+# browsers, so they never draw animation here.
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
 
 
 class Enlarged(NamedTuple):
-    """Scores of an SVG against the source of its photo, larger than the photo, over white.
+    """Scores over white of an enlarged SVG against the source of its photo.
 
     scale          width and height as a multiple of the photo's
     width, height  px
@@ -143,12 +149,12 @@ def check(
 ) -> CheckResult:
     """Rasterise an SVG at the size of a photo, or max_size, and measure how closely it matches.
 
-    Both are compared over white. If the photo has alpha, they are compared over black too, and
-    alpha itself. SSIMULACRA2 and FLIP need the extra gauss2svg[scores].
+    Both are compared over white. If the photo has alpha, they are compared over black too, and so
+    are the alpha channels. SSIMULACRA2 and FLIP need the extra gauss2svg[scores].
 
     photo          any image that `vectorize` takes
     svg            a path, text that begins with <, bytes or a binary file, gzipped or not
-    reference      source of the photo, with which the SVG is compared too: an SVG as for svg, or a
+    reference      source of the photo, which the SVG is compared with too: an SVG as for svg, or a
                    picture of at least reference_scale times the photo's px a side
     options        fields of gauss2svg.measure.CheckOptions:
       renderer         one of RENDERERS
@@ -161,8 +167,8 @@ def check(
                        Without it, the photo's alpha is compared
       reference_scale  multiple of the photo's size at which the reference is compared, > 0. None: 4
 
-    The SVG is not trusted. Entities, references to anything outside of it and files beyond the
-    limits are refused. A separate process draws it, whose memory is limited on Linux.
+    The SVG is not trusted. Entities, references to anything outside the file, and files beyond the
+    limits are refused. A separate process draws the SVG. On Linux its memory is limited.
 
     Raise InputError for a photo or an SVG that cannot be used. Raise RendererError for an SVG that
     cannot be drawn, and for a missing renderer. Raise TypeError for an unknown option.
@@ -276,7 +282,7 @@ def _finite(psnr: float | None) -> float | None:
 def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[str]:
     notes, tags = [f"photo {note}" for note in photo.notes], surveyed.tags
     for name, own in (("SVG", (frame.width, frame.height)), ("viewBox", frame.view_box[2:])):
-        if not _fits(own, (photo.width, photo.height)):
+        if not _has_proportions_of(own, (photo.width, photo.height)):
             stretch = f"and was stretched to {photo.width}x{photo.height} px"
             shape = f"{own[0]:g}x{own[1]:g}, not in the photo's proportions"
             notes.append(f"{name} is {shape}, {stretch}")
@@ -297,7 +303,7 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
     return notes
 
 
-def _fits(own: tuple[float, ...], size: tuple[int, int]) -> bool:
-    """Return whether `own`, scaled to fit into `size`, is at most a pixel smaller a side."""
+def _has_proportions_of(own: tuple[float, ...], size: tuple[int, int]) -> bool:
+    """Return whether `own`, scaled to fit into `size`, fills it to within a pixel a side."""
     scale = min(size[0] / own[0], size[1] / own[1])
     return all(side - scale * mine <= 1 for side, mine in zip(size, own, strict=True))

@@ -11,9 +11,9 @@ from PIL.PngImagePlugin import PngInfo
 
 from gauss2svg.measure.metrics import LEVELS
 
-MOST = 64  # end of the scale in levels of 255. Larger errors have its colour, the brightest
+MOST = 64  # end of the scale in levels of 255. Larger errors have the last colour, the brightest
 # Every sixteenth colour of matplotlib's inferno, by Nathaniel J. Smith and Stefan van der Walt
-# (CC0): perceptually uniform from no error, black, to the largest, pale yellow.
+# (CC0). It is perceptually uniform, from black for no error to pale yellow for the largest.
 _COLORS = np.array(
     [
         0x000004, 0x0B0724, 0x210C4A, 0x3D0965, 0x57106E, 0x71196E, 0x8A226A, 0xA32C61, 0xBC3754,
@@ -38,7 +38,7 @@ def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image
 
 
 def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Return colours (..., 3) of errors (...) in levels of 255. Errors over 64 have that of 64."""
+    """Return colours (..., 3) of errors (...) in levels of 255. Errors over 64 look like 64."""
     position = np.clip(levels, 0, MOST) * ((len(_COLORS) - 1) / MOST)
     low = np.minimum(position.astype(np.intp), len(_COLORS) - 2)
     weight = (position - low)[..., None]

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.render.smooth import smoothed
+from gauss2svg.without_scipy import smoothed
 
-LEVELS = 255  # differences are reported in levels of an 8-bit channel
+LEVELS = 255  # levels of an 8-bit channel, the unit of reported differences
 LEAST_SIDE_FOR_SSIM = 3  # px
-LEAST_SIDE_FOR_MS_SSIM = 176  # px; at a sixteenth of the size, 11 px are left for a window
+LEAST_SIDE_FOR_MS_SSIM = 176  # px, which leaves 11 px for a window at a sixteenth of the size
 _SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # weights of MS-SSIM in its paper
 # Gaussian window of SSIM: its taps, its sigma in px, and the number of sigmas at which it is cut.
 _FULL_WINDOW, _SIGMA, _CUT = 11, 1.5, 3.5
@@ -21,8 +21,8 @@ _K1, _K2 = 0.01, 0.03  # constants of SSIM
 _NO_LUMINANCE = 1e6
 _BAND = 256  # rows of windows that are computed at a time
 _BAND_VALUES = 65536  # differences that are computed at a time, in the processor's cache
-_FLAT = 0.02  # smallest step to the next pixel, in 0..1, that is steep: five levels
-_AWAY = 4  # px around a flat pixel in which no step is steep
+_FLAT = 0.02  # smallest steep step from a pixel to the next, in 0..1: five levels
+_AWAY = 4  # px, least distance from a flat pixel to a steep step
 
 
 def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
@@ -68,7 +68,7 @@ def mean_squared_error(image: NDArray[np.floating], other: NDArray[np.floating])
 def psnr(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the peak signal-to-noise ratio in dB: -10 log10(mean squared error).
 
-    It is infinite for equal images.
+    The PSNR of equal images is infinite.
     """
     error = mean_squared_error(image, other)
     return -10 * math.log10(error) if error > 0 else math.inf
@@ -78,18 +78,17 @@ def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the structural similarity in -1..1, the mean over channels.
 
     It is the mean of (2 m_a m_b + C1) (2 s_ab + C2) / ((m_a^2 + m_b^2 + C1) (s_aa + s_bb + C2))
-    over all windows inside, with means m and covariances s under a Gaussian window of sigma 1.5 px.
+    over all windows inside the image, with means m and covariances s under a Gaussian window of
+    sigma 1.5 px.
     Source: Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment", 2004. The numbers are
     scikit-image's. An image under 11 px a side has no full window, so the largest odd box that fits
-    is used. Raise InputError under 3 px a side.
+    is used, of at least LEAST_SIDE_FOR_SSIM px.
     """
     check_shapes(image, other)
     height, width, channels = image.shape
     side = min(height, width)
-    if side < LEAST_SIDE_FOR_SSIM:
-        raise InputError(f"an image for SSIM must be at least 3 px a side; got {width}x{height} px")
     box = None if side >= _FULL_WINDOW else side - 1 + side % 2
-    # Photos and rasters are float32, which takes half the memory of float64.
+    # Computed in float32, like photos and rasters: half the memory of float64.
     planes = ((image[:, :, c], other[:, :, c]) for c in range(channels))
     return math.fsum(_similarity(a, b, np.float32, box=box) for a, b in planes) / channels
 
@@ -98,22 +97,16 @@ def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Return the multi-scale structural similarity in 0..1, the mean over channels.
 
     It is the product of cs_j^w_j over five scales, w = .0448 .2856 .3001 .2363 .1333. Each scale
-    halves the one before by means of 2x2 px, in which an odd last row or column counts twice. cs_j
-    is the mean of contrast times structure over the windows that lie inside, and at scale five of
-    luminance times both. Window and constants are those of SSIM. Source: Wang, Simoncelli and
-    Bovik, "Multi-scale structural similarity for image quality assessment", 2003, and their
+    averages the scale before over blocks of 2x2 px. An odd last row or column counts twice. cs_j
+    is the mean of contrast times structure over the windows inside the image, and at scale five the
+    mean of luminance times both. Window and constants are those of SSIM. Source: Wang, Simoncelli
+    and Bovik, "Multi-scale structural similarity for image quality assessment", 2003, and their
     implementation. A scale with a negative mean, as of a negative film, counts as 0, because a
-    fractional power of it is not a real number.
+    fractional power of the mean is not a real number.
 
-    Raise InputError under 176 px a side, because no window fits at scale five.
+    An image has at least LEAST_SIDE_FOR_MS_SSIM px a side, so that a window fits at scale five.
     """
     check_shapes(image, other)
-    height, width = image.shape[:2]
-    if min(height, width) < LEAST_SIDE_FOR_MS_SSIM:
-        raise InputError(
-            f"an image for MS-SSIM must be at least {LEAST_SIDE_FOR_MS_SSIM} px a side; got "
-            f"{width}x{height} px. Try SSIM"
-        )
     channels = []
     for c in range(image.shape[2]):
         a, b = image[:, :, c], other[:, :, c]
@@ -135,8 +128,8 @@ def _similarity(
 ) -> float:
     """Return the mean SSIM of two planes (h, w) over Gaussian windows, or boxes of `box` px."""
     rim = (box or _FULL_WINDOW) // 2
-    rows = plane.shape[0] - 2 * rim
-    total = 0.0
+    rows, total = plane.shape[0] - 2 * rim, 0.0
+    assert rows > 0
     # Bands of windows save memory. Whole planes of float32 would take 60 bytes a pixel.
     for top in range(0, rows, _BAND):
         a, b = (
@@ -149,7 +142,7 @@ def _similarity(
 
 
 def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K1) -> float:
-    """Return scikit-image's mean SSIM over Gaussian windows inside, without importing it."""
+    """Return scikit-image's mean SSIM over Gaussian windows, without importing scikit-image."""
     mean_x, mean_y, xx, yy, xy = (
         smoothed(plane, _SIGMA, _CUT) for plane in (x, y, x * x, y * y, x * y)
     )
@@ -162,7 +155,7 @@ def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K
 
 
 def _in_boxes(x: NDArray[np.floating], y: NDArray[np.floating], side: int) -> float:
-    """Return scikit-image's mean SSIM over boxes of `side` px inside."""
+    """Return scikit-image's mean SSIM over boxes of `side` px inside the image."""
     from skimage.metrics import structural_similarity  # takes 0.3 s, and is seldom needed
 
     mean: Any = structural_similarity(
@@ -190,9 +183,9 @@ def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
     """Return the mean error of the worst thousandth of flat pixels, in levels of 255.
 
-    It shows streaks across paper or a flat colour, which squared error hardly shows. A pixel is
-    flat if the reference has no step of 0.02 or more within 4 px. Its error is that of its worst
-    channel. The mean grows with the height, length and number of streaks
+    The mean shows streaks across paper or a flat colour, which squared error hardly shows. A pixel
+    is flat if the reference has no step of 0.02 or more within 4 px. The worst channel sets a
+    pixel's error. The mean grows with the height, length and number of streaks
     (docs/decisions/metrics.md). It is NaN if no pixel is flat.
     """
     from scipy.ndimage import maximum_filter

@@ -1,4 +1,4 @@
-"""Round trip: rasterise an SVG by a real renderer and compare it with the photo."""
+"""Round trip: rasterise an SVG with a real renderer and compare it with the photo."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.measure import metrics
-from gauss2svg.photo.alpha import BLACK, alpha_of, has_alpha, over, stacked
+from gauss2svg.measure import Score, metrics
+from gauss2svg.photo.pixels import BLACK, alpha_of, has_alpha, over, stacked, views
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like, renderer_version
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import Scene
@@ -24,9 +24,9 @@ class RoundTrip:
     psnr_svg, ssim_svg, largest_error_svg, bias_svg           raster against the photo
     psnr_roundtrip, largest_error_roundtrip, bias_roundtrip   raster against the model
 
-    These are over white. ssim_svg is None for images under 3 px a side. psnr_model_black and
-    psnr_svg_black are over black. psnr_model_alpha and psnr_svg_alpha compare the alpha channel.
-    These four are None if the photo is opaque. If it is not, raster is (h, w, 4), else (h, w, 3).
+    All of them are over white. ssim_svg is None for images under 3 px a side. psnr_model_black and
+    psnr_svg_black are over black. psnr_model_alpha and psnr_svg_alpha compare the alpha channels.
+    The last four are None if the photo is opaque. raster is (h, w, 3), or (h, w, 4) with alpha.
     """
 
     raster: NDArray[np.float32]
@@ -63,9 +63,9 @@ def round_trip(
 ) -> RoundTrip:
     """Rasterise the SVG of a scene and compare it with the photo (h, w, 3 or 4) and the scene.
 
-    covering is as in `gauss2svg.render.render`, raster is the SVG's where it is known. All are
-    compared at the size of the photo, whatever the canvas of the scene is. Raise RendererError if
-    the renderer cannot draw.
+    covering is as in `gauss2svg.render.render`. raster is the SVG's if a caller has it already. All
+    three are compared at the size of the photo, whatever the canvas of the scene is. Raise
+    RendererError if the renderer cannot draw the SVG.
     """
     height, width = photo.shape[:2]
     raster = rasterize_like(svg, photo, renderer) if raster is None else raster
@@ -94,13 +94,33 @@ def round_trip(
 
 
 def model_psnr(scene: Scene, picture: NDArray[np.float32]) -> float:
-    """Return the PSNR in dB of a scene against an image of its canvas size.
+    """Return a scene's PSNR in dB against an image, over both backdrops if the image has alpha."""
+    return metrics.psnr(_model(scene, picture), stacked(picture))
 
-    If the image has alpha, it is measured over white and over black at once.
+
+def model_error(scene: Scene, picture: NDArray[np.float32], covering: bool = False) -> float:
+    """Return the mean squared error of a scene, over both backdrops if the image has alpha.
+
+    covering is as in `gauss2svg.render.render`.
     """
-    if has_alpha(picture):
-        return metrics.psnr(stacked(render_rgba(scene)), stacked(picture))
-    return metrics.psnr(render(scene), picture)
+    return metrics.mean_squared_error(_model(scene, picture, covering), stacked(picture))
+
+
+def _model(scene: Scene, picture: NDArray[np.float32], covering: bool = False) -> NDArray:
+    draw = render_rgba if has_alpha(picture) else render
+    return stacked(draw(scene, *picture.shape[1::-1], covering=covering))
+
+
+def raster_error(svg: str, picture: NDArray[np.float32], renderer: str) -> float:
+    """Return the mean squared error of a file's raster, over both backdrops if there is alpha."""
+    raster = rasterize_like(svg, picture, renderer)
+    return metrics.mean_squared_error(stacked(raster), stacked(picture))
+
+
+def measured(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
+    """Return a raster's score. With alpha, it is the worse of over white and over black."""
+    pairs = zip(views(raster), views(photo), strict=True)
+    return score.worst([score.function(*pair) for pair in pairs])
 
 
 def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:

@@ -10,10 +10,10 @@ import numpy as np
 import pi_heif
 import pyvips
 
+from gauss2svg.photo.load import Stored
 from gauss2svg.photo.srgb import ColorSpace
-from gauss2svg.photo.stored import Stored
 
-# References to metadata, which is not used, and on which pi-heif 1.4 may crash.
+# References to metadata, which is not used. pi-heif 1.4 may crash on metadata.
 _METADATA = re.compile(rb"(\0\0..)cdsc", re.DOTALL)
 _REDUCED_BYTES = 10  # memory (bytes) per pixel and 8 bits of depth while a photo is reduced
 pi_heif.options.DECODE_THREADS = 1  # more threads would not obey --threads

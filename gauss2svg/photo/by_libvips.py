@@ -17,12 +17,13 @@ import pyvips
 from PIL.ExifTags import Base
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from gauss2svg.photo import by_pillow, libvips
-from gauss2svg.photo.srgb import INKS, UNUSABLE, ColorSpace
-from gauss2svg.photo.stored import Stored
+from gauss2svg.photo import libvips
+from gauss2svg.photo.load import Stored
+from gauss2svg.photo.srgb import CMYK_CHANNELS, UNUSABLE, ColorSpace
 
-_COLORS = {"b-w": 1, "grey16": 1, "cmyk": INKS}  # colour channels by interpretation; others have 3
-_MAX_EXTRA = 4  # samples per pixel besides colours, because hostile files have thousands
+# Number of colour channels by libvips' interpretation. Others have 3.
+_COLORS = {"b-w": 1, "grey16": 1, "cmyk": CMYK_CHANNELS}
+_MAX_EXTRA = 4  # most extra samples per pixel, because hostile files have thousands
 _END_OF_IMAGE = b"\xff\xd9"
 _NCLX = re.compile(rb"colrnclx(..)(..)", re.DOTALL)
 _AV1 = re.compile(rb"av1C..(.)", re.DOTALL)
@@ -37,20 +38,23 @@ _SEPARATE, _FLOAT = 2, 3
 def opened(file: bytes, loader: str) -> Stored:
     """Read the header of a file by a loader of libvips."""
     tags = _tiff_tags(file) if loader == "tiffload" else {}
-    _refuse_misread(tags)
-    if _needs_pillow(tags):
-        return by_pillow.opened(file, "Tiff")
-    if loader == "heifload" and (av1 := _AV1.search(file)) and av1[1][0] & 0x10:
-        return by_pillow.opened(file, "Avif")  # libheif does not expand greys of 16..235
-    # libtiff only warns of broken tiles and faxes, so there its warnings count as errors. It also
-    # warns of a strip without a length, which can be read.
+    if problem := _misread(tags):
+        raise ValueError(problem)
+    # libheif does not expand greys of 16..235.
+    is_narrow = loader == "heifload" and (av1 := _AV1.search(file)) and av1[1][0] & 0x10
+    if is_narrow or _needs_pillow(tags):
+        from gauss2svg.photo import by_pillow  # few files need it
+
+        return by_pillow.opened(file, "Avif" if is_narrow else "Tiff")
+    # libtiff only warns of broken tiles and faxes, so its warnings count as errors for them. It
+    # also warns of a strip without a length, but such a strip can be read.
     is_strict = (Base.TileWidth in tags or tags.get(Base.Compression) in (2, 3, 4)) and (
         0 not in _numbers(tags, Base.StripByteCounts)
     )
 
     def image(**options: int) -> Any:
         load = getattr(pyvips.Image, f"{loader}_buffer")
-        if loader == "tiffload":  # otherwise libtiff refuses to allocate 50 MB at once
+        if loader == "tiffload":  # libtiff refuses by default to allocate 50 MB at once
             options["unlimited"] = True
         picture = load(
             file, access="sequential", fail_on="warning" if is_strict else "error", **options
@@ -65,7 +69,7 @@ def opened(file: bytes, loader: str) -> Stored:
     def picture(scale: int) -> Any:
         if scale == 1:
             return image()
-        # libvips rounds the size down. Repeat the last row and column, so that it is rounded up.
+        # libvips rounds the size down. Repeating the last row and column rounds it up.
         size = -(-header.width // scale), -(-header.height // scale)
         return image(shrink=scale).embed(0, 0, *size, extend="copy")
 
@@ -73,7 +77,7 @@ def opened(file: bytes, loader: str) -> Stored:
     colors = min(_COLORS.get(header.interpretation, 3), header.bands)
     if header.format not in libvips.TYPES or header.bands > colors + _MAX_EXTRA or colors == 2:
         raise ValueError(f"samples of type {header.format}, {header.bands} for each pixel")
-    # Only these fields are read, because texts in others need not be Unicode.
+    # Only these fields are read, because texts in other fields might not be Unicode.
     names = ("resolution-unit", "orientation", "icc-profile-data", "n-pages")
     fields = {name: header.get(name) for name in names if header.get_typeof(name)}
     alpha = colors if header.hasalpha() else None
@@ -85,7 +89,7 @@ def opened(file: bytes, loader: str) -> Stored:
     stored.orientation = fields.get("orientation", 1)
     stored.space = ColorSpace(fields.get("icc-profile-data"))
     stored.note_frames(fields.get("n-pages", 1), "pages" if loader == "tiffload" else "frames")
-    # Warnings on a PNG concern chunks that `_add_chunks` reads.
+    # Warnings on a PNG make no notes: they concern chunks that `_add_chunks` reads.
     stored.notes_warnings = loader in ("jpegload", "tiffload")
     if loader == "jpegload":
         stored.scales = (1, 2, 4, 8)
@@ -145,7 +149,7 @@ def _add_chunks(stored: Stored, file: bytes) -> None:
 
 
 def _tiff_tags(file: bytes) -> dict[int, Any]:
-    """Return the tags of the first page, or none if they cannot be read. libtiff then decides."""
+    """Return the tags of the first page. Return {} if they cannot be read; libtiff then decides."""
     try:
         directory = ImageFileDirectory_v2(file[: 16 if b"+" in file[2:4] else 8])
         stream = io.BytesIO(file)
@@ -162,7 +166,7 @@ def _numbers(tags: dict[int, Any], tag: int) -> tuple[int, ...]:
 
 
 def _needs_pillow(tags: dict[int, Any]) -> bool:
-    """Return whether Pillow reads a TIFF that libvips does not. It has up to 8 bits a sample."""
+    """Return whether Pillow reads a TIFF that libvips does not: one of up to 8 bits a sample."""
     return max(_numbers(tags, Base.BitsPerSample), default=1) <= 8 and (
         tags.get(Base.PhotometricInterpretation) == _LAB
         or tags.get(Base.Compression) in (_OLD_JPEG, _LZMA, _ZSTD)
@@ -170,22 +174,23 @@ def _needs_pillow(tags: dict[int, Any]) -> bool:
     )
 
 
-def _refuse_misread(tags: dict[int, Any]) -> None:
-    """Raise ValueError if a TIFF with these tags would be read as a wrong picture."""
+def _misread(tags: dict[int, Any]) -> str:
+    """Return why a TIFF with these tags would be read as a wrong picture, or ""."""
     if tags.get(Base.NewSubfileType) == 1 or Base.DNGVersion in tags:
-        raise ValueError("it is a camera's raw file, or begins with a preview")
+        return "it is a camera's raw file, or begins with a preview"
     if 0 in _numbers(tags, Base.StripOffsets) + _numbers(tags, Base.TileOffsets):
-        raise ValueError("some of its strips or tiles have no data")
+        return "some of its strips or tiles have no data"
     color = tags.get(Base.PhotometricInterpretation)
     is_separate = tags.get(Base.PlanarConfiguration) == _SEPARATE
     if color == _INKS and tags.get(Base.SamplesPerPixel) in (1, 2, 3):
-        raise ValueError("its inks are not cyan, magenta, yellow and black")
+        return "its inks are not cyan, magenta, yellow and black"
     is_whole = is_separate or _numbers(tags, Base.YCbCrSubSampling) == (1, 1)
     if color == _YCBCR and is_whole and tags.get(Base.Compression) not in (_OLD_JPEG, _JPEG):
-        raise ValueError("its luma has no more pixels than its chroma, or they are in planes")
+        return "its luma has no more pixels than its chroma, or they are in planes"
     bits, kinds = _numbers(tags, Base.BitsPerSample), _numbers(tags, Base.SampleFormat)
     is_half, is_grey = _FLOAT in kinds and 16 in bits, color in (0, 1)
     if is_separate and (
         is_half or (is_grey and tags.get(Base.SamplesPerPixel, 1) > 1)
     ):  # libvips would read the planes as interleaved samples
-        raise ValueError("its grey and alpha, or its floats of 16 bits, are in planes")
+        return "its grey and alpha, or its floats of 16 bits, are in planes"
+    return ""

@@ -11,10 +11,11 @@ import pyvips
 from PIL import Image, ImageCms
 from PIL.ExifTags import Base
 
-from gauss2svg.photo.srgb import INKS, ColorSpace
-from gauss2svg.photo.stored import Stored
+from gauss2svg.photo.load import Stored
+from gauss2svg.photo.srgb import CMYK_CHANNELS, ColorSpace
 
-_COLORS = {"L": 1, "LA": 1, "RGB": 3, "RGBA": 3, "CMYK": INKS}  # colour channels by Pillow's mode
+# Number of colour channels by Pillow's mode.
+_COLORS = {"L": 1, "LA": 1, "RGB": 3, "RGBA": 3, "CMYK": CMYK_CHANNELS}
 _REDUCED_BYTES = 20  # memory (bytes) per pixel while a photo is reduced (docs/decisions/memory.md)
 _START_OF_DATA, _END = b"\xff\x93", b"\xff\xd9"  # markers of JPEG 2000
 
@@ -22,20 +23,20 @@ _START_OF_DATA, _END = b"\xff\x93", b"\xff\xd9"  # markers of JPEG 2000
 def opened(file: bytes, loader: str) -> Stored:
     """Read the header of a file by a plugin of Pillow, without the size limit of Image.open."""
     if loader == "Jpeg2K" and file.rfind(_END) <= file.rfind(_START_OF_DATA):
-        raise ValueError("its data end early")  # OpenJPEG would decode it as black
+        raise ValueError("its data end early")  # OpenJPEG would decode black
     plugin = importlib.import_module(f"PIL.{loader}ImagePlugin")
     return of_image(getattr(plugin, f"{loader}ImageFile")(io.BytesIO(file)))
 
 
 def of_image(image: Image.Image) -> Stored:
-    """Return a Pillow image as Stored. It may not be loaded yet."""
+    """Return a Pillow image as Stored. The image may not be loaded yet."""
     mode, info = _mode(image), image.info
     colors = _COLORS.get(mode, 1)
 
     def picture(_scale: int) -> Any:
         image.load()
         array = np.asarray(_converted(image, mode))
-        # Grey of 16 or 32 bits, whose values over 65535 are refused when they are decoded.
+        # Grey has 16 or 32 bits. Decoding refuses values over 65535.
         if array.dtype.kind in "iu" and array.dtype != np.uint8:
             array = array.astype(np.float32) / 65535
         return pyvips.Image.new_from_array(array)
@@ -61,7 +62,7 @@ def of_image(image: Image.Image) -> Stored:
 
 
 def _mode(image: Image.Image) -> str:
-    """Return the mode of Pillow to which an image is converted."""
+    """Return the mode that an image is converted to by Pillow."""
     if image.mode.startswith("I") or image.mode == "F":
         return image.mode
     if image.mode in ("PA", "RGBa") or image.has_transparency_data or _frame(image):
@@ -74,7 +75,8 @@ def _mode(image: Image.Image) -> str:
 def _frame(image: Image.Image) -> tuple[int, int, int, int] | None:
     """Return (left, top, right, bottom) in px of a GIF's first frame on its screen.
 
-    Return None if it fills the screen, and for later frames, which Pillow draws over earlier ones.
+    Return None if the frame fills the screen, and for later frames, which Pillow draws over earlier
+    ones.
     """
     box = getattr(image, "dispose_extent", None)
     return None if image.tell() or box in (None, (0, 0, *image.size)) else box

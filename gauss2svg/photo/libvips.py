@@ -19,7 +19,7 @@ TYPES = {"uchar": np.uint8, "ushort": np.uint16, "float": np.float32}
 _ROWS = 4  # number of rows that are fetched at once
 
 
-_thread = threading.local()  # its attribute `warnings` has those of libvips in this thread
+_thread = threading.local()  # its attribute `warnings` has libvips' warnings in this thread
 # One photo at a time, because libvips collects the messages of a warning for the whole process.
 _lock = threading.RLock()
 
@@ -32,7 +32,7 @@ def _collect(record: logging.LogRecord) -> bool:
 
 
 logging.getLogger("pyvips").addFilter(_collect)
-logging.getLogger("pyvips").setLevel(logging.WARNING)  # even if the root logger is at ERROR
+logging.getLogger("pyvips").setLevel(logging.WARNING)  # kept even if the root is at ERROR
 pyvips.cache_set_max(0)  # the cache would keep past operations and their photos in memory
 # Block the loaders of other formats, such as SVG and PDF.
 pyvips.operation_block_set("VipsForeignLoad", True)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import os
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
@@ -17,17 +19,245 @@ from PIL import Image
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.files import reading
 from gauss2svg.options import Field, file_name
-from gauss2svg.photo import by_pillow
-from gauss2svg.photo.alpha import has_alpha, over, pixels_of, shrunk
-from gauss2svg.photo.decode import check_size, decoded, opened
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS, PREFIX_BYTES, format_of
-from gauss2svg.photo.libvips import TYPES
-from gauss2svg.photo.photo import Header, Photo, unit
-from gauss2svg.photo.reduce import Size, SizeNeeded
-from gauss2svg.photo.stored import Stored
+from gauss2svg.photo import (
+    DEFAULT_MAX_PIXELS,
+    FORMATS,
+    MOST_PIXELS,
+    OF_PILLOW,
+    PREFIX_BYTES,
+    format_of,
+)
+from gauss2svg.photo.libvips import TYPES, samples
+from gauss2svg.photo.pixels import (
+    Header,
+    Photo,
+    Size,
+    SizeNeeded,
+    has_alpha,
+    over,
+    pixels_of,
+    reduced_size,
+    shrunk,
+    unit,
+)
+from gauss2svg.photo.srgb import PRIMARIES, TRANSFERS, ColorSpace, in_srgb
+
+SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
+_LEAST_DPI = 1.0  # a resolution of this or less counts as none
+_SQUARE = 0.01  # largest relative difference of resolutions at which pixels count as square
+# libjpeg decodes a JPEG at least this many times as large as needed, and `resized` does the rest.
+# libjpeg itself leaves out high frequencies, which is a poor filter (docs/decisions/photo.md).
+DRAFT = 3
+_OPAQUE = {"uchar": 255, "ushort": 65535, "float": 1}  # alpha of an opaque sample by its type
+_CUT = "premature end of data segment"  # message of libjpeg, which libvips treats as a warning
+
+
+@dataclass(eq=False)
+class Stored:
+    """The first image of a file, as it is stored.
+
+    width, height   size in px
+    colors          number of colour channels: 1 of grey, 3 of RGB, CMYK_CHANNELS of CMYK
+    alpha           index of the alpha channel, or None
+    picture         function that takes one of `scales` and returns a picture of libvips, with
+                    samples of uint8, uint16 or float32 in 0..1
+    reduced_bytes   as in Header
+    scales          factors by which the decoder can make the image smaller
+    space           colour space
+    orientation     1..8 as in EXIF. 1 is upright as stored
+    density         px across and down in one unit of length, as stored. None if the file has none
+    is_per_inch     whether that unit is an inch, and not unknown
+    notes           notes on changes, for the report
+    notes_warnings  whether the decoder's last warning becomes a note
+    """
+
+    width: int
+    height: int
+    colors: int
+    alpha: int | None
+    picture: Callable[[int], Any]
+    reduced_bytes: int | None
+    scales: tuple[int, ...] = (1,)
+    space: ColorSpace = field(default_factory=ColorSpace)
+    orientation: int = 1
+    density: tuple[float, float] | None = None
+    is_per_inch: bool = True
+    notes: list[str] = field(default_factory=list)
+    notes_warnings: bool = False
+
+    @property
+    def header(self) -> Header:
+        """Size, alpha, and memory for decoding."""
+        return Header(self.width, self.height, self.alpha is not None, self.reduced_bytes)
+
+    @property
+    def upright_size(self) -> tuple[int, int]:
+        """Width and height in px of the upright photo."""
+        is_swapped = self.orientation in SWAPPED
+        return (self.height, self.width) if is_swapped else (self.width, self.height)
+
+    def resolution(self) -> tuple[tuple[float, float] | None, list[str]]:
+        """Return px per inch across and down the upright photo (None if unknown), and notes."""
+        if self.density is None or min(self.density) <= 0:
+            return None, []
+        across, down = self.density[::-1] if self.orientation in SWAPPED else self.density
+        notes = []
+        if abs(across / down - 1) > _SQUARE:
+            notes.append(
+                f"pixels are {down / across:.3g} times as wide as high by the resolution tag; "
+                "treated as square"
+            )
+        is_known = self.is_per_inch and min(self.density) > _LEAST_DPI
+        return (across, down) if is_known else None, notes
+
+    def set_codes(self, source: str, codes: Sequence[int]) -> None:
+        """Set the colour space by H.273 codes (primaries, transfer). Note unknown codes."""
+        primaries, transfer = codes
+        chromaticity, gamma = PRIMARIES.get(primaries), TRANSFERS.get(transfer)
+        if chromaticity and gamma:
+            self.space = ColorSpace(None, gamma, chromaticity, source)
+        else:
+            kind = f"{source} with primaries {primaries} and transfer {transfer}"
+            self.notes.append(f"{kind} not supported; ignored")
+
+    def set_gamma(self, gamma: float, chromaticity: Sequence[float]) -> None:
+        """Set the colour space by the gAMA of a PNG, and by its cHRM if that has eight numbers."""
+        source = f"gAMA of {gamma:g}"
+        self.space = ColorSpace(gamma=gamma, source=source)
+        if len(chromaticity) == 8:
+            self.space = ColorSpace(None, gamma, tuple(chromaticity), f"{source} and cHRM")
+
+    def note_frames(self, count: int, noun: str = "frames") -> None:
+        """Add a note if there is more than one frame or page."""
+        if count > 1:
+            self.notes.append(f"first of {count} {noun}")
+
+
+@contextmanager
+def _refusing(name: str) -> Iterator[None]:
+    """Raise InputError for any exception of a decoder. Hostile bytes can cause any."""
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        reason = (str(error).strip() or type(error).__name__).splitlines()[-1]
+        raise InputError(
+            f"{name} must be a complete image of a supported kind; got one that is broken, "
+            f"truncated or unsupported: {brief(reason)}. Try re-saving it as PNG"
+        ) from error
+
+
+def opened(file: bytes, name: str, max_pixels: int) -> Stored:
+    """Read the header of an image file.
+
+    Raise InputError if it is unsupported, broken, or larger than max_pixels.
+    """
+    kind = format_of(file[:PREFIX_BYTES])
+    if isinstance(kind, str):
+        raise InputError(
+            f"{name} must be a supported image ({', '.join(FORMATS)}); got {kind}. Try "
+            "converting it"
+        )
+    with _refusing(name):
+        stored = resolve_name(kind.decoder)(file, kind.loader)
+    check_size((stored.width, stored.height), name, max_pixels)
+    return stored
+
+
+def decoded(stored: Stored, name: str, needed: SizeNeeded | None = None) -> Photo:
+    """Decode an opened image, reduced to the size needed. Raise InputError if it is broken."""
+    size = reduced_size(needed, stored.width, stored.height)
+    with _refusing(name):
+        pixels, warnings = samples(lambda: _picture(stored, size, name))
+        if any(_CUT in warning for warning in warnings):
+            raise ValueError(_CUT)
+    if size is not None and pixels.dtype == np.float32:  # the filter may overshoot 0..1
+        pixels = pixels.clip(0, 1)
+    pixels = unit(pixels, name)
+    notes = [*stored.notes]
+    if stored.notes_warnings:
+        notes += (f"decoder warns: {brief(warning)}" for warning in warnings[-1:])
+    color, color_notes = in_srgb(pixels[:, :, : stored.colors], stored.space)
+    dpi, dpi_notes = stored.resolution()
+    orientation = stored.orientation
+    if orientation != 1:
+        notes.insert(0, "EXIF orientation applied")
+    color, alpha = upright(color, orientation), None
+    color = np.ascontiguousarray(color if color.shape[2] == 3 else color.repeat(3, axis=2))
+    if stored.alpha is not None and (pixels[:, :, -1] < 1).any():
+        alpha = upright(pixels[:, :, -1], orientation)
+        color = np.where(alpha[:, :, None] > 0, color, np.float32(0))
+    return Photo(color, stored.upright_size, (*notes, *dpi_notes, *color_notes), dpi, alpha)
+
+
+def _picture(stored: Stored, size: Size | None, name: str) -> Any:
+    """Return a libvips picture of this size, with samples of colour and alpha only."""
+    full = stored.width, stored.height
+    scale = max(s for s in stored.scales if s == 1 or (size and _leaves_enough(full, size, s)))
+    picture = stored.picture(scale)
+    if (picture.width, picture.height) != tuple(-(-side // scale) for side in full):
+        raise ValueError(f"its pixels are {picture.width}x{picture.height}")
+    bands = [*range(stored.colors), *([] if stored.alpha is None else [stored.alpha])]
+    if picture.bands > len(bands):
+        picture = picture[bands[0]].bandjoin([picture[band] for band in bands[1:]])
+    if size is None:
+        return picture
+    if picture.format == "float":  # samples may be out of range, which `unit` refuses
+        picture = pyvips.Image.new_from_array(unit(samples(lambda: picture)[0], name))
+    return resized(picture, size, stored.alpha is not None)
+
+
+def resized(picture: Any, size: Size, has_alpha: bool) -> Any:
+    """Return a smaller picture. If it has alpha, its samples are floating-point in 0..1.
+
+    Opaque pictures are reduced by the cubic filter of Catmull and Rom, and others by a triangle
+    filter. A filter with negative weights would leave faint rings around edges of alpha
+    (docs/decisions/photo.md).
+    """
+    across, down = (
+        small / side for small, side in zip(size, (picture.width, picture.height), strict=True)
+    )
+    if has_alpha:
+        picture = (picture / _OPAQUE[picture.format]).premultiply(max_alpha=1)
+    picture = picture.resize(across, vscale=down, kernel="linear" if has_alpha else "cubic")
+    return picture.unpremultiply(max_alpha=1) if has_alpha else picture
+
+
+def _leaves_enough(stored: Size, needed: Size, scale: int) -> bool:
+    """Return whether decoding at 1 / `scale` leaves at least DRAFT times the size needed."""
+    return all(scale * DRAFT * small <= side for side, small in zip(stored, needed, strict=True))
+
+
+def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """Return an array (h, w, ...) turned upright by its orientation (EXIF 2.32, 4.6.4, tag 274)."""
+    if orientation in SWAPPED:
+        array = array.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):  # the first row belongs at the bottom
+        array = array[::-1]
+    if orientation in (2, 3, 6, 7):
+        array = array[:, ::-1]
+    return np.ascontiguousarray(array)
+
+
+def check_size(size: Size, name: str, max_pixels: int) -> None:
+    """Raise InputError if a size (width, height) has no pixels, or more than max_pixels."""
+    width, height = size
+    if width < 1 or height < 1:
+        raise InputError(f"{name} must be at least 1x1 px; got {width}x{height} px")
+    count = width * height
+    if count > max_pixels:
+        advice = "shrinking it"
+        if count <= MOST_PIXELS:
+            advice += f", or raising --max-pixels, up to {MOST_PIXELS}, if you trust the file"
+        raise InputError(
+            f"{name} must be at most {max_pixels} px (--max-pixels); got {width}x{height} = "
+            f"{count} px. Try {advice}"
+        )
+
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
-WHITE = (1.0, 1.0, 1.0)  # matte of the background that browsers show
+WHITE = (1.0, 1.0, 1.0)  # sRGB of the background that browsers show
 
 
 def load_image(
@@ -41,11 +271,11 @@ def load_image(
 
     max_pixels  largest number of pixels, 1..MOST_PIXELS, checked before decoding
     matte       sRGB colour in 0..1 over which transparency is composited. None keeps alpha
-    needed      longest side in px that is needed, or a function that returns the width and height
-                needed for those stored. A larger photo is reduced to that size while it is decoded,
-                before its profile and orientation are applied. None keeps all pixels
+    needed      longest side in px that is needed, or a function that returns the needed width and
+                height from the stored ones. A larger photo is reduced to that size while it is
+                decoded, before its profile and orientation are applied. None keeps all pixels
 
-    A file has one of the formats of gauss2svg.photo.formats. The first of several frames is read.
+    A file has one of gauss2svg.photo.FORMATS. The first of several frames is read.
     Arrays are (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), and torch tensors (c, h, w) or (h, w), of
     uint8, uint16, bool, or floating point in 0..1. EXIF orientation is applied. ICC profiles and
     the gamma of a PNG are converted to sRGB. Colour under alpha 0, which is invisible, becomes 0.
@@ -61,7 +291,6 @@ def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> H
 
     Raise InputError as `load_image` does. A file that can be read only once must be `rereadable`.
     """
-    Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     return None if _is_array(source) else _stored(source, max_pixels)[0].header
 
 
@@ -95,7 +324,7 @@ def _stored(source: ImageSource, max_pixels: int) -> tuple[Stored, str]:
         return _of_array(samples, "tensor", max_pixels), "tensor"
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
-        return by_pillow.of_image(source), "image"
+        return resolve_name(OF_PILLOW)(source), "image"
     file, name = _file(source)
     return opened(file, name, max_pixels), name
 
@@ -120,7 +349,7 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
             "file object must be open; got a closed one. Try the path of the photo, or a file "
             "that is open"
         )
-    with suppress(AttributeError, OSError):  # a pipe cannot seek, and is read from where it is
+    with suppress(AttributeError, OSError):  # a pipe cannot seek, and is read on
         source.seek(0)
     data = source.read()
     if not isinstance(data, bytes):
@@ -163,7 +392,7 @@ def _of_array(array: NDArray[Any], name: str, max_pixels: int) -> Stored:
 
 
 def _composited(photo: Photo, matte: Sequence[float] | None) -> Photo:
-    """Return the photo over the colour `matte`, or unchanged if that is None."""
+    """Return the photo over the colour `matte`, or unchanged if `matte` is None."""
     if matte is None:
         return photo
     color = np.asarray(matte, np.float32)

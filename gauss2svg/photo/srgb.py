@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from gauss2svg.photo.libvips import samples
-from gauss2svg.photo.photo import unit
+from gauss2svg.photo.pixels import unit
 
-INKS = 4  # channels of CMYK
-_SPACES = {b"GRAY": 1, b"RGB ": 3, b"CMYK": INKS}  # channels by an ICC profile's colour space
+CMYK_CHANNELS = 4
+# Number of channels by an ICC profile's colour space.
+_SPACES = {b"GRAY": 1, b"RGB ": 3, b"CMYK": CMYK_CHANNELS}
 UNUSABLE = "embedded ICC profile unreadable or for another colour space; sRGB assumed"
 _CONVERTED = "converted from its embedded ICC profile to sRGB"
 _NAIVE = "CMYK without a usable ICC profile; converted by the naive formula"
@@ -54,14 +55,14 @@ class ColorSpace:
 
 
 def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.float32], list[str]]:
-    """Convert color (h, w, 1, 3 or INKS) in 0..1 to grey or RGB in sRGB. Return it with notes."""
+    """Convert color (h, w, 1, 3 or 4) in 0..1 to grey or RGB in sRGB. Return it with notes."""
     notes: list[str] = []
     if space.profile:
         converted = _by_profile(color, space.profile)
         if converted is not None:
             return converted, [] if converted is color else [_CONVERTED]
         notes = [UNUSABLE]
-    if color.shape[2] == INKS:
+    if color.shape[2] == CMYK_CHANNELS:
         rgb = (1 - color[:, :, :3]) * (1 - color[:, :, 3:])
         return rgb, [*notes, _NAIVE]
     color, gamma_notes = _by_gamma(color, space)
@@ -77,9 +78,9 @@ def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float3
             if np.abs(curve - steps).max() <= _SAME:
                 return color
             return np.interp(color, steps, curve).astype(np.float32)
-        if channels == color.shape[2] == INKS:
+        if channels == color.shape[2] == CMYK_CHANNELS:
             return _transformed(color, profile)
-        if channels == 3 and color.shape[2] != INKS:
+        if channels == 3 and color.shape[2] != CMYK_CHANNELS:
             steps = np.linspace(0, 1, 9, dtype=np.float32)
             levels = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(1, -1, 3)
             if np.abs(_transformed(levels, profile) - levels).max() <= _SAME:
@@ -91,9 +92,10 @@ def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float3
 
 
 def _grey_curve(profile: bytes) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Return 256 levels in 0..1, and their sRGB values by a profile of grey.
+    """Return 256 grey levels in 0..1, and their sRGB values under an ICC profile.
 
-    Little CMS samples a curve in only 33 steps by default, and so does libvips.
+    With the flag NOOPTIMIZE all levels are converted. By default Little CMS samples only 33 steps,
+    and so does libvips.
     """
     parsed, srgb = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
     levels = Image.fromarray(np.arange(256, dtype=np.uint8)[None])
@@ -102,10 +104,10 @@ def _grey_curve(profile: bytes) -> tuple[NDArray[np.floating], NDArray[np.floati
 
 
 def _transformed(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32]:
-    """Convert color of 3 or INKS channels to RGB in sRGB, with 16 bits a channel."""
-    ImageCms.ImageCmsProfile(io.BytesIO(profile))  # raises if broken; libvips would use another
+    """Convert color of 3 or 4 channels to RGB in sRGB, with 16 bits a channel."""
+    ImageCms.ImageCmsProfile(io.BytesIO(profile))  # raises if broken; libvips would replace it
     levels = np.round(color * np.float32(65535)).astype(np.uint16)
-    kind = "cmyk" if color.shape[2] == INKS else "rgb16"
+    kind = "cmyk" if color.shape[2] == CMYK_CHANNELS else "rgb16"
     picture = pyvips.Image.new_from_array(levels).copy(interpretation=kind)
     picture.set_type(pyvips.GValue.blob_type, "icc-profile-data", profile)  # pyright: ignore[reportArgumentType]
     picture = picture.icc_transform("srgb", embedded=True, intent="perceptual", depth=16)
@@ -117,9 +119,9 @@ def _by_gamma(
 ) -> tuple[NDArray[np.float32], list[str]]:
     """Convert color (h, w, 1 or 3) from a gamma and primaries to sRGB, and return it with notes.
 
-    light = value^(1 / gamma) (PNG, third edition, 11.3.2.2 and 13.13). It is converted from the
-    primaries to those of sRGB, and then by the sRGB curve to values. A gamma within 1 % of 1/2.2
-    stands for the sRGB curve itself.
+    light = value^(1 / gamma) (PNG, third edition, 11.3.2.2 and 13.13). The light is converted from
+    the primaries to those of sRGB, and then to values by the sRGB curve. A gamma within 1 % of
+    1/2.2 stands for the sRGB curve itself.
     """
     is_same = abs(space.gamma / _GAMMA - 1) <= _SAME_GAMMA
     has_primaries = not np.allclose(space.chromaticity, _SRGB, rtol=0, atol=0.005)
@@ -149,7 +151,7 @@ def _srgb_value(light: NDArray[np.float32]) -> NDArray[np.float32]:
 def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] | None:
     """Return the matrix (3, 3) from linear light of these primaries to sRGB, None if degenerate.
 
-    A factor for each channel turns another white into that of sRGB.
+    A factor for each channel turns a white of another colour into sRGB's white.
     """
     x, y = np.array(chromaticity, float).reshape(4, 2).T
     if not (y > 0).all() or abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < 1e-4:

@@ -1,7 +1,8 @@
 """Flat drawings: tests for their edges and shading, and the enlarged picture to fit.
 
-A drawing is fitted enlarged. Several fits are close to it at its pixels, and each errs differently
-between them. The enlarged picture is what they agree on (docs/decisions/enlarged.md):
+A drawing is fitted enlarged. Several fits are close to the drawing at its pixels, but each errs
+differently between the pixels. The enlarged picture is what the fits agree on
+(docs/decisions/enlarged.md):
 
     fits -> renders at four times the size -> their mean, corrected to match each pixel where the
     renders differ -> a larger picture to fit
@@ -16,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from gauss2svg.photo.alpha import from_views, has_alpha, views
+from gauss2svg.photo.pixels import from_views, has_alpha, views
+
+Pixels = NDArray[np.float32]  # (h, w, channels), of values in 0..1
 
 # Definition of a flat drawing (docs/decisions/small.md).
 FLAT_SHARE = 0.4  # smallest share of a drawing's pixels that have its most frequent colours
@@ -26,18 +29,18 @@ SHADED_SHARE = 0.01  # smallest share of shaded pixels of a drawing with shading
 # Largest second difference between neighbours, in 0..1, of a flat or evenly shaded area. It
 # allows for one level of 255 and rounding (docs/decisions/enlarged.md).
 EVEN = 1.5 / 255
-RIM = 2  # distance in px from an even area up to which an uneven pixel is part of an edge
-# Share of the uneven pixels that are farther away than RIM, above which a picture is textured,
-# like a photo on white.
+RIM = 2  # px; uneven pixels at most this far from an even area are part of an edge
+# A picture is textured, like a photo on white, if more than this share of its uneven pixels is
+# farther than RIM from even areas.
 TEXTURED_SHARE = 0.5
 
 
-def is_drawing(photo: NDArray[np.float32]) -> bool:
+def is_drawing(photo: Pixels) -> bool:
     """Return whether a few colours make up much of a picture, as in a flat drawing."""
     return _flat_share(photo) >= FLAT_SHARE
 
 
-def has_edges(photo: NDArray[np.float32]) -> bool:
+def has_edges(photo: Pixels) -> bool:
     """Return whether a picture is a drawing whose uneven pixels are mostly antialiased edges.
 
     photo  (h, w, 3) or (h, w, 4) float32 in 0..1
@@ -49,7 +52,7 @@ def has_edges(photo: NDArray[np.float32]) -> bool:
     return FLAT_SHARE <= _flat_share(photo) < 1 and not _is_textured(photo)
 
 
-def is_shaded(photo: NDArray[np.float32]) -> bool:
+def is_shaded(photo: Pixels) -> bool:
     """Return whether a picture has shaded areas away from edges (docs/decisions/enlarged.md).
 
     photo  (h, w, 3) or (h, w, 4) float32 in 0..1
@@ -63,7 +66,7 @@ def is_shaded(photo: NDArray[np.float32]) -> bool:
     return bool(shaded[1:-1, 1:-1].mean() >= SHADED_SHARE)
 
 
-def _is_textured(photo: NDArray[np.float32]) -> bool:
+def _is_textured(photo: Pixels) -> bool:
     """Return whether most uneven pixels lie away from flat or evenly shaded areas."""
     pixels, uneven = _channels(photo), np.zeros(photo.shape[:2], bool)
     for axis, inner in enumerate((uneven[1:-1], uneven[:, 1:-1])):
@@ -75,11 +78,11 @@ def _is_textured(photo: NDArray[np.float32]) -> bool:
 
 
 def _largest(values: NDArray[Any], reach: int) -> NDArray[Any]:
-    """Return (h, w) the largest value within `reach` px of each pixel, in a square."""
+    """Return the largest value (h, w) within `reach` px of each pixel, in a square."""
     return np.asarray(Image.fromarray(values).filter(ImageFilter.MaxFilter(2 * reach + 1)))
 
 
-def _flat_share(pixels: NDArray[np.float32]) -> float:
+def _flat_share(pixels: Pixels) -> float:
     """Return the share of the pixels that have one of the most frequent 8-bit colours."""
     numbers = np.round(pixels * 255).astype(np.int64) @ 256 ** np.arange(pixels.shape[2])
     counts = np.sort(np.unique(numbers, return_counts=True)[1])
@@ -87,9 +90,9 @@ def _flat_share(pixels: NDArray[np.float32]) -> float:
 
 
 RASTER_TIMES = 4  # ratio of the renders' size to the picture's
-# Longest side in px of a drawing that is fitted enlarged. A larger one has enough pixels.
+# px, longest side of a drawing that is fitted enlarged. A larger drawing has enough pixels.
 LARGEST_ENLARGED = 512
-ENLARGED_TWICE_FROM = 256  # longest side in px above which a picture is enlarged 2, not 4 times
+ENLARGED_TWICE_FROM = 256  # px, pictures with a longer side are enlarged 2 times, others 4 times
 LOCAL_SHARE = 0.3  # share of the variance in 3 x 3 px that is added to the renders' variance
 LEAST_VARIANCE = 1e-3  # variance that is added everywhere, of values in 0..1
 CORRECTIONS = 5  # number of corrections. After them, clipping changes few values
@@ -100,9 +103,7 @@ def enlargement(width: int, height: int) -> int:
     return 2 if max(width, height) > ENLARGED_TWICE_FROM else 4
 
 
-def agreed(
-    picture: NDArray[np.float32], renders: Sequence[NDArray[np.float32]], times: int
-) -> NDArray[np.float32]:
+def agreed(picture: Pixels, renders: Sequence[Pixels], times: int) -> Pixels:
     """Return the picture enlarged, as renders of fits at four times its size agree on it.
 
     x begins as the mean of the renders and is corrected CORRECTIONS times by
@@ -134,30 +135,26 @@ def agreed(
     return from_views(x[:, :, :3], x[:, :, 3:]) if has_alpha(picture) else x
 
 
-def _channels(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+def _channels(pixels: Pixels) -> Pixels:
     """Return (h, w, 3), or (h, w, 6) over both backdrops if there is alpha."""
     return np.concatenate(views(pixels), axis=2)
 
 
-def _averaged(pixels: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:
-    """Return (height, width, channels) the mean of each block of pixels."""
+def _averaged(pixels: Pixels, height: int, width: int) -> Pixels:
+    """Return the mean of each block of pixels, as (height, width, channels)."""
     down, across = pixels.shape[0] // height, pixels.shape[1] // width
     blocks = pixels.reshape(height, down, width, across, -1)
     return blocks.mean(axis=(1, 3), dtype=np.float32)
 
 
-def _repeated(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+def _repeated(pixels: Pixels) -> Pixels:
     """Enlarge pixels to the renders' size by repeating each."""
     return pixels.repeat(RASTER_TIMES, axis=0).repeat(RASTER_TIMES, axis=1)
 
 
-def _local_variance(channel: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return (h, w) the variance in the 3 x 3 px around each pixel."""
-    padded = np.pad(channel, 1, mode="edge")
-    mean, squares = _sums(padded) / 9, _sums(np.square(padded)) / 9
-    return np.maximum(squares - np.square(mean), 0, dtype=np.float32)
+def _local_variance(channel: Pixels) -> Pixels:
+    """Return the variance (h, w) in the 3 x 3 px around each pixel."""
+    from scipy.ndimage import uniform_filter  # takes a tenth of a second
 
-
-def _sums(padded: NDArray[np.floating]) -> NDArray[np.floating]:
-    down = padded[:-2] + padded[1:-1] + padded[2:]
-    return down[:, :-2] + down[:, 1:-1] + down[:, 2:]
+    mean, squares = (uniform_filter(x, 3, mode="nearest") for x in (channel, np.square(channel)))
+    return np.maximum(squares - np.square(mean), 0)

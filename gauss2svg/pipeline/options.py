@@ -1,31 +1,27 @@
-"""The options of a run in six groups, from which command line and report are derived."""
+"""The options of a run in six groups. Command line and report are derived from them.
+
+A run reports its progress by calls with a Progress.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 from annotated_types import Interval
 
-from gauss2svg.errors import InputError, quoted, refusal
-from gauss2svg.fit.options import MOST_GAUSSIANS, DensifyOptions, FitOptions
-from gauss2svg.measure import color_name
-from gauss2svg.measure.scores import TARGETS, Score
-from gauss2svg.options import (
-    Field,
-    OptionGroup,
-    Renderer,
-    byte_size,
-    fields_of,
-)
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.errors import InputError, instance, quoted, refusal
+from gauss2svg.fit import MOST_GAUSSIANS, DensifyOptions, FitOptions, FitProgress
+from gauss2svg.measure import TARGETS, Score, color_name
+from gauss2svg.options import OptionGroup, Renderer, byte_size, fields_of
+from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.scene import OVER
-from gauss2svg.svg.document import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
+from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
 
 AUTO = "auto"
-_MOST_DECIBELS = 100.0  # dB. Differing 8-bit images of up to 65 megapixels have less
+_MOST_DECIBELS = 100.0  # dB. 8-bit images of up to 65 megapixels that differ have less
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,9 +40,7 @@ class Goal(OptionGroup):
     """Number of shapes. auto adapts it (default). With a target, the maximum."""
 
     target_psnr: Annotated[
-        float | None,
-        Interval(gt=0, le=_MOST_DECIBELS),
-        "30 to 40, at which photos look good",
+        float | None, Interval(gt=0, le=_MOST_DECIBELS), "30 to 40, at which photos look good"
     ] = None
     """PSNR (dB) to reach with the fewest shapes."""
 
@@ -65,17 +59,14 @@ class Goal(OptionGroup):
         super().__post_init__()
         if self.gaussians == AUTO:
             object.__setattr__(self, "gaussians", None)
-        targets = [score.option for score in self._targets()]
+        targets = [one.option for one in TARGETS if getattr(self, one.option) is not None]
         if len(targets) > 1:
             raise InputError(f"{targets[1]} must not be given with {targets[0]}. Try one of them")
-
-    def _targets(self) -> list[Score]:
-        return [score for score in TARGETS if getattr(self, score.option) is not None]
 
     @property
     def target(self) -> Score | None:
         """Score that has a target, None without one."""
-        return next(iter(self._targets()), None)
+        return next((one for one in TARGETS if getattr(self, one.option) is not None), None)
 
     @property
     def count(self) -> int | None:
@@ -178,31 +169,6 @@ class RunOptions(OptionGroup):
     estimated to need more runs on fewer pixels."""
 
 
-GROUPS: dict[str, type[OptionGroup]] = {
-    "goal": Goal,
-    "fit": FitOptions,
-    "densify": DensifyOptions,
-    "svg": SvgOptions,
-    "document": Document,
-    "run": RunOptions,
-}
-
-
-# Key of the group and field of each option, by the option's name.
-OPTIONS: dict[str, tuple[str, Field]] = {
-    field.name: (key, field) for key, group in GROUPS.items() for field in fields_of(group)
-}
-
-
-def unknown_option(name: str) -> TypeError:
-    """Return the error for a keyword that vectorize lacks. It says where the option belongs."""
-    if name in OPTIONS:
-        key = OPTIONS[name][0]
-        where = f"{key}={GROUPS[key].__name__}({name}=...)"
-        return TypeError(f"{name} belongs to {where}; got {name}=... for vectorize itself")
-    return TypeError(f"option must be one of vectorize or of its classes; got {quoted(name)}")
-
-
 # Options that do not change the picture. max_memory does only if the memory is too small.
 NOT_OF_PICTURE = frozenset({"threads", "max_memory", "max_pixels", "scores"})
 # Titles of the groups, in the order of the help.
@@ -233,13 +199,30 @@ class Options:
         return OVER if self.svg.portable else self.fit.blend
 
     @classmethod
+    def of_call(cls, arguments: Mapping[str, Any]) -> Options:
+        """Return the options of a call of `vectorize` by its arguments: goals, or groups.
+
+        Raise TypeError if arguments["unknown"] names an option. The message says where it belongs.
+        """
+        for name in arguments["unknown"]:
+            if name not in OPTIONS:
+                got = quoted(name)
+                raise TypeError(f"option must be one of vectorize or of its classes; got {got}")
+            where = f"{OPTIONS[name]}={GROUPS[OPTIONS[name]].__name__}({name}=...)"
+            raise TypeError(f"{name} belongs to {where}; got {name}=... for vectorize itself")
+        groups = {key: instance(arguments[key], key, group) for key, group in GROUPS.items()}
+        goals = {field.name: arguments[field.name] for field in fields_of(Goal)}
+        given = {name: value for name, value in goals.items() if value is not None}
+        return cls(**groups).changed(**given)
+
+    @classmethod
     def from_flat(cls, values: Mapping[str, Any]) -> Options:
         """Return options from names and values. Raise InputError for an unknown name."""
         return cls().changed(**values)
 
     def flat(self) -> dict[str, Any]:
         """Return the value of every option by its name."""
-        return {name: getattr(getattr(self, key), name) for name, (key, _) in OPTIONS.items()}
+        return {name: getattr(getattr(self, key), name) for name, key in OPTIONS.items()}
 
     def changed(self, /, **values: Any) -> Options:
         """Return the options with these values changed. Raise InputError for an unknown name."""
@@ -247,6 +230,28 @@ class Options:
         for name, value in values.items():
             if name not in OPTIONS:
                 raise refusal("option", f"one of {', '.join(OPTIONS)}", quoted(name))
-            groups.setdefault(OPTIONS[name][0], {})[name] = value
+            groups.setdefault(OPTIONS[name], {})[name] = value
         new = {k: dataclasses.replace(getattr(self, k), **given) for k, given in groups.items()}
         return dataclasses.replace(self, **new)
+
+
+# Class of each group of Options, by its key.
+GROUPS: dict[str, type[OptionGroup]] = get_type_hints(Options)
+# Key of the group of each option, by the option's name.
+OPTIONS = {field.name: key for key, group in GROUPS.items() for field in fields_of(group)}
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The phase of `vectorize`, and the state of the fit.
+
+    phase  "read", "compile", "additive" (only with portable), "fit", "write" or "measure". With
+           targets, "correct", "write" and "measure" may follow again
+    fit    state of the fit during "additive", "fit" and "correct", otherwise None
+    """
+
+    phase: str
+    fit: FitProgress | None = None
+
+
+ProgressCallback = Callable[[Progress], None]

@@ -8,68 +8,53 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from gauss2svg.errors import quoted, refusal, required
-from gauss2svg.render.cpu import removal_cost, splats_of
+from gauss2svg.render.weights import visible_mass
 from gauss2svg.scene import ADD, PLAIN, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, covered_radius, nearest_class
-from gauss2svg.scene.nearest import nearest_entry
-from gauss2svg.svg.blur import GRADIENT, drawn_blurs, snapped, with_falloffs
-from gauss2svg.svg.plain_ellipse import drawn_beta, is_plain
+from gauss2svg.svg.forms import GRADIENT, drawn_beta, drawn_blurs, is_plain, snapped, with_falloffs
+from gauss2svg.without_scipy import nearest_entry
 
 # Search for a palette (docs/decisions/palette.md).
 ITERATIONS = 6  # iterations of Lloyd's algorithm. Twice as many gain under 2 %
-# Multiple of the allowed error at which splitting ends, because Lloyd's iterations remove about a
-# tenth of it.
+# Splitting ends at this multiple of the allowed error. Lloyd's iterations then remove about a tenth
+# of the error.
 SPARE = 1.12
-LESS = 0.94  # factor of that multiple if Lloyd's iterations remove less than a tenth
+LESS = 0.94  # factor by which that multiple shrinks if Lloyd's iterations remove less than a tenth
 LEAST_AIM = 0.1  # multiple of the allowed error below which the search gives up
-# Weight of ln beta beside colours in 0..1. It is best for photos and near the best at few bytes.
+# Weight of ln beta relative to colours in 0..1. It is the best for photos and nearly the best at
+# few bytes.
 BETA_WEIGHT = 0.1
-LARGEST_SIDE = 768  # longest side in px of the canvas on which weights are computed
 Rows = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Palette:
-    """A palette of k entries for n shapes.
-
-    color  (k, 3) 8-bit sRGB colours of the entries
-    beta   (k,) exponents of the entries
-    entry  (n,) index of each shape's entry
-    """
-
-    color: NDArray[np.uint8]
-    beta: NDArray[np.float64]
-    entry: NDArray[np.intp]
 
 
 def best_palette(
     color: Rows, beta: Rows, weight: Rows, count: int, allowed: float = 0.0
-) -> Palette:
+) -> tuple[Rows, Rows, NDArray[np.intp]]:
     """Return a palette of at most `count` pairs of a colour and an exponent.
+
+    The result has the colours (k, 3) in 0..1 of its entries, their exponents (k,), and the index
+    (n,) of each shape's entry.
 
     Weighted k-means on color (n, 3) in 0..1 and BETA_WEIGHT ln beta (n,) minimises
 
-        sum weight |difference|^2,
+        sum weight |difference|^2.
 
-    whose colour part is the squared error of the image if weight (n,) >= 0 is the visible mass of
-    each shape. Colours are rounded to 8 bits and exponents to BETA_CLASSES. If there are no more
-    than `count` pairs, all are kept. If `allowed` > 0, about the fewest entries that keep the sum
-    under it are used. The result is deterministic, because clusters begin by splitting.
+    The colour part of this sum is the squared error of the image if weight (n,) >= 0 is the visible
+    mass of each shape. Colours are rounded to 8 bits and exponents to BETA_CLASSES. If there are no
+    more than `count` pairs, all are kept. If `allowed` > 0, about the fewest entries that keep the
+    sum under `allowed` are used. The result is deterministic, because clusters begin by splitting.
     """
     features = np.column_stack([color, BETA_WEIGHT * np.log(_class_of(beta))])
-    entries, entry = few_rows(features, weight, count, allowed, _rounded)
-    color, beta = np.round(entries[:, :3] * 255), _class_of(np.exp(entries[:, 3] / BETA_WEIGHT))
-    return Palette(color.astype(np.uint8), beta, entry)
+    entries, entry = few_entries(features, weight, count, allowed, _rounded)
+    return entries[:, :3], _class_of(np.exp(entries[:, 3] / BETA_WEIGHT)), entry
 
 
-def few_rows(
+def few_entries(
     features: Rows, weight: Rows, count: int, allowed: float, rounded: Callable[[Rows], Rows]
 ) -> tuple[Rows, NDArray[np.intp]]:
     """Return at most `count` entries (k, d) for features (n, d), and the entry (n,) of each.
@@ -97,8 +82,6 @@ def few_rows(
         entries = np.unique(rounded(entries), axis=0)
         return entries, nearest_entry(entries, features)[1]
 
-    if allowed <= 0:
-        return refined(_split(features, weight, count, 0.0)[0])
     if distinct <= count and loss(*exact) > allowed:
         return exact  # rounding alone loses more
     most, aim = min(count, distinct), allowed * SPARE
@@ -107,7 +90,7 @@ def few_rows(
         entries, entry = refined(means)
         if loss(entries, entry) <= allowed:
             return entries, entry
-        if left > aim or len(means) >= most or aim < allowed * LEAST_AIM:
+        if left > aim or len(means) >= most or aim <= allowed * LEAST_AIM:
             # No palette reaches `allowed`, because the rest of the error is rounding.
             return exact if distinct <= count else (entries, entry)
         aim *= LESS
@@ -123,9 +106,7 @@ def _rounded(features: Rows) -> Rows:
     return np.column_stack([np.round(features[:, :3] * 255) / 255, BETA_WEIGHT * np.log(classes)])
 
 
-def _split(
-    features: NDArray[np.float64], weight: NDArray[np.float64], count: int, aim: float
-) -> tuple[NDArray[np.float64], float]:
+def _split(features: Rows, weight: Rows, count: int, aim: float) -> tuple[Rows, float]:
     """Return the means (k, d) of k <= count clusters, and the squared error that is left.
 
     The cluster with the largest error is cut at its mean, across its direction of largest variance,
@@ -158,7 +139,7 @@ def _split(
 # Shapes of a drawing that count as crisp (docs/decisions/enlarged.md).
 RIM = 1.5  # widest crisp rim in px, from .9 to .1 of the opacity across the minor axis
 # Least distance in px from the middle of a crisp shape to its rim. A thinner shape does not look
-# crisp, and is closer as it was fitted.
+# crisp, and is closer to the picture as it was fitted.
 HALF = 1.0
 
 
@@ -193,19 +174,20 @@ def quantize(
     mass, pixels = visible_mass(exact, weight)
     allowed = color_error * 3 * pixels
     if additive:
-        entries, entry = few_rows(scene.color, mass, count, allowed, lambda colors: colors)
+        entries, entry = few_entries(scene.color, mass, count, allowed, lambda colors: colors)
         return scene.replace(color=entries[entry])
-    best = best_palette(exact.color[shaded], exact.beta[shaded], mass[shaded], count, allowed)
+    shades = exact.color[shaded], exact.beta[shaded], mass[shaded]
+    colors, exponents, entry = best_palette(*shades, count, allowed)
     beta, color = scene.beta.copy(), scene.color.copy()
-    color[shaded], beta[shaded] = best.color[best.entry] / 255, best.beta[best.entry]
+    color[shaded], beta[shaded] = colors[entry], exponents[entry]
     return with_falloffs(exact, beta).replace(color=color, drawn=scene.drawn)
 
 
 def with_plain_edges(scene: Scene) -> Scene:
     """Return the scene with its crisp shapes as plain ellipses.
 
-    They keep their contour at half the opacity. If a fit goes on, such a shape counts by how much
-    of each pixel it covers.
+    Shapes keep their contour at half the opacity. If a fit goes on, a plain ellipse counts by how
+    much of each pixel it covers.
     """
     minor = scene.ellipse_axes[0][:, 1]
     crisp = RIM_WIDTH * minor < RIM * scene.beta
@@ -213,9 +195,7 @@ def with_plain_edges(scene: Scene) -> Scene:
     return with_plain(scene, plain).replace(drawn=np.where(plain, PLAIN, scene.drawn))
 
 
-def with_plain(
-    scene: Scene, plain: NDArray[np.bool_], beta: NDArray[np.float64] | None = None
-) -> Scene:
+def with_plain(scene: Scene, plain: NDArray[np.bool_], beta: Rows | None = None) -> Scene:
     """Return the scene with exponents `beta`, and with some shapes as plain ellipses.
 
     plain  (n,) whether a shape gets the exponent that a plain ellipse draws
@@ -224,22 +204,3 @@ def with_plain(
     beta = (scene.beta if beta is None else beta).copy()
     beta[plain] = drawn_beta(scene, plain)
     return with_falloffs(scene, beta)
-
-
-def visible_mass(
-    scene: Scene, weight: NDArray[np.floating] | None = None
-) -> tuple[NDArray[np.float64], int]:
-    """Return the visible mass (n,) of each shape, and the number of pixels of the canvas used.
-
-    The visible mass is the sum of weight (alpha transmittance)^2 over the canvas, which is reduced
-    if it is large. A change d of a colour adds visible_mass d^2 to the weighted sum of squared
-    errors. weight is as for `quantize`.
-    """
-    shrunk = min(1.0, LARGEST_SIDE / max(scene.width, scene.height))
-    width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
-    splats = splats_of(scene, (width / scene.width, height / scene.height))
-    if weight is not None:
-        image = Image.fromarray(np.asarray(weight, np.float32))
-        weight = np.asarray(image.resize((width, height), Image.Resampling.NEAREST))
-    blank = np.zeros((3, height, width), np.float32)
-    return np.maximum(removal_cost(splats, blank, weight)[1][:, 1], 0.0), width * height

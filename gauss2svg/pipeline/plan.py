@@ -1,4 +1,7 @@
-"""The plan of a run: the numbers that its options stand for, its aim, and the searches to run."""
+"""The plan of a run: presets, the numbers of its options, its aim, and the searches to run.
+
+Options that exclude each other are refused first, before anything slow begins.
+"""
 
 from __future__ import annotations
 
@@ -7,49 +10,125 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.options import DEFAULT_LOSS, PSNR, DensifyOptions, FitConfig, Tune
-from gauss2svg.measure.perceptual import measured
-from gauss2svg.measure.scores import Score, Search
-from gauss2svg.pipeline.checks import check_together, needs_editable
+from gauss2svg.errors import InputError, RendererError, quoted, refusal
+from gauss2svg.fit import DEFAULT_LOSS, MOST_GAUSSIANS, PSNR, DensifyOptions, FitConfig, Tune
+from gauss2svg.measure import Score, Search, require_packages
+from gauss2svg.measure.roundtrip import measured
+from gauss2svg.photo.pixels import Photo
 from gauss2svg.pipeline.drawings import has_edges
 from gauss2svg.pipeline.options import AUTO, Goal, Options
-from gauss2svg.pipeline.presets import (
-    DEFAULT_PRESET,
-    FINE_BYTES_FROM,
-    FINE_FROM,
-    INDISTINGUISHABLE,
-    PRESETS,
-    Preset,
-    budget_preset,
-)
-from gauss2svg.raster import DRAW_MINIMAL, renderer_version
-from gauss2svg.scene import OVER
+from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
+from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import inks_of
-from gauss2svg.svg.blur import GRADIENT
-from gauss2svg.svg.document import EDITABLE, INKS, MINIMAL, ROUNDS, SvgFormat
+from gauss2svg.svg import EDITABLE, INKS, MINIMAL, ROUNDS, StopCount, SvgFormat
+from gauss2svg.svg.forms import GRADIENT
+
+# Bounds of the Gaussians and pixels of a run.
+MOST_GAUSSIANS_A_SECOND = 5000  # most Gaussians a second of a limit (docs/decisions/time.md)
+PIXELS_EACH = 30  # px of the fit for each shape within a limit (docs/decisions/time.md)
+LEAST_CAP = 150  # least cap on Gaussians, however small the limit (docs/decisions/time.md)
+
+# Bytes of a Gaussian in editable markup.
+USUAL_BYTES = 120  # bytes of an ellipse and its share of the palette (docs/decisions/numbers.md)
+GZIPPED_SHARE = 0.17  # share of the bytes that gzip leaves (docs/decisions/numbers.md)
+BYTES_IN_LIMIT = 100  # bytes of an ellipse in a file that fills a limit (docs/decisions/time.md)
+LEAST_BYTES_IN_LIMIT = 60  # fewest bytes of such an ellipse
+BYTES_IN_INKS = 60  # bytes of an ellipse of one of a few inks (docs/decisions/inks.md)
+LEAST_BYTES_IN_INKS = 20  # fewest bytes of such an ellipse, in minimal markup
+# Bytes in minimal markup of a soft shape, a plain ellipse and a shape of a drawing, before and
+# after gzip (docs/decisions/small.md).
+MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES = (62, 44, 36), (22, 20, 18)
+
+
+@dataclass(frozen=True)
+class Preset:
+    """The numbers of a preset, in the order of the table below.
+
+    gain        dB that a kilobyte of the file must gain for growth to continue
+    stop_psnr   PSNR (dB) at which growth stops
+    cap         largest number of Gaussians
+    color_loss  PSNR (dB) that the palette may cost if the count adapts. The last steps of the fit
+                regain some of it. 0: all colours are written
+    colors      palette entries per Gaussian if the count is given. 0: all colours are written
+    iterations  number of optimiser steps
+    max_size    longest side in px of the image that the fit runs on
+    stops       number of stops of a gradient
+    precision   step of coordinates in px
+    opacity_decimals  number of decimals of fill-opacity
+    """
+
+    gain: float
+    stop_psnr: float
+    cap: int
+    color_loss: float
+    colors: float
+    iterations: int
+    max_size: int
+    stops: StopCount
+    precision: float
+    opacity_decimals: int
+
+
+# docs/decisions/numbers.md and palette.md show what finer numbers and larger palettes gain.
+PRESETS = {
+    #                 gain    PSNR  cap   loss  colors steps side stops px  decimals
+    "draft":    Preset(0.03,   28,  1000, 1.0, 0.154, 200,  384,  5, 0.04, 2),
+    "fast":     Preset(0.01,   32,  3000, 0.8, 0.154, 120,  768,  5, 0.04, 2),
+    "balanced": Preset(0.004,  36,  8000, 0.8, 0.154, 200, 1024,  5, 0.04, 2),
+    "high":     Preset(0.0012, 40, 20000, 0.6, 0.154, 500, 1536,  6, 0.02, 2),
+    "max":      Preset(0.0004, 44, 30000, 0.2, 0.0,   800, 2048, 10, 0.01, 3),
+}  # fmt: skip
+DEFAULT_PRESET = "balanced"
+
+CAP_FOR_TARGET = 50000  # largest number of Gaussians for a target, whatever the preset
+# PSNR (dB) above which more Gaussians do not show. An error of half a level of 255 has 54.1 dB.
+INDISTINGUISHABLE = 54.0
+# PSNR (dB) of the model above which rounding the raster to 8 bits hides the gain of more Gaussians.
+NOTHING_TO_GAIN = 58.0
+# Least PSNR (dB) at which a budget of seconds, or of bytes, uses the finer numbers of a preset.
+FINE_FROM, FINE_BYTES_FROM = (("max", 46.0), ("high", 40.0)), (("high", 44.0),)
+
+
+def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = False) -> Preset:
+    """Return the numbers of a budget of bytes before gzip, of seconds or of both.
+
+    inks  whether the shapes are opaque ellipses of a few inks
+    """
+    usual, finest = PRESETS[DEFAULT_PRESET], PRESETS["max"]
+    side, caps = finest.max_size, [MOST_GAUSSIANS]
+    if time_limit is not None:
+        caps.append(int(MOST_GAUSSIANS_A_SECOND * time_limit))
+    if max_bytes is not None:
+        least = LEAST_BYTES_IN_INKS if inks else LEAST_BYTES_IN_LIMIT
+        caps.append(max_bytes // least)
+        square = math.sqrt(PIXELS_EACH * max_bytes / BYTES_IN_LIMIT)
+        side = round(min(max(square, usual.max_size), finest.max_size))
+    cap = max(LEAST_CAP, min(caps))
+    return dataclasses.replace(usual, gain=0.0, stop_psnr=NOTHING_TO_GAIN, cap=cap, max_size=side)
+
 
 Markup = Literal["editable", "minimal"]
 
-# Bytes of the largest placeholder, and largest limit for which auto markup is minimal at a target.
+# Bytes of the largest placeholder. With a target, auto markup is minimal up to this limit.
 MINIMAL_UP_TO = 20_000
 
 
-# Limits in bytes before gzip between which each search runs (docs/decisions/markup.md).
-# Largest limit of a search by bytes on a photo that it has to reduce.
+# Limits, in bytes before gzip, at which each search runs (docs/decisions/markup.md).
+# Largest limit of a search by bytes on a photo that the search has to reduce.
 BY_BYTES_UP_TO = 30_000
-WHOLE_SIDE = 256  # longest side in px up to which that search does not reduce a photo
+WHOLE_SIDE = 256  # px, longest side of a photo that a search by bytes does not reduce
 # Smallest limit of a search by count for a minimal file, if there is also a search by bytes.
 MINIMAL_FROM = 8_000
-EDITABLE_FROM = 5_000  # smallest limit of a search for an editable file, if there is another
+EDITABLE_FROM = 5_000  # smallest limit of a search for an editable file, if another search runs
 UNASKED_UP_TO = 200_000  # bytes of the largest minimal file that auto markup chooses
-EDITABLE_IS_CLOSER = 1.5  # multiple of UNASKED_UP_TO from which an editable file is always closer
+EDITABLE_IS_CLOSER = 1.5  # above this multiple of UNASKED_UP_TO an editable file is always closer
 GZIP = 6  # bytes of a file for each gzipped byte (docs/decisions/minimal.md)
-# Fewest entries of a palette. Fewer lower the PSNR visibly, even with a thousand Gaussians
+# Fewest entries of a palette. Fewer would lower the PSNR visibly, even with a thousand Gaussians
 # (docs/decisions/palette.md).
 FEWEST_COLORS = 192
 # Most palette entries within a budget. Their error is below that of 8 bits, and more take long to
@@ -64,10 +143,10 @@ UNSEEN_COLOR_LOSS = 0.03
 LARGEST_COLOR_ERROR = 1.6e-4
 # Most steps of a fit that ends by the clock alone. More gain nothing (docs/decisions/time.md).
 MOST_STEPS = 1000
-# Steps of such a fit in a round of growth. The rest of the time is better spent once all
-# Gaussians exist (docs/decisions/time.md).
+# Steps in a round of growth of a fit that ends by the clock alone. The rest of the time is better
+# spent once all Gaussians exist (docs/decisions/time.md).
 STEPS_A_ROUND = 6
-# Ratio of the fit's longest side to a preset's max_size, up to which the preset reduces it little.
+# A preset reduces an image little if the longest side is at most this multiple of its max_size.
 NEARLY = 1.5
 PRECISION_OF_INKS = 0.1  # px, step of coordinates in a file of inks (docs/decisions/inks.md)
 
@@ -105,12 +184,11 @@ class Plan:
 
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
         """Return the plan for a photo, with inks chosen from it, or its edges and size noted."""
-        given: Any = self.options.fit.inks
-        if isinstance(given, int):
-            options = self.options.changed(inks=inks_of(pixels, given))
+        fit, svg = self.options.fit, self.options.svg
+        if isinstance(fit.inks, int):
+            options = self.options.changed(inks=inks_of(pixels, fit.inks))
             return dataclasses.replace(self, options=options)
-        svg = self.options.svg
-        usual = self.options.fit.learned_falloff and svg.form == GRADIENT and not svg.portable
+        usual = fit.learned_falloff and svg.form == GRADIENT and not svg.portable
         is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
         return dataclasses.replace(self, has_edges=usual and has_edges(pixels), is_small=is_small)
 
@@ -119,8 +197,8 @@ class Plan:
         """Whether crisp shapes are fitted by how much of each pixel they cover.
 
         The photo must be a drawing with antialiased edges. With a number of Gaussians, a target or
-        only a limit, this is False: then the picture's own size counts, at which soft rims are as
-        close or closer.
+        only a limit, covering is False. Then only the picture's own size counts, and at that size
+        soft rims are as close or closer.
         """
         goal = self.goal
         by_preset = goal.count is None and self.aim is None and not goal.is_budget
@@ -135,7 +213,7 @@ class Plan:
         """Preset of the run, or numbers of its budget of bytes or seconds."""
         goal = self.goal
         if self.is_budget:
-            return budget_preset(self.plain_limit, goal.time_limit, self.in_inks)
+            return budget_preset(self.uncompressed_limit, goal.time_limit, self.in_inks)
         return PRESETS[goal.quality or DEFAULT_PRESET]
 
     @property
@@ -152,28 +230,15 @@ class Plan:
         return None if self.is_budget else self.goal.quality or DEFAULT_PRESET
 
     @property
-    def plain_limit(self) -> int | None:
+    def uncompressed_limit(self) -> int | None:
         """Limit of bytes before gzip, estimated if the limit counts gzipped bytes."""
         limit = self.goal.byte_limit
         return limit if limit is None or not self.counts_gzipped else GZIP * limit
 
     @property
     def counts_gzipped(self) -> bool:
-        """Whether a limit of bytes counts those of the gzipped file."""
+        """Whether a limit of bytes counts the bytes of the gzipped file."""
         return self.options.svg.gzip or self.options.svg.count_gzipped
-
-    @property
-    def iterations(self) -> int:
-        """Number of steps of a fit.
-
-        It is at least that of each cheaper preset that reduces the image little. Otherwise a small
-        drawing that has equally few Gaussians in both would end worse than by the cheaper one
-        (docs/decisions/monotone.md).
-        """
-        side, preset = self.fit_side or math.inf, self.preset
-        cheaper = [p for p in PRESETS.values() if p.cap < preset.cap and not self.is_budget]
-        fits = [p.iterations for p in cheaper if side <= NEARLY * p.max_size]
-        return max([preset.iterations, *fits])
 
     @property
     def tune(self) -> Tune:
@@ -183,17 +248,20 @@ class Plan:
     @cached_property
     def aim(self) -> Aim | None:
         """Target of the rasterised SVG, None without one."""
-        return aim_of(self.goal)
+        goal, score = self.goal, self.goal.target
+        if score is None or score.search is None:
+            return None
+        return Aim(score, score.sign * getattr(goal, score.option), score.search)
 
     @property
     def stop_psnr(self) -> float:
-        """PSNR (dB) of the model from which no Gaussians are added.
+        """PSNR (dB) of the model at which growth stops.
 
-        It is the preset's. With a limit of bytes, for which the best picture is wanted, it is at
+        It is the preset's. A limit of bytes asks for the best picture, so with a limit it is at
         least INDISTINGUISHABLE.
         """
-        limited = self.goal.byte_limit is not None
-        return max(self.preset.enough, INDISTINGUISHABLE) if limited else self.preset.enough
+        least = 0.0 if self.goal.byte_limit is None else INDISTINGUISHABLE
+        return max(self.preset.stop_psnr, least)
 
     @cached_property
     def fit_config(self) -> FitConfig:
@@ -207,17 +275,24 @@ class Plan:
         return goal.time_limit is not None and goal.quality is None and self.aim is None
 
     def config(self, blend: str) -> FitConfig:
-        """Return the configuration of a fit. A portable file has an additive fit first."""
-        options, densify = self.options, self.options.densify
-        iterations = options.fit.iterations or self.iterations
+        """Return the configuration of a fit. A portable file has an additive fit first.
+
+        A fit has at least the steps of each cheaper preset that reduces the image little. Otherwise
+        a small drawing, for which both presets use equally few Gaussians, would end worse than with
+        the cheaper preset (docs/decisions/monotone.md).
+        """
+        options, densify, preset = self.options, self.options.densify, self.preset
+        side, steps = self.fit_side or math.inf, preset.iterations
+        if not self.is_budget:
+            cheaper = [p for p in PRESETS.values() if p.cap < preset.cap]
+            steps = max([steps, *(p.iterations for p in cheaper if side <= NEARLY * p.max_size)])
         if self.only_time_limits and options.fit.iterations is None:
-            iterations = MOST_STEPS
-            if densify.round_iterations is None:
-                densify = dataclasses.replace(densify, round_iterations=STEPS_A_ROUND)
+            steps = MOST_STEPS
+            densify = dataclasses.replace(densify, round_iterations=STEPS_A_ROUND)
         falloff = options.fit.falloff if blend == options.written_blend else None
         return FitConfig(
             gaussians=0 if self.goal.count_adapts else self.goal.count or 0,
-            iterations=iterations,
+            iterations=options.fit.iterations or steps,
             fit=dataclasses.replace(options.fit, blend=blend, falloff=falloff),  # pyright: ignore[reportArgumentType]
             densify=densify,
             extend=options.fit.iterations is None and not self.goal.count_adapts,
@@ -235,35 +310,31 @@ class Plan:
 
     @property
     def _may_be_minimal(self) -> bool:
-        """Whether the renderer draws minimal files, and they can have all that is asked for."""
+        """Whether the renderer draws minimal files, and no option needs editable ones."""
         return self.options.run.renderer in DRAW_MINIMAL and not needs_editable(self.options)
-
-    @property
-    def _may_be_by_bytes(self) -> bool:
-        """Whether a search by bytes supports everything that the options ask for."""
-        options, svg = self.options, self.options.svg
-        usual = options.densify == DensifyOptions() and options.fit.loss == DEFAULT_LOSS
-        usual = usual and options.fit.blend == OVER and not self.in_inks
-        return usual and self._may_be_minimal and svg.palette is svg.stops is svg.precision is None
 
     def searches(self) -> list[Plan]:
         """Return the plans of the searches to run. The closest of their files is written.
 
-        Without a limit of bytes there is one search. With it, searches differ in markup and fit,
-        and searches without the target follow in case that the file misses the target. A time limit
+        Without a limit of bytes there is one search. With a limit, searches differ in markup and
+        fit, and searches without the target follow in case the file misses the target. A time limit
         leaves time for one search.
         """
-        limit, asked = self.plain_limit, self.options.svg.markup
+        limit, asked = self.uncompressed_limit, self.options.svg.markup
         is_timed = self.goal.time_limit is not None
         if limit is None:
             return [self]
         if self.aim is not None:
-            options = self.options.changed(**{self.aim.name: None})
+            options = self.options.changed(**{self.aim.of.option: None})
             within = dataclasses.replace(self, options=options)
             return [self] if is_timed else [self, *within.searches()]
         plans = list[Plan]()
+        options, svg = self.options, self.options.svg
+        usual = options.densify == DensifyOptions() and options.fit.loss == DEFAULT_LOSS
+        usual = usual and options.fit.blend == OVER and not self.in_inks
+        usual = usual and svg.palette is svg.stops is svg.precision is None
         up_to = math.inf if self.has_edges or self.is_small else BY_BYTES_UP_TO
-        by_bytes = asked != EDITABLE and self._may_be_by_bytes and limit <= up_to
+        by_bytes = usual and asked != EDITABLE and self._may_be_minimal and limit <= up_to
         if by_bytes:
             plans.append(self._search(MINIMAL, by_bytes=True))
         unasked_up_to = EDITABLE_IS_CLOSER * UNASKED_UP_TO
@@ -274,7 +345,7 @@ class Plan:
             plans.append(self._search(EDITABLE))
         if not is_timed:
             return plans
-        # Run the search that is closest most often.
+        # Run the search whose file is usually closest.
         return plans[-1:] if limit > UNASKED_UP_TO else plans[-2:-1] or plans
 
     def _search(self, markup: Markup, by_bytes: bool = False) -> Plan:
@@ -284,17 +355,12 @@ class Plan:
         options = self.options.changed(markup=markup, max_bytes=limit)
         return dataclasses.replace(self, options=options, by_bytes=by_bytes)
 
-    @property
-    def svg_format(self) -> SvgFormat:
-        """Format of the shapes before any is fitted."""
-        return self.format_at(None)
-
-    def format_at(self, psnr: float | None) -> SvgFormat:
-        """Return the format of the shapes of a scene by its PSNR in dB, None if that is unknown."""
+    def format_at(self, psnr: float | None = None) -> SvgFormat:
+        """Return the format for a scene's shapes by its PSNR in dB. Before the fit it is None."""
         svg, preset = self.options.svg, self.preset
         if self.is_budget and psnr is not None:  # numbers as fine as this PSNR is worth
-            of_bytes = FINE_BYTES_FROM if self.goal.byte_limit is not None else FINE_FROM
-            preset = next((PRESETS[name] for name, least in of_bytes if psnr >= least), preset)
+            fine = FINE_FROM if self.goal.byte_limit is None else FINE_BYTES_FROM
+            preset = next((PRESETS[name] for name, least in fine if psnr >= least), preset)
         precision = PRECISION_OF_INKS if self.in_inks else preset.precision
         return SvgFormat(
             form=svg.form,
@@ -334,11 +400,6 @@ class Aim:
     value: float
     search: Search
 
-    @property
-    def name(self) -> str:
-        """Name of the option, and the stop reason once the target is reached."""
-        return self.of.option
-
     def score(self, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
         """Return the score of a raster against a photo of its shape."""
         return self.of.sign * measured(self.of, raster, photo)
@@ -348,32 +409,75 @@ class Aim:
         return score >= self.value - self.search.tolerance
 
 
-def aim_of(goal: Goal) -> Aim | None:
-    """Return the target of a goal, or None if there is none that a search can aim at."""
-    score = goal.target
-    if score is None or score.search is None:
-        return None
-    return Aim(score, score.sign * getattr(goal, score.option), score.search)
+def check_together(options: Options) -> None:
+    """Raise InputError if options conflict, or RendererError if the renderer lacks them."""
+    for name, rule, got, advice in _exclusions(options):
+        raise InputError(f"{name} must {rule}; got {got}. Try {advice}")
+    renderer, svg = options.run.renderer, options.svg
+    for is_asked, able, what, otherwise in (
+        (options.written_blend == ADD, DRAW_BLENDS, "additive blending", ", or --portable"),
+        (svg.markup == MINIMAL, DRAW_MINIMAL, "minimal markup", ""),
+        (svg.form != GRADIENT, DRAW_ROTATED_BLURS, f"form {svg.form}", f", or --form {GRADIENT}"),
+    ):
+        if is_asked and renderer not in able:
+            raise RendererError(
+                f"renderer must be one of {', '.join(able)} for {what}; got {quoted(renderer)}. "
+                f"Try --renderer {able[0]}{otherwise}"
+            )
 
 
-def unreached(
-    goal: Goal, reached: float, size: int, seconds: float, reason: str, gaussians: int
-) -> Iterator[str]:
-    """Yield a line for each target or limit that the written result misses.
+def check_alpha(options: Options, photo: Photo) -> None:
+    """Raise InputError for additive blending of a transparent photo."""
+    if photo.alpha is not None and options.written_blend == ADD:
+        advice = "--matte white, or --portable"
+        raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
 
-    reached  score of the result by the goal's aim
-    """
-    aim, limit = aim_of(goal), goal.time_limit
-    if aim is not None and not aim.reached(reached):
-        reported = reason not in (aim.name, "interrupted")
-        ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
-        sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
-        target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
-        yield f"target of {target} not reached: {sign * reached:.2f}{unit}{ended}"
-    if goal.byte_limit is not None and size > goal.byte_limit:
-        yield f"limit of {goal.max_bytes} bytes exceeded: the file has {size} even without shapes"
-    elif reason == "max_bytes" and not gaussians:
-        none = f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none"
-        yield f"{none}. Try a larger --max-bytes"
-    if limit is not None and seconds > 1.05 * limit + 0.25:
-        yield f"time limit of {limit:.3g} s exceeded: {seconds:.1f} s. Try a smaller --max-size"
+
+def needs_editable(options: Options) -> str:
+    """Return the first requested feature that a minimal file cannot have, or "" if none."""
+    additive = ["additive blending"] * (options.written_blend == ADD)
+    return next(iter([*additive, *_layered(options)]), "")
+
+
+def _layered(options: Options) -> list[str]:
+    """Return the requested features that additive, minimal and ink files cannot have."""
+    form = options.svg.form
+    return [*[f"form {form}"] * (form != GRADIENT), *options.document.layered]
+
+
+def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:
+    """Yield the name of an option, the rule that it breaks, its value, and what to try instead."""
+    goal, fit, svg, layered = options.goal, options.fit, options.svg, _layered(options)
+    if svg.portable and fit.blend != ADD:
+        rule = f"be given with blend {ADD}, whose files it converts"
+        yield "portable", rule, f"blend {fit.blend}", "without --portable"
+    if svg.count_gzipped and goal.max_bytes is None:
+        advice = "--max-bytes 60k --count-gzipped"
+        yield "count_gzipped", "be given with max_bytes", "none", advice
+    if svg.markup == MINIMAL and (needs := needs_editable(options)):
+        why = "because a minimal file has neither layers nor filters"
+        yield "markup", f"be {EDITABLE} with {needs}, {why}", svg.markup, "--markup auto"
+    if options.written_blend == ADD and layered:
+        why = "because its shapes do not cover each other in layers"
+        rule = f"not be given with additive blending, {why}"
+        of_form = layered[0] not in options.document.layered
+        yield layered[0], rule, f"blend {ADD}", f"--form {GRADIENT}" if of_form else "--portable"
+    if fit.inks is not None:
+        why = "a picture in inks has opaque shapes without gradients, in one layer for each ink"
+        names = [f"blend {ADD}"] * (fit.blend == ADD)
+        names += [f"falloff {fit.falloff}"] * (fit.falloff is not None)
+        names += [name for name in ("palette", "stops") if getattr(svg, name) is not None]
+        for name in (*names, *layered):
+            yield name, f"not be given with inks, because {why}", f"inks {fit.inks}", "without it"
+    for name in ("per_round", "round_iterations", "schedule") if goal.count_adapts else ():
+        value = getattr(options.densify, name)
+        if value != getattr(DensifyOptions, name):
+            rule = "be given with a number of Gaussians, and without a target or limit"
+            yield name, rule, value, "--gaussians 1000 alone"
+    score = None if goal.target is None or goal.target.always else goal.target
+    if options.run.scores or score is not None:
+        require_packages(score)
+        if goal.time_limit is not None:
+            name = "scores" if options.run.scores or score is None else score.option
+            rule = "not be given with time_limit, because the time that scores take is unknown"
+            yield name, rule, f"{goal.time_limit:g}", "gauss2svg check on the SVG"

@@ -6,11 +6,11 @@ import html
 import importlib
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
-from gauss2svg.fit.options import FitProgress
-from gauss2svg.pipeline.run import Progress, ProgressCallback
+from gauss2svg.fit import FitProgress
+from gauss2svg.pipeline.options import Progress, ProgressCallback
 
 _PHASES = {
     "read": "reading the photo",
@@ -24,13 +24,9 @@ _FITS = {"additive": "fitting additively", "correct": "correcting the number of 
 _FRAMES_A_SECOND, _MOST_SIDE = 4, 400
 
 
-def watched(
-    progress: ProgressCallback | bool | None,
-) -> AbstractContextManager[ProgressCallback | None]:
-    """Return the callback of a run: the given one, or for True one that shows the run."""
-    if progress is not True:
-        return nullcontext(None if progress is False else progress)
-    # IPython is imported before this if it runs, and need not be installed otherwise.
+def shown() -> AbstractContextManager[ProgressCallback | None]:
+    """Return a callback that shows a run, None if standard error is no terminal."""
+    # If IPython runs, it is imported already. Otherwise it need not be installed.
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return _notebook() if hasattr(shell, "kernel") else _terminal()
 
@@ -56,9 +52,8 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
         task = bar.add_task(text, total=None)
 
         def update(text: str, share: float | None) -> None:
-            bar.update(
-                task, description=text, completed=share, total=None if share is None else 1.0
-            )
+            total = None if share is None else 1.0
+            bar.update(task, description=text, completed=share, total=total)
 
         yield update
 
@@ -72,7 +67,7 @@ def _terminal() -> Iterator[ProgressCallback | None]:
 @contextmanager
 def _notebook() -> Iterator[ProgressCallback]:
     """Yield a callback that updates a cell's output. The last picture and its figures stay."""
-    from gauss2svg.render.frame import FrameMaker, as_jpeg
+    from gauss2svg.render import FrameMaker, as_jpeg
     from gauss2svg.svg.file import image
 
     display: Any = importlib.import_module("IPython.display")
@@ -99,7 +94,7 @@ def _notebook() -> Iterator[ProgressCallback]:
     try:
         yield update
     finally:
-        if newest is not None:  # its frame may not have been shown
+        if newest is not None:  # its frame might not have been shown
             last = picture(as_jpeg(newest.scene(), _MOST_SIDE), newest)
         handle.update(display.HTML(last))
 

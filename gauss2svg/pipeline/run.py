@@ -7,45 +7,34 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import cache
 
 import numpy as np
 from numba import get_num_threads, set_num_threads
 from numba.core import config
 
 from gauss2svg.errors import refusal
-from gauss2svg.fit.options import FitProgress
+from gauss2svg.fit import FitProgress
 from gauss2svg.fit.placement import components_of
 from gauss2svg.options import Field
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
-from gauss2svg.photo.photo import Photo
-from gauss2svg.photo.reduce import SizeNeeded, reduced_size
-from gauss2svg.pipeline.memory_budget import allowed, check_decoding
-from gauss2svg.pipeline.options import RunOptions
-from gauss2svg.pipeline.time_budget import TimeBudget
-from gauss2svg.render.cpu import splats_of, squared_error
+from gauss2svg.photo.pixels import Photo, SizeNeeded, reduced_size
+from gauss2svg.pipeline.budgets import TimeBudget, allowed, check_decoding
+from gauss2svg.pipeline.options import Progress, ProgressCallback, RunOptions
+from gauss2svg.render.cpu import kernel_lock, splats_of, squared_error
 from gauss2svg.scene import ADD, OVER, Scene
-from gauss2svg.svg.write import write_svg
 
 
-@dataclass(frozen=True)
-class Progress:
-    """The phase of `vectorize`, and the state of the fit.
+def watched(
+    progress: ProgressCallback | bool | None,
+) -> AbstractContextManager[ProgressCallback | None]:
+    """Return the callback of a run: `progress`, or for True a callback that shows the run."""
+    if progress is not True:
+        return nullcontext(None if progress is False else progress)
+    from gauss2svg.pipeline.progress_display import shown  # few calls ask for it
 
-    phase  "read", "compile", "additive" (only with portable), "fit", "write" or "measure". With
-           targets, "correct", "write" and "measure" may follow again
-    fit    state of the fit during "additive", "fit" and "correct", otherwise None
-    """
-
-    phase: str
-    fit: FitProgress | None = None
-
-
-ProgressCallback = Callable[[Progress], None]
-
-
-_DEFAULTS = RunOptions()
+    return shown()
 
 
 class Run:
@@ -58,14 +47,14 @@ class Run:
     most_bytes  memory in bytes that the run may take
     compile_s   seconds spent on compiling or loading kernels so far
     budget      time budget
-    reduced_bytes  field of the Header of the photo that has been opened
+    reduced_bytes  reduced_bytes of the opened photo's Header
     ended       whether the run has been stopped
     Raise InputError for a callback that cannot be called, and for more threads than cores.
     """
 
     def __init__(
         self,
-        options: RunOptions = _DEFAULTS,
+        options: RunOptions = RunOptions(),
         progress: ProgressCallback | None = None,
         stop: Callable[[], bool] | None = None,
         started: float | None = None,
@@ -102,31 +91,32 @@ class Run:
         header = header_of(image, max_pixels=self._max_pixels)
         if header is not None:
             self.reduced_bytes = header.reduced_bytes
-            reduced = reduced_size(needed, header.width, header.height) is not None
-            check_decoding(header, self.most_bytes, reduced=reduced)
+            size = reduced_size(needed, header.width, header.height)
+            check_decoding(header, self.most_bytes, is_reduced=size is not None)
         return load_image(image, max_pixels=self._max_pixels, matte=matte, needed=needed)
 
     @contextmanager
     def compiled(self, blend: str = OVER) -> Iterator[None]:
-        """Compile the kernels of this blend, and let numba use the run's threads inside."""
-        before = get_num_threads()
-        set_num_threads(self.threads)
-        try:
-            self.notify("compile")
-            self.compile_s += compile_kernels(blend=blend)
-            yield
-        finally:
-            set_num_threads(before)
+        """Compile the kernels of this blend, and let numba use the run's threads inside.
+
+        Runs in several threads wait here for each other.
+        """
+        with kernel_lock:
+            before = get_num_threads()
+            set_num_threads(self.threads)
+            try:
+                self.notify("compile")
+                begun = time.perf_counter()
+                compile_kernels(blend)
+                self.compile_s += time.perf_counter() - begun
+                yield
+            finally:
+                set_num_threads(before)
 
     @property
     def first_s(self) -> float:
         """Seconds of a first compilation, which a time limit does not count, otherwise 0."""
         return self.compile_s if self.compile_s > COMPILED_S else 0.0
-
-    @property
-    def total_s(self) -> float:
-        """Seconds since the run began."""
-        return time.perf_counter() - self.started
 
 
 def thread_count(count: int | None) -> int:
@@ -135,31 +125,25 @@ def thread_count(count: int | None) -> int:
     return most if count is None else Field("threads", int, 1, most).checked(count)
 
 
-_done: set[str] = set()
-# Seconds of loading the kernels above which they were compiled. From the disk cache it takes a
-# fraction of a second.
+# Kernels that take more seconds than this to load were compiled. Loading from the disk cache takes
+# a fraction of a second.
 COMPILED_S = 2.0
 
 
-def compile_kernels(blend: str = OVER) -> float:
-    """Compile every kernel that a run with this blend needs, and return the seconds spent.
+@cache
+def compile_kernels(blend: str = OVER) -> None:
+    """Compile every kernel that a run with this blend needs.
 
     numba caches kernels on disk. The first run on a machine takes a few seconds, later processes a
-    quarter of a second, and later calls 0. Additive blending takes some more once.
+    quarter of a second. The first additive run takes some seconds more.
     """
-    if blend in _done:
-        return 0.0
-    begun = time.perf_counter()
     if blend != OVER:  # a portable file needs the kernels of both blends
-        compile_kernels()
-    one = np.ones(1)
-    scene = Scene(
-        4, 4, np.full((1, 2), 2.0), np.ones((1, 2)), np.zeros(1), np.full((1, 3), 0.5), one,
-        blend=blend,
-    )  # fmt: skip
+        compile_kernels(OVER)
+    shape = np.full((1, 2), 2.0), np.ones((1, 2)), np.zeros(1), np.full((1, 3), 0.5), np.ones(1)
+    scene = Scene(4, 4, *shape, blend=blend)
     squared_error(splats_of(scene), np.zeros((3, 4, 4), np.float32))
     components_of(np.zeros((4, 4), np.int32))
     if blend == ADD:  # writing an additive scene has kernels of its own
+        from gauss2svg.svg.write import write_svg
+
         write_svg(scene)
-    _done.add(blend)
-    return time.perf_counter() - begun

@@ -12,33 +12,33 @@ from typing import Any, Never
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, instance, refusal
+from gauss2svg.errors import InputError, refusal
 from gauss2svg.files import write_atomically
-from gauss2svg.fit.options import DensifyOptions, FitOptions
-from gauss2svg.measure.memory import held_bytes
-from gauss2svg.measure.perceptual import Scores, perceptual_scores
+from gauss2svg.fit import DensifyOptions, FitOptions
+from gauss2svg.measure import Scores
 from gauss2svg.options import Field, file_name
-from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, reduced
-from gauss2svg.photo.photo import Header, Photo
-from gauss2svg.pipeline.checks import check_alpha
+from gauss2svg.photo.pixels import Header, Photo, matte_color, pixels_of, shrunk
+from gauss2svg.pipeline.budgets import (
+    STEPS,
+    STEPS_OF_DRAWING,
+    Load,
+    TimeBudget,
+    load_of,
+    size_that_fits,
+)
 from gauss2svg.pipeline.drawings import is_drawing
-from gauss2svg.pipeline.memory_budget import Load, load_of, size_that_fits
-from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions, unknown_option
-from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.progress_display import watched
-from gauss2svg.pipeline.report import decibels, run_report
-from gauss2svg.pipeline.run import ProgressCallback, Run, compile_kernels
-from gauss2svg.pipeline.search.outcome import Outcome, Subject, best_of, document_for
-from gauss2svg.pipeline.time_budget import STEPS, STEPS_OF_DRAWING, TimeBudget
+from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
+from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
+from gauss2svg.pipeline.plan import Plan, check_alpha
+from gauss2svg.pipeline.report import decibels, run_report, used_inks
+from gauss2svg.pipeline.run import Run, watched
+from gauss2svg.processes import held_bytes
 from gauss2svg.scene import Scene
-from gauss2svg.svg.document import Document
+from gauss2svg.svg import Document
 from gauss2svg.svg.element import LARGEST_NUMBER
 from gauss2svg.svg.file import check_svg_name, file_bytes, image, is_svgz
-from gauss2svg.svg.plates import ink_name, inks_of_scene
 from gauss2svg.svg.write import outline_svg, plate_svg
-
-_OPAQUE, _CRISP = 0.95, 3.0  # opacity and exponent from which a shape hides what is below it
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +80,8 @@ class Result:
 
     @property
     def hiding(self) -> int:
-        """Number of shapes that hide what is below them: opaque ones with crisp rims."""
-        scene = self.scene
-        return int(np.count_nonzero((scene.opacity >= _OPAQUE) & (scene.beta >= _CRISP)))
+        """Number of shapes that hide what is below them: nearly opaque ones with crisp rims."""
+        return int(np.count_nonzero((self.scene.opacity >= 0.95) & (self.scene.beta >= 3.0)))
 
     def plates(self) -> dict[str, str]:
         """Return the SVG text of each ink's plate, by its #rrggbb (see gauss2svg.plate_svg).
@@ -92,15 +91,12 @@ class Result:
         """
         if self.report["inks"] is None:
             raise InputError("inks must be given for plates; got none. Try FitOptions(inks=6)")
-        used = {ink_name(ink) for ink in inks_of_scene(self.scene)}
-        inks = [ink for ink in self.report["inks"].split(",") if ink in used]
-        title = self.document.title
-        return {
-            ink: plate_svg(
-                self.scene, ink, dataclasses.replace(self.document, title=f"{title}: {ink}")
-            )
-            for ink in inks
-        }
+
+        def plate(ink: str) -> str:
+            title = f"{self.document.title}: {ink}"
+            return plate_svg(self.scene, ink, dataclasses.replace(self.document, title=title))
+
+        return {ink: plate(ink) for ink in used_inks(self.scene, self.report["inks"])}
 
     def _repr_html_(self) -> str:
         alt = self.document.alt or self.document.title
@@ -108,10 +104,9 @@ class Result:
 
     def __repr__(self) -> str:
         r = self.report
-        return (
-            f"<gauss2svg.Result {r['width']}x{r['height']}, {r['gaussians']} Gaussians, "
-            f"{decibels(r['psnr_svg'])}, {r['svg_bytes']} bytes>"
-        )
+        shapes = f"{r['width']}x{r['height']}, {r['gaussians']} Gaussians"
+        closeness, size = decibels(r["psnr_svg"]), r["svg_bytes"]
+        return f"<gauss2svg.Result {shapes}, {closeness}, {size} bytes>"
 
 
 def vectorize(
@@ -155,28 +150,7 @@ def vectorize(
     unknown keyword, with the class to which an option of that name belongs. Calls from several
     threads wait for each other. A forked child may call it too.
     """
-    if unknown:
-        raise unknown_option(next(iter(unknown)))
-    given = {
-        name: value
-        for name, value in {
-            "quality": quality,
-            "gaussians": gaussians,
-            "target_psnr": target_psnr,
-            "target_ssimulacra2": target_ssimulacra2,
-            "max_bytes": max_bytes,
-            "time_limit": time_limit,
-        }.items()
-        if value is not None
-    }
-    options = Options(
-        goal=dataclasses.replace(instance(goal, "goal", Goal), **given),
-        fit=instance(fit, "fit", FitOptions),
-        densify=instance(densify, "densify", DensifyOptions),
-        svg=instance(svg, "svg", SvgOptions),
-        document=instance(document, "document", Document),
-        run=instance(run, "run", RunOptions),
-    )
+    options = Options.of_call(locals())
     with watched(progress) as callback:
         return vectorize_by(options, image, progress=callback, stop=stop)
 
@@ -193,8 +167,8 @@ def vectorize_by(
     """Vectorize a photo with all options in one object.
 
     started     time at which time_limit and total_s begin, in s of time.perf_counter(). None: now
-    may_reduce  whether the fit may run on a smaller image if memory is short. If not, InputError
-                is raised then
+    may_reduce  whether the fit may run on a smaller image if memory is short. If not, short memory
+                raises InputError
     """
     plan = Plan(options)
     plan.check_renderer()
@@ -204,18 +178,18 @@ def vectorize_by(
     pixels = working = pixels_of(measured)
     if load.fit != load.measured:
         working = shrunk(pixels_of(photo), *load.fit[::-1], sharp=True)
-    subject = Subject(pixels, working, photo.full, document_for(photo, plan.options.document))
-    del photo  # frees its pixels, which may be many
+    document = plan.options.document.of_photo(*photo.full, photo.dpi)
+    subject = Subject(pixels, working, photo.full, document)
+    del photo  # frees the photo's pixels, which may be many
     plan = dataclasses.replace(plan, fit_side=max(load.fit)).for_picture(pixels)
     with run.compiled(plan.options.fit.blend):
-        limit = plan.goal.byte_limit or math.inf
-        outcome = best_of(_outcomes(plan, run, subject), plan.aim, limit)
+        outcome = best_of(_outcomes(plan, run, subject), plan)
     subject.release()
     return _result(plan, run, measured, outcome)
 
 
 def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Load]:
-    """Return the photo, at its own or the measured size, and the load of the run."""
+    """Return the photo, perhaps reduced to load.measured, and the run's load."""
     asked = plan.options.run.max_size is not None or not may_reduce
 
     def sizes(width: int, height: int, has_alpha: bool = False) -> tuple[Load, str | None]:
@@ -224,17 +198,14 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
         return size_that_fits(load, run.most_bytes, asked)
 
     matte = plan.options.svg.matte
-    photo = run.read(
-        image,
-        needed=lambda width, height: sizes(width, height)[0].measured,
-        matte=None if matte is None else matte_color(matte),
-    )
+    color = None if matte is None else matte_color(matte)
+    photo = run.read(image, lambda width, height: sizes(width, height)[0].measured, color)
     check_alpha(plan.options, photo)
     load, note = sizes(*photo.full, has_alpha=photo.alpha is not None)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
     # A shape extends to at most 5 sides: its sigma is at most 1 side, and it is cut off at 3.
-    side, precision = max(photo.full), plan.svg_format.precision
+    side, precision = max(photo.full), plan.format_at().precision
     if precision < (least := side * 5 / LARGEST_NUMBER):
         raise refusal("precision", f"at least {least:.4f} for {side} px", f"{precision:g}")
     (width, height), score = load.measured, plan.goal.target
@@ -248,26 +219,19 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
 
 def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
     """Run the searches of the plan one by one, and yield the outcome of each."""
-    limit, given = plan.goal.time_limit, plan.options.fit.iterations
+    limit, steps = plan.goal.time_limit, plan.options.fit.iterations
     if limit is not None:
-        run.budget = TimeBudget(
-            run.started + run.first_s + limit,
-            pixels=math.prod(subject.size),
-            measured=math.prod(subject.photo.shape[:2]),
-            threads=run.threads,
-            steps=given or (STEPS_OF_DRAWING if is_drawing(subject.working) else STEPS),
-            renderer=plan.options.run.renderer,
-        )
+        deadline, renderer = run.started + run.first_s + limit, plan.options.run.renderer
+        steps = steps or (STEPS_OF_DRAWING if is_drawing(subject.working) else STEPS)
+        pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
+        run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps, renderer)
     for one in plan.searches():
         # Import only the search that runs, because few runs need both.
         if one.by_bytes:
-            from gauss2svg.pipeline.search.by_bytes import ByBytes
-
-            yield ByBytes(one, subject, run).run()
+            from gauss2svg.pipeline.by_bytes import ByBytes as OneSearch
         else:
-            from gauss2svg.pipeline.search.by_count import ByCount
-
-            yield ByCount(one, subject, run).run()
+            from gauss2svg.pipeline.by_count import ByCount as OneSearch
+        yield OneSearch(one, subject, run).run()
 
 
 def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
@@ -276,16 +240,14 @@ def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
     scores = Scores()
     if plan.options.run.scores or (aim is not None and not aim.of.always):
         known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.reached}
+        from gauss2svg.measure.perceptual import perceptual_scores  # few runs ask for scores
+
         scores = perceptual_scores(raster, subject.photo, run.most_bytes - held_bytes(), known)
     report = run_report(plan, photo, outcome, scores, run)
     return Result(outcome.svg, outcome.scene, report, raster, subject.photo, subject.document)
 
 
-_SIDE = 32  # px, side of the noise that warm_up vectorises
-
-
 def warm_up(given: Mapping[str, Any]) -> Result:
     """Load the kernels, and vectorise noise in two iterations with these options, by name."""
-    compile_kernels()
-    noise = np.random.default_rng(0).random((_SIDE, _SIDE, 3))
+    noise = np.random.default_rng(0).random((32, 32, 3))
     return vectorize_by(Options.from_flat({**given, "iterations": 2}), noise)

@@ -1,60 +1,97 @@
-"""Rasterise SVGs by a renderer. Each name of gauss2svg.options.Renderer is a module here.
+"""Rasterise SVGs by a renderer, and refuse files that the renderer is known to draw wrongly.
 
-A renderer's module has
+A renderer NAME is two functions in a module of this package, which is imported on first use:
 
-    CANNOT_DRAW               features that it draws wrongly, each with a remark or ""
-                              (docs/decisions/renderers.md)
-    draw(svg, width, height)  returns straight RGBA (height, width, 4) float32 in 0..1. A browser's
-                              `draw` also takes the colour of the page, which is white by default
-    version()                 returns the name and version
+    NAME(svg, width, height)  returns straight RGBA (height, width, 4) float32 in 0..1. A browser's
+                              function also takes the colour of the page, white by default
+    NAME_version()            returns the name and version
 
-Both functions raise RendererError if the renderer is not installed.
+Both raise RendererError if the renderer is not installed.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from types import ModuleType
-from typing import get_args
+import html
+import io
+import re
+from enum import StrEnum
+from pkgutil import resolve_name
+from typing import Any, get_args
 from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL.PngImagePlugin import PngImageFile
 
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.options import Field, Renderer
-from gauss2svg.photo.alpha import has_alpha, over
-from gauss2svg.photo.formats import MOST_PIXELS
-from gauss2svg.raster.features import Feature, uses
-from gauss2svg.raster.program import CLEAR
-from gauss2svg.svg.source import from_root, stretched
+from gauss2svg.photo import MOST_PIXELS
+from gauss2svg.photo.pixels import has_alpha, over
+from gauss2svg.svg.file import from_root, stretched
 
 RENDERERS: tuple[str, ...] = get_args(Renderer)
-_MODULES = {name: import_module(f"gauss2svg.raster.{name}") for name in RENDERERS}
-BROWSERS = "chromium", "firefox"  # renderers whose `draw` also takes the colour of the page
+_MODULES = {
+    "resvg": "libraries",
+    "cairo": "libraries",
+    "chromium": "chromium",
+    "librsvg": "programs",
+    "firefox": "programs",
+    "inkscape": "programs",
+}
+BROWSERS = "chromium", "firefox"  # renderers whose function also takes the colour of the page
+WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # colours of a browser's page
 
 
-def renderer_named(name: str) -> ModuleType:
-    """Return the module of a renderer. Raise InputError for any other name."""
-    return _MODULES[Field("renderer", words=RENDERERS).checked(name)]
+class Feature(StrEnum):
+    """A feature of SVG that some renderers draw wrongly, with its name in errors.
+
+    A blur counts as turned if anything in the file is rotated or skewed. Animation counts only if
+    it also runs under prefers-reduced-motion. Otherwise a renderer draws the file as it is written.
+    """
+
+    TURNED_BLUR = "a blur of rotated or skewed shapes"
+    BLUR = "a blur"
+    LIGHTER = "mix-blend-mode: plus-lighter"
+    BLEND = "mix-blend-mode"
+    FILTER = "a filter"
+    PLAIN_HREF = "href without xlink:"
+    MASK = "a mask"
+    MOVING = "animation, drawn at some moment of it"
+
+
+# Features that each renderer draws wrongly, with a remark or "" (docs/decisions/renderers.md).
+# Observed with resvg 0.48, CairoSVG 2.9, Chromium 156, librsvg 2.54, Firefox 153, Inkscape 1.2.
+_NO_FILTERS = "it has no filters but offset, flood and blend"
+_SOME_MOMENT = "it shows some moment of it"
+CANNOT_DRAW: dict[str, dict[Feature, str]] = {
+    "resvg": {Feature.TURNED_BLUR: "20 to 43 levels off", Feature.LIGHTER: ""},
+    "cairo": {
+        **dict.fromkeys((Feature.TURNED_BLUR, Feature.BLUR, Feature.FILTER), _NO_FILTERS),
+        Feature.LIGHTER: "",
+        Feature.BLEND: "",
+        Feature.MASK: "119 levels off at a grey; black and white ones are right",
+    },
+    "chromium": {Feature.MOVING: _SOME_MOMENT},
+    "librsvg": {Feature.TURNED_BLUR: "39 to 45 levels off", Feature.LIGHTER: ""},
+    "firefox": {Feature.MOVING: _SOME_MOMENT},
+    "inkscape": {Feature.LIGHTER: "", Feature.PLAIN_HREF: ""},
+}
 
 
 def drawn_by(*features: Feature) -> tuple[str, ...]:
     """Return the renderers that draw all of these features."""
-    return tuple(
-        name for name in RENDERERS if _MODULES[name].CANNOT_DRAW.keys().isdisjoint(features)
-    )
+    return tuple(name for name in RENDERERS if CANNOT_DRAW[name].keys().isdisjoint(features))
 
 
 DEFAULT_RENDERER = "resvg"  # it is fast, accurate, and installed as a wheel
 DRAW_ROTATED_BLURS = drawn_by(Feature.TURNED_BLUR)
-DRAW_MINIMAL = drawn_by(Feature.MASK, Feature.PLAIN_HREF)  # the features of minimal markup
+DRAW_MINIMAL = drawn_by(Feature.MASK, Feature.PLAIN_HREF)  # renderers that draw minimal markup
 DRAW_BLENDS = drawn_by(Feature.BLEND, Feature.FILTER)
 
 
 def renderer_version(name: str) -> str:
     """Return the name and version of a renderer. Raise RendererError if it is not installed."""
-    return renderer_named(name).version()
+    return _renderer_function(name, "_version")()
 
 
 def rasterize(
@@ -73,7 +110,7 @@ def rasterize_rgba(
 ) -> NDArray[np.float32]:
     """Return the raster of an SVG with straight alpha: (height, width, 4) float32 in 0..1.
 
-    Arguments and errors are those of rasterize. Firefox draws it twice: over white and over black.
+    Arguments and errors are those of rasterize. Firefox draws the SVG over white and over black.
     """
     return _drawn(svg, width, height, renderer, clear=True)
 
@@ -81,7 +118,7 @@ def rasterize_rgba(
 def rasterize_like(
     svg: str, picture: NDArray[np.floating], renderer: str = DEFAULT_RENDERER
 ) -> NDArray[np.float32]:
-    """Return a raster of the size of `picture`, over white if that is opaque, else with alpha."""
+    """Return a raster as large as `picture`, over white if `picture` is opaque, else with alpha."""
     height, width = picture.shape[:2]
     draw = rasterize_rgba if has_alpha(picture) else rasterize
     return draw(svg, width, height, renderer)
@@ -90,12 +127,12 @@ def rasterize_like(
 def rasterize_sized(
     svg: str, width: int, height: int, renderer: str, clear: bool = False
 ) -> NDArray[np.float32]:
-    """Return the raster (height, width, 4) of an SVG that is width x height px large.
+    """Return the raster (height, width, 4) of an SVG of width x height px.
 
     clear  whether the page of a browser is transparent. Else it is white
     """
     page = [CLEAR] if clear and renderer in BROWSERS else []
-    pixels = renderer_named(renderer).draw(svg, width, height, *page)
+    pixels = _renderer_function(renderer)(svg, width, height, *page)
     if pixels.shape[:2] != (height, width):
         got = f"{pixels.shape[1]}x{pixels.shape[0]} px"
         raise RendererError(
@@ -106,8 +143,8 @@ def rasterize_sized(
 
 
 def refuse_unsupported(svg: str, renderer: str) -> None:
-    """Raise RendererError if the renderer is known to draw wrongly what an SVG uses."""
-    cannot = renderer_named(renderer).CANNOT_DRAW
+    """Raise RendererError if the SVG uses a feature that the renderer is known to draw wrongly."""
+    cannot = CANNOT_DRAW[_checked(renderer)]
     for feature in (each for each in Feature if each in cannot and uses(svg, each)):
         others = drawn_by(feature)
         raise RendererError(
@@ -129,3 +166,73 @@ def _drawn(svg: str, width: int, height: int, renderer: str, clear: bool) -> NDA
         raise RendererError(f"cannot draw the SVG: {error}. Try to re-save it") from error
     refuse_unsupported(text, renderer)
     return rasterize_sized(stretched(text, width, height), width, height, renderer, clear)
+
+
+def from_png(png: bytes) -> NDArray[np.float32]:
+    """Return the straight RGBA (h, w, 4) float32 in 0..1 of a PNG that a renderer wrote."""
+    # Image.open would limit the size as for an untrusted image, but here the size was requested.
+    with PngImageFile(io.BytesIO(png)) as picture:
+        return np.array(picture.convert("RGBA"), np.float32) / np.float32(255)
+
+
+def _checked(name: str) -> str:
+    """Return the name of a renderer. Raise InputError for any other name."""
+    return Field("renderer", words=RENDERERS).checked(name)
+
+
+def _renderer_function(renderer: str, ending: str = "") -> Any:
+    """Return the renderer's function of the same name + `ending`. Without ending, it draws."""
+    name = _checked(renderer)
+    return resolve_name(f"gauss2svg.raster.{_MODULES[name]}:{name}{ending}")
+
+
+_GAP = r"(?:\s|/\*(?:[^*]|\*(?!/))*+\*/)*+"  # white space and comments of CSS
+# The start of a value that switches a feature on.
+_ON = rf"""{_GAP}[:=]{_GAP}["']?+{_GAP}(?!none|normal|inherit|initial|unset)"""
+_TAG = r"<(?:[\w.-]+:)?"
+_LINKING = "(?:use|image|pattern|filter|lineargradient|radialgradient)"
+# Words, at least one of which is in any file with the feature, and the feature's pattern.
+_SEARCHES = {
+    Feature.BLUR: ("blur shadow", r"fegaussianblur|fedropshadow|(?<![\w-])(?:blur|drop-shadow)\("),
+    Feature.LIGHTER: ("plus-", rf"mix-blend-mode{_ON}plus-"),
+    Feature.BLEND: ("mix-blend-mode", rf"mix-blend-mode{_ON}"),
+    Feature.FILTER: ("filter", rf"(?<![\w-])(?:-webkit-)?filter{_ON}"),
+    Feature.PLAIN_HREF: ("href", rf"{_TAG}{_LINKING}(?=[^<>]*\shref\s*=)(?![^<>]*:href\s*=)"),
+    Feature.MASK: ("mask", rf"{_TAG}mask\b"),
+    Feature.MOVING: (
+        "animat set discard starting-style",
+        rf"{_TAG}(?:animate|set|discard)|@starting-style|(?<![\w-])animation(?:-name)?{_ON}",
+    ),
+}
+# A transform of CSS, or a transform that does more than move and scale.
+_TURNS = re.compile(
+    r"""rotate|skew|[;"'{\s]transform\s*:|matrix\s*+\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])"""
+)
+# Comments, titles and descriptions, which are not drawn. Group 1 is CDATA, which is kept because it
+# may be a style sheet.
+_TEXTS = re.compile(
+    rf"(<!\[cdata\[.*?\]\]>)|<!--.*?(?:-->|\Z)|{_TAG}(?:title|desc)\b[^<>]*>[^<]*", re.DOTALL
+)
+# The style sheet of the project's animated files, which does nothing under prefers-reduced-motion.
+_FOR_MOTION = re.compile(
+    r"@media[^{}<>@]{0,200}prefers-reduced-motion\s*:\s*no-preference\s*\)\s*\{"
+    r"(?:[^{}<>]*+\{(?:[^{}<>]*+\{[^{}<>]*+\})*+[^{}<>]*+\})*+"
+)
+
+
+def uses(svg: str, feature: Feature) -> bool:
+    """Return whether an SVG may use a feature. The words in it may have no effect."""
+    if feature is Feature.TURNED_BLUR:
+        return uses(svg, Feature.BLUR) and _TURNS.search(_visible(svg)) is not None
+    words, pattern = _SEARCHES[feature]
+    text = _visible(svg)
+    if not any(word in text for word in words.split()):
+        return False
+    return re.search(pattern, _FOR_MOTION.sub("", text)) is not None
+
+
+def _visible(svg: str) -> str:
+    """Return the text of an SVG in lower case, without comments, titles and descriptions."""
+    text = _TEXTS.sub(lambda match: match[1] or "", svg.lower())
+    # A word could be spelt by character references of XML.
+    return re.sub(r"&#x?[\da-f]+;", lambda match: html.unescape(match[0]), text)

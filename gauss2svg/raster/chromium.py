@@ -1,9 +1,9 @@
 """Headless Chromium, driven by Playwright, which shows an SVG as the web does.
 
 Chromium rounds to 8 bits after every layer and dithers gradients by a fixed pattern of 8 x 8 px.
-The image is therefore drawn at _OFFSETS, four places of the page at which the pattern differs, and
-the mean is taken. It is 5 to 12 dB closer to the model than one image. The average of an image of
-twice the size is at least 5 dB worse than this mean (docs/decisions/renderers.md).
+The image is therefore drawn at _OFFSETS, four places of the page at which the pattern differs. The
+mean of the four is 5 to 12 dB closer to the model than one image. An image of twice the size, when
+averaged, is at least 5 dB worse than this mean (docs/decisions/renderers.md).
 """
 
 from __future__ import annotations
@@ -25,16 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError, quoted
-from gauss2svg.photo.alpha import straight
-from gauss2svg.raster import program
-from gauss2svg.raster.features import Feature
-from gauss2svg.raster.program import CLEAR, DRAWING, WHITE, from_png, html
+from gauss2svg.photo.pixels import straight
+from gauss2svg.raster import CLEAR, WHITE, from_png, programs
+from gauss2svg.raster.programs import DRAWING, html
 
-# Observed with Chromium 156.
-CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
 PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
 # Without the colour profile, colours depend on the machine's screen. Reduced motion shows animated
-# files in their final state. As an option of the page it would not apply to the image in the page.
+# files in their final state. It is a flag because the page's own option does not reach its images.
 _FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars", "--force-prefers-reduced-motion")
 _PROGRAMS = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable",
@@ -48,20 +45,20 @@ _MOVE = "([x, y]) => document.images[0].style = `position: absolute; left: ${x}p
 _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
 
 
-def version() -> str:
+def chromium_version() -> str:
     """Return the name and version as the program prints them, without starting a browser."""
     _playwright_api()
     path = _program()
     if sys.platform == "win32":
         return f"Chromium {_version_beside(path)}"
-    # It prints "Google Chrome 140.0.1", or "Chromium 156.0.8078.79 built on Debian GNU/Linux".
-    return program.version_line(path).split(" built on ")[0]
+    # The line is "Google Chrome 140.0.1", or "Chromium 156.0.8078.79 built on Debian GNU/Linux".
+    return programs.version_line(path).split(" built on ")[0]
 
 
 def _version_beside(path: str) -> str:
     """Return the version of a Chromium on Windows, where --version would open a window.
 
-    An installer puts its files in a folder beside the program that is named by the version.
+    An installer puts its files in a folder beside the program, and names the folder by the version.
     Playwright's own Chromium has no such folder.
     """
     names = [folder.name for folder in Path(path).parent.glob("[0-9]*.*.*.*")]
@@ -69,8 +66,8 @@ def _version_beside(path: str) -> str:
     return ".".join(map(str, max(numbers))) if numbers else "of unknown version"
 
 
-def draw(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) of the SVG on a page: a mean, finer than 8 bits."""
+def chromium(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
+    """Return the pixels (height, width, 4) of the SVG on a page, as a mean finer than 8 bits."""
     try:
         return _browser(os.getpid()).draw(svg, width, height, page)
     except _playwright_api().Error as error:
@@ -93,7 +90,7 @@ def _playwright_api() -> Any:
 
 def _program() -> str:
     install = "apt-get install chromium"
-    path = os.environ.get(PROGRAM_VARIABLE) or program.find("chromium", _PROGRAMS, install)
+    path = os.environ.get(PROGRAM_VARIABLE) or programs.find("chromium", _PROGRAMS, install)
     if os.access(path, os.X_OK) and os.path.isfile(path):
         return path
     raise RendererError(
@@ -103,7 +100,7 @@ def _program() -> str:
 
 
 def launch_options(flags: Sequence[str] = _FLAGS) -> dict[str, Any]:
-    """Return options by which Playwright's `chromium.launch` starts the installed browser."""
+    """Return options with which Playwright's `chromium.launch` starts the installed browser."""
     # Chromium does not start as root with its sandbox. All other users keep the sandbox.
     is_root = hasattr(os, "geteuid") and os.geteuid() == 0
     return {"executable_path": _program(), "args": flags, "chromium_sandbox": not is_root}
@@ -137,7 +134,7 @@ class _Browser:
         is_clear = color == CLEAR
         total = np.zeros((height, width, 4), np.float32)
         async with self._lock, await self._context(width + 1, height + 1) as context:
-            context.set_default_timeout(program.TIMEOUT_S * 1000)
+            context.set_default_timeout(programs.TIMEOUT_S * 1000)
             page = await context.new_page()
             await page.route(_SITE, lambda r: r.fulfill(body=html(color), content_type=_HTML))
             await page.route(_FILE, lambda r: r.fulfill(body=svg, content_type=_SVG))

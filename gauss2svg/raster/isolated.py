@@ -1,7 +1,7 @@
 """Rasterise an untrusted SVG in a separate process: `python -m gauss2svg.raster.isolated`.
 
 Deep nesting overflows resvg's stack, which ends the process. Nested patterns keep any renderer busy
-for years. In a separate process with limited time and memory, both become ordinary errors.
+for years. In a separate process with limited time and memory, both cases become ordinary errors.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import Gauss2SvgError, RendererError
-from gauss2svg.photo.alpha import over
-from gauss2svg.processes import end_of, module_command, module_path, run
+from gauss2svg.photo.pixels import over
+from gauss2svg.processes import end_of, module_command, python_environment, run
 from gauss2svg.raster import rasterize_sized
 
 _REFUSED = 2  # exit status if standard error has a message for the user
-# Limit of a drawing's memory on Linux: bytes for any SVG, and bytes per pixel besides.
+# Limit of a drawing's memory on Linux: bytes for any SVG, plus bytes per pixel.
 _BASE_BYTES, _BYTES_PER_PIXEL = 4 << 30, 64
 
 
@@ -35,20 +35,19 @@ def draw(
             module_command("gauss2svg.raster.isolated", *words),
             svg.encode(),
             timeout_s=timeout_s,
-            environment=module_path(),
+            environment=python_environment(),
         )
     except TimeoutError as error:
         raise RendererError(
             f"{renderer} has not drawn the SVG in {timeout_s:g} s. Try a longer "
             "--draw-timeout, or another --renderer"
         ) from error
-    if ended.status == _REFUSED:
-        raise RendererError(ended.complaint)
     if ended.status:
-        raise RendererError(
+        crash = (
             f"{renderer} crashed on the SVG ({end_of(ended.status)}). Try groups that are nested "
             "less deeply, or another --renderer"
         )
+        raise RendererError(ended.complaint if ended.status == _REFUSED else crash)
     return np.frombuffer(ended.output, np.float32).reshape(height, width, channels)
 
 
@@ -80,7 +79,7 @@ def _limit_memory(limit: int) -> None:
         import resource
     except ImportError:  # Windows
         return
-    # RLIMIT_AS would count addresses, of which browsers reserve terabytes.
+    # RLIMIT_AS would count addresses, and browsers reserve terabytes of addresses.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))

@@ -1,14 +1,19 @@
-"""Renderers of scenes: the fast CPU renderer and, with PyTorch, its reference."""
+"""Renderers of scenes: the fast CPU renderer, frames of a fit, and, with PyTorch, the reference."""
 
 from __future__ import annotations
 
+import io
+import time
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from gauss2svg.errors import InputError, refusal, required
 from gauss2svg.options import Field
-from gauss2svg.photo.alpha import straight
-from gauss2svg.photo.formats import MOST_PIXELS
+from gauss2svg.photo import MOST_PIXELS
+from gauss2svg.photo.pixels import straight
 from gauss2svg.render.cpu import Real, render_planar, splats_of
 from gauss2svg.scene import ADD, Scene
 
@@ -83,3 +88,39 @@ def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[in
         needed, advice = f"at most {MOST_PIXELS} px", "to render it smaller"
         raise refusal("output size", needed, f"{across}x{down}", advice)
     return across, down
+
+
+MOST_SIDE = 768  # px of a frame's longer side
+# Limits of the cost of frames (docs/decisions/studio.md).
+_MOST_A_SECOND = 15  # most frames a second
+_SHARE = 0.06  # share of a fit's CPU time that its frames may take
+
+
+class FrameMaker:
+    """Maker of a fit's frames. The first frame is due at once, later frames as the limits allow."""
+
+    def __init__(self, most_a_second: float = _MOST_A_SECOND, most_side: int = MOST_SIDE) -> None:
+        self._between_s, self._most_side = 1 / most_a_second, most_side
+        self._due = self._cpu_due = 0.0
+
+    def frame(self, scene: Callable[[], Scene]) -> bytes:
+        """Return a JPEG of the scene, or b"" if no frame is due."""
+        started, cpu_started = time.perf_counter(), time.process_time()
+        if started < self._due or cpu_started < self._cpu_due:
+            return b""
+        data = as_jpeg(scene(), self._most_side)
+        cpu_ended = time.process_time()
+        self._due = started + self._between_s
+        # The CPU time of this process sets the pace, because other programs do not change it.
+        self._cpu_due = cpu_ended + (cpu_ended - cpu_started) / _SHARE
+        return data
+
+
+def as_jpeg(scene: Scene, most_side: int = MOST_SIDE) -> bytes:
+    """Return a JPEG of a scene over its background, at most most_side px on the longer side."""
+    share = min(1.0, most_side / max(scene.width, scene.height))
+    width, height = (max(1, round(side * share)) for side in (scene.width, scene.height))
+    levels = np.clip(render(scene, width, height) * 255 + 0.5, 0, 255).astype(np.uint8)
+    stream = io.BytesIO()
+    Image.fromarray(levels).save(stream, "JPEG", quality=80)
+    return stream.getvalue()

@@ -17,8 +17,8 @@ from gauss2svg.render.cpu import (
 from gauss2svg.render.reference import shapes_of, torch
 from gauss2svg.scene import whitening_of
 
-# Least opacities in the backward pass. At 0 the falloff that the opacity's gradient needs is lost.
-# Ten thousand shapes of these opacities change a pixel by less than the dtype resolves.
+# Least opacities in the backward pass. An opacity of 0 would lose the falloff, which its gradient
+# needs. Ten thousand shapes of these opacities change a pixel by less than the dtype resolves.
 _LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
 
 
@@ -91,7 +91,7 @@ def _by_shape(
 
 
 def _by_background(splats: Splats, gradient: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the background's gradient, by the transmittance: a render of black on white."""
+    """Return the background's gradient, from the transmittance: a render of black on white."""
     if splats.additive:
         return gradient.sum(axis=(1, 2), dtype=np.float64)
     black = splats._replace(

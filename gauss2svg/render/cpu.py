@@ -1,11 +1,11 @@
 """The fast CPU renderer: numba kernels over 16 x 16 tiles, forward and backward.
 
-It computes in float32 or float64, the dtype of the image that it is given. The kernels are compiled
-for float64 when it is first used.
+It computes in the dtype of its image, float32 or float64. The kernels for float64 are compiled on
+first use.
 
 Cost is counted in pair rows: one Gaussian on one row of one tile, 16 pixels. Rows of explicit
 lanes (gauss2svg.render.simd) take a fifth of the time of rows that LLVM's vectoriser compiles, and
-half that of whole tiles (docs/decisions/kernels.md).
+half the time of whole tiles (docs/decisions/kernels.md).
 
 Shares of the work take tiles in turn. A tile writes only its own pixels and pairs, and pairs are
 added up Gaussian by Gaussian, so the number of threads changes no bit of any result.
@@ -26,19 +26,18 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError
 from gauss2svg.render.kernels import MOMENTS, backpropagate_tile, compose_tile, removal_tile
 from gauss2svg.render.simd import load, splat, store, total
-from gauss2svg.render.threads import in_shares, kernel
-from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs
+from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs, in_shares, kernel
 from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
 from gauss2svg.scene.falloff import covered_radius, cut_radius, longer_axes
 
-# Modes of the kernels. RENDER computes the image, SQUARED_ERROR also the moments of the gradient of
-# its squared error, GIVEN_GRADIENT only the moments of a given gradient, and REMOVAL the image and
-# the cost of removing each Gaussian.
+# Modes of the kernels. RENDER computes the image. SQUARED_ERROR also computes the moments of its
+# squared error's gradient. GIVEN_GRADIENT computes only the moments of a given gradient. REMOVAL
+# computes the image and the cost of removing each Gaussian.
 RENDER, SQUARED_ERROR, GIVEN_GRADIENT, REMOVAL = range(4)
 
 
 def tile_buffers(most_rows: int, dtype: Any, additive: bool) -> tuple[Any, ...]:
-    """Return the buffers alpha to columns of walk_tiles, for a tile of at most most_rows pair rows.
+    """Return walk_tiles' buffers, `alpha` to `columns`, for tiles of up to most_rows pair rows.
 
     alpha, transmittance, steep, logs  (most_rows * TILE_WIDTH,) see gauss2svg.render.kernels
     color, gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH) see gauss2svg.render.kernels
@@ -131,8 +130,8 @@ def walk_tiles(
 
     background, image, weight, pair_out and out are all float32 or all float64.
     weight (h, w) scales the gradient of SQUARED_ERROR and the costs of REMOVAL. Other modes do not
-    read it. gaussian to order are fields of gauss2svg.render.tiles.Pairs, and alpha to columns are
-    those of tile_buffers.
+    read weight. gaussian to order are fields of gauss2svg.render.tiles.Pairs, and alpha to columns
+    come from tile_buffers.
     """
     height, width = out.shape[1:]
     tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
@@ -194,8 +193,8 @@ kernel_lock = threading.RLock()
 
 
 def _free_kernel_lock() -> None:
-    """Release the lock in a forked process if a thread holds it that does not exist there."""
-    if kernel_lock.acquire(blocking=False):  # it is free, or held by the thread that forked
+    """Release the lock in a forked process if its holder is a thread of the parent alone."""
+    if kernel_lock.acquire(blocking=False):  # the lock is free, or held by the forking thread
         kernel_lock.release()
     else:
         kernel_lock._at_fork_reinit()  # pyright: ignore[reportAttributeAccessIssue] (as in logging)
@@ -212,8 +211,7 @@ if hasattr(os, "register_at_fork"):
     )
     os.register_at_fork(after_in_child=_free_kernel_lock)
 
-# Least pair rows of a share of walk_tiles and of add_pairs. Fewer take less time than waking up a
-# thread.
+# Smallest share, in pair rows, that is worth waking a thread for, in walk_tiles and in add_pairs.
 _LEAST_SHARE, _LEAST_ADDED = 4096, 65536
 
 Real = TypeVar("Real", bound=np.floating)  # np.float32 or np.float64
@@ -222,14 +220,14 @@ Real = TypeVar("Real", bound=np.floating)  # np.float32 or np.float64
 class Splats(NamedTuple):
     """Arrays that the kernels read of n Gaussians, bottom first; all float64.
 
-    mean (n, 2), sigma (n, 2), rho (n,), radius (n,)  ellipses for which find_pairs lists the tiles
+    mean (n, 2), sigma (n, 2), rho (n,), radius (n,)  ellipses whose tiles find_pairs lists
     shape          (n, 11) mean x, y, whitening w11, w21, w22, beta, radius^2, o11, o21, o22 and the
                    largest share. The last four are 0 unless the shape is a plain ellipse that
                    covers shares of pixels. It covers at most the largest share of a pixel, and
                    nothing where (o11 z1, o21 z1 + o22 z2) lies outside the unit disc.
     opacity_color  (n, 4) opacity, r, g, b
     background     (3,)
-    additive       whether blending is additive, which reads no opacities and exponents
+    additive       whether blending is additive. Opacities and exponents are then not read
     """
 
     mean: NDArray[np.float64]
@@ -265,7 +263,7 @@ def splats_from(
     additive: bool = False,
     is_plain: NDArray[np.bool_] | None = None,
 ) -> Splats:
-    """Return what the kernels read of n Gaussians with these parameters, as in a scene.
+    """Return the splats of n Gaussians from the arrays of a scene's parameters.
 
     whitening (n, 3) is that of gauss2svg.scene.whitening_of. is_plain (n,) says which shapes are
     plain ellipses that cover shares of pixels; None for no shape.
@@ -281,7 +279,7 @@ def splats_from(
         sy = np.hypot(l21, l22)
         sigma = np.where(is_plain[:, None], np.column_stack([l11, sy]), sigma)
         rho, cut = np.where(is_plain, l21 / sy, rho), np.where(is_plain, 1.0, cut)
-        # Factors from z to coordinates in which the outer ellipse is the unit disc.
+        # Factors that map z to coordinates in which the longer ellipse is the unit disc.
         v11, v21, v22 = whitening.T
         factors = np.column_stack([w11 / v11, (w21 - v21 * w22 / v22) / v11, w22 / v22, max_share])
         outer = np.where(is_plain[:, None], factors, 0.0)
@@ -300,12 +298,12 @@ def splats_from(
 def splats_of(
     scene: Scene, scale: tuple[float, float] = (1.0, 1.0), covering: bool = False
 ) -> Splats:
-    """Return what the kernels read of a scene that is scaled along x and y.
+    """Return the splats of a scene that is scaled along x and y.
 
     Unlike in scene.scaled(*scale), the scaled shapes may leave the domain of scenes.
     covering: see gauss2svg.render.render.
     """
-    # Arrays are copied, because numba would compile the kernels again for read-only ones.
+    # Arrays are copied, because numba would compile the kernels again for read-only arrays.
     sigma = scene.sigma * scale
     return splats_from(
         scene.mean * scale,
@@ -328,12 +326,12 @@ def _visit(
     pair_width: int,
     weight: NDArray[Real] | None = None,
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
-    """Return the image, its squared error, (n, pair_width) sums over pairs, and the pair rows."""
+    """Return the image, its squared error, (n, pair_width) sums by Gaussian, and the row count."""
     if image.ndim != 3 or image.shape[0] != 3 or image.dtype not in (np.float32, np.float64):
         raise InputError(
             f"image must be float32 or float64 (3, height, width); got {image.dtype} {image.shape}"
         )
-    # One numba type for all callers: the kernels would be compiled again for read-only arrays.
+    # All callers pass one numba type. For read-only arrays the kernels would be compiled again.
     image = np.require(image, requirements=["C", "W"])
     if weight is None:
         is_read = mode in (SQUARED_ERROR, REMOVAL)
@@ -379,26 +377,26 @@ def squared_error(
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
     """Return the image, its sum of squared errors, moments (n, MOMENTS), and pair rows.
 
-    target  (3, h, w) float32 or float64; all is computed in this dtype
+    target  (3, h, w) float32 or float64, the dtype of the whole computation
     weight  (h, w) > 0, or None for 1
-    The sum is not weighted. The moments (gauss2svg.render.kernels) are those of the gradient of
+    The sum is not weighted. The moments (gauss2svg.render.kernels) belong to the gradient of
     L = 1/2 sum weight (rendered - target)^2. A tile's forward and backward passes share one visit.
     """
     return _visit(SQUARED_ERROR, splats, target, MOMENTS, weight)
 
 
 def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.float64]:
-    """Return the moments (n, MOMENTS) of any loss from its gradient (3, h, w) by the image."""
+    """Return the moments (n, MOMENTS) of any loss from its gradient (3, h, w) in the image."""
     return _visit(GIVEN_GRADIENT, splats, gradient, MOMENTS)[2]
 
 
 def removal_cost(
     splats: Splats, target: NDArray[Real], weight: NDArray[Real] | None = None
 ) -> tuple[NDArray[Real], NDArray[np.float64]]:
-    """Return the image, and (n, 2) the cost of removing each Gaussian and its mass.
+    """Return the image, and each Gaussian's cost of removal and mass (n, 2).
 
-    The cost is the change of sum weight (rendered - target)^2 if the Gaussian is removed and what
-    lies behind it shows through. It is negative if the image would match better. The mass is sum
+    The cost is the change of sum weight (rendered - target)^2 if the Gaussian is removed, so that
+    the shapes behind it show. A cost is negative if the image would match better. The mass is sum
     weight w^2 with w as in gauss2svg.render.kernels; weight is (h, w) > 0, or None for 1.
     """
     image, _, cost, _ = _visit(REMOVAL, splats, target, 2, weight)

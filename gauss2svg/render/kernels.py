@@ -57,14 +57,13 @@ from gauss2svg.render.simd import (
     store,
     total,
 )
-from gauss2svg.render.threads import tile_kernel
-from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH
+from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, tile_kernel
 from gauss2svg.scene.falloff import CUT, RIM
 
 assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
 PLANE = TILE_WIDTH * TILE_HEIGHT
 MOMENTS = 10
-LOGARITHM_FROM = 1e-12  # least r^2 / 2 in powers; nearer to the mean this value is used
+LOGARITHM_FROM = 1e-12  # least r^2 / 2 in powers. Points nearer to the mean get this value
 
 # Coefficients of exp(u) on -1.125..0, by least squares on Chebyshev nodes with p(0) = 1. The fourth
 # power is exp(-q / 2) for 0 <= q <= 9 within 2e-6 in float32 and a relative 3e-15 in float64,
@@ -111,12 +110,12 @@ def _exp_half(q):
 
 @njit(inline="always")
 def _whitened(i, p, x0, y0, column, like, shape, rows):
-    """Return z1 and z2 on the middle row of a pair, as lanes like `like`, and that row in the tile.
+    """Return z1 and z2 on a pair's middle row, as lanes like `like`, and the row in the tile.
 
     z2 grows by w22 from each row to the next. Pairs of the thinnest shapes have only one row
-    (gauss2svg.render.tiles). Both are computed in float64 and then rounded, because float32 cannot
-    resolve the offsets from a distant mean or within a shape of sigma 1e-6 px. Also, the two terms
-    of a thin sheared shape's z2 nearly cancel.
+    (gauss2svg.render.tiles). z1 and z2 are computed in float64 and then rounded, because float32
+    cannot resolve offsets from a distant mean, or within a shape of sigma 1e-6 px. Also, z2 of a
+    thin sheared shape is the sum of two terms that nearly cancel.
     """
     middle = (rows[p, 0] + rows[p, 1]) // 2
     u = column + splat(x0 + 0.5 - shape[i, 0], column)
@@ -151,7 +150,7 @@ def _covered(i, z1, z2, radius, shape):
 
 @njit(inline="always")
 def _kind(i, shape, opacity_color, transmittance, like):
-    """Return whether a shape is a plain ellipse, whether it has a power, its opacity, f's rim."""
+    """Return whether a shape is a plain ellipse or has a power, its opacity, and the rim of f."""
     if transmittance is None:
         return False, False, 1.0, _norm(like) * _rim(like)
     is_plain = shape[i, 7] != 0.0
@@ -222,7 +221,7 @@ def compose_tile(
         power = splat((shape[i, 5] - 1.0) * LOG2_E, mask)
         reach = splat(shape[i, 6], mask)
         w22 = shape[i, 4]
-        if transmittance is not None and is_plain:  # a loop of its own keeps the other short
+        if transmittance is not None and is_plain:  # a separate loop keeps the other one short
             opacity_lanes = splat(opacity, mask)
             radius = root(reach)
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):

@@ -20,9 +20,9 @@ from gauss2svg.errors import InputError
 from gauss2svg.render import TorchMissingError, output_size
 from gauss2svg.scene import ADD, MOST_SIGNED, Scene
 from gauss2svg.scene.falloff import CUT, RIM
-from gauss2svg.scene.parameters import PARAMETERS
+from gauss2svg.scene.scene import PARAMETERS
 
-try:  # autograd.py imports torch from here, so that one place reports it missing
+try:  # autograd.py imports torch from here, so that one place reports a missing torch
     import torch
 except ImportError as error:
     raise TorchMissingError(
@@ -74,7 +74,7 @@ def accumulate(
 def _blended(
     shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
 ) -> torch.Tensor:
-    """Return the image of `accumulate` if additive, else of `composite`, of shapes of shapes_of."""
+    """Blend shapes from shapes_of: as accumulate does if additive, else as composite does."""
     mean, sigma, rho, color, opacity, background, beta = shapes
     image = background.expand(height, width, 3)
     for k in range(len(mean)):
@@ -96,8 +96,8 @@ def _falloff(
 ) -> torch.Tensor:
     """Return the falloff (height, width) of one shape, by the formula of gauss2svg.scene.falloff.
 
-    It is computed in float64 if the device has it. In float32 the two terms of a thin sheared
-    shape's z2 nearly cancel, and the offset from a distant mean is lost.
+    It is computed in float64 if the device has float64. In float32 the offset from a distant mean
+    would be lost, and z2 of a thin sheared shape too, because its two terms nearly cancel.
     """
     dtype = mean.dtype
     mean, sigma, rho, beta = (t.to(_widest_float(t.device)) for t in (mean, sigma, rho, beta))
@@ -159,7 +159,7 @@ def shapes_of(
     opacity: torch.Tensor | None = None,
     beta: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, ...]:
-    """Return mean, sigma, rho, color, opacity, background and beta, by default opaque Gaussians.
+    """Return mean, sigma, rho, color, opacity, background and beta. Defaults: opaque, Gaussians.
 
     Raise InputError if an element is not finite or leaves the domain of its parameter. Domains are
     those of gauss2svg.scene.scene.Scene with two exceptions. Colours may be signed with both
@@ -178,8 +178,8 @@ def shapes_of(
 
 def _check_domain(name: str, tensor: torch.Tensor) -> None:
     least, most = _DOMAIN[name]
-    # Bounds as numbers of the tensor's dtype: float32 rounds 1e-9 down, and 1e-9 and 1e9 are not
-    # normal numbers of float16.
+    # Bounds become numbers of the tensor's dtype, because float32 rounds 1e-9 down, and 1e-9 and
+    # 1e9 are not normal numbers of float16.
     limits = torch.finfo(tensor.dtype)
     least = max(least, limits.tiny) if least > 0 else max(least, limits.min)
     bounds = torch.tensor([least, min(most, limits.max)], dtype=tensor.dtype)

@@ -5,23 +5,76 @@ TILE_HEIGHT rows high. A "pair" is one Gaussian in one tile. Kernels visit only 
 ellipse reaches in the tile's columns, so work is counted in pair rows of TILE_WIDTH pixels.
 
 The kernels step from row to row of a pair in float32, by w22 = 1 / (sy sqrt(1 - rho^2)) in
-whitened offsets (`_whitened` of gauss2svg.render.kernels). Over 8 rows that rounds them by up to
-1e-6 w22. Shapes thinner than LEAST_STEPPED, far below any of a fit, are split into pairs of one row
-each, which need no step.
+whitened offsets (`_whitened` of gauss2svg.render.kernels). Over 8 rows these steps round the
+offsets by up to 1e-6 w22. Shapes thinner than LEAST_STEPPED are split into pairs of one row each,
+which need no step. Shapes of a fit are far wider.
+
+Kernels are compiled for one thread and release Python's global lock (`nogil`), so that ordinary
+Python threads share their work side by side. numba's own parallel loops take as long to run, but
+five times as long to compile (docs/decisions/kernels.md).
 """
 
-from typing import NamedTuple
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import get_num_threads, njit
 from numpy.typing import NDArray
 
-from gauss2svg.render.threads import in_shares, kernel
+from gauss2svg.kernel_cache import cached
 
-TILE_WIDTH = 16  # 16 float32 fill one 512-bit register, two of 256 bits
+# torch's OpenMP reads this when it is loaded. PASSIVE lets idle threads sleep. By default they spin
+# on a core that a kernel could use. A value that the user has set is kept.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+# Decorator of a kernel that Python calls. Kernels need no check for division by zero.
+kernel = cached(nogil=True, error_model="numpy")
+# Decorator of a function that only kernels call. It has no entry points for Python and no reference
+# counts, which would only take time to compile.
+_INSIDE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
+tile_kernel = njit(nogil=True, error_model="numpy", **_INSIDE)
+
+_pool: ThreadPoolExecutor | None = None
+
+
+def in_shares(work: Callable[[int, int], None], max_shares: int) -> None:
+    """Call work(share, shares) for share = 0, ..., shares - 1 at the same time, and wait for all.
+
+    The number of shares is that of numba's threads (numba.set_num_threads), but in 1..max_shares.
+    The calling thread does the first share, so one share needs no other thread.
+    """
+    global _pool
+    shares = max(1, min(get_num_threads(), max_shares))
+    if shares > 1 and _pool is None:
+        # One thread less would do for one caller, but several may render at once.
+        _pool = ThreadPoolExecutor(os.cpu_count(), "gauss2svg-kernel")
+    others = [_pool.submit(work, share, shares) for share in range(1, shares)] if _pool else []
+    try:
+        work(0, shares)
+    finally:
+        wait(others)
+    for other in others:
+        other.result()
+
+
+def _forget_pool() -> None:
+    global _pool
+    _pool = None
+
+
+# Threads do not survive a fork: the child starts its own.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_pool)
+
+
+TILE_WIDTH = 16  # px. 16 float32 fill one 512-bit register, or two of 256 bits
 TILE_BITS = 4
 TILE_HEIGHT = 1 << TILE_BITS
-LEAST_STEPPED = 1 / 64  # px, least width sy sqrt(1 - rho^2) down a column for stepping
-_LEAST_SHARE = 512  # least Gaussians of a share; fewer take less time than waking up a thread
+# px, least width sy sqrt(1 - rho^2) along a column at which the pairs of a shape have several rows.
+LEAST_STEPPED = 1 / 64
+_LEAST_SHARE = 512  # fewest Gaussians of a share that is worth waking a thread for
 
 
 class Pairs(NamedTuple):

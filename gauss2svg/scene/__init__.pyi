@@ -1,6 +1,6 @@
 """Names of the model, which `gauss2svg.scene` loads on first use."""
 
-from .parameters import (
+from .scene import (
     BLURRED as BLURRED,
     LEAST_CANVAS as LEAST_CANVAS,
     LEAST_SIGMA as LEAST_SIGMA,

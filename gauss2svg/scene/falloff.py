@@ -2,20 +2,20 @@
 
     f(r) = (exp(-(r^2 / 2)^beta) - RIM) / (1 - RIM)   for r < cut_radius(beta), 0 beyond,
 
-where r is the Mahalanobis distance to the mean and beta is the exponent of the generalised
-Gaussian (exponential power) profile. 1 is the Gaussian, a large beta is an ellipse with a crisp
-rim at r = sqrt 2, and a beta below 1 is a peak with long tails. Subtracting RIM makes f end at 0
+where r is the Mahalanobis distance to the mean and beta is the exponent of the generalised Gaussian
+(exponential power) profile. beta = 1 is the Gaussian, a large beta is an ellipse with a crisp rim
+at r = sqrt 2, and a beta below 1 is a peak with long tails. Subtracting RIM makes f end at 0
 instead of at a visible step, and f(0) stays 1. The cut lies where the power (r^2 / 2)^beta is CUT:
 
     cut_radius(beta) = sqrt(2 CUT^(1 / beta)),
 
 so the support shrinks as beta grows: 3 sigma at 1, 1.64 at 5, sqrt 2 in the limit. Below
-beta = 1/2 the derivative by the mean, which is proportional to r^(2 beta - 1), is infinite at the
+beta = 1/2 the derivative in the mean, which is proportional to r^(2 beta - 1), is infinite at the
 mean itself. So the domain begins at LEAST_BETA = 1/2.
 
 A plain ellipse has no falloff. A renderer draws each pixel by the share of it that the ellipse
-covers. With the radius R = covered_radius(beta) and the growth g = |W^T z| / |z| of |z| per px, the
-share follows from the pixel's distances in px to the near and to the far rim:
+covers. With z = W (x - mean), so |z| = r, its growth g = |W^T z| / |z| per px and R =
+covered_radius(beta), the share follows from the distances in px to the near and far rims:
 
     clip(1/2 + (R - |z|) / g) + clip(1/2 + (R + |z|) / g) - 1,  clip to 0..1.
 
@@ -30,7 +30,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Cut of a Gaussian in sigma. 1 % of the peak is left there, and 3.5 would cover 36 % more pixels.
+# Distance in sigmas at which a Gaussian is cut. 1 % of the peak is left there. A cut at 3.5 would
+# cover 36 % more pixels.
 RADIUS = 3.0
 CUT = RADIUS * RADIUS / 2
 RIM = math.exp(-CUT)
@@ -89,7 +90,7 @@ def longer_axes(
     whitening  (..., 3) entries w11, w21, w22 in 1/px
     radius     (...) in sigmas
     The longer ellipses are returned as the whitening (..., 3) for which their radius is 1. The
-    shares (...) are min(1, 2 b, pi a b) of the ellipses that are given.
+    shares (...) are min(1, 2 b, pi a b) of the given ellipses.
     """
     w11, w21, w22 = np.moveaxis(whitening, -1, 0)
     l11, l21, l22 = radius / w11, -radius * w21 / (w11 * w22), radius / w22
@@ -110,7 +111,7 @@ def longer_axes(
 
 
 def covered_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the radii (n,) in sigmas of plain ellipses with the integrals of profiles of beta.
+    """Return the radii (n,) in sigmas at which ellipses have the integrals of profiles of beta.
 
     R^2 = 2 integral f(r) r dr, interpolated in a table within 1e-5.
     """

@@ -1,4 +1,4 @@
-"""Inks: the few colours of a picture, which a user gives or which are chosen from the picture."""
+"""Inks: the few colours of a picture, given by a user or chosen from the picture."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from gauss2svg.options import Field, file_name
 if TYPE_CHECKING:  # the help works without NumPy
     import numpy as np
     from numpy.typing import NDArray
+
+    from gauss2svg.scene import Scene
 
     _Numbers = NDArray[np.float64]
 
@@ -34,21 +36,22 @@ _MOST_PALETTE_BYTES = 1_000_000
 _SKIPPED_LINE = re.compile(r"\s*(#.*|[A-Za-z]+:.*)?")
 _COLOR_LINE = re.compile(r"\s*([0-9]{1,9})\s+([0-9]{1,9})\s+([0-9]{1,9})(?:\s.*)?")
 # Choice of inks (docs/decisions/inks.md).
-# A cell of similar colours has the weight of its pixels to this power, so that a small red dot gets
-# an ink of its own.
+# A cell of similar colours counts with the weight of its pixels to this power, so that a small red
+# dot gets an ink of its own.
 _WEIGHT_POWER = 0.5
-# Factor of hue and chroma beside lightness. With 1, accents of photos share an ink with greys.
+# Factor of hue and chroma relative to lightness. With a factor of 1, accents of photos would share
+# an ink with greys.
 _CHROMA_FACTOR = 1.6
 _CELL_SIDE = 8  # levels of 255 along the side of a cell of similar colours
 _CELLS_PER_INK = 4  # least number of cells for each ink; with fewer, each colour is its own cell
 # Difference from a neighbour at which a pixel has half the weight, because edges mix colours.
 _EDGE_DIFFERENCE = 0.05
 _ITERATIONS = 30  # iterations of k-means
-# Share of a cluster's pixels from which its commonest colour is the ink.
+# Least share of a cluster's pixels that makes its commonest colour the ink.
 _FLAT_SHARE = 0.25
 _MOST_PIXELS = 250_000  # approximate number of pixels that are read
 _CODE = (65536, 256, 1)  # factors that make a colour one number, which sorts faster than three
-# Matrices of Oklab (Ottosson, 2020): linear sRGB to cones, and their cube roots to L, a, b.
+# Matrices of Oklab (Ottosson, 2020): from linear sRGB to cones, and from their cube roots to L a b.
 _TO_CONES = (
     (0.4122214708, 0.5363325363, 0.0514459929),
     (0.2119034982, 0.6806995451, 0.1073969566),
@@ -65,7 +68,8 @@ def check_inks(name: str, value: Any) -> int | str:
     """Return a number of inks, or their colours as "#rrggbb,#rrggbb,..".
 
     value  a number, a text or sequence of hex colours, or the path of a .gpl file
-    Raise InputError if it is none of these, or not LEAST_INKS to MOST_INKS different colours.
+    Raise InputError for any other value, and unless there are LEAST_INKS to MOST_INKS different
+    colours.
     """
     value = plain_scalar(value)
     if isinstance(value, str) and value.strip().isdecimal():
@@ -99,6 +103,18 @@ def ink_colors(inks: str) -> _Numbers:
     return np.array(levels, np.float64) / 255
 
 
+def ink_name(ink: _Numbers) -> str:
+    """Return an ink (3,) as #rrggbb."""
+    return "#" + bytes(round(255 * level) for level in ink.tolist()).hex()
+
+
+def inks_of_scene(scene: Scene) -> _Numbers:
+    """Return Scene.inks. Raise InputError if the scene has none."""
+    if scene.inks is None:
+        raise refusal("the scene", "of opaque plain ellipses alone", "others", "a fit with inks")
+    return scene.inks
+
+
 def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     """Return the colours of inks, chosen from the picture if `inks` is a number.
 
@@ -112,7 +128,7 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
         return inks
     import numpy as np
 
-    from gauss2svg.scene.nearest import nearest_entry
+    from gauss2svg.without_scipy import nearest_entry
 
     colors, counts = _colors(pixels)
     if inks > len(colors):
@@ -128,7 +144,7 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     cell_counts = np.bincount(cell, counts)
     cells = _means(points, counts, cell, np.zeros((len(cell_counts), 3)))
     weight = np.asarray(cell_counts**_WEIGHT_POWER, np.float64)
-    seeds = [int(weight.argmax())]  # each next one has the largest weighted distance to these
+    seeds = [int(weight.argmax())]  # each next seed has the largest weighted distance to them
     squares = np.square(cells - cells[seeds[0]]).sum(axis=1)
     while len(seeds) < inks:
         seeds.append(int((weight * squares).argmax()))

@@ -1,9 +1,18 @@
-"""The scene: an ordered list of 2D Gaussians on a canvas, as arrays."""
+"""The scene: an ordered list of 2D Gaussians on a canvas, as arrays.
+
+The parameters of a scene, declared once.
+
+These tables tell scenes what to check, select, concatenate, scale and save. Fits read raw
+values, activations, learning rates and Adam's columns. A new parameter of shapes is a record of
+PARAMETERS and a field of gauss2svg.scene.scene.Scene, and also of gauss2svg.fit.state.State if a
+fit steps it. Renderers, writers and readers name what they use (docs/development.md).
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import io
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,9 +25,173 @@ from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted
 from gauss2svg.files import write_atomically
 from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
-from gauss2svg.scene.parameters import CANVAS, PARAMETERS, PLAIN, RHO_LIMIT
+from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
-_FORMAT_VERSION = 1  # version of scene files; a new parameter with a default keeps it
+LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # px, bounds of a side
+# Largest absolute value of a signed colour. The rounding of renderers hides larger values.
+MOST_SIGNED = 100.0
+# The largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
+RHO_LIMIT = math.nextafter(1, 0)
+# px, bounds of sigma and of the mean. A thinner Gaussian is invisible, because pixels are sampled
+# at their centres. Float64 renders and float32 gradients are finite up to 1000 times the upper
+# bounds.
+LEAST_SIGMA, MOST_SIGMA = 1e-9, 1e9
+MOST_MEAN = 1e12
+
+# Ways in which a file draws a shape. SOFT: by a gradient, or by a plain ellipse if that looks the
+# same. PLAIN: always by a plain ellipse. BLURRED: as a blurred disc.
+SOFT, PLAIN, BLURRED = range(3)
+
+# Logits of opacities 0.0003 and 0.999994. An 8-bit image shows no change beyond them.
+LEAST_RAW_OPACITY, MOST_RAW_OPACITY = -8.0, 12.0
+# Bounds of ln beta in a fit. The lower one stands for a Gaussian: at exactly 0 the kernels leave
+# out the gradient of the exponent, and a smaller bound gives worse fits (docs/decisions/adam.md).
+LEAST_RAW_BETA, MOST_RAW_BETA = 1e-6, math.log(128.0)
+
+_Values = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Raw:
+    """The raw form of a parameter that a fit steps number by number, unlike the geometry.
+
+    name         field of gauss2svg.fit.state.State with the raw values
+    activated    maps raw values to those of a scene
+    inverse      maps values of a scene to raw ones
+    least, most  bounds of the raw values
+    first        raw value of a new shape if its placement gives none
+    """
+
+    name: str
+    activated: Callable[[_Values], _Values]
+    inverse: Callable[[_Values], _Values]
+    least: float
+    most: float
+    first: float = 0.0
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of each shape of a scene, or of its canvas.
+
+    name             field of the scene with its array
+    width            numbers for each shape: the array is (n,) for 1, else (n, width)
+    least, most      domain of its values
+    additive_domain  least and largest value in additive scenes, if they differ
+    default          value in a scene that does not give it; None if it must be given
+    dtype            type of its array in a scene
+    scaled           whether it is in px, and scales with the canvas
+    raw              raw form in a fit; None if it belongs to the geometry or never changes
+    rate             learning rate in the frame of gauss2svg.fit.adam; 0 if it is not stepped
+    shared           whether shapes that share a gradient in a file share its values, so that the
+                     last steps of a fit keep them
+    advice           what to try with values out of the domain
+    once             whether a scene has one value, not one for each shape
+    """
+
+    name: str
+    width: int
+    least: float
+    most: float
+    additive_domain: tuple[float, float] | None = None
+    default: float | None = None
+    dtype: type[np.generic] = np.float64
+    scaled: bool = False
+    raw: Raw | None = None
+    rate: float = 0.0
+    shared: bool = False
+    advice: str = "to clip it"
+    once: bool = False
+
+    def domain(self, blend: str) -> tuple[float, float]:
+        """Return the least and the largest value of the parameter in scenes of a blend."""
+        domain = self.additive_domain if blend == ADD else None
+        return domain or (self.least, self.most)
+
+    def shape(self, count: int) -> tuple[int, ...]:
+        """Return the shape of the parameter's array for `count` Gaussians."""
+        each = () if self.width == 1 else (self.width,)
+        return each if self.once else (count, *each)
+
+    def checked(self, values: Any, count: int | None, blend: str) -> _Values:
+        """Return a read-only copy of `values` in the parameter's dtype, for `count` Gaussians.
+
+        None stands for the default. Any number of Gaussians is accepted if `count` is None.
+        Raise SceneError if values have another shape or leave the domain.
+        """
+        low, high = self.domain(blend)
+        if values is None:
+            size = 0 if self.default is None else count or 0
+            values = np.full(self.shape(size), self.default or 0)
+        try:
+            values = np.ma.filled(np.asanyarray(values), np.nan)  # NaN is refused below
+            array = values.astype(np.float64, "C", "same_kind", subok=False)
+        except Exception as error:  # NumPy's errors, and torch's for a tensor with requires_grad
+            raise SceneError(f"scene {self.name} must be numbers; got {brief(error)}") from None
+        shape = self.shape(len(np.atleast_1d(array)) if count is None else count)
+        if array.shape != shape:
+            raise SceneError(f"scene {self.name} must be of shape {shape}; got {array.shape}")
+        whole = np.issubdtype(self.dtype, np.integer)
+        bad = ~((array >= low) & (array <= high)) | (whole & (array != np.rint(array)))
+        if bad.any():
+            at = tuple(int(i) for i in np.argwhere(bad)[0])
+            raise SceneError(
+                f"scene {self.name}{list(at) or ''} must be finite{' and whole' * whole} and in "
+                f"{low:.16g}..{high:.16g}{' in an additive scene' * (blend == ADD)}; got "
+                f"{array[at]!s}. Try {self.advice}"
+            )
+        array = array.astype(self.dtype, copy=False)
+        array.flags.writeable = False
+        return array
+
+
+_COLOR_ADVICE = "to clip it, or to divide by 255 what is in 8 bits"
+_SIDE_ADVICE = "to scale the scene"
+# Parameters that a scene has once.
+CANVAS = (
+    Parameter("width", 1, LEAST_CANVAS, MOST_CANVAS, advice=_SIDE_ADVICE, scaled=True, once=True),
+    Parameter("height", 1, LEAST_CANVAS, MOST_CANVAS, advice=_SIDE_ADVICE, scaled=True, once=True),
+    Parameter("background", 3, 0.0, 1.0, default=1.0, advice=_COLOR_ADVICE, once=True),
+)
+# Parameters of each shape. Learning rates come from the ablations of docs/decisions/fit.md. A fit
+# steps mean and sigma in shares of the shape's own sigma, rho as the shear of its frame, opacity as
+# a logit, and beta as a logarithm.
+PARAMETERS = (
+    Parameter(
+        "mean", 2, -MOST_MEAN, MOST_MEAN, rate=0.3, scaled=True,
+        advice="to drop what lies so far off, or to scale the scene down",
+    ),
+    Parameter(
+        "sigma", 2, LEAST_SIGMA, MOST_SIGMA, rate=0.15, scaled=True,
+        advice="to clip it, to scale the scene, or to drop the Gaussian",
+    ),
+    Parameter("rho", 1, -RHO_LIMIT, RHO_LIMIT, rate=0.15, advice="to clip it to RHO_LIMIT"),
+    Parameter(
+        "opacity", 1, 0.0, 1.0, additive_domain=(1.0, 1.0), rate=0.15,
+        raw=Raw(
+            "raw_opacity", lambda logit: 1 / (1 + np.exp(-logit)), lambda p: np.log(p / (1 - p)),
+            LEAST_RAW_OPACITY, MOST_RAW_OPACITY,
+        ),
+        advice="to clip it, and in an additive scene to multiply the colour by it",
+    ),
+    Parameter(
+        "color", 3, 0.0, 1.0, additive_domain=(-MOST_SIGNED, MOST_SIGNED), rate=0.045, shared=True,
+        advice=_COLOR_ADVICE, raw=Raw("color", np.asarray, np.asarray, 0.0, 1.0),
+    ),
+    Parameter(
+        "beta", 1, LEAST_BETA, MOST_BETA, additive_domain=(1.0, 1.0), default=1.0, rate=0.05,
+        raw=Raw("raw_beta", np.exp, np.log, LEAST_RAW_BETA, MOST_RAW_BETA), shared=True,
+    ),
+    Parameter("round_index", 1, 0, 2**31 - 1, default=0, dtype=np.int32, advice="to count from 0"),
+    Parameter("drawn", 1, SOFT, BLURRED, additive_domain=(SOFT, SOFT), default=SOFT, dtype=np.int8),
+)  # fmt: skip
+
+# Parameters that Adam steps number by number, with their raw forms. Adam's columns have this order,
+# after those of the geometry.
+STEPPED = tuple((parameter, parameter.raw) for parameter in PARAMETERS if parameter.raw)
+
+
+_FORMAT_VERSION = 1  # scene file version, unchanged by a new parameter with a default
 _REQUIRED = {parameter.name for parameter in (*CANVAS, *PARAMETERS) if parameter.default is None}
 _DEFAULT: Any = None  # replaced by the constructor, which knows the number of Gaussians
 
@@ -39,13 +212,13 @@ class Scene:
     color          (n, 3) sRGB in 0..1; signed, up to MOST_SIGNED either way, if blend is "add"
     opacity        (n,) in 0..1; all 1 if blend is "add"
     background     (3,) sRGB in 0..1; in a transparent scene, the colour of the page that shows it
-    round_index    (n,) round of the fit that added each, never decreasing; None for all 0
+    round_index    (n,) round of the fit that added each Gaussian, never decreasing; None for all 0
     blend          "over": source-over in sRGB, as in every SVG renderer; "add": as in the paper,
                    image = background + sum f(r_k) color_k in any order, clipped to 0..1 at the end
     beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian (see
                    gauss2svg.scene.falloff); None for all 1; all 1 if blend is "add"
-    drawn          (n,) how a file draws each. SOFT: by a gradient, or by a plain ellipse if that
-                   looks the same. PLAIN: by a plain ellipse at any size. BLURRED: as a blurred
+    drawn          (n,) how a file draws each shape. SOFT: by a gradient, or by a plain ellipse if
+                   that looks the same. PLAIN: by a plain ellipse at any size. BLURRED: as a blurred
                    disc, in the form "blur". None for all SOFT
     transparent    whether the background is left out, so that rendered images have alpha and a
                    file has no background; False if blend is "add"
@@ -53,7 +226,7 @@ class Scene:
     A signed colour is the contribution of its Gaussian at its mean. The paper uses coefficients of
     normal densities instead: see `densities` and `peaks_of`.
 
-    Arrays are made read-only and have the dtypes of gauss2svg.scene.parameters: float64, but int32
+    Arrays are made read-only and have the dtypes of gauss2svg.scene.scene: float64, but int32
     for round_index and int8 for drawn. Both renderers draw any scene of this domain with finite
     gradients. write_svg refuses what a file cannot hold. The constructor raises SceneError or
     InputError with the name of the field.
@@ -131,7 +304,7 @@ class Scene:
         return cls(width, height, mean, sigma, rho, color, opacity, **others)  # pyright: ignore[reportArgumentType] (the constructor converts)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Copies are constructed anew, because arrays that are copied by themselves are writeable.
+        # Copies are constructed anew, because NumPy's copies of the arrays would be writeable.
         return type(self), tuple(getattr(self, f.name) for f in dataclasses.fields(self))
 
     def __len__(self) -> int:
@@ -180,7 +353,8 @@ class Scene:
     def densities(self) -> NDArray[np.float64]:
         """Coefficients (n, 3) in px^2 of the paper's normal densities, 2 pi sqrt(det Sigma) color.
 
-        A density exp(-r^2 / 2) / (2 pi sqrt(det Sigma)) times these is color exp(-r^2 / 2).
+        A density exp(-r^2 / 2) / (2 pi sqrt(det Sigma)) times these coefficients is
+        color exp(-r^2 / 2).
         """
         return self.color * _volume(self.sigma, self.rho)[:, None]
 
@@ -240,9 +414,9 @@ class Scene:
         return self.replace(**{name: np.concatenate(arrays) for name, arrays in both.items()})
 
     def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
-        """Return the scene on a canvas scaled by factor_x and factor_y (> 0; the same if None).
+        """Return the scene on a canvas scaled by factor_x and factor_y (> 0).
 
-        Raise SceneError if the scaled values leave the domain.
+        If factor_y is None, it is factor_x. Raise SceneError if the scaled values leave the domain.
         """
         scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
         shapes = {p.name: getattr(self, p.name) * scale for p in PARAMETERS if p.scaled}
@@ -277,7 +451,7 @@ class Scene:
             names = {field.name for field in dataclasses.fields(cls)}
             if others := values.keys() - names | _REQUIRED - values.keys():
                 raise ValueError(f"one with other fields: {', '.join(sorted(others))}")
-        except Exception as error:  # NumPy, zipfile and zlib each raise their own
+        except Exception as error:  # NumPy, zipfile and zlib each raise errors of their own
             raise InputError(
                 f"scene file must be one written by Scene.save, in version {_FORMAT_VERSION}; got "
                 f"{brief(error)}. Try to fit the photo again, and to save its scene"
@@ -307,7 +481,7 @@ def peaks_of(
 ) -> NDArray[np.float64]:
     """Return the `color` (n, 3) of an additive scene from coefficients of normal densities (n, 3).
 
-    densities / (2 pi sx sy sqrt(1 - rho^2)) with sigma (n, 2) in px and rho (n,), which inverts
-    Scene.densities.
+    It is densities / (2 pi sx sy sqrt(1 - rho^2)), the inverse of Scene.densities. sigma (n, 2) is
+    in px, and rho is (n,).
     """
     return densities / _volume(sigma, rho)[:, None]

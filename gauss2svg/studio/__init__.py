@@ -2,8 +2,8 @@
 
     application.mount("/studio", gauss2svg.studio.app)
 
-mounts it in another ASGI application. Its workers start with the first photo and end with the
-process. The application decides who may use it. The command `gauss2svg studio` asks for a token.
+mounts the studio in another ASGI application, which decides who may use it. The studio's workers
+start with the first photo and end with the process. `gauss2svg studio` asks for a token.
 """
 
 from __future__ import annotations

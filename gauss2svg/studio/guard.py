@@ -29,7 +29,7 @@ PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )
-# For an SVG that is opened by itself: it may be drawn, but it may not run scripts or load files.
+# Policy for an SVG that is opened by itself. It may be drawn, but not run scripts or load files.
 PICTURE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; sandbox"
 )
@@ -89,7 +89,7 @@ class Bounded:
             await send(message)
 
         answer, length = self.app, headers.get("content-length", "")
-        origin = headers.get("origin")  # browsers send it with all requests but plain GETs
+        origin = headers.get("origin")  # browsers send Origin except with plain GETs
         if origin is not None and origin.rpartition("/")[2] != headers.get("host"):
             answer = _refused(403, "a page of another site may not use the studio")
         elif length.isdecimal() and int(length) > most:
@@ -101,15 +101,15 @@ class Guard:
     """Middleware that passes on only requests with the token, sent to a name of this server.
 
     names  names of the server in addresses, in lower case and without ports
-    local  whether only this machine can reach it. If not, any IP address is accepted as its name.
+    local  whether only this machine can reach the server. If not, any IP address counts as its name
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int, names: set[str], local: bool) -> None:
         self._app, self._token, self._names, self._local = app, token, names, local
         # The name has the port, because a browser sends a cookie to all ports of a host.
         self._cookie = f"gauss2svg-{port}"
-        # A ticket opens the page once. It stands in the command line of the browser, which other
-        # users may be able to read.
+        # A ticket opens the page once. It replaces the token in the browser's command line, which
+        # other users may be able to read.
         self.ticket = secrets.token_urlsafe(24)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -124,7 +124,7 @@ class Guard:
         """Return the application that answers a request: the studio, a redirection or a refusal."""
         host = request.headers.get("host", "")
         name = re.sub(r":\d+$", "", host.lower())
-        # A site can let its name point to this machine (DNS rebinding), but not an IP address.
+        # DNS rebinding points a site's name at this machine, but an IP address needs no DNS.
         is_ip_address = re.fullmatch(r"[\d.]+|\[[\da-f:]+\]", name)
         if name not in self._names and (self._local or not is_ip_address):
             return _refused(421, f"the address must be the printed one; got {quoted(host)}")

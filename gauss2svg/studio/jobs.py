@@ -26,12 +26,12 @@ from starlette.exceptions import HTTPException
 from gauss2svg.pool import Pool
 from gauss2svg.studio.worker import fit, warm
 
-MOST_WAITING = 32  # jobs in the queue
+MOST_WAITING = 32  # most jobs in the queue
 MOST_KEPT = 1000  # finished jobs; beyond this number the oldest are forgotten
-MOST_BYTES = 1 << 30  # bytes of the files of all jobs
+MOST_BYTES = 1 << 30  # most bytes of the files of all jobs
 LOOK_S = 0.05  # seconds between two looks at a job that a request waits for
 _RETRY = {"Retry-After": "5"}  # seconds after which a refused client may try again
-_CANCEL_S = 0.2  # seconds for a canceled fit to end by itself; then its warm process is killed
+_CANCEL_S = 0.2  # seconds after which the warm process of a canceled fit is killed
 QUEUED, RUNNING, DONE, STOPPED = "queued", "running", "done", "stopped"
 FAILED, CANCELED = "failed", "canceled"
 
@@ -42,8 +42,8 @@ class Job:
 
     folder   folder of the photo, and of the files that its process writes
     lines    command line and Python call that make the same file
-    readers  number of clients that follow its events
-    call     future of the pool. Until the job is submitted, it is one that never runs.
+    readers  number of clients that follow the job's events
+    call     future of the pool. Until the job is submitted, a future that never runs
     """
 
     folder: Path
@@ -60,7 +60,7 @@ class Job:
 
     @property
     def progress(self) -> dict[str, Any] | None:
-        """Progress that its process wrote last."""
+        """Progress that the job's process wrote last."""
         return self._read("progress.json")
 
     @property
@@ -88,12 +88,12 @@ class Job:
 
     @property
     def is_over(self) -> bool:
-        """Whether it neither waits nor runs. Its process may still write further files."""
+        """Whether the job neither waits nor runs. Its process may still write further files."""
         return self.state not in (QUEUED, RUNNING)
 
     @property
     def error(self) -> str:
-        """Reason why it failed, or why a finished job lacks files; "" if there is none."""
+        """Reason why the job failed or lacks files, or ""."""
         if self.is_canceled or not self.call.done():
             return ""
         if (error := self.call.exception()) is not None:
@@ -123,8 +123,8 @@ class Jobs:
     @cached_property
     def _pool(self) -> Pool:
         exit_stack = ExitStack()
-        # Nothing tells a mounted studio when the server ends. But an event loop that ends cancels
-        # its tasks, such as this one, which waits forever.
+        # Nothing tells a mounted studio when the server ends. But an event loop cancels its tasks
+        # when it ends. So this task waits forever, until it is canceled.
         self._task = asyncio.get_running_loop().create_task(asyncio.Event().wait())
         self._task.add_done_callback(lambda _: self._end(exit_stack))
         return exit_stack.enter_context(Pool(self.workers))

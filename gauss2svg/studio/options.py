@@ -9,14 +9,14 @@ from typing import Any
 from docstring_parser import parse_from_object
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.measure.scores import SCORES
+from gauss2svg.measure import SCORES
 from gauss2svg.options import Field, byte_size, fields_of
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import command_line
 from gauss2svg.scene.inks import PALETTE_SUFFIX
 
-MOST_DRAWN = 40_000_000  # pixels of a PNG, which take half a gigabyte while they are drawn
+MOST_DRAWN = 40_000_000  # most pixels of a PNG. Drawing so many takes half a gigabyte
 # Options that only the server sets, because its fits share the machine.
 _NOT_OFFERED = ("threads", "max_memory", "max_pixels")
 _NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}

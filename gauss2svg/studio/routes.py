@@ -24,9 +24,9 @@ from starlette.exceptions import HTTPException
 from gauss2svg.compare.chart import COSTS, NARROW, scatter, template_environment
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_png
+from gauss2svg.measure import SCORES
 from gauss2svg.measure.heatmap import MOST, legend
-from gauss2svg.measure.scores import SCORES
-from gauss2svg.photo.formats import SUFFIXES
+from gauss2svg.photo import SUFFIXES
 from gauss2svg.raster.isolated import draw
 from gauss2svg.studio import uploads
 from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, wait_until
@@ -291,7 +291,7 @@ async def png(
     """Return the SVG as a PNG of a width in px. The height follows from it."""
     svg, report = await _svg(job, None), job.report or {}
     wide = width or report["width"]
-    high = max(1, round(wide * report["height"] / report["width"]))
+    high = -(-wide * report["height"] // report["width"])  # rounded up, as resvg does
     if wide * high > MOST_DRAWN:
         raise refusal("the PNG", f"at most {MOST_DRAWN} px", f"{wide}x{high} px", "a lower width")
     channels = 4 if report["transparent"] else 3

@@ -47,7 +47,7 @@ def create_app(
     jobs      number of fits that run at the same time; None: it depends on the cores
     threads   number of CPU threads of each fit; None: fits share the cores
     folder    folder whose photos can be picked; None: pictures of scikit-image
-    is_local  whether only this machine can reach it, so that the page says that photos stay here
+    is_local  whether only this machine can reach the application. The page then says so
     Raise InputError for more jobs or threads than cores, and for a folder without photos.
     """
     queue = Jobs(*workers_and_threads(jobs, threads))
@@ -84,7 +84,7 @@ def create_app(
 async def _error_response(_: Request, error: Exception) -> JSONResponse:
     """Return the response to a request that raised an error."""
     if isinstance(error, HTTPException) and isinstance(error.__cause__, OSError):
-        error = error.__cause__  # the disk could not hold the form
+        error = error.__cause__  # raised if the disk could not hold the form
     headers = None
     match error:
         case HTTPException():
@@ -104,7 +104,7 @@ async def _error_response(_: Request, error: Exception) -> JSONResponse:
 
 
 def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int]:
-    """Return the number of fits at the same time, and of threads of each.
+    """Return the number of simultaneous fits, and the number of threads of each.
 
     Raise InputError if one of them is larger than the number of cores.
     """
@@ -152,7 +152,7 @@ def serve(
             # A browser in the terminal returns only after the user has left it.
             ticket_address = f"{address}{guard.ticket}"
             Thread(target=webbrowser.open, args=(ticket_address,), daemon=True).start()
-        # A signal ends uvicorn, which then raises it again. This second one is ignored.
+        # A signal ends uvicorn, which then raises the signal again. The second signal is ignored.
         for number in HANDLED_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         config = uvicorn.Config(
@@ -167,7 +167,7 @@ def serve(
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """Return a socket to which clients can connect already. They wait until they are served."""
+    """Return a socket that clients can connect to already. They wait until they are served."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         return socket.create_server((host, port), family=family)

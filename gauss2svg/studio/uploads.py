@@ -14,11 +14,12 @@ from pydantic import BaseModel, Field
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.errors import InputError, brief, refusal
 from gauss2svg.files import is_device, reading
-from gauss2svg.photo.decode import opened
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
+from gauss2svg.photo import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.load import opened
 
 _SKIMAGE_SAMPLES = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
-# Suffixes that cannot be read. The file dialog still offers them, so that the page says why.
+# Suffixes of files that cannot be read. The file dialog still offers them, so that the page can say
+# why.
 REFUSED = (".jxl",)
 _MOST_SAMPLES = 100
 _LONGEST_NAME = 100  # characters before the suffix
@@ -44,7 +45,7 @@ def display_name(path: str | None) -> str:
 
 
 def stem_of(name: str) -> str:
-    """Return a display name without its suffix, as a file name that is valid on any system."""
+    """Return a display name without its suffix, made valid as a file name on any system."""
     stem = PurePath(name).stem.encode()[:200].decode(errors="ignore")
     return f"_{stem}" if is_device(stem) else stem
 
@@ -59,7 +60,7 @@ def size_of(path: Path, name: str) -> tuple[int, int]:
 
 
 def samples_in(folder: Path | None) -> Sequence[Sample]:
-    """Return photos of a folder, or of scikit-image if None. Raise InputError if it has none."""
+    """Return a folder's photos, or scikit-image's for None. Raise InputError if there are none."""
     if folder is None:
         from skimage import data
 

@@ -4,8 +4,8 @@
     picture.svg, report.json     when it is done
     photo.png, errors.png, ..    after that, for the page
 
-The server writes a file named stop to end the fit with the best picture so far, or a file named
-cancel to end it without a picture.
+The server writes a file named stop to end the fit with its best picture, or a file named cancel to
+end the fit without a picture.
 """
 
 from __future__ import annotations
@@ -16,19 +16,17 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.compare.records import finite, record_or_error
+from gauss2svg.compare.records import json_safe, record_or_error
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import as_json, as_png, saved, write_whole
 from gauss2svg.measure.heatmap import error_map
-from gauss2svg.photo.alpha import over
-from gauss2svg.pipeline import presets
-from gauss2svg.pipeline.memory_budget import allowed
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.run import Progress
+from gauss2svg.photo.pixels import over
+from gauss2svg.pipeline.budgets import allowed
+from gauss2svg.pipeline.options import Options, Progress
+from gauss2svg.pipeline.plan import USUAL_BYTES, Plan
 from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
-from gauss2svg.render.frame import FrameMaker, as_jpeg
-from gauss2svg.svg.document import EDITABLE, MINIMAL
+from gauss2svg.render import FrameMaker, as_jpeg
+from gauss2svg.svg import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
 # Attributes of a fit's progress that progress.json has.
@@ -91,8 +89,8 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
             frames += 1
             _write(folder / "frame.jpg", frame)
             figures |= {name: getattr(now.fit, name) for name in _OF_A_FIT}
-            figures["bytes_estimate"] = presets.USUAL_BYTES * now.fit.gaussians
-        _write(folder / "progress.json", as_json(finite({**figures, "frame": frames})))
+            figures["bytes_estimate"] = USUAL_BYTES * now.fit.gaussians
+        _write(folder / "progress.json", as_json(json_safe({**figures, "frame": frames})))
 
     share = allowed(None) // request["workers"]
     return vectorize_by(
@@ -105,7 +103,7 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
 
 
 def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
-    """Yield names and bytes of files. With the second, the report, the job counts as done."""
+    """Yield names and bytes of files. The second is the report, with which a job counts as done."""
     yield "picture.svg", result.svg.encode()
     yield "report.json", as_json(result.report)
     yield "photo.png", as_png(result.photo)
@@ -115,6 +113,6 @@ def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
         yield "outlines.svg", result.outline().encode()
     other = MINIMAL if result.report["markup"] == EDITABLE else EDITABLE
     with suppress(Gauss2SvgError):  # the options may exclude the other markup
-        form = Plan(options.changed(markup=other)).svg_format
+        form = Plan(options.changed(markup=other)).format_at()
         yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
     yield "scene.npz", saved(result.scene.save)

@@ -2,14 +2,14 @@
 
 Under mix-blend-mode: difference a colour s over v gives |v - s|. The canvas holds s_c (P + o_c) for
 a partial sum P. The scale s_c and the offset o_c of each channel keep all partial sums in 0..1. So
-the difference subtracts a colour. To add one, the channel is inverted first, by drawing it at full
-intensity. A Gaussian is a circle with an opaque gradient from its absolute colour to black, which
-changes nothing. A filter on the whole group maps the canvas back,
+the difference subtracts a colour. To add a colour, the file first inverts the channel, by drawing
+the channel at full intensity. A Gaussian is a circle with an opaque gradient from its absolute
+colour to black, which changes nothing. A filter on the whole group maps the canvas back,
 
     image = P = background + slope (v - v_0),   slope = +-1 / s_c,
 
-with v_0 the background as it is written, so that its rounding shifts nothing. Values outside 0..1
-are clipped, as in the scene.
+where v_0 is the background as the file has it, so that its rounding shifts nothing. Values outside
+0..1 are clipped, as in the scene.
 
 An example: three grey Gaussians of +.3, +.4 and -.5 at one place, on a background of .5. In the
 best order (gauss2svg.svg.headroom) the sums are .3 to .8, so 1 / s is .5, or .51 with a margin. The
@@ -35,8 +35,8 @@ commutative, so a Gaussian can wait for a later tour through the patterns, until
 its sum. If no Gaussian fits, the one that exceeds the range least is drawn.
 
 The range is checked between the pixels as well (gauss2svg.svg.headroom), so that a file can be
-drawn at any size. Values that are clipped in the end may fold on the canvas (phases_of there),
-which allows a larger scale (docs/decisions/svg.md).
+drawn at any size. Values that are clipped in the end may fold on the canvas
+(gauss2svg.svg.headroom.phases_of). This allows a larger scale (docs/decisions/svg.md).
 
     <style>#additive-1a2b3c4d circle,#additive-1a2b3c4d rect{mix-blend-mode:difference}</style>
     <g id="additive-1a2b3c4d" filter="url(#transfer-1a2b3c4d)"> <rect fill="#.."/>
@@ -51,11 +51,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import quoted, refusal
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
-from gauss2svg.svg.blur import GRADIENT
-from gauss2svg.svg.document import SvgFormat
+from gauss2svg.svg import SvgFormat
 from gauss2svg.svg.element import Element, hex_color, number, short_id
 from gauss2svg.svg.encode import Drawing, layer, matrices_of, radial_gradient, sides_of
 from gauss2svg.svg.headroom import phases_of
@@ -68,7 +66,7 @@ WHITE = 255
 HALF_WAY = 0.25
 # Range of partial sums on the canvas (docs/decisions/svg.md).
 MARGIN = 0.01  # share of the span that is left at either end for the rounding of layers
-# Least span of partial sums. A smaller one only magnifies the rounding of renderers.
+# Least span of partial sums. A smaller span would only magnify the rounding of renderers.
 LEAST_SPAN = 0.1
 
 
@@ -77,12 +75,8 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
 
     Gaussians are left out if their extent is written as 0 or their colour as black. So are
     Gaussians off the canvas whose numbers are too large for a file. Raise SceneError for visible
-    Gaussians with such numbers (gauss2svg.svg.element.writable). Raise InputError for a form other
-    than gradients.
+    Gaussians with such numbers (gauss2svg.svg.element.writable).
     """
-    if svg_format.form != GRADIENT:
-        needed = f"{GRADIENT!r} for an additive scene, whose blurs cannot be added exactly"
-        raise refusal("form", needed, quoted(svg_format.form))
     phases, low, high = phases_of(scene)
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
     span = np.maximum((1 + 2 * MARGIN) * (high - low), np.maximum(largest, LEAST_SPAN))
@@ -91,7 +85,7 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
 
     ramps, reach = _ramps(scene, scale, svg_format.stops)
     matrices = matrices_of(scene, float(cut_radius(1.0)) * reach, svg_format.precision)
-    # Indices of the Gaussians that are written, by phase. Phases without any are left out.
+    # Indices of the written Gaussians, by phase. Empty phases are left out.
     shown = ([i for i in phase.tolist() if ramps[i] and matrices[i]] for phase in phases)
     shown = list(filter(None, shown))
     inverted = first = scene.color[shown[0][0]] >= 0 if shown else np.zeros(3, bool)
@@ -111,8 +105,8 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     intercept = scene.background - slope * level + HALF_WAY / WHITE
     transfer = tuple((number(s, 5), number(i, 5)) for s, i in zip(slope, intercept, strict=True))
     background = hex_color(np.where(first, WHITE - begin, begin).astype(int))
-    # The key keeps the filters of two additive drawings in one page apart. These ids are longer
-    # than those of gradients, so they cannot collide.
+    # The key makes the ids of two additive drawings in one page differ. Ids with a key are longer
+    # than ids of gradients, so the two kinds cannot collide.
     key = f"{zlib.crc32(repr((transfer, background)).encode()):08x}"
     group = f"additive-{key}"
     inside = [_cover(background, "background"), *groups]
@@ -128,7 +122,7 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
 
 
 def _ramps(scene: Scene, scale: Floats, count: int) -> tuple[list[Ramp], Floats]:
-    """Return the stops of each Gaussian, none for black, and the offset (n,) of the last, in 0..1.
+    """Return each Gaussian's stops, none if it is black, and its last stop's offset (n,) in 0..1.
 
     A gradient and its circle end at the first of the trailing black stops. That saves a sixth of
     the area that 8000 Gaussians cover.

@@ -36,7 +36,7 @@ class Element:
         self.attributes = {k.replace("_", "-"): v for k, v in attributes.items() if v is not None}
 
     def replace(self, **attributes: str | None) -> Element:
-        """Return the element with attributes replaced or added. Those of None are removed."""
+        """Return the element with attributes replaced or added. None removes an attribute."""
         return Element(self.tag, self.inside, **{**self.attributes, **attributes})
 
     def text(self) -> str:
@@ -75,7 +75,7 @@ def hex_color(color: Iterable[int], short: bool = True) -> str:
 
 
 def short_id(index: int) -> str:
-    """Return the id at `index` in the list of the shortest: a, b, ..., Z, aa, ab, ..."""
+    """Return the id at `index` in the list a, b, ..., Z, aa, ab, ..., which has short ids first."""
     before, last = divmod(index, len(ascii_letters))
     return (short_id(before - 1) if before else "") + ascii_letters[last]
 
@@ -102,7 +102,7 @@ def check_view(scene: Scene, precision: float = 1.0) -> None:
 def writable(
     scene: Scene, radius: ArrayLike, precision: float, unit: ArrayLike = 1
 ) -> NDArray[np.bool_]:
-    """Return whether a file can hold each shape (n,), by its numbers and its reach.
+    """Return whether a file can hold each shape (n,): neither its numbers nor its reach are large.
 
     radius     radius in sigmas of the disc that is drawn
     precision  user unit in px

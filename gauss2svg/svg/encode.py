@@ -11,7 +11,7 @@ px, 25 to a pixel:
 
     mean (20, 15) px, sigma (4, 3) px, rho 0.5, orange, opacity 0.8; the exponent 1 has R = 3
         <circle fill="url(#a)" fill-opacity=".8" r="1" transform="matrix(300 112 0 195 500 375)"/>
-    mean (10, 5), sigma 3, of the same colour and exponent: it shares the gradient
+    mean (10, 5), sigma 3, of the same colour and exponent, and so with the same gradient
         <circle fill="url(#a)" r="1" transform="matrix(225 0 0 225 250 125)"/>
     mean (40, 30), sigma (6, 5), green, of exponent 64, R = 1.43: large and crisp (see below)
         <circle fill="url(#b)" r="110" transform="matrix(2.15 0 0 1.79 1000 750)"/>
@@ -45,22 +45,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
-from gauss2svg.svg.blur import BLURS, CLEAR, Blur, drawn_blurs, snapped
-from gauss2svg.svg.document import INKS, Document, SvgFormat, round_id
+from gauss2svg.svg import INKS, Document, SvgFormat, round_id
 from gauss2svg.svg.element import Element, check_view, hex_color, number, short_id, unless, writable
-from gauss2svg.svg.plain_ellipse import drawn_radius, is_plain
+from gauss2svg.svg.forms import BLURS, CLEAR, Blur, drawn_blurs, drawn_radius, is_plain, snapped
 from gauss2svg.svg.stops import Floats, gradient_stops
 
-_LARGE = 100  # radius of gradients of large exponents
+_LARGE = 100  # radius of gradients whose exponent is at least LARGE_FROM
 Round = tuple[int, list[Element]]  # index of the round, and the elements of its shapes
 # fx of a gradient of radius 1: resvg draws 0 less accurately (docs/decisions/svg.md).
 _FOCUS = 0.001
 
 
 # Circles and gradients of crisp rims (docs/decisions/svg.md).
-LARGE_FROM = 16.0  # exponent from which gradients have the radius _LARGE
-SOFT_RIM = 1.0  # least width in px of a rim that a circle's edge hardly clips
-CLEAR_OF_THE_RIM = 0.7  # px from a gradient's end to the circle's edge for crisper rims
+LARGE_FROM = 16.0  # smallest exponent whose gradients have the radius _LARGE
+SOFT_RIM = 1.0  # px, narrowest rim that a circle's antialiased edge hardly clips
+CLEAR_OF_THE_RIM = 0.7  # px from gradient end to circle edge for rims under SOFT_RIM px
 # Largest distance from a gradient's end to the circle's edge, in radii of the gradient. Shapes that
 # need more are too thin to be drawn.
 MOST_MARGIN = 20.0
@@ -95,7 +94,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     visible Gaussians with such numbers, and for such a canvas.
     """
     scene = snapped(scene, svg_format.form)
-    # Each shape is one of three: a plain ellipse, a blurred disc, or shaded by a gradient.
+    # A shape is drawn as a plain ellipse, as a blurred disc or by a gradient.
     plain, blur = is_plain(scene), drawn_blurs(scene)
     blurred = ~plain & (blur >= 0)
     shaded = ~plain & ~blurred
@@ -149,7 +148,7 @@ def round_layers(rounds: Sequence[Round]) -> list[Element]:
 
 
 def ink_layers(rounds: Sequence[Round]) -> list[Element]:
-    """Return a group for each round, whose shapes have one ink. The fill is set on the group."""
+    """Return a group for each round. Its shapes have one ink, which is the group's fill."""
     layers = []
     for index, inside in rounds:
         fill, bare = inside[0].attributes["fill"], [one.replace(fill=None) for one in inside]
@@ -202,7 +201,7 @@ def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike 
 
 
 def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Element:
-    """Return the gradient of a class of exponents and a colour, or the filter of a blur.
+    """Return the gradient for one exponent and colour, or the filter of a blur.
 
     kind  index into BETA_CLASSES, or len(BETA_CLASSES) plus an index into BLURS
     """
@@ -219,17 +218,17 @@ def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Eleme
 def radial_gradient(key: str, stops: list[Element], r: str = "1", fx: str | None = None) -> Element:
     """Return a radial gradient of radius r around the origin of user space.
 
-    With fx, resvg uses its more accurate gradient (docs/decisions/svg.md).
+    With fx, resvg uses its more accurate algorithm (docs/decisions/svg.md).
     """
     units = "userSpaceOnUse"
     return Element("radialGradient", stops, cx="0", cy="0", fx=fx, gradientUnits=units, id=key, r=r)
 
 
 def _filter(name: str, blur: Blur) -> Element:
-    """Return the filter of a blur, whose region is the box of the circle with a margin."""
+    """Return the filter of a blur. Its region is the circle's box with a margin."""
     margin = number(CLEAR * blur.deviation / 2, 2)  # share of the diameter
     size, start = number(1 + 2 * float(margin), 2), f"-{margin}"
-    # linearRGB, the default, rounds colours once more.
+    # The default, linearRGB, would round colours once more.
     region = {"height": size, "id": name, "width": size, "x": start, "y": start}
     source = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
     step = Element("feGaussianBlur", **source)

@@ -1,4 +1,8 @@
-"""SVG files: checks of their names, their bytes, the bytes of each part, and HTML that shows them.
+"""SVG files: their names, their bytes and text, their XML and size, and HTML that shows them.
+
+A file that is read is not trusted. Everything before its root is dropped, so that neither the
+parser nor a renderer sees a document type or an encoding. A document type with declarations of its
+own is refused, and so is a file with more bytes than the limit.
 
 IPython shows a scene as HTML. `gauss2svg.scene` cannot import a renderer, so this module sets
 `Scene.as_html`. The package and the reader import `Scene` from here. `gauss2svg.scene` alone loads
@@ -10,15 +14,196 @@ from __future__ import annotations
 import base64
 import gzip
 import html
+import io
+import math
 import mimetypes
 import os
 import re
+import zlib
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
-from gauss2svg.errors import brief, quoted, refusal
+from gauss2svg.errors import InputError, brief, quoted, refusal
+from gauss2svg.files import reason_of
+from gauss2svg.options import file_name
 from gauss2svg.scene import Scene
+from gauss2svg.svg import MM
 
+SvgSource = Any  # a path, text that begins with <, bytes or a binary file
+SVG = "{http://www.w3.org/2000/svg}"
+INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
+BLANKS = "\ufeff \t\r\n"  # characters that may precede the first <
+MOST_BYTES = 256_000_000  # limit of a gunzipped file: a gzip bomb expands a thousandfold
+_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # byte order marks
+_DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
+# Blanks, comments, processing instructions except xml-stylesheet, and document types without
+# declarations.
+_BEFORE_ROOT = re.compile(
+    r"""(?:[\s\ufeff]++|<\?(?!xml-stylesheet).*?\?>|<!--.*?-->|<!DOCTYPE(?:[^\[\]<>"']|"[^"]*"|'[^']*')*+>)*+""",
+    re.DOTALL,
+)
+_ATTRIBUTE = re.compile(r"""\s+([^\s=/>]+)\s*=\s*(?:"[^"]*"|'[^']*')""")
+_START_TAG = re.compile(rf"<([^\s/>]+)((?:{_ATTRIBUTE.pattern})*+)")
+# float() alone would accept nan, inf and 1_000. The quantifiers are possessive so that a long run
+# of digits that ends in rubbish takes linear time.
+NUMBER = r"[+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+"
+_LENGTH = re.compile(rf"\s*+({NUMBER})({'|'.join(MM)}|)\s*+")
+_LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
+# Bounds of a frame's sides. Renderers have 32-bit floats, and their transform to pixels needs part
+# of that range.
+_LEAST, _MOST = 1e-30, 1e30
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
 _SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
+
+
+def read_source(
+    source: SvgSource, most_bytes: int, argument: str = "svg", limit: str = "--max-svg-bytes"
+) -> tuple[bytes, str]:
+    """Return the bytes of an SVG, gunzipped, and the text that they encode.
+
+    A str is text if it begins with <, and a path otherwise. Raise InputError if the source cannot
+    be read, or if it has more than most_bytes bytes, gunzipped. The messages use the names
+    `argument` and `limit`.
+    """
+    name, data = "the SVG", source
+    if isinstance(source, str) and source.lstrip(BLANKS).startswith("<"):
+        data = source.encode("utf-8", "surrogatepass")
+    elif isinstance(source, (str, os.PathLike)):
+        name = file_name(argument, source)
+        try:  # files.reading would refuse a pipe, but an SVG may come through one
+            with open(name, "rb") as file:
+                data = file.read(most_bytes + 1)
+        except (OSError, ValueError) as error:  # ValueError: a null character in the path
+            raise InputError(f"cannot read {name}: {reason_of(error)}. Try another path") from error
+    elif hasattr(source, "read"):
+        data = source.read(most_bytes + 1)
+    if not isinstance(data, bytes):
+        needed = "a path, text that begins with <, bytes or a binary file"
+        raise refusal(argument, needed, type(source).__name__)
+    if data.startswith(b"\x1f\x8b"):  # the magic number of gzip
+        try:
+            with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
+                data = stream.read(most_bytes + 1)
+        except (OSError, EOFError, zlib.error) as error:
+            raise refusal(name, "a complete gzip file", brief(error), "to re-save it") from error
+    if len(data) > most_bytes:
+        advice = f"to raise {limit} if you trust it"
+        raise refusal(name, f"at most {most_bytes} bytes, gunzipped", "more", advice)
+    if isinstance(source, str) and name == "the SVG":
+        return data, source
+    return data, _decoded(data, name)
+
+
+def _decoded(data: bytes, name: str) -> str:
+    declared = _DECLARED.match(data)
+    encoding = _MARKS.get(data[:2], declared[1].decode() if declared else "utf-8")
+    try:
+        return data.decode(encoding)
+    except (LookupError, ValueError) as error:
+        needed = f"an SVG in {encoding[:40]}"
+        raise refusal(name, needed, brief(error), "to save it as UTF-8") from error
+
+
+def from_root(text: str) -> str:
+    """Return the text from the root on.
+
+    Raise InputError if the text has a null character, or if a document type with declarations or a
+    style sheet of another file precedes the root.
+    """
+    # expat takes null characters for UTF-16, and would find elements that no renderer finds.
+    if "\0" in text:
+        raise refusal("the SVG", "without null characters", "some", "to save it as UTF-8")
+    rest = _BEFORE_ROOT.sub("", text, count=1)
+    if rest.startswith(("<!DOCTYPE", "<?xml-stylesheet")):
+        needed = "without a document type of its own or a style sheet of another file"
+        got, advice = quoted(rest[:60]), "to save it as plain SVG"
+        raise refusal("the SVG", needed, got, advice)
+    return rest
+
+
+def parse(text: str, target: Any = None) -> Any:
+    """Return the tree of an SVG's text, or the result of the parser's `target`.
+
+    The text begins with the root. Raise InputError if it is not well-formed XML.
+    """
+    try:
+        parser = ElementTree.XMLParser(target=target)
+        parser.feed(text)
+        return parser.close()
+    except (ElementTree.ParseError, UnicodeEncodeError, OverflowError) as error:
+        raise refusal("the SVG", "well-formed XML", brief(error), "to re-save it") from error
+
+
+def stretched(text: str, width: int, height: int, view_box: str | None = None) -> str:
+    """Return an SVG's text with its root stretched to width x height px.
+
+    view_box is the visible part. If it is None, the root keeps its own viewBox. Without a viewBox
+    the text is returned unchanged. A width in the root's style changes nothing in any renderer.
+    """
+    size = {"width": width, "height": height, "preserveAspectRatio": "none"}
+    if view_box is not None:
+        size["viewBox"] = view_box
+    tag = _START_TAG.match(text)
+    own = [(one[1], one[0]) for one in _ATTRIBUTE.finditer(tag[2])] if tag else []
+    if tag is None or (view_box is None and "viewBox" not in dict(own)):
+        return text
+    written = "".join(f' {name}="{value}"' for name, value in size.items())
+    kept = "".join(attribute for name, attribute in own if name not in size)
+    return f"<{tag[1]}{written}{kept}{text[tag.end() :]}"
+
+
+class Frame(NamedTuple):
+    """The size in px, and the visible part in user units: its x, y, width and height."""
+
+    width: float
+    height: float
+    view_box: tuple[float, ...]
+
+
+def numbers(text: str, name: str, count: int = 0) -> list[float]:
+    """Return finite numbers, separated by blanks or commas. Raise InputError for other texts.
+
+    count  required number of numbers, 0 for any
+    """
+    found = list(map(float, re.findall(NUMBER, text))) if _LIST.fullmatch(text) else [math.nan]
+    if not all(map(math.isfinite, found)) or (count and len(found) != count):
+        needed = "a finite number" if count == 1 else f"{count or ''} finite numbers".strip()
+        raise refusal(name, needed, quoted(text))
+    return found
+
+
+def pixels_of(text: str) -> float | None:
+    """Return an absolute length in px, at 96 to the inch, or None for anything else."""
+    match = _LENGTH.fullmatch(text)
+    return float(match[1]) * (MM[match[2] or "px"] / MM["px"]) if match else None
+
+
+def frame_of(root: Mapping[str, str]) -> Frame:
+    """Return the frame of a root's attributes. A missing side follows from the viewBox.
+
+    Raise InputError if there is neither a viewBox nor a width and a height in absolute units, and
+    for numbers that are too large or too small for renderers.
+    """
+    sides = [pixels_of(root.get(name, "")) for name in ("width", "height")]
+    box = numbers(root["viewBox"], "viewBox", 4) if root.get("viewBox", "").strip() else None
+    if box is None:
+        if None in sides:
+            needed = "of a known size, by a viewBox or by a width and a height in absolute units"
+            advice = 'to add viewBox="0 0 WIDTH HEIGHT" to its root'
+            raise refusal("the SVG", needed, "neither", advice)
+        box = [0.0, 0.0, *(side or 0.0 for side in sides)]
+    width, height = sides
+    if width is None or height is None:
+        scales = [s / b for s, b in zip(sides, box[2:], strict=True) if s is not None and b]
+        width, height = (side * (scales or [1.0])[0] for side in box[2:])
+    extents = width, height, *box[2:]
+    is_held = all(_LEAST <= side <= _MOST for side in extents) and abs(box[0]) <= _MOST
+    if not (is_held and abs(box[1]) <= _MOST):
+        needed, got = f"above 0 and in {_LEAST:g}..{_MOST:g}", (width, height, *box)
+        shown, advice = " ".join(f"{v:g}" for v in got), "to scale it to the size of the photo"
+        raise refusal("width, height and viewBox of the SVG", needed, shown, advice)
+    return Frame(width, height, tuple(box))
 
 
 def is_svgz(path: str | os.PathLike[str]) -> bool:
@@ -37,7 +222,7 @@ def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
 
 
 def check_suffix(name: str, path: str | os.PathLike[str], suffix: str) -> None:
-    """Raise InputError if a file name has the suffix of a type other than that of `suffix`."""
+    """Raise InputError if a file name has the suffix of another type than `suffix` has."""
     text = os.fspath(path)
     if _type_of(text) not in (None, "text/plain", _type_of(f"x{suffix}")):
         raise refusal(name, f"a name that ends in {suffix}", quoted(text))
@@ -48,7 +233,7 @@ def _type_of(path: str) -> str | None:
 
 
 def file_bytes(svg: str, gzipped: bool) -> bytes:
-    """Return the bytes of an SVG's file. Gzip without a date gives the same bytes each time."""
+    """Return the bytes of an SVG's file. gzip writes no date, so the bytes are always the same."""
     data = svg.encode()
     return gzip.compress(data, compresslevel=9, mtime=0) if gzipped else data
 
@@ -62,15 +247,16 @@ def bytes_by_part(svg: str) -> dict[str, int]:
     """
     data = svg.encode()
     # Text and attributes contain no < or > themselves, as both are written as entities.
-    gradients, geometry = (sum(map(len, part.findall(data))) for part in (_DEFS, _SHAPES))
-    overhead = len(data) - gradients - geometry
+    rest = _DEFS.sub(b"", data)
+    gradients, geometry = len(data) - len(rest), sum(map(len, _SHAPES.findall(rest)))
+    overhead = len(rest) - geometry
     return {"gradients": gradients, "geometry": geometry, "overhead": overhead}
 
 
 def image(data: bytes, media_type: str, alt: str) -> str:
     """Return HTML that embeds a picture's data and shows it no wider than the page.
 
-    It is an <img>, because the gradient ids of two inline SVGs would clash.
+    The HTML is an <img>, because the gradient ids of two inline SVGs would clash.
     """
     source = f"data:{media_type};base64,{base64.b64encode(data).decode()}"
     return f'<img alt="{html.escape(alt)}" style="max-width:100%" src="{source}"/>'
@@ -78,7 +264,7 @@ def image(data: bytes, media_type: str, alt: str) -> str:
 
 def picture(scene: Scene) -> str:
     """Return HTML that shows a scene as a JPEG: some 50 kB for any number of Gaussians."""
-    from gauss2svg.render.frame import as_jpeg  # imports numba, which is slow and seldom needed
+    from gauss2svg.render import as_jpeg  # imports numba, which is slow and seldom needed
 
     return image(as_jpeg(scene), "image/jpeg", repr(scene))
 

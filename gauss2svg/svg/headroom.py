@@ -1,12 +1,12 @@
 """The order in which Gaussians are added to a canvas that holds a limited range of values.
 
-The range is at least that of the background and of the image. An example: at one place the
+The range includes at least the background and the image. An example: at one place the
 background is .5, and the image is .7, which is .5 + .3 + .4 - .5. The range is .5 to .7:
 
     total   excess of +.3, +.4, -.5    drawn
-    .5      .1, .2, .5                 +.3: all exceed the range, and it exceeds it least
+    .5      .1, .2, .5                 +.3: all exceed the range, +.3 by the least
     .8          .5, .2                 -.5
-    .3          0                      +.4: the total is then that of the image
+    .3          0                      +.4: the total is then the image
 
 In this order the canvas must hold .3 to .8. In another order it would have to hold .5 to 1.2, and
 would round everything on it more coarsely.
@@ -32,10 +32,10 @@ Floats = NDArray[np.float64]
 _kernel = cached()
 # Smaller contributions to a colour channel of a sample are not checked.
 _LEAST_ADDED = 1e-3
-# Largest difference between equal values of a colour channel, more than float32 rounds. The second
-# one is for a sum and the image at a sample, which may lie outside the range.
+# Largest difference at which two values of a colour channel count as equal, more than float32
+# rounds. The second is for a sum and the image at its sample, which may lie outside the range.
 _EQUAL, _EQUAL_IN_IMAGE = 1e-4, 1e-3
-# Extension of the range at either end, so that fewer Gaussians wait for each other.
+# Colour added to the range at either end, so that fewer Gaussians wait for another.
 SPARE = 0.02
 _RADIUS = float(cut_radius(1.0))
 _STEPS = 4096  # number of steps of squared radius in the table of the falloff
@@ -46,7 +46,7 @@ _DRAWN = -1
 # Grid on which partial sums are sampled (docs/decisions/svg.md).
 FINEST = 4.0  # most samples per px, in x and in y
 SIDE = 1536  # most samples along a side
-# Most samples of the grid that all Gaussians together touch. If they would touch more, the grid is
+# Largest sum, over all Gaussians, of the grid samples that each touches. Above it the grid is made
 # coarser, which is enough for wide Gaussians.
 TOUCHED = 3e7
 
@@ -74,8 +74,8 @@ def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Floats, Floats]:
     """Return an additive scene's phases in drawing order, and the range (3,) of each channel.
 
     A phase has the indices of Gaussians with the same signs, and each Gaussian is in one phase. The
-    canvas must hold the range. It includes the image and all partial sums, after each Gaussian,
-    except sums of a sample that equal its image.
+    canvas must hold the range, which includes the image and the partial sums after each Gaussian.
+    It need not include a sum at a sample that equals the image there.
 
     Values of the image outside of the range fold: a value v above the highest h becomes 2 h - v.
     Values above 1 are clipped in the end, so 2 h - v >= 1 is enough. The same holds below 0.
@@ -123,16 +123,16 @@ def _samples_of(scene: Scene) -> Samples:
 def _order_of(samples, picture, low, high, total, lowest, highest, pattern, by_mass):
     """Return the indices of all Gaussians, in the order in which to draw them within low..high.
 
-    Each is added to `total` (m, 3), and `lowest` and `highest` (m, 3) are updated. A sample may
-    also reach its own value of the image. If that lies outside the range, it folds, and the final
-    error is no larger than that of the image.
+    Each is added to `total` (m, 3), and `lowest` and `highest` (m, 3) are updated. A sum may also
+    equal the image at its sample. If the image lies outside the range there, the sum folds like the
+    image, and the final error is no larger than the image's.
     Tours through the patterns draw each Gaussian that stays in the range, in the order by_mass. If
-    a tour draws none, the one that exceeds the range least is drawn.
+    a tour draws none, the Gaussian that exceeds the range least is drawn.
     """
     order = np.empty(by_mass.size, np.intp)
     waiting, done = by_mass, 0
     patterns = np.arange(8) ^ (np.arange(8) >> 1)  # Gray code: each step changes one sign
-    seen = np.zeros(by_mass.size, np.intp)  # sample at which each Gaussian exceeded the range last
+    seen = np.zeros(by_mass.size, np.intp)  # sample at which each Gaussian last exceeded the range
     while waiting.size:
         before = done
         for signs in patterns:
@@ -153,7 +153,7 @@ def _order_of(samples, picture, low, high, total, lowest, highest, pattern, by_m
         for i in order[before:done]:
             seen[i] = _DRAWN
         waiting = waiting[seen[waiting] != _DRAWN]
-        # The next tour goes back, so that it begins with the last pattern of this one.
+        # The next tour goes backwards, so that it begins with the last pattern of this tour.
         patterns = patterns[::-1].copy()
     return order
 
@@ -203,7 +203,7 @@ def _add(samples, i, total, lowest, highest):
 
 @_kernel
 def _rows(samples, i):
-    """Return the first row that the i-th Gaussian may reach, and the end of these rows."""
+    """Return the first row that the i-th Gaussian may reach, and one past the last."""
     y, reach, rows = samples.mean[i, 1], samples.reach[i, 1], float(samples.start.size - 1)
     first, last = max(0.0, min(rows, y - reach)), max(0.0, min(rows, y + reach))
     return int(np.floor(first)), int(np.ceil(last))
@@ -211,11 +211,11 @@ def _rows(samples, i):
 
 @_kernel
 def _of_row(samples, i, row):
-    """Return the first of a row's samples that the i-th Gaussian may reach, and their end."""
+    """Return the first sample of a row that the i-th Gaussian may reach, and one past the last."""
     mean, reach, whitening = samples.mean, samples.reach, samples.whitening
     w11, w21, w22 = whitening[i, 0], whitening[i, 1], whitening[i, 2]
-    # Samples lie anywhere in their row. So the interval is that at the row's edge nearest to the
-    # mean, widened by the shift of the Gaussian's ridge within half a row.
+    # Samples lie anywhere in their row. So the interval is taken at the row's edge nearest to the
+    # mean. It is widened, because the Gaussian's ridge shifts within half a row.
     across, v = w11 * w11 + w21 * w21, row + 0.5 - mean[i, 1]
     ridge, near = -w21 * w22 / across, min(1.0, max(0.0, abs(v) - 0.5) / reach[i, 1])
     half = _RADIUS * np.sqrt((1 - near * near) / across) + 0.5 * abs(ridge)

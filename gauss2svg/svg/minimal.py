@@ -1,4 +1,4 @@
-"""Minimal markup, which is short SVG text that has only what draws the picture.
+"""Minimal markup: short SVG text with nothing that does not draw the picture.
 
     <svg xmlns=".." viewBox="0 0 64 43"><defs> falloffs </defs><path fill="#abc" d="M0 0h64v43H0"/>
     <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg>
@@ -18,10 +18,10 @@ unit is a pixel:
     <use href="#d" transform="matrix(9 0 0 9 10 5)"/>
     <use href="#d" transform="matrix(12 4 0 8 20 15)"/>
 
-Renderers draw masks slowly, and round each to 8 bits. So the more soft shapes there are beyond
-MOST_MASKED, the more of them have gradients in place of masks, the lowest first. Each gradient is
-for one exponent and colour. It takes its geometry from one that its exponent shares, and the
-opacities of its stops from a style sheet. A rule there applies to its stop and to all later ones:
+Renderers draw masks slowly, and round each to 8 bits. So for each soft shape beyond MOST_MASKED, a
+few soft shapes, the lowest first, have gradients in place of masks. A gradient is for one exponent
+and colour. It refers to a gradient with the geometry of its exponent, and a style sheet has the
+opacities of its stops. A rule of the sheet applies to its stop and to all later stops:
 
     <style>[href="#a"] stop{stop-color:currentColor;stop-opacity:.99}[href="#a"] stop+stop{..}..
     <radialGradient id="a" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1" fx=".001"/>
@@ -44,16 +44,16 @@ from numpy.typing import NDArray
 from gauss2svg.errors import instance
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg.document import DEFAULT_TITLE, STOP_COUNTS, Document
+from gauss2svg.svg import DEFAULT_TITLE, STOP_COUNTS, Document
 from gauss2svg.svg.element import Element, attributes_text, hex_color, number, short_id, unless
 from gauss2svg.svg.minimal_shapes import OPACITY_DIGITS, Shapes, color_levels, path_data, shapes_of
 from gauss2svg.svg.stops import gradient_stops, grey_stops
 
-MASK_STOPS = (3, 5)  # stops of a mask if soft shapes are few, and if they are many
+MASK_STOPS = (3, 5)  # stops of a mask for fewer than MANY soft shapes, and for more
 
 
 # Accuracy of a minimal file (docs/decisions/minimal.md).
-MANY = 60  # number of soft shapes from which two more stops of a mask are worth their bytes
+MANY = 60  # fewest soft shapes at which two more stops of a mask are worth their bytes
 VIEW_ERROR = 0.02  # largest error of a side of the view box in user units
 VIEW_ERROR_PX = 0.25  # largest error of a side of the view box in px
 # Without userSpaceOnUse librsvg 2.54 loses shapes under a rotation.
@@ -76,8 +76,8 @@ def minimal_svg(
     digits  hex digits of a colour, 3 or 6
     opacity_decimals  decimals of opacities
     stops   stops of a gradient, one of STOP_COUNTS
-    masked  whether soft shapes are drawn under masks, not by gradients. None: some of them, as
-            MOST_MASKED and FADING of gauss2svg.svg.minimal_shapes say
+    masked  whether soft shapes are drawn under masks, not by gradients. None: as many as
+            MOST_MASKED and FADING of gauss2svg.svg.minimal_shapes allow
 
     The file draws minimal_rounded(scene, unit, digits), if opacity_decimals has its default. Shapes
     whose extent or opacity is written as 0 are left out. Title, alt, size and aspect are written if
@@ -90,7 +90,7 @@ def minimal_svg(
     document = instance(document, "document", Document)
     document.check_without_layers("minimal markup", "which has no layers", "--markup editable")
     shapes = shapes_of(scene, unit, digits, opacity_decimals, masked)
-    width, height = (_view(side, unit) for side in (scene.width, scene.height))
+    width, height = (_view_side(side, unit) for side in (scene.width, scene.height))
     named, cover = _names(document), []
     if not scene.transparent:
         across, down = (number(math.ceil(float(side)), 0) for side in (width, height))
@@ -113,18 +113,18 @@ def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
 
 
 def whole_unit(width: int, height: int, about: float = 0) -> float:
-    """Return a unit in px of which both sides are whole numbers.
+    """Return a unit in px that divides both sides.
 
-    The longer side has about `about` units, or as few as possible if `about` is 0. The number is
-    the nearer to `about`, the larger the sides' greatest common divisor is.
+    The longer side has about `about` units, or as few as possible if `about` is 0. The larger the
+    sides' greatest common divisor is, the nearer their number is to `about`.
     """
     longer = max(width, height)
     fewest = longer // math.gcd(width, height)
     return longer / (fewest * max(1, round(about / fewest)))
 
 
-def _view(side: float, unit: float) -> str:
-    """Return a side of the view box in units, with as few decimals as its largest error allows."""
+def _view_side(side: float, unit: float) -> str:
+    """Return a side of the view box in units, with the fewest decimals that are exact enough."""
     units = side / unit
     error = min(VIEW_ERROR * min(1.0, units), VIEW_ERROR_PX / unit)
     texts = (number(units, decimals) for decimals in range(11))
@@ -132,10 +132,10 @@ def _view(side: float, unit: float) -> str:
 
 
 def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str | None]:
-    """Return the root's width, height and preserveAspectRatio, None for what is not needed."""
+    """Return the root's width, height and preserveAspectRatio, each None if it is not needed."""
     sides = document.sides(scene.width, scene.height)
     canvas = scene.width / unit, scene.height / unit
-    # Without width and height, the size in px would be the view box's, with rounded sides.
+    # Without width and height, the rounded sides of the view box would be the size in px.
     is_exact = unit >= 1 and all(u >= 0.5 and abs(u - round(u)) <= 1e-9 * u for u in canvas)
     if sides is None and not is_exact and not document.is_responsive:
         sides = number(scene.width, 3), number(scene.height, 3)
@@ -186,13 +186,13 @@ def _fill(levels: NDArray[np.intp]) -> str | None:
 
 
 def _most_used(falloff: NDArray[np.intp]) -> list[int]:
-    """Return the distinct classes of exponents among those of shapes (n,), most used first."""
+    """Return the distinct values of `falloff` (n,), most used first."""
     uses = Counter(falloff.tolist())
     return sorted(uses, key=lambda kind: (-uses[kind], kind))
 
 
 def _masked(falloff: NDArray[np.intp]) -> tuple[list[Element], dict[int, Element]]:
-    """Return masked circles for the classes of exponents (n,), and a <use> of each, by class.
+    """Return a masked circle for each class in `falloff` (n,), and a <use> of it, by class.
 
     The circles, masks and gradients have the first ids, three for each class.
     """
@@ -233,7 +233,7 @@ def _gradients(
         for at, value in enumerate(values):
             look = ("" if at else "stop-color:currentColor;") + f"stop-opacity:{number(value, 3)}"
             rules += f'[href="#{name}"] stop{"+stop" * at}{{{look}}}'
-        # With fx, resvg uses its more accurate gradient.
+        # With fx, resvg uses its more accurate algorithm.
         definitions.append(Element("radialGradient", id=name, **_UNIT_DISC, fx=".001"))
         ramps[kind] = [Element("stop", offset=number(at, 4)) for at in offsets]
     keys = {i: (int(shapes.falloff[i]), fills[i] or "#000") for i in index.tolist()}
@@ -286,7 +286,7 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
 
 
 def _grouped(elements: list[Element]) -> list[Element]:
-    """Return all elements, with consecutive ones of one fill in a group if that is shorter."""
+    """Return the elements, with runs of one fill in a group if that is shorter."""
     grouped = []
     for fill, run in groupby(elements, key=lambda one: one.attributes.get("fill")):
         inside = list(run)

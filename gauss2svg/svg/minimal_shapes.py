@@ -23,9 +23,8 @@ from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
-from gauss2svg.svg.blur import with_falloffs
 from gauss2svg.svg.element import check_view, number, writable
-from gauss2svg.svg.plain_ellipse import arc_beta, drawn_radius, is_arc
+from gauss2svg.svg.forms import arc_beta, drawn_radius, is_arc, with_falloffs
 
 Floats = NDArray[np.float64]
 HEX_DIGITS = (3, 6)
@@ -36,7 +35,7 @@ OPACITY_DIGITS = 2
 # Most soft shapes that are drawn under masks, because masks are slow.
 MOST_MASKED = 500
 # Number of shapes that get gradients in place of masks for each shape beyond MOST_MASKED. If all
-# got them at once, one more shape would make the file a third larger.
+# shapes got gradients at once, one more shape would make the file a third larger.
 FADING = 2
 
 
@@ -49,7 +48,7 @@ class Shapes:
     numbers  (n, 5) whole numbers a b d e f, the matrix(a b 0 d e f) of a circle of radius 1. For a
              plain ellipse they are those of `arc_numbers`
     mean     (n, 2) centre of the ellipse that is drawn, in units
-    factor   (n, 3) its Cholesky factor l11 l21 l22, in units
+    factor   (n, 3) Cholesky factor l11 l21 l22 of that ellipse, in units
     masked   (n,) whether a shape is soft and drawn under a mask, not by a gradient
     levels   (n, 3) colour in levels, 0..255
     opacity  (n,) 0..1
@@ -65,7 +64,7 @@ class Shapes:
     masked: NDArray[np.bool_]
 
     def rounded(self, scene: Scene, unit: float, digits: int) -> Scene:
-        """Return the scene that a file with these shapes of `scene` draws."""
+        """Return `scene` as a file with these shapes draws it."""
         plain = self.falloff < 0
         beta = np.array([*BETA_CLASSES, 1.0])[self.falloff]
         beta[plain] = arc_beta(np.sort(unit * self.numbers[plain, :2], axis=1)[:, ::-1])
@@ -84,19 +83,17 @@ class Shapes:
 def shapes_of(
     scene: Scene, unit: float, digits: int, opacity_decimals: int, masked: bool | None = None
 ) -> Shapes:
-    """Return the shapes of a scene in a file. Shapes that are written as nothing are left out.
+    """Return a file's shapes of a scene, without those whose extent or opacity is written as 0.
 
     unit    user unit in px
     digits  hex digits of a colour, 3 or 6
-    masked  whether soft shapes are drawn under masks. None: up to MOST_MASKED of them are, and
-            fewer if there are more
+    masked  whether soft shapes are drawn under masks. None: all are if there are at most
+            MOST_MASKED. The more there are beyond, the fewer are
 
-    Raise InputError for a unit out of range, other digits, and an additive scene. Raise SceneError
+    Raise InputError for a unit out of range, and for an additive scene. Raise SceneError
     for visible shapes whose numbers are too large for a file.
     """
     unit = Field("unit", float, 0.001, 1e6).checked(unit)
-    if digits not in HEX_DIGITS:
-        raise refusal("digits", "3 or 6", quoted(digits))
     if scene.blend == ADD:
         advice = "--portable, or --markup editable"
         raise refusal("blend in minimal markup", "'over'", quoted(scene.blend), advice)
@@ -111,7 +108,7 @@ def shapes_of(
         radius = drawn_radius(snapped.beta, plain)
         factor = snapped.factor * radius[:, None, None]
         entries = [factor[:, 0, 0], factor[:, 1], snapped.mean]
-        numbers = np.round(np.column_stack(entries) / unit) + 0.0  # no -0
+        numbers = np.round(np.column_stack(entries) / unit) + 0.0  # turns -0 into 0
         numbers[plain] = arc_numbers(snapped.select(plain), radius[plain], unit)
         extent = np.where(plain, numbers[:, :2].min(axis=1), numbers[:, 0] * numbers[:, 2])
         drawn = writable(snapped, radius, unit) & (extent > 0) & (opacity > 0)
@@ -156,7 +153,7 @@ def _placed(scene: Scene, mean: Floats, factor: Floats, radius: Floats, unit: fl
     return scene.replace(mean=unit * mean, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA), rho=rho)
 
 
-_TILT_DECIMALS = 1  # decimals for long ellipses, others have none
+_TILT_DECIMALS = 1  # decimals of the tilt of long ellipses. Others have none
 
 
 def arc_numbers(scene: Scene, radius: Floats, unit: float) -> Floats:
@@ -180,7 +177,7 @@ def arc_numbers(scene: Scene, radius: Floats, unit: float) -> Floats:
     tilt[radii[:, 0] == radii[:, 1]] = 0.0
     offset, _ = _from_start(radii, tilt)
     start = np.round(scene.mean / unit - offset)
-    return np.column_stack([radii, tilt, start]) + 0.0  # no -0
+    return np.column_stack([radii, tilt, start]) + 0.0  # turns -0 into 0
 
 
 def arc_geometry(numbers: Floats) -> tuple[Floats, Floats]:
@@ -200,7 +197,7 @@ def path_data(numbers: Floats) -> str:
         move = f"M{number(start_x, 0)} {number(start_y, 0)}"
         if text:
             move = min(f"m{number(start_x - x, 0)} {number(start_y - y, 0)}", move, key=len)
-        to = "101 0" if chord[0] else "100 1"  # large arc, counterclockwise, then its end
+        to = "101 0" if chord[0] else "100 1"  # flags: large, counterclockwise; then the arc's end
         text += f"{move}a{number(rx, 0)} {number(ry, 0)} {number(tilt, _TILT_DECIMALS)} {to}"
         x, y = start_x + chord[0], start_y + chord[1]
     return text.replace(" -", "-")
@@ -209,9 +206,9 @@ def path_data(numbers: Floats) -> str:
 def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
     """Return offsets (n, 2) in units from each arc's start to its ellipse's centre, and to its end.
 
-    Of the two chords, the one that is shorter after mapping the ellipse onto the unit circle cuts
-    off less. There it is the vector u, and the centre lies beside its middle (SVG 2, implementation
-    notes, B.2.4).
+    The ellipse is mapped onto the unit circle. The chord that is shorter there cuts off less, and
+    is the one used. There it is the vector u, and the centre lies beside its middle (SVG 2,
+    implementation notes, B.2.4).
     """
     tilt_rad, radii = np.radians(tilt), np.maximum(radii, 1.0)
     co, si = np.cos(tilt_rad), np.sin(tilt_rad)
@@ -228,7 +225,7 @@ def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
 
 
 _DIRECTIONS = np.arange(12) * np.pi / 12  # angles of the lines onto which ellipses are projected
-_FIRST = 0, 6  # directions along the sides of a picture, which rule out most pairs
+_FIRST = 0, 6  # indices of the directions along a picture's sides, which rule out most pairs
 _ROWS = 64  # rows compared at a time, a multiple of the 8 bits of a byte
 
 
@@ -237,7 +234,7 @@ def overlaps(
 ) -> NDArray[np.uint8]:
     """Return bits (n, n / 8): whether a row's shape lies below a column's and is not apart from it.
 
-    kind  (n,) kind of each shape. Two shapes of one kind have no bit
+    kind  (n,) kind of each shape. The bit is 0 for two shapes of one kind
 
     The other arguments are those of `colors_together`. np.unpackbits(row, count=n) unpacks a row.
     20000 shapes take 50 MB, however many overlap.
@@ -269,17 +266,17 @@ def colors_together(
 
     Orders that look the same give the same result. A shape is ready once all overlapping shapes of
     other colours below it are drawn. The next colour is the one with the largest share of ready
-    shapes, all of which are drawn.
+    shapes. All its ready shapes are then drawn.
 
     mean    (n, 2) centres of the ellipses that contain the shapes
     factor  (n, 3) l11 l21 l22 of these ellipses
     color   (n, 3) whole levels
     key     (k, n) sort keys within a run of one colour, primary key last
-    margin  distance from which two ellipses count as apart
+    margin  smallest distance at which two ellipses count as apart
     """
     kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
     below, left = overlaps(mean, factor, kind, margin), np.ones(len(mean), bool)
-    waiting = np.zeros(len(mean), np.intp)  # number of undrawn shapes below each
+    waiting = np.zeros(len(mean), np.intp)  # number of undrawn shapes that each shape waits for
     for row in below:
         waiting += np.unpackbits(row, count=len(mean))
     order = [np.zeros(0, np.intp)]

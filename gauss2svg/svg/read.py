@@ -34,16 +34,25 @@ from numpy.typing import ArrayLike
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
 from gauss2svg.scene import BLURRED, PLAIN, RHO_LIMIT, SOFT
 from gauss2svg.scene.falloff import cut_radius
-from gauss2svg.svg import read_shapes
-from gauss2svg.svg.canvas import CANVAS, NUMBER, frame_of, numbers
-from gauss2svg.svg.file import Scene
-from gauss2svg.svg.plain_ellipse import arc_beta, plain_radius
+from gauss2svg.svg import CANVAS, read_shapes
+from gauss2svg.svg.file import (
+    INKSCAPE,
+    MOST_BYTES,
+    NUMBER,
+    SVG,
+    Scene,
+    frame_of,
+    from_root,
+    numbers,
+    parse,
+    read_source,
+)
+from gauss2svg.svg.forms import arc_beta, plain_radius
 from gauss2svg.svg.read_shapes import Affine, Fill, color_of, compose, share_of, styled, target_of
-from gauss2svg.svg.source import INKSCAPE, MOST_BYTES, SVG, from_root, parse, read_source
 
-MOST_ELEMENTS = 4_000_000  # limit: a tree of these takes about 3 GB
+MOST_ELEMENTS = 4_000_000  # limit of elements. A tree of so many takes about 3 GB
 _DEEPEST = 100
-_LONGEST_CHAIN = 9  # gradients that refer to one another. Inkscape makes chains of two
+_LONGEST_CHAIN = 9  # most gradients that refer to one another in turn. Inkscape chains two
 _LABEL = INKSCAPE + "label"
 _ROUND_LABEL = re.compile(r"Round ([1-9]\d{0,8})\b")
 _ROUND_ID = re.compile(r"round-([1-9]\d{0,8})")
@@ -81,11 +90,11 @@ def read_svg(
     A shape's covariance is (M / R)(M / R)^T. M is the linear part of all transforms down to the
     unit circle of its gradient, and R = cut_radius(beta). Its exponent is the one of BETA_CLASSES
     that has such stops. A plain ellipse gets the exponent whose profile it draws best
-    (gauss2svg.svg.plain_ellipse.arc_beta). Numbers are as exact as in the file.
+    (gauss2svg.svg.forms.arc_beta). Numbers are as exact as in the file.
 
-    A shape's round comes from the label or id of its group ("Round 3: ..", "round-3"). It is at
+    A shape's round comes from the label or id of its group ("Round 3: ..", "round-3"), but is at
     least the round of the shapes below. A group at the top level without such a label or id is a
-    round of its own. A minimal file has one round, and a scene in user units if it has no size.
+    round of its own. A minimal file has one round. Without a size, its scene is in user units.
 
     source       a path (.svg, .svgz), text, or bytes
     background   sRGB colour in 0..1 for a file without a background. If it is None, the scene of
@@ -134,7 +143,8 @@ class _Reader:
         self._gradient = cache(self._read_gradient)
         self._arcs = read_shapes.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
         self._shapes: list[_Shape] = []
-        # Two maps of the unit circle for each shape, in px: onto its outline and its fill's edge.
+        # Two maps of the unit circle for each shape, in px: onto its outline, and onto its fill's
+        # edge.
         self._maps = array("d")
         self._background = None if background is None else np.asarray(background, np.float64)
         for sheet in root.iter(SVG + "style"):
@@ -249,13 +259,13 @@ class _Reader:
         right, bottom, (width, height) = left + a, top + d, self._size
         missed = max(left, top, width - right, height - bottom)
         most = max(0.01, 0.05 * abs(state.onto[0]), 0.05 * abs(state.onto[3]))  # px
-        if self._shapes or b or c or not missed <= most or {"rx", "ry"} & sides.keys():
-            needed = f"the background, over all {width:g}x{height:g} px and upright"
+        is_whole = missed <= most and not (b or c or {"rx", "ry"} & sides.keys())
+        if self._shapes or not is_whole or (alpha < 1 and state.fill != "none"):
+            needed = f"the background, over all {width:g}x{height:g} px, upright and opaque"
             got = f"x {left:g}..{right:g}, y {top:g}..{bottom:g} px over {len(self._shapes)} shapes"
-            raise refusal("a rectangle", needed, got, "to resize or to delete it")
+            advice = "to resize or to delete it"
+            raise refusal("a rectangle", needed, f"{got}, of opacity {alpha:g}", advice)
         if state.fill != "none":
-            if alpha < 1:
-                raise refusal("opacity of the background", "1", quoted(alpha), "to delete it")
             self._background = np.array(color_of(state.fill, "fill"))
 
     def scene(self) -> Scene:
@@ -333,13 +343,13 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
 
 
 def _side(text: str, name: str, whole: float) -> float:
-    """Return a number, or a percentage of `whole`."""
+    """Return the value of a number, or of a percentage of `whole`."""
     scale = whole / 100 if text.endswith("%") else 1.0
     return scale * numbers(text.removesuffix("%"), name, 1)[0]
 
 
 def _round_of(group: Any) -> int | None:
-    """Return the round, from 0, of a group's label, which users edit, or else of its id."""
+    """Return the round, from 0, that a group's label names. If users removed it, use the id."""
     label = _ROUND_LABEL.match(group.get(_LABEL, ""))
     match = label or _ROUND_ID.fullmatch(group.get("id", ""))
     return int(match[1]) - 1 if match else None

@@ -4,7 +4,7 @@ An affine map of the plane is a tuple of six numbers, in the order of SVG's matr
 
     x' = a x + c y + e,   y' = b x + d y + f
 
-It is a tuple because thousands are read one by one, and numpy is ten times slower for that.
+Maps are tuples because thousands are read one by one, and numpy is ten times slower for that.
 
 An outline is the affine map of the unit circle onto a circle, an ellipse or a path of arcs. If a
 circle is moved by itself, Inkscape makes it an ellipse. "Object to Path" makes it a path of four
@@ -34,12 +34,11 @@ from PIL import ImageColor
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.scene import PLAIN
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg.blur import BLURS, Blur
-from gauss2svg.svg.canvas import NUMBER, numbers
-from gauss2svg.svg.document import STOP_COUNTS
+from gauss2svg.svg import STOP_COUNTS
+from gauss2svg.svg.file import NUMBER, SVG, numbers
+from gauss2svg.svg.forms import BLURS, Blur
 from gauss2svg.svg.minimal import MASK_STOPS
 from gauss2svg.svg.minimal_shapes import arc_geometry
-from gauss2svg.svg.source import SVG
 from gauss2svg.svg.stops import MOST_GREY, gradient_stops, grey_stops
 
 Color = tuple[float, float, float]
@@ -48,10 +47,12 @@ _CALL = re.compile(r"[\s,]*+(matrix|translate|scale|rotate)\s*+\(([^()]*+)\)[\s,
 _CALLS = re.compile(rf"(?:{_CALL.pattern})*+\s*+")
 _REFERENCE = re.compile(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""")
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
-# Largest difference of a stop's offset or opacity from a known one. Two exponents differ by 0.1.
+# Largest difference of a stop's offset or opacity from a known exponent's stop. The stops of two
+# exponents differ by 0.1.
 _SAME_STOP = 0.02
-MOST_BEYOND_PX = 0.05  # largest reach of a gradient beyond its ellipse: editors round
-_TOLERANCE = 0.02  # largest error of an arc's end in radii: 8 digits move the ends of thin arcs
+MOST_BEYOND_PX = 0.05  # largest reach of a gradient beyond its ellipse, because editors round
+# Most an arc's end may be off, in radii. 8 digits are coarse for thin arcs.
+_ARC_END_TOLERANCE = 0.02
 _GAP = r"[\s,]*"
 _N = rf"({NUMBER}){_GAP}"
 _ARC = re.compile(rf"{_GAP}([Aa]?){_GAP}{_N}{_N}{_N}([01]){_GAP}([01]){_GAP}{_N}{_N}")
@@ -81,11 +82,11 @@ def compose(outer: Affine, inner: Affine) -> Affine:
 
 
 def transform_of(text: str, name: str = "transform") -> Affine:
-    """Return the map of a transform: a list of matrix, translate, scale and rotate.
+    """Return the affine map of a transform that lists matrix, translate, scale, rotate.
 
     Raise InputError for anything else.
     """
-    with suppress(TypeError):  # if a function gets another number of values
+    with suppress(TypeError):  # raised if a function gets a wrong number of values
         maps = [_FUNCTIONS[call](*numbers(values, name)) for call, values in _CALL.findall(text)]
         if _CALLS.fullmatch(text):
             return reduce(compose, maps, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))
@@ -107,7 +108,7 @@ def color_of(text: str, name: str) -> Color:
     """Return an opaque sRGB colour in 0..1: #rgb, #rrggbb, rgb(..) or a name."""
     try:
         red, green, blue = map(int, ImageColor.getrgb(text.strip()[:40]))
-    except ValueError:  # also for a colour with alpha
+    except ValueError:  # raised also for a colour with alpha
         raise refusal(name, "an opaque colour, such as #1a2b3c", quoted(text)) from None
     return red / 255, green / 255, blue / 255
 
@@ -153,7 +154,7 @@ class Fill(NamedTuple):
 
 
 def target_of(by_id: Mapping[str, Any], key: str | None, *tags: str) -> Any:
-    """Return the element of an id. Raise InputError unless it has one of these tags."""
+    """Return the element with an id. Raise InputError unless its tag is one of `tags`."""
     found = by_id.get(key or "")
     if found is None or found.tag.removeprefix(SVG) not in tags:
         raise refusal("its reference", f"to a {tags[0]} in the file", quoted(key), "to remove it")
@@ -186,11 +187,11 @@ def beyond_px(edge: NDArray[np.float64], disc: NDArray[np.float64]) -> NDArray[n
 
     edge, disc  (n, 2, 3) maps of the unit circle onto the ellipses and onto the gradients' edges
     """
-    linear, area = edge[:, :, :2], np.abs(np.linalg.det(edge[:, :, :2]))
-    # The adjugate maps each ellipse onto a circle of radius `area`. The inverse need not exist.
+    linear, abs_det = edge[:, :, :2], np.abs(np.linalg.det(edge[:, :, :2]))
+    # The adjugate maps each ellipse onto a circle of radius abs_det. The inverse might not exist.
     adjugate = linear[:, ::-1, ::-1].swapaxes(1, 2) * [[1, -1], [-1, 1]]
     offset = np.linalg.norm(adjugate @ (disc - edge)[:, :, 2:], axis=(1, 2))
-    return (_larger_axis(adjugate @ disc[:, :, :2]) + offset - area) / _larger_axis(linear)
+    return (_larger_axis(adjugate @ disc[:, :, :2]) + offset - abs_det) / _larger_axis(linear)
 
 
 def _larger_axis(linear: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -227,7 +228,7 @@ def stops_of(owner: Any, sheet: Sequence[str], in_mask: bool) -> tuple[Color, fl
 
 @lru_cache(maxsize=2)
 def _known_stops(in_mask: bool) -> list[tuple[float, NDArray[np.float64]]]:
-    """Return the exponents of files, each with the offsets and opacities (k, 2) of its stops."""
+    """Return each exponent that files have, with the offsets and opacities (k, 2) of its stops."""
     counts, stops = (MASK_STOPS, grey_stops) if in_mask else (STOP_COUNTS, gradient_stops)
     unit = np.array([1, MOST_GREY if in_mask else 1])
     rows = product(BETA_CLASSES, counts)
@@ -235,7 +236,7 @@ def _known_stops(in_mask: bool) -> list[tuple[float, NDArray[np.float64]]]:
 
 
 def mask_key(mask: Any, edge: Affine) -> str:
-    """Return the gradient id of a mask. Raise InputError unless it is one circle with this edge."""
+    """Return a mask's gradient id. Raise InputError unless the mask is a circle with this edge."""
     inside = [child.attrib for child in mask if child.tag == SVG + "circle"]
     key = reference_of(inside[0].get("fill", "")) if len(inside) == len(mask) == 1 else None
     if key is None or outline_of("circle", inside[0]) != edge or "maskUnits" in mask.attrib:
@@ -244,12 +245,12 @@ def mask_key(mask: Any, edge: Affine) -> str:
 
 
 def blur_of(element: Any, edge: Affine) -> Blur:
-    """Return the blur of a filter on a circle. Raise InputError for one that write_svg lacks."""
+    """Return the blur of a circle's filter. Raise InputError if write_svg does not write it."""
     steps = [step.attrib for step in element if step.tag == SVG + "feGaussianBlur"]
     if len(steps) == len(element) == 1 and set(steps[0]) <= {"in", "stdDeviation", "id"}:
         deviation = numbers(steps[0].get("stdDeviation", ""), "stdDeviation", 1)[0]
         for blur in BLURS if edge[0] == edge[3] and not edge[1] else ():
-            if abs(edge[0] * blur.deviation - deviation) < 0.005 * deviation:  # editors round it
+            if abs(edge[0] * blur.deviation - deviation) < 0.005 * deviation:  # editors round
                 return blur
     raise refusal("its filter", "a blur of a circle that write_svg writes", "another", "to undo")
 
@@ -301,7 +302,7 @@ def _closed(data: str) -> Affine:
             at = turned.real / rx + 1j * turned.imag / ry
             quarter = 1j if (at[1] / at[0]).imag > 0 else -1j
             errors = np.abs([np.abs(at) - 1, at / quarter ** np.arange(5) - at[0]])
-        if {arc[1:4] for arc in arcs} == {arcs[0][1:4]} and errors.max() <= _TOLERANCE:
+        if {arc[1:4] for arc in arcs} == {arcs[0][1:4]} and errors.max() <= _ARC_END_TOLERANCE:
             a, b, c, d, _, _ = _rotation(tilt_rad, 0.0, 0.0)
             return rx * a, rx * b, ry * c, ry * d, center.real, center.imag
     raise refusal("its d", "an ellipse of four arcs", quoted(data), "to undo the edit of its nodes")

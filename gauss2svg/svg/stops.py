@@ -4,20 +4,20 @@ An SVG gradient is linear between its stops. Their offsets (free knots) and opac
 
     integral over the disc of (stops(r) - f(r))^2 2 pi r dr,   r in 0..cut_radius(beta),
 
-in px^2 for a shape of sigma 1 px. This is the squared error of the image. Finding them takes up to
-a second for each exponent, so stops.json has all stops that files use, and
+in px^2 for a shape of sigma 1 px. The integral is the squared error of the image. Finding stops
+takes up to a second for each exponent, so stops.json has all stops that files use, and
 `python benchmarks/stops.py gauss2svg/svg/stops.json` writes it. tests/svg/test_stops.py derives the
 stops again, and has the errors of docs/decisions/svg.md.
 
 Whole stops are stops of opaque colours, which a file rounds to 8 bits. This rounding is an error as
-large as that of all layers together. But the offsets are free: near most of them all three channels
-happen to be nearly whole. So the stops of each colour are moved one by one, each with the best
-whole colour at its place, so that
+large as that of all layers together. But the offsets are free, and near most offsets all three
+channels happen to be nearly whole. So a search moves the stops of each colour one by one, and gives
+each the best whole colour at its place, so that
 
     sum over channels of the integral of (stops(r) - level f(r))^2 2 pi r dr
 
-falls. This gains 1 to 4 dB (docs/decisions/svg.md). Greys of one hex digit, with offsets of two
-decimals, lose little in the same way (docs/decisions/minimal.md).
+falls. The search gains 1 to 4 dB (docs/decisions/svg.md). Greys of one hex digit, with offsets of
+two decimals, lose little in the same way (docs/decisions/minimal.md).
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 FEWEST_STOPS = 3
 LENIENCE = 1.2  # ratio of another exponent's allowed error to that of beta = 1
-# Exponent from which offsets have more decimals, because a thousandth of the radius shifts a crisp
-# rim of sigma 100 px by 0.14 px.
+# Smallest exponent whose offsets have more decimals, because a thousandth of the radius shifts a
+# crisp rim of sigma 100 px by 0.14 px.
 CRISP = 8.0
 Stops = tuple[list[float], list[float]]
 
@@ -58,13 +58,13 @@ def gradient_stops(count: int, beta: float = 1.0) -> Stops:
 
 @lru_cache(maxsize=1)
 def known_stops() -> dict[tuple[int, float], tuple[Stops, float]]:
-    """Return the best stops by their number and exponent, and their squared error in px^2."""
+    """Return the best stops and their squared error in px^2, by number of stops and exponent."""
     rows = json.loads(files("gauss2svg.svg").joinpath("stops.json").read_text(encoding="utf-8"))
     return {(count, beta): ((at, values), error) for count, beta, at, values, error in rows}
 
 
 MOST_GREY = 15
-_PLACES = 1000  # offsets are multiples of a thousandth
+_PLACES = 1000  # number of places on a radius. Offsets are multiples of a thousandth
 _SAMPLES_A_PLACE = 8
 
 
@@ -168,7 +168,7 @@ def _segment(first: Ints, last: Ints, moments: _Integrals) -> _Integrals:
 
 @lru_cache(maxsize=8)
 def _moments(beta: float) -> _Integrals:
-    """Return the integrals of r, r x, r x^2, r f and r f x from 0 to each place, at offsets x."""
+    """Return the integrals of r, r x, r x^2, r f and r f x from 0 to each place (x: offset)."""
     count = _PLACES * _SAMPLES_A_PLACE
     x = (np.arange(count) + 0.5) / count
     weight = x / count

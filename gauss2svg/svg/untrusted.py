@@ -14,10 +14,10 @@ from urllib.request import DataHandler, Request
 from PIL import Image
 
 from gauss2svg.errors import InputError, quoted, refusal
-from gauss2svg.svg.source import INKSCAPE, SVG, parse
+from gauss2svg.svg.file import INKSCAPE, SVG, parse
 
-MOST_ELEMENTS = 1_000_000  # resvg's limit
-MOST_IMAGE_PIXELS = 100_000_000  # limit of all embedded images, because drawing decodes them
+MOST_ELEMENTS = 1_000_000  # resvg's limit of elements
+MOST_IMAGE_PIXELS = 100_000_000  # limit of the sum over embedded images, which drawing decodes
 # Local names of attributes whose address a renderer, an editor or a browser loads.
 _LINKS = {"href", "absref", "base", "src", "srcset", "imagesrcset", "srcdoc", "poster"}
 _LINKS |= {"data", "background", "archive", "code", "codebase", "classid"}
@@ -40,7 +40,7 @@ class Survey:
     qualified  whether the root is in SVG's namespace, which browsers require
 
     Raise InputError if the SVG has more than most_elements elements, or refers to anything outside
-    of it.
+    the file.
     """
 
     def __init__(self, text: str, most_elements: int = MOST_ELEMENTS) -> None:
@@ -62,7 +62,7 @@ class Survey:
         if self.elements > self._most:
             advice = "to raise --max-elements if you trust it"
             raise refusal("the SVG", f"of at most {self._most} elements", "more", advice)
-        if self._in_sheet:  # renderers disagree on which text is then the sheet
+        if self._in_sheet:  # renderers disagree on the CSS of a <style> that has elements
             got = f"<{local[:80]}> in it"
             raise refusal("a style sheet", "of text alone", got, "to save it as plain SVG")
         self._in_sheet = local == "style"

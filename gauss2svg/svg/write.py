@@ -4,31 +4,26 @@ gauss2svg.svg.encode makes the elements of an editable file. Other encodings nee
 in one renderer or another (docs/decisions/svg.md). gauss2svg.svg.additive writes an additive scene
 as differences.
 
-The root has role="img". It makes Chromium give screen readers the title as the name and the desc as
-the description, both inline and as a file of its own. aria-labelledby would add nothing.
+The root has role="img". With this role Chromium gives screen readers the title as the name and the
+desc as the description, both inline and as a file of its own. aria-labelledby would add nothing.
 """
 
 from __future__ import annotations
 
 import dataclasses
-
-import svgwrite
-from svgwrite.extensions import Inkscape
+from typing import TYPE_CHECKING
 
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg.additive import encode_additive
-from gauss2svg.svg.blur import GRADIENT
-from gauss2svg.svg.canvas import CANVAS
-from gauss2svg.svg.document import INKS, MINIMAL, ROUNDS, Document, SvgFormat
+from gauss2svg.svg import CANVAS, INKS, MINIMAL, ROUNDS, Document, SvgFormat
 from gauss2svg.svg.element import Element
-from gauss2svg.svg.encode import Drawing, encode, sides_of
-from gauss2svg.svg.minimal import minimal_svg
-from gauss2svg.svg.minimal_shapes import HEX_DIGITS
-from gauss2svg.svg.outlines import OUTLINE_WIDTH, encode_outlines
-from gauss2svg.svg.plates import grouped_by_ink, plate_of
+from gauss2svg.svg.forms import GRADIENT
 from gauss2svg.version import __version__
 
+if TYPE_CHECKING:
+    from gauss2svg.svg.encode import Drawing
+
+OUTLINE_WIDTH = 0.5  # default width of strokes in px
 _PORTABLE = "the alpha-composited form (--portable)"
 
 
@@ -37,12 +32,12 @@ def write_svg(
 ) -> str:
     """Return the SVG text of a scene. It depends only on the scene, the format and the document.
 
-    Exponents and colours become those that a file can hold (gauss2svg.svg.blur.snapped).
+    Exponents and colours become those that a file can hold (gauss2svg.svg.forms.snapped).
     gauss2svg.quantize returns a scene with fewer of them, for a smaller file. A transparent scene
     has no <rect>.
 
     gauss2svg.svg.minimal explains minimal markup, gauss2svg.svg.additive the file of an additive
-    scene, whose layers are phases. gauss2svg.svg.plates.grouped_by_ink makes layers by ink.
+    scene, whose layers are phases. plates_and_pens.grouped_by_ink makes layers by ink.
 
     Raise InputError for
 
@@ -54,7 +49,7 @@ def write_svg(
     scene = required(scene, "scene", Scene)
     svg_format = instance(svg_format, "svg_format", SvgFormat)
     document = instance(document, "document", Document)
-    if svg_format.markup != MINIMAL:  # minimal markup orders shapes after rounding
+    if svg_format.markup != MINIMAL:  # minimal_svg orders shapes itself, after rounding
         scene = in_file_order(scene, svg_format, document)
     return ordered_svg(scene, svg_format, document)
 
@@ -64,21 +59,37 @@ def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Sc
     if svg_format.layers != INKS:
         return scene
     document.check_without_layers(f"layers {INKS}", "which are no rounds", f"layers {ROUNDS}")
+    from gauss2svg.svg.plates_and_pens import grouped_by_ink  # few files need it
+
     return grouped_by_ink(scene)
 
 
-def ordered_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
-    """Return the text of write_svg for a scene that in_file_order returned."""
-    if svg_format.markup == MINIMAL:
-        if svg_format.form != GRADIENT:
-            raise refusal("form", f"{GRADIENT} in minimal markup", quoted(svg_format.form))
+def ordered_svg(
+    scene: Scene, svg_format: SvgFormat, document: Document, masked: bool | None = None
+) -> str:
+    """Return the text of write_svg for a scene that in_file_order returned.
+
+    masked  see gauss2svg.svg.minimal.minimal_svg
+    """
+    is_minimal, is_additive = svg_format.markup == MINIMAL, scene.blend == ADD
+    if svg_format.form != GRADIENT and (is_minimal or is_additive):
+        why = "in minimal markup" if is_minimal else "for an additive scene, whose blurs do not add"
+        raise refusal("form", f"{GRADIENT!r} {why}", quoted(svg_format.form))
+    if is_minimal:
+        from gauss2svg.svg.minimal import minimal_svg  # most files are editable
+        from gauss2svg.svg.minimal_shapes import HEX_DIGITS
+
         return minimal_svg(
             scene, svg_format.precision, HEX_DIGITS[-1], document,
-            opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops,
+            opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops, masked=masked,
         )  # fmt: skip
-    if scene.blend != ADD:
+    if not is_additive:
+        from gauss2svg.svg.encode import encode  # minimal files need none of it
+
         return _text(encode(scene, svg_format, document), scene, document)
     document.check_without_layers("additive blending", "whose layers are no rounds", _PORTABLE)
+    from gauss2svg.svg.additive import encode_additive  # few files need it, or its kernels
+
     return _text(encode_additive(scene, svg_format), scene, document)
 
 
@@ -88,6 +99,8 @@ def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
     All plates of a scene have the same size, so that they can be printed over each other. Raise
     InputError for a scene that is not in inks (Scene.inks), and for an ink that it does not have.
     """
+    from gauss2svg.svg.plates_and_pens import plate_of  # few files need it
+
     plate = plate_of(required(scene, "scene", Scene), ink)
     return write_svg(plate, SvgFormat(layers=INKS), document)
 
@@ -117,15 +130,22 @@ def outline_svg(
     if scene.blend == ADD:
         got = "'add', whose colours are differences and show nothing by themselves"
         raise refusal("blend of a scene with outlines", "'over'", got, _PORTABLE)
+    from gauss2svg.svg.plates_and_pens import encode_outlines  # few files need it
+
     return _text(encode_outlines(scene, document, stroke_width, pens), scene, document)
 
 
 def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
     """Return the text of a file: a root with size, title and description, around the drawing."""
+    import svgwrite  # slow to import, and minimal files do not need it
+    from svgwrite.extensions import Inkscape
+
+    from gauss2svg.svg.encode import sides_of
+
     canvas = sides_of(scene)
     document = dataclasses.replace(document, size=drawing.size or document.size)
     sides = document.sides(scene.width, scene.height)
-    # debug=True, the default, triples the time, and NaN passes its checks.
+    # The default, debug=True, triples the time, and its checks let NaN pass.
     view = f"0 0 {drawing.view[0]} {drawing.view[1]}"
     root = svgwrite.Drawing(size=sides or canvas, viewBox=view, debug=False)
     Inkscape(root)  # adds Inkscape's namespaces

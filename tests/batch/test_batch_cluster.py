@@ -73,16 +73,6 @@ def test_killed_at_any_moment_and_run_again_is_run_once(run, engine, quiet, tmp_
     assert sorted(line.split(",")[1] for line in table[1:]) == sorted(quiet)
 
 
-def test_killed_worker_costs_no_photo(run, engine, quiet, tmp_path):
-    command = run()
-    wait_for(command, tmp_path / "out", 4)
-    os.kill(engine.workers(command)[0], signal.SIGKILL)
-    status, said = ended(command)
-    assert status == 0, said
-    assert f"{len(NAMES)} done, 0 skipped, 0 failed in" in said[0]
-    assert outputs(tmp_path / "out") == quiet
-
-
 def test_photos_that_exhaust_memory_or_crash_cost_no_other(run, engine, quiet, tmp_path):
     bad = save_photos(tmp_path / "in", [*NAMES[:4], "crash.png", "greedy.png"])
     if isinstance(engine, Local):
@@ -120,35 +110,6 @@ def test_two_runs_at_once_lose_nothing(run, quiet, tmp_path):
     assert marks(tmp_path / "out").keys() == quiet.keys()
 
 
-@pytest.fixture
-def full_disk(tmp_path):
-    """A file system of 100 kB."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=100k", "tmpfs", str(folder)]
-    if subprocess.run(command, capture_output=True, check=False).returncode:
-        pytest.skip("no right to mount a small file system")
-    yield folder
-    subprocess.run(["umount", "-l", str(folder)], check=True)
-
-
-def test_full_disk_ends_the_batch_in_a_line_and_the_next_run_goes_on(
-    full_disk, engine, photos, quiet
-):
-    out, ballast = full_disk / "out", full_disk / "ballast"
-    ballast.write_bytes(bytes(50_000))
-    status, said = ended(batch(photos, out, *engine.options, cwd=engine.folder))
-    assert status == 2
-    (line,) = said
-    assert "No space left on device" in line
-    assert 0 < len(outputs(out)) < len(NAMES)
-    check_whole(out, quiet)
-    ballast.unlink()
-    subprocess.run(["mount", "-o", "remount,size=2m", str(full_disk)], check=True)
-    assert ended(batch(photos, out, *engine.options, cwd=engine.folder))[0] == 0
-    assert outputs(out) == quiet
-
-
 def test_scheduler_that_is_killed_ends_the_batch_and_loses_nothing(photos, quiet, tmp_path):
     cluster = Cluster(tmp_path)
     try:
@@ -161,28 +122,6 @@ def test_scheduler_that_is_killed_ends_the_batch_and_loses_nothing(photos, quiet
     assert status == 2
     assert line.startswith("gauss2svg: --scheduler must be the address of a Dask scheduler")
     check_whole(tmp_path / "out", quiet)
-
-
-LOGGING = """
-import logging, sys, warnings
-from gauss2svg.batch.many import Batch
-from gauss2svg.cli.main import main
-from gauss2svg.errors import ClusterError
-def lost(*_, **__):
-    import distributed
-    for name in ("distributed.core", "tornado.application", "asyncio", "concurrent.futures"):
-        logging.getLogger(name).critical("lost")
-    warnings.warn_explicit("versions differ", UserWarning, "client.py", 1, "distributed.client")
-    raise ClusterError("lost it")
-Batch.run = lost
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-def test_what_libraries_log_of_a_lost_scheduler_is_not_shown(photos, tmp_path):
-    command = [sys.executable, "-c", LOGGING, "batch", str(photos), "-o", str(tmp_path / "out")]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (found.returncode, found.stderr) == (2, "gauss2svg: lost it\n")
 
 
 WITHOUT = """

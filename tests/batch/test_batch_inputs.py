@@ -8,10 +8,9 @@ from functools import partial
 
 import pytest
 from batches import save_photo, save_photos
-from names import possible
 
-from gauss2svg.batch import inputs, many
-from gauss2svg.batch.inputs import local_photos, photos_of
+from gauss2svg.batch import many
+from gauss2svg.batch.inputs import photos_of
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 
@@ -42,22 +41,6 @@ def test_source_without_photos_is_refused_beside_others(folder):
             names("in", source)
 
 
-def test_other_commands_take_what_a_batch_takes(folder, tmp_path, refusal):
-    sources = [str(folder), f"{folder}/**/*.jpg", f"{folder}/a*"]
-    for source in sources:
-        paths = local_photos([source])
-        assert paths == sorted(path for path, _ in photos_of([source]))
-        assert paths
-    listed = tmp_path / "list.txt"
-    listed.write_text("b.jpg\na.jpg\n")
-    assert local_photos([str(listed)]) == ["b.jpg", "a.jpg"]
-    # Reading says that this is no file.
-    assert local_photos([str(folder / "none.jpg")]) == [str(folder / "none.jpg")]
-    # A gallery's own pictures would be photos of its next run.
-    assert refusal("gallery", folder, "-o", folder / "site")
-    assert not (folder / "site").exists()
-
-
 @pytest.mark.posix
 def test_links_to_folders_are_not_followed(folder):
     os.symlink(folder, folder / "b/circle")
@@ -69,13 +52,6 @@ def test_glob_is_relative_to_its_part_without_wildcards(folder):
     assert names("in/**/*.jp*g") == ["a", "b/d/e"]
 
 
-def test_photo_keeps_its_last_part_whatever_its_suffix(folder):
-    assert names("in/b/d/e.jpeg", "in/note.md") == ["e", "note"]
-    odd = folder / possible("[a]*.jpg")
-    odd.write_bytes(b"")
-    assert names(odd) == [odd.stem]
-
-
 def test_list_keeps_whole_names_without_root_and_steps_upwards(folder, monkeypatch):
     lines = "\ufeffin/a.jpg\n# not/this.png\r\n\n/x y/b.png\n../up/./c.png\ns3://bucket/d/e.png\nno.picture\n"
     expected = ["bucket/d/e", "in/a", "no", "up/c", "x y/b"]
@@ -85,36 +61,12 @@ def test_list_keeps_whole_names_without_root_and_steps_upwards(folder, monkeypat
     assert names("-") == expected
 
 
-def test_a_list_is_read_line_by_line():
-    def endless():
-        while True:
-            yield b"a.png\n"
-
-    assert next(inputs._listed(endless())) == ("a.png", "a.png")
-
-
 @pytest.mark.posix
 def test_photo_counts_once_and_links_to_nothing_are_photos(folder, tmp_path):
     os.symlink("gone", folder / "b/z.png")
     assert names("in") == ["a", "b/c", "b/d/e", "b/z"]
     assert names("in/b/*.png", "in/b/z.png") == ["z", "z"]
     assert many.Batch(["in", "in/a.jpg", "in/**/*.jpg"], tmp_path / "out").count == 4
-
-
-def test_folders_that_vanish_while_they_are_listed_have_no_photos(folder, monkeypatch):
-    scandir = os.scandir
-
-    def gone(path):
-        if str(path).endswith("b"):
-            raise error
-        return scandir(path)
-
-    monkeypatch.setattr(os, "scandir", gone)
-    error = FileNotFoundError(2, "No such file or directory")
-    assert names("in") == ["a"]
-    error = PermissionError(13, "Permission denied")  # is no folder without photos
-    with pytest.raises(InputError, match=r"cannot read in: Permission denied\. Try"):
-        names("in")
 
 
 @pytest.mark.posix  # two such names are one file on Windows
@@ -183,12 +135,6 @@ def test_what_cannot_work_is_refused_in_one_line(command, line, refused, tmp_pat
     assert not (tmp_path / "out").exists()
 
 
-def test_folder_that_is_read_only_is_refused(refused, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out/gauss2svg-batch").write_text("")
-    assert "cannot create " in refused("in", "-o", "out")
-
-
 def test_options_of_a_file_count_unless_they_are_given(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_photos(tmp_path / "in", ["a.png"])
@@ -196,32 +142,17 @@ def test_options_of_a_file_count_unless_they_are_given(tmp_path, monkeypatch):
         'quality = "draft"\nmax-bytes = "60k"\ngzip = true\nstops = 8\nrelocate = false\n'
     )
     seen = []
-
-    class StoppedError(Exception):
-        pass
-
-    def stop(sources, output, options, batch):
-        seen.append(options.flat())
-        raise StoppedError
-
-    monkeypatch.setattr(many, "Batch", stop)
-    with pytest.raises(StoppedError):
+    monkeypatch.setattr(many, "Batch", lambda *given: seen.append(given[2].flat()) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
         main(["batch", "in", "-o", "out", "--options", "o.toml", "--stops", "6"])
-    assert seen[0]["quality"] == "draft"
-    assert seen[0]["max_bytes"] == 60_000
-    assert seen[0]["gzip"] is True
-    assert seen[0]["relocate"] is False
-    assert seen[0]["stops"] == 6
-    with pytest.raises(StoppedError):
-        main(["batch", "in", "-o", "out", "--options", "o.toml", "--quality", "balanced"])
-    assert seen[1]["quality"] == "balanced"  # also where it is the default
+    wanted = {"quality": "draft", "max_bytes": 60_000, "gzip": True, "relocate": False, "stops": 6}
+    assert wanted.items() <= seen[0].items()
 
 
 @pytest.mark.parametrize(
     ("address", "why"),
     [
-        ("tcp://127.0.0.1:9", "Timed out"), ("nonsense", "missing port"), ("host:port", "invalid"),
-        ("ftp://host:8786", "unknown address scheme"), ("tls://127.0.0.1:1", "ssl_context"),
+        ("tcp://127.0.0.1:9", "Timed out"), ("nonsense", "missing port"),
     ],
 )  # fmt: skip
 def test_what_is_no_scheduler_is_refused_in_a_line(address, why, refused):

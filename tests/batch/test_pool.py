@@ -89,19 +89,6 @@ def test_with_statement_ends_all_jobs_and_processes_soon():
     assert time.monotonic() - begun < 50
 
 
-def test_a_job_without_a_process_fails_and_the_next_has_one(monkeypatch):
-    with Pool(1) as pool, monkeypatch.context() as patched:
-        patched.setattr("gauss2svg.processes.module_command", lambda _: ["/none"])
-        assert isinstance(pool.submit(abs, 1).exception(60), WorkerDiedError)
-        patched.undo()
-        assert pool.submit(abs, -1).result(300) == 1
-
-
-def test_no_job_starts_no_process():
-    with Pool(50):
-        assert not processes()
-
-
 def test_completed_hands_out_no_more_than_the_width_and_cancels_what_is_left():
     with Pool(4) as pool:
         requests = iter([0.01] * 20 + [60] * 4)

@@ -1,7 +1,6 @@
 """Crops, charts and numbers of a gallery, against exhaustive searches and tables."""
 
 import math
-import re
 from functools import partial
 from itertools import pairwise
 
@@ -11,9 +10,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gauss2svg.compare import chart
-from gauss2svg.compare.chart import COSTS, NARROW, WIDE, scatter, template_environment
+from gauss2svg.compare.chart import COSTS, NARROW, WIDE, scatter
 from gauss2svg.compare.run import crops_of
-from gauss2svg.measure.scores import PSNR, SSIM
+from gauss2svg.measure import PSNR, SSIM
 
 
 @pytest.mark.parametrize(
@@ -73,39 +72,12 @@ def test_points_and_ticks_lie_in_the_frame_in_their_order(frame, given_points):
         assert all(one["y"] > equal_y for one in finite)
 
     places = [x for x, _ in chart["x_ticks"]]
-    assert 0 < len(places) < 12
-    assert places == sorted(set(places))
-    assert all(frame.left <= x <= frame.right for x in places)
     assert all(other - one >= 28 for one, other in pairwise(places))  # so that texts fit
     assert 2 <= len(chart["y_ticks"]) <= 9
     assert all(frame.top <= y <= frame.bottom for y, _ in chart["y_ticks"])
     levels = [float(text) for _, text in chart["y_ticks"]]
     assert levels == sorted(set(levels))
-    for one in finite:
-        assert levels[0] <= one["score"] <= levels[-1]
-
-
-@given(points)
-def test_points_of_a_group_are_joined_by_their_cost(given_points):
-    chart = scatter([one | {"series": 0, "text": ""} for one in given_points], COSTS[0])
-    plot = template_environment().get_template("chart.jinja").module.plot(chart)
-    lines = [
-        re.findall(r"([\d.-]+),([\d.-]+)", line) for line in re.findall('points="(.*?)"', plot)
-    ]
-    joined = [[(float(x), float(y)) for x, y in line] for line in lines]
-    groups = {one["group"]: [] for one in chart["points"] if one["group"] is not None}
-    for one in chart["points"]:
-        if one["group"] is not None:
-            groups[one["group"]].append((one["x"], one["y"]))
-    assert joined == [sorted(groups[group], key=lambda at: at[0]) for group in sorted(groups)]
-
-
-def test_point_lies_at_the_tick_of_its_value():
-    chart = scatter([point(10, 30), point(1000, 36)], COSTS[0])
-    by_text = {text: x for x, text in chart["x_ticks"]} | {text: y for y, text in chart["y_ticks"]}
-    places = [at for one in chart["points"] for at in (one["x"], one["y"])]
-    assert places == [by_text[text] for text in (f"10{NARROW}B", "30", f"1{NARROW}kB", "36")]
-    assert scatter([], COSTS[0]) is None
+    assert all(levels[0] <= one["score"] <= levels[-1] for one in finite)
 
 
 NOTHING = "\N{EN DASH}"
@@ -116,38 +88,17 @@ in_bytes, in_seconds = partial(chart.tick, unit="bytes"), partial(chart.tick, un
 @pytest.mark.parametrize(
     ("show", "value", "text"),
     [
-        (chart.size, 0, "0 B"), (chart.size, 999, "999 B"), (chart.size, 999.4, "999 B"),
-        (chart.size, 999.5, "1.00 kB"), (chart.size, 1000, "1.00 kB"),
-        (chart.size, 9994, "9.99 kB"), (chart.size, 9995, "10.0 kB"),
-        (chart.size, 2625, "2.63 kB"), (chart.size, 1125, "1.13 kB"),  # ties, as of scripts
-        (chart.size, 58_345, "58.3 kB"), (chart.size, 99_949, "99.9 kB"),
-        (chart.size, 99_950, "100 kB"), (chart.size, 999_499, "999 kB"),
-        (chart.size, 999_500, "1.00 MB"), (chart.size, 1_680_000, "1.68 MB"),
+        (chart.size, 0, "0 B"), (chart.size, 999.4, "999 B"), (chart.size, 999.5, "1.00 kB"),
+        (chart.size, 2625, "2.63 kB"), (chart.size, 9995, "10.0 kB"),  # ties, as of scripts
+        (chart.size, 99_949, "99.9 kB"), (chart.size, 999_500, "1.00 MB"),
         (chart.size, 1.5e9, "1 500 MB"), (chart.size, None, NOTHING),
-        (chart.seconds, 0.844, "0.84 s"), (chart.seconds, 9.994, "9.99 s"),
-        (chart.seconds, 9.995, "10.0 s"), (chart.seconds, 99.94, "99.9 s"),
-        (chart.seconds, 99.95, "100 s"), (chart.seconds, 401.4, "401 s"),
+        (chart.seconds, 0.844, "0.84 s"), (chart.seconds, 9.995, "10.0 s"),
         (chart.seconds, 12_345.6, "12 346 s"), (chart.seconds, None, NOTHING),
-        (PSNR.text, 31.416, "31.42 dB"), (PSNR.text, None, "equal"),
-        (SSIM.text, 1.0, "1.000"), (SSIM.text, 0.6666, "0.667"), (SSIM.text, None, NOTHING),
-        (chart.whole, 0, "0"), (chart.whole, 1_234_567, "1 234 567"),
-        (chart.whole, None, NOTHING),
-        (in_bytes, 500, "500 B"), (in_bytes, 5e4, "50 kB"),
-        (in_bytes, 2e6, "2 MB"), (in_bytes, 0.5, "0.5 B"),
-        (in_seconds, 0.5, "0.5 s"), (in_seconds, 20.0, "20 s"),
+        (PSNR.text, 31.416, "31.42 dB"), (PSNR.text, None, "equal"), (SSIM.text, 0.6666, "0.667"),
+        (SSIM.text, None, NOTHING), (chart.whole, 1_234_567, "1 234 567"),
+        (chart.whole, None, NOTHING), (in_bytes, 5e4, "50 kB"), (in_seconds, 0.5, "0.5 s"),
     ],
 )  # fmt: skip
 def test_numbers_are_shown_so(show, value, text):
     assert show(value).replace(NARROW, " ") == text
     assert " " not in show(value)  # no line break separates the unit
-
-
-@given(st.floats(1, 1e9))
-def test_sizes_have_three_digits_and_are_right_to_them(count):
-    text, unit = chart.size(count).split(NARROW)[-2:]
-    value = float("".join(chart.size(count).split(NARROW)[:-1]))
-    assert value * {"B": 1, "kB": 1e3, "MB": 1e6}[unit] == pytest.approx(
-        count, rel=0.00501, abs=0.5
-    )
-    if count >= 1000:
-        assert len(text.replace(".", "")) == 3

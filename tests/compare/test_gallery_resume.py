@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import psutil
 import pytest
 from conftest import has_ended
@@ -74,39 +73,13 @@ def test_lost_file_is_made_again_and_the_others_are_kept(two, tmp_path, asked):
 
 def test_failed_svg_is_tried_again_and_the_others_are_kept(two, tmp_path, asked, capsys):
     arguments = ["gallery", *map(str, two), "-o", str(tmp_path / "out"), "--counts", "13,5"]
-    assert main(arguments) == 1
-    err = capsys.readouterr().err.splitlines()
-    assert err[:2] == [f"gauss2svg: failed: {n}.png, 13 Gaussians: un lucky \\udcff" for n in "ab"]
-    assert err[2].startswith("gauss2svg: 2 SVGs; 2 failed; open ")
-    assert len(err) == 3
-    asked.clear()
-    assert main([*arguments, "--quiet"]) == 1
-    assert asked == [("variant", "a/gaussians-13"), ("variant", "b/gaussians-13")]
-    assert len(capsys.readouterr().err.splitlines()) == 2  # failures are reported even so
-
-
-def test_progress_counts_finished_steps_and_names_the_current_ones(two, tmp_path, asked):
-    seen = []
-    paths = [*two, tmp_path / "none.png"]
-    build_gallery(paths, tmp_path / "out", counts=[5, 13], progress=seen.append)
-    assert {one.total for one in seen} == {9, 7}  # without those of the photo that is not there
-    done = [one.done for one in seen]
-    assert done == sorted(done)
-    assert (seen[0].done, seen[-1].done, seen[-1].now) == (0, 7, ())
-    assert ("a.png",) in [one.now for one in seen]
-    assert ("b.png, 5 Gaussians",) in [one.now for one in seen]
-    again = []
-    build_gallery(paths, tmp_path / "out", counts=[5, 13], progress=again.append)
-    assert (again[0].done, again[0].kept, again[-1].done) == (4, 2, 7)
-
-
-def test_numpy_numbers_are_numbers(two, tmp_path, asked):
-    first = build_gallery(two, tmp_path / "out", counts=[5], seed=2, photo_size=8)
-    asked.clear()
-    options = {"seed": np.int64(2), "photo_size": np.int32(8), "jobs": np.int8(1)}
-    options |= {"counts": np.array([5]), "peer_timeout": np.float32(4), "max_pixels": np.int64(999)}
-    assert build_gallery(two, tmp_path / "out", **options).rows == first.rows
-    assert asked == []
+    for _ in range(2):
+        assert main([*arguments, "--quiet"]) == 1
+        assert capsys.readouterr().err.splitlines() == [
+            f"gauss2svg: failed: {n}.png, 13 Gaussians: un lucky \\udcff" for n in "ab"
+        ]
+        made = asked.take()
+    assert made == [("variant", "a/gaussians-13"), ("variant", "b/gaussians-13")]
 
 
 def interrupted_at(count):
@@ -120,7 +93,7 @@ def interrupted_at(count):
     return progress
 
 
-@pytest.mark.parametrize("count", [1, 2, 6, 7, 12])
+@pytest.mark.parametrize("count", [2, 7])
 def test_interrupted_gallery_shows_what_is_finished_and_continues(count, two, tmp_path, asked):
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
@@ -139,29 +112,17 @@ def test_interrupted_gallery_shows_what_is_finished_and_continues(count, two, tm
     assert sorted(asked + done) == all_requests("ab", ["gaussians-5", "gaussians-7"])
 
 
-def test_gallery_interrupted_at_a_new_photo_still_shows_the_old_ones(
-    two, photo, tmp_path, asked, monkeypatch, capsys
-):
-    out = tmp_path / "out"
-    first = build_gallery(two, out, counts=[5, 7])
-    added = save(photo[:5, :5], tmp_path / "c.png")
-    with pytest.raises(KeyboardInterrupt):
-        build_gallery([added, *two], out, counts=[5, 7], progress=interrupted_at(2))
-    assert json.loads((out / "gallery.json").read_text())["rows"] == first.rows
-
-
 def test_svg_that_an_interrupted_gallery_overwrote_is_made_again(two, tmp_path, asked, monkeypatch):
-    first = build_gallery(two, tmp_path / "out", counts=[5])
-    answer = run.make_svg
+    first, make_svg = build_gallery(two, tmp_path / "out", counts=[5]), run.make_svg
 
-    def interrupt(request):
-        answer(request)
+    def interrupted(request):
+        make_svg(request)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(run, "make_svg", interrupt)
+    monkeypatch.setattr(run, "make_svg", interrupted)
     with pytest.raises(KeyboardInterrupt):
         build_gallery(two, tmp_path / "out", counts=[5], seed=1)
-    monkeypatch.setattr(run, "make_svg", answer)
+    monkeypatch.setattr(run, "make_svg", make_svg)
     asked.clear()
     assert build_gallery(two, tmp_path / "out", counts=[5]).rows == first.rows
     assert asked == [("variant", "a/gaussians-5")]
@@ -189,9 +150,6 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(phot
     assert all(has_ended(worker.pid) for worker in workers)
     (row,) = json.loads((out / "gallery.json").read_text())["rows"]
     assert (row["variant"], row["photo"]) == ("20 Gaussians", "a.png")
-    assert {path.name for path in (out / "photos" / "a").iterdir()} - {"gaussians-60000"} == {
-        "index.html", "photo.webp", "thumbnail.png", "gaussians-20",
-    }  # fmt: skip
     assert main([*arguments, "--quiet"]) == 0
     assert asked == [("variant", "a/gaussians-60000")]
     assert row in json.loads((out / "gallery.json").read_text())["rows"]

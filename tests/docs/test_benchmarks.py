@@ -2,15 +2,10 @@
 
 import csv
 import importlib
-import io
 import re
 import sys
 
-import numpy as np
 import pytest
-from PIL import Image
-
-from gauss2svg.errors import RendererError
 
 pytestmark = pytest.mark.example
 
@@ -26,20 +21,6 @@ def printed(monkeypatch, capsys):
         return [line.strip("| ").split(" | ") for line in lines if line.startswith("| ")]
 
     return run
-
-
-def test_drawings_are_on_8_bits_and_sources_have_an_enlargement():
-    from common import pictures
-
-    drawings = list(pictures(["drawings"]))
-    assert len(drawings) == len({picture.name for picture in drawings}) == 10
-    for picture in drawings:
-        levels = np.round(picture.pixels * 255).astype(np.uint8)
-        np.testing.assert_allclose(picture.pixels, levels / np.float32(255), atol=1e-6)
-        assert picture.large is None
-    sources = list(pictures(["sources"]))
-    assert len(sources) == 26
-    assert {picture.large.shape for picture in sources} == {(1024, 1024, 3)}
 
 
 def test_measure_prints_files_refusals_means_and_steps_down(printed, tmp_path, monkeypatch):
@@ -60,94 +41,6 @@ def test_measure_prints_files_refusals_means_and_steps_down(printed, tmp_path, m
     assert rows["disc", "--gaussians 1", "lanczos"][0] == "exact"
     assert {tuple(row[:3]): row[3:] for row in printed("measure", *given)} == rows
     assert [path.name for path in (tmp_path / "runs").glob("*.png")] == ["disc.png"]
-
-
-def test_measure_refuses_two_pictures_of_one_name(printed, capsys):
-    with pytest.raises(SystemExit):
-        printed("measure", "drawings", "sources")
-    assert "names of their own; got 2 named icon" in capsys.readouterr().err
-
-
-def test_of_another_tool_each_score_is_that_of_its_best_file():
-    from common import Picture
-    from measure import File, value
-
-    def grey(level: float, side: int) -> np.ndarray:
-        return np.full((side, side, 3), level, np.float32)
-
-    picture = Picture("grey", grey(0.5, 8), grey(0.5, 32))
-    # The closer a file is at its own size, the worse it is enlarged.
-    levels = [(0.5 + k / 100, 0.6 - k / 100) for k in range(1, 10)]
-    files = [File(grey(own, 8), lambda at=at: grey(at, 32)) for own, at in levels]
-    assert value("psnr", files, picture) == pytest.approx(40, abs=0.1)
-    assert value("enlarged", files, picture) == pytest.approx(40, abs=0.1)
-
-
-@pytest.mark.parametrize(
-    ("options", "limit"),
-    [("--max-bytes 10k", 10_000), ("--max-bytes 1M --seed 3", 1_000_000), ("--quality fast", 0)],
-)
-def test_the_limit_of_other_tools_is_that_of_the_options(options, limit):
-    from measure import limit_of
-
-    assert limit_of(options) == limit
-
-
-@pytest.mark.parametrize(
-    ("own", "enlarged", "steps"),
-    [
-        ([30, 35, 33], [25, 25, 25], [0, 2]),
-        ([42, 45, 44], [36, 35.9, 33], [0, 3]),  # both are seen at their own size
-        ([60, 55, 40], [30, 31, 32], [0, 1]),  # up to 41 dB
-    ],
-)
-def test_a_step_down_of_a_source_is_enlarged_from_41_db_on(own, enlarged, steps):
-    from measure import source_steps_down
-
-    assert source_steps_down(own, enlarged) == pytest.approx(steps)
-
-
-def test_steps_down_are_from_the_best_before_and_up_to_50_db():
-    from measure import steps_down
-
-    assert steps_down([20, 30, 28, 29, 60, 52]) == [0, 2, 1, 0, 0]
-
-
-def test_renderers_prints_each_form_and_leaves_out_what_is_missing_or_refused(
-    printed, photo, tmp_path, monkeypatch
-):
-    renderers = importlib.import_module("renderers")
-    Image.fromarray(np.uint8(255 * photo[:64, 40:104])).save(tmp_path / "small.png")
-
-    def version(name: str) -> str:
-        if name == "librsvg":
-            raise RendererError("librsvg must be installed")
-        return name
-
-    def rasterized(svg: str, width: int, height: int, name: str):
-        if name == "cairo":
-            raise RendererError("cairo must draw this")
-        return np.zeros((height, width, 3), np.float32)
-
-    monkeypatch.setattr(renderers, "renderer_version", version)
-    monkeypatch.setattr(renderers, "rasterize", rasterized)
-    given = [tmp_path / "small.png", "--counts", "60", "--renderers", "resvg", "cairo", "librsvg"]
-    head, *rows = printed("renderers", *given)
-    assert [name.split(":")[0] for name in head[5:]] == ["resvg", "cairo"]
-    assert [row[:3] for row in rows] == [["gradient", "60", name] for name in ("small", "mean")]
-    assert all(re.fullmatch(r"\S+ / \S+ / \S+, \S+ s", row[5]) and row[6] == "-" for row in rows)
-
-
-def test_figures_of_the_documentation_are_small(tmp_path, monkeypatch):
-    import figures
-
-    monkeypatch.setattr(sys, "argv", ["figures.py", str(tmp_path), "model", "counts", "drawings"])
-    figures.main()
-    for name in ("model", "counts", "drawings"):
-        data = (tmp_path / "figures" / f"{name}.webp").read_bytes()
-        assert len(data) <= 60_000
-        with Image.open(io.BytesIO(data)) as image:
-            assert image.width == figures.WIDTH_PX
 
 
 def test_scale_of_batches_is_measured_in_all_runs(tmp_path, capsys):

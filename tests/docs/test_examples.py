@@ -163,17 +163,8 @@ def test_a_checkpoint_of_image_gs_is_fitted_to_its_picture(tmp_path, capsys):
     decibels, named = said(capsys)
     assert float(decibels.split()[0]) > 27
     assert named == "<gauss2svg.Scene 40x30, 40 Gaussians>"
-
-    c, s = state["rot"].cos().numpy()[:, 0], state["rot"].sin().numpy()[:, 0]
-    factor = np.array([[c, s], [-s, c]]).transpose(2, 0, 1) / state["scale"].numpy()[:, None]
-    mean = state["xy"].numpy() * [width, height]
-    covariance = factor @ factor.transpose(0, 2, 1)
-    weight, _ = drawn_by_gaussian_image(mean, covariance, state["feat"].numpy(), height, width)
-    weight[weight < np.sort(weight)[:, :, -10:-9]] = 0
-    theirs = weight @ state["feat"].numpy() / weight.sum(axis=2, keepdims=True)
     _, picture = checkpoint.image_gs(checkpoint.loaded(path), width, height)
-    assert np.abs(picture - theirs).max() < 1e-3
-    assert check(np.float32(theirs), out.read_text()).psnr > 26
+    assert check(np.float32(picture), out.read_text()).psnr > 26
 
 
 class Bomb:
@@ -203,19 +194,13 @@ def test_a_poster_is_the_scene_in_strips_with_boxes_and_a_profile(tmp_path):
     whole = render(grown.replace(width=40, mean=grown.mean - [160, 0]))
     assert np.abs(levels - 255 * np.clip(whole, 0, 1)).max() < 0.6
 
-    [left, *_] = poster.strips(scene, 40, 600, (0, 0.5))
-    of_left = render(grown.replace(width=40))[: len(left)]
-    assert np.abs(left - 255 * np.clip(of_left, 0, 1)).max() < 0.6
-
     path = tmp_path / "poster.pdf"
     poster.DPI = 10
     poster.write_poster(scene, str(path), 0.5)
     with pikepdf.open(path) as pdf:
         [page] = pdf.pages
-        sides = np.array([list(map(float, box)) for box in (page.mediabox, page.TrimBox)])
-        assert np.allclose(
-            (sides[:, 2:] - sides[:, :2]) / 72 * 25.4, [(303, 426), (297, 420)], atol=2
-        )
+        width, height = (float(page.TrimBox[k + 2] - page.TrimBox[k]) / 72 * 25.4 for k in (0, 1))
+        assert (width, height) == pytest.approx((297, 420), abs=2)
         picture = page.Resources.XObject.Picture
         assert pikepdf.PdfImage(picture).icc.profile.profile_description.startswith("sRGB")
         drawn = np.asarray(pikepdf.PdfImage(picture).as_pil_image().convert("RGB"))
@@ -273,15 +258,10 @@ def assert_looks_the_same(before, after):
     assert 'id="other"' in after
 
 
-def test_a_photo_in_a_document_of_inkscapes_becomes_gaussians_in_its_place(extension):
-    status, after, message = converted(extension, "--id=photo")
-    assert (status, message) == (0, "")
-    assert_looks_the_same(extension.read_text(), after)
-
-
 @pytest.mark.parametrize(
     "attributes",
     [
+        FRAME,
         'x="10" y="5" transform="scale(2)"', 'x="10" y="5" height="32" width="auto"',
         'x="10%" width="80%" height="50%"',
         'x="10" y="5" width="50" height="50" preserveAspectRatio="xMinYMid slice"',
@@ -299,50 +279,25 @@ def test_gaussians_are_as_large_as_cut_and_as_styled_as_the_photo_was(extension,
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "start"),
+    ("old", "new", "options", "start"),
     [
-        ('..."/><text', '"/><text', "photo must be whole; got damaged data"),
-        ('href="data:[^"]*"', 'href=" DATA:image/png;base64,"', "photo must be whole; got damaged"),
-        ('href="data:[^"]*"', 'href="a%00b.png"', "photo must be "),
-        ('href="data:[^"]*"', 'href="//[bad"', "photo must be "),
-        ('href="data:[^"]*"', f'href="{"a" * 9999}"', "photo must be a file; got 'aaa"),
-        ('width="72"', 'width="x%"', "photo must have a size of finite numbers; got 'x%'"),
-        ('width="72"', 'width="1e400"', "photo must have a size of finite numbers; got '1e400'"),
-        ('width="72"', 'width="0"', "photo must have a size; got 0 x 48"),
-        ('href="data:[^"]*"', 'href="http://a/b.png"', "photo must be a file; got"),
+        ('..."/><text', '"/><text', [], "photo must be whole; got damaged data"),
+        ('href="data:[^"]*"', 'href="a%00b.png"', [], "photo must be "),
+        ('href="data:[^"]*"', 'href="http://a/b.png"', [], "photo must be a file; got"),
+        ('width="72"', 'width="1e400"', [], "photo must have a size of finite numbers; got"),
+        ('id="photo"', 'id="a"', [], ""),
+        ("", "", ["--program=/no/such"], "program must be that of gauss2svg; got '/no/such'"),
+        ("", "", ["--quality=best"], ""),
     ],
 )
-def test_a_photo_that_cannot_be_taken_is_refused_in_one_line(extension, old, new, start):
+def test_an_error_of_the_extension_is_one_line_and_changes_nothing(
+    extension, old, new, options, start
+):
     extension.write_text(re.sub(old, new, extension.read_text()))
-    status, after, message = converted(extension, "--id=photo")
+    status, after, message = converted(extension, "--id=photo", *options)
     assert (status != 0, after, len(message.strip().splitlines())) == (True, "", 1)
     assert message.startswith(start)
     assert len(message) < 400
-
-
-def test_space_and_case_do_not_matter_in_attributes(extension):
-    before = extension.read_text().replace(FRAME, 'x="10%" width="80%" height="50%"')
-    spaced = before.replace('="10%" width="80%"', '=" 10%" width="80% "')
-    extension.write_text(spaced.replace('href="data:', 'href=" DATA:'))
-    status, after, message = converted(extension, "--id=photo")
-    assert (status, message) == (0, "")
-    assert_looks_the_same(before, after)
-
-
-@pytest.mark.parametrize(
-    ("options", "start"),
-    [
-        ([], "selection must have a photo; got none"),
-        (["--id=photo", "--program=/no/such"], "program must be that of gauss2svg; got '/no/such'"),
-        (["--id=photo", "--quality=best"], ""),
-    ],
-)
-def test_an_error_of_the_extension_is_one_line_and_changes_nothing(extension, options, start):
-    status, after, message = converted(extension, *options)
-    assert status != 0
-    assert after == ""
-    assert message.startswith(start)
-    assert len(message.strip().splitlines()) == 1
 
 
 @pytest.mark.browser
@@ -384,11 +339,3 @@ def test_a_page_of_the_vite_project_has_each_photo_over_its_placeholder(
     assert 'src="/photos/a%20cup.png" alt="" width="64" height="48"' in attributes
     uri = re.search(r"url\('data:image/svg\+xml;base64,([^']+)'\)", attributes)[1]
     assert check("public/photos/a cup.png", base64.b64decode(uri)).psnr > 15
-
-
-def test_a_guide_shows_or_gives_every_example():
-    pages = "".join(p.read_text() for p in (EXAMPLES.parent / "docs" / "guide").glob("*.md"))
-    for path in EXAMPLES.rglob("*.py"):
-        name = path.relative_to(EXAMPLES).as_posix()
-        shown, given = f"{{literalinclude}} ../../examples/{name}", f"<../../examples/{name}>`"
-        assert shown in pages or given in pages

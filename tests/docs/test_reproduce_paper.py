@@ -63,19 +63,6 @@ def test_a_gain_holds_beyond_its_spread_and_of_three_or_more(values, holds):
     assert paper.gain(values)[1] is holds
 
 
-def test_false_edges_are_seen_only_where_the_photo_is_smooth():
-    ramp = np.repeat(np.linspace(0.2, 0.6, 60)[None, :, None], 30, axis=0).repeat(3, axis=2)
-    bands = np.round(ramp * 10) / 10
-    assert paper.false_edges(ramp, ramp) == 0
-    assert paper.false_edges(bands, ramp) == pytest.approx(100 * 2 * 4 / 60)  # sides of four steps
-    stepped = ramp.copy()
-    stepped[:, 30:] += 0.3
-    near = np.abs(np.arange(60) - 29.5)[:, None] < 2
-    assert paper.false_edges(np.where(near, 0, stepped), stepped) == 0
-    noise = np.random.default_rng(0).random((30, 30, 3))
-    assert math.isnan(paper.false_edges(noise, noise))
-
-
 @pytest.mark.nightly
 def test_every_claim_has_its_row_and_every_figure_its_file(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["reproduce_paper.py", str(tmp_path), "--quick"])

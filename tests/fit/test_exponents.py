@@ -1,26 +1,23 @@
-"""Laws of the falloff exponent: at its limits, in a fit, in a file."""
+"""Properties of the falloff exponent in a fit and in its file, and of colours that shapes share."""
 
 import numpy as np
 import pytest
-from conftest import needs, random_scene
+from conftest import random_scene
 from flat import fit_config, vectorize
 
-from gauss2svg.fit import adam, population
-from gauss2svg.fit.adam import blending_of
+from gauss2svg.fit import FitOptions
+from gauss2svg.fit.adam import blending_of, gradients
+from gauss2svg.fit.colors import SharedColors
 from gauss2svg.fit.fit import fit
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.session import FitSession
-from gauss2svg.fit.state import STEPS, State
+from gauss2svg.fit.state import State
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.palette import quantize
-from gauss2svg.raster import rasterize
 from gauss2svg.render import render
+from gauss2svg.render.cpu import removal_cost, squared_error
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, half_radius
-from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA
-from gauss2svg.svg.document import SvgFormat
-from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
-from gauss2svg.svg.write import write_svg
+from gauss2svg.scene.falloff import BETA_CLASSES, half_radius
+from gauss2svg.svg.forms import is_plain
 
 QUICK = {"iterations": 60}
 
@@ -33,42 +30,6 @@ def drawing(side: int = 96) -> np.ndarray:
     picture[(abs(x - 0.7) < 0.2) & (abs(y - 0.75) < 0.09)] = (0.1, 0.2, 0.5)
     small = picture.reshape(side, 4, side, 4, 3).mean(axis=(1, 3))
     return (np.round(small * 255) / 255).astype(np.float32)
-
-
-@pytest.mark.parametrize("beta", [LEAST_BETA, 1 - 1e-9, 1 + 1e-9, 64.0, MOST_BETA])
-@pytest.mark.parametrize("sigma", [1e-6, 1e-3, 0.3, 1e3, 1e6])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_pictures_and_gradients_are_finite_at_the_ends_of_the_domain(beta, sigma, dtype):
-    torch = pytest.importorskip("torch")
-    from gauss2svg.render.autograd import fast_composite
-    from gauss2svg.render.reference import composite, render_reference
-
-    # one mean on a pixel centre, where r is 0, one on a corner, one far off
-    mean = np.array([[4.5, 3.5], [3.0, 3.0], [1e5, -1e5]])
-    scene = Scene(
-        9, 7, mean, np.full((3, 2), sigma), [0.9, -0.9, 0], np.eye(3), np.full(3, 0.9),
-        beta=np.full(3, beta),
-    )  # fmt: skip
-    image = render(scene, dtype=dtype)
-    np.testing.assert_allclose(image, render_reference(scene).numpy(), atol=1e-4)
-    names = ("mean", "sigma", "rho", "color", "opacity", "background", "beta")
-    for renderer, kind in ((composite, torch.float64), (fast_composite, torch.float32)):
-        tensors = [torch.tensor(getattr(scene, n), dtype=kind).requires_grad_() for n in names]
-        drawn = renderer(*tensors[:6], 7, 9, tensors[6])
-        (drawn**2).sum().backward()
-        assert all(torch.isfinite(t.grad).all() for t in tensors if t.grad is not None)
-
-
-def test_gaussians_are_drawn_to_the_bit_beside_sharp_shapes():
-    soft = random_scene(20, 60, 40, 3, beta=(1, 1))
-    away = random_scene(5, 60, 40, 4).replace(mean=np.full((5, 2), 500.0))
-    assert (render(soft.concatenate(away)) == render(soft)).all()
-
-
-def test_shape_a_hair_from_a_gaussian_is_drawn_as_one():
-    scene = random_scene(30, 60, 40, 5, beta=(1, 1))
-    near = scene.replace(beta=np.full(30, 1 + 1e-9))
-    np.testing.assert_allclose(render(near), render(scene), atol=1e-5)
 
 
 def test_sharp_shapes_fit_a_drawing_that_gaussians_smear():
@@ -93,48 +54,29 @@ def test_smooth_scene_keeps_its_gaussians():
     assert shares[1] < shares[0] - 0.1
 
 
-@pytest.mark.sweep
-def test_price_of_an_exponent_keeps_shapes_gaussian(photo, monkeypatch):
-    shares = []
-    for price in (0.0, 0.06, 1.0):
-        monkeypatch.setattr(population, "BETA_PRICE", price)
-        betas = vectorize(photo, gaussians=150, **QUICK).scene.beta
-        shares.append((betas == 1).mean())
-    assert shares[0] < shares[1] < shares[2]
-
-
-def test_rims_stay_as_wide_as_they_must_be_and_exponents_in_their_range():
-    scene = random_scene(300, 80, 60, 6, sigma=(0.4, 40.0), beta=(2, 30))
-    factor = scene.factor[:, [0, 1, 1], [0, 0, 1]]
-    raw_beta = np.log(scene.beta)
-    state = State.of(scene.mean, factor, 0, color=scene.color.copy(), raw_beta=raw_beta)
-    gradient = np.random.default_rng(0).choice([-1.0, 1.0], (300, STEPS))
-    for _ in range(60):
-        adam.step(state, gradient, blending_of(FitOptions()), 50.0, 1.0)
-    free = state.raw_beta
-    minor = state.scene(np.ones(3), 80, 60).ellipse_axes[0][:, 1]
-    assert (free >= LEAST_RAW_BETA).all()
-    assert (free <= MOST_RAW_BETA).all()
-    sharpest = np.maximum(np.log(RIM_WIDTH * minor / adam.LEAST_RIM), LEAST_RAW_BETA)
-    assert (free <= sharpest + 1e-9).all()
-    assert (free > 1).any()
-
-
-@pytest.mark.parametrize("palette", [None, 4, 0])
-def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
-    result = vectorize(drawing(), gaussians=40, palette=palette, **QUICK)
+# The last steps, before which exponents and colours are quantized, may not come.
+@pytest.mark.parametrize(
+    "options",
+    [
+        *({"iterations": 60, "palette": palette} for palette in (None, 4, 0)),
+        {"iterations": 1, "palette": 16, "falloff": "gaussian"}, {"iterations": 7, "palette": 16},
+        {"time_limit": 0.2, "target_psnr": 26.0, "palette": 16},
+    ],
+)  # fmt: skip
+def test_file_draws_the_exponents_and_colours_that_the_scene_has(options):
+    result = vectorize(drawing(), gaussians=40, **options)
     scene = result.scene
     shaded = ~is_plain(scene)
-    nearest = np.abs(scene.beta[shaded, None] / np.array(BETA_CLASSES) - 1).min(axis=1)
-    assert (nearest < 1e-12).all()
+    classes = np.array(BETA_CLASSES)
+    assert np.abs(scene.beta[shaded, None] / classes - 1).min(axis=1).max(initial=0) < 1e-12
+    assert options.get("falloff") != "gaussian" or (scene.beta == 1).all()
     again = quantize(scene)
     np.testing.assert_allclose(again.color, scene.color, atol=0.5 / 255)
     np.testing.assert_allclose(again.beta, scene.beta, rtol=1e-12)
     keys = np.column_stack([scene.beta, np.round(scene.color * 255)])[shaded]
-    distinct = np.unique(np.round(keys, 6), axis=0)
-    assert result.svg.count("<radialGradient") == len(distinct)
-    if palette:
-        assert len(distinct) <= palette
+    gradients = len(np.unique(np.round(keys, 6), axis=0))
+    assert result.svg.count("<radialGradient") == result.report["gradients"] == gradients
+    assert gradients <= (options["palette"] or 40)
     assert result.report["psnr_roundtrip"] > 44
 
 
@@ -151,47 +93,6 @@ def test_quantization_changes_nothing_but_exponents_extents_and_colours():
     assert metrics.psnr(render(once), render(scene)) > 25
 
 
-def test_colours_of_different_exponents_share_no_gradient():
-    scene = random_scene(40, 60, 40, 8, sigma=(3.0, 9.0)).replace(
-        color=np.tile([[0.2, 0.4, 0.6]], (40, 1)), beta=np.resize([1.0, 3.0], 40)
-    )
-    for palette, gradients in ((0, 2), (2, 2), (1, 1)):
-        svg = write_svg(quantize(scene, palette=palette))
-        assert svg.count("<radialGradient") == gradients
-
-
-# The last steps, before which exponents and colours are quantized, may not come.
-@pytest.mark.parametrize(
-    "limits",
-    [
-        {"iterations": 1}, {"iterations": 2}, {"iterations": 7},
-        {"time_limit": 0.1}, {"time_limit": 0.2, "target_psnr": 26.0},
-        {"max_bytes": 10_000, "iterations": 20},
-    ],
-)  # fmt: skip
-@pytest.mark.parametrize("falloff", ["gaussian", "adaptive"])
-def test_palette_holds_however_short_the_fit(photo, limits, falloff):
-    part = photo[16:48, 56:88]
-    result = vectorize(part, palette=16, falloff=falloff, **({"gaussians": 80} | limits))
-    assert 1 <= result.svg.count("<radialGradient") <= 16
-    assert result.report["gradients"] == result.svg.count("<radialGradient")
-    if falloff == "gaussian":
-        assert (result.scene.beta == 1).all()
-    classes = np.array(BETA_CLASSES)
-    assert np.isin(result.scene.beta[~is_plain(result.scene)], classes).all()
-    assert (quantize(result.scene).color == result.scene.color).all()
-
-
-@pytest.mark.sweep
-def test_adaptive_palette_holds_however_short_the_time(photo):
-    for limit in (0.3, 1.0, 3.0, 9.0):  # a busy machine places too few in a short time
-        result = vectorize(photo, quality="fast", time_limit=limit)
-        if len(result.scene) >= 50:
-            break
-    assert len(result.scene) >= 50
-    assert result.svg.count("<radialGradient") < 0.6 * result.report["gaussians"]
-
-
 def test_exponents_stay_and_colours_stay_shared_once_they_are_quantized(photo):
     seen = []
 
@@ -199,86 +100,97 @@ def test_exponents_stay_and_colours_stay_shared_once_they_are_quantized(photo):
         seen.append(quantize(scene, palette=8))
         return seen[-1]
 
-    config = fit_config(60, 80)
-    session = FitSession(photo, config, as_written=as_written)
+    session = FitSession(photo, fit_config(60, 80), as_written=as_written)
     session.fit()
     assert len(seen) == 1
     last = session.scene()
-    pairs = [
-        np.unique(np.column_stack([scene.beta, scene.color]).round(9), axis=0)
-        for scene in (seen[0], last)
-    ]
+    pairs = [{*zip(s.beta, *s.color.T.round(9), strict=True)} for s in (seen[0], last)]
     assert len(pairs[1]) <= len(pairs[0])
-    assert set(pairs[1][:, 0]) <= set(pairs[0][:, 0])
+    assert set(last.beta.round(9)) <= set(seen[0].beta.round(9))
     assert not np.isin(last.color, seen[0].color).all()  # but as one they moved on
     assert not np.isin(last.mean, seen[0].mean).any()  # the rest moved on
 
 
-@pytest.mark.parametrize("beta", [3.0, 6.0, 16.0, 64.0])
-def test_shapes_too_large_to_be_crisp_are_never_plain(beta):
-    sigma = np.geomspace(0.4 * beta, 1e6, 60)[:, None] * [1, 1]
-    scene = Scene(
-        100, 100, np.full((60, 2), 50.0), sigma, np.zeros(60), np.zeros((60, 3)), np.ones(60),
-        beta=np.full(60, beta),
-    )  # fmt: skip
-    width = RIM_WIDTH * sigma[:, 0] / beta
-    assert not is_plain(scene)[width > 1.3].any()
+@pytest.mark.parametrize(
+    ("sigma", "beta", "plain"),
+    [([20, 20], 64, True), ([200, 200], 64, False), ([60, 60], 64, False), ([200, 20], 64, False),
+     ([1, 1], 2, False), ([20, 20], 2, False), ([90, 90], 16, False)],
+)  # fmt: skip
+def test_plain_are_crisp_shapes_and_no_others(sigma, beta, plain):
+    scene = Scene(99, 99, [[50, 50]], [sigma], [0], np.zeros((1, 3)), [1], beta=[beta])
+    assert is_plain(scene).tolist() == [plain]
 
 
-def test_shapes_thinner_than_any_pixel_are_left_out_not_refused():
-    scene = Scene(100, 100, [[50, 50]], [[2e-6, 2e-6]], [0.0], np.zeros((1, 3)), [1.0], beta=[64.0])
-    assert "<circle" not in write_svg(scene, SvgFormat(precision=0.001))
+COUNT = 60
 
 
-@pytest.mark.sweep
-@pytest.mark.parametrize("renderer", ["resvg", "cairo"])
-@pytest.mark.parametrize("beta", [1.7, 6.0, 16.0, 64.0])
-def test_rims_are_drawn_as_the_model_has_them_at_every_size(renderer, beta):
-    needs(renderer)
-    # rims of 0.6 px and of 3 px, across the minor axis; not so round that a plain ellipse does
-    for rim in (0.6, 3.0):
-        minor = rim * beta / RIM_WIDTH
-        sigma = [[min(6 * minor, 60), minor]]
-        scene = Scene(150, 150, [[75.3, 74.8]], sigma, [0.3], [[0.1, 0.3, 0.2]], [1.0], beta=[beta])
-        if is_plain(scene)[0]:
-            continue
-        svg = write_svg(scene, SvgFormat(stops=12, precision=0.001))
-        for scale in (1, 2, 4):
-            size = 150 * scale
-            difference = np.abs(rasterize(svg, size, size, renderer) - render(scene, size, size))
-            assert difference.max() < 12 / 255
+def state_of(scene) -> State:
+    raw_opacity = np.log(scene.opacity / (1 - scene.opacity))
+    state = State.of(scene.mean, np.zeros((len(scene), 3)), 0, raw_opacity=raw_opacity)
+    return state.quantized(scene)
 
 
-@pytest.mark.parametrize("renderer", ["resvg", "cairo"])
-def test_plain_ellipses_are_drawn_as_the_model_is_on_average_over_a_pixel(renderer):
-    needs(renderer)
-    for sigma, beta in ((4.0, 10.0), (20.0, 64.0), (30.0, 64.0)):
-        scene = Scene(
-            150, 150, [[75.3, 74.8]], [[sigma, sigma]], [0.0], [[0.1, 0.3, 0.2]], [1.0], beta=[beta]
-        )
-        assert is_plain(scene).all()
-        svg = write_svg(scene, SvgFormat(precision=0.001))
-        assert "radialGradient" not in svg
-        exact = render(scene, 1200, 1200).reshape(150, 8, 150, 8, 3).mean(axis=(1, 3))
-        drawn = rasterize(svg, 150, 150, renderer)
-        assert metrics.psnr(drawn, exact) > 38
-        assert abs(metrics.bias(drawn, exact)) < 0.1
+@pytest.fixture
+def session():
+    """A session on noise whose shapes share twelve colours, and those."""
+    pixels = np.random.default_rng(1).random((45, 60, 3)).astype(np.float32)
+    session = FitSession(pixels, fit_config(COUNT, 10))
+    session.population.state = state_of(
+        quantize(random_scene(COUNT, 60, 45, 5, (1, 8), (1, 8)), palette=12)
+    )
+    return session
 
 
-def test_plain_ellipse_covers_what_the_profile_sums_up_to():
-    scene = Scene(200, 200, [[100, 100]], [[20, 20]], [0.0], np.zeros((1, 3)), [1.0], beta=[8.0])
-    mass = (1 - render(scene)[:, :, 0]).sum()
-    assert np.pi * (20 * plain_radius(np.array([8.0]))[0]) ** 2 == pytest.approx(mass, rel=1e-3)
+def error_of(session, state=None) -> float:
+    splats = (state or session.state).splats(session.population.background)
+    return squared_error(splats, session.population.target.planar)[1]
 
 
-def test_plain_are_crisp_shapes_and_no_others():
-    def plain(sigma, beta):
-        n = len(sigma)
-        scene = Scene(
-            99, 99, np.full((n, 2), 50.0), sigma, np.zeros(n), np.zeros((n, 3)), np.ones(n),
-            beta=np.full(n, float(beta)),
-        )  # fmt: skip
-        return is_plain(scene).tolist()
+def test_step_keeps_shared_colours_shared_and_goes_down(session):
+    state, target = session.state, session.population.target.planar
+    shared = SharedColors.of(state, blending_of(FitOptions()))
+    before, error = state.color.copy(), error_of(session)
+    for _ in range(10):
+        splats = state.splats(session.population.background)
+        shared.step(state, gradients(squared_error(splats, target)[2], splats), 1.0)
+    assert error_of(session) < error
+    for entry in np.unique(shared.entry):
+        of_entry = state.color[shared.entry == entry]
+        assert (of_entry == of_entry[0]).all()
+    assert (state.color != before).any(axis=1).mean() > 0.9
 
-    assert plain([[20, 20], [200, 200], [60, 60], [200, 20]], 64) == [True, False, False, False]
-    assert plain([[1, 1], [5, 5], [20, 20]], 2) == [False, False, False]
+
+def test_exchanged_colours_leave_the_least_error_if_the_others_stay(session):
+    state, target = session.state, session.population.target.planar
+    shared = SharedColors.of(state, blending_of(FitOptions()))
+    splats = state.splats(session.population.background)
+    mass = removal_cost(splats, target)[1][:, 1]
+    wanted = shared.best(state, squared_error(splats, target)[2], mass)
+    for i in np.flatnonzero(mass > 1.0):
+        errors = {}
+        for k in np.unique(shared.entry[state.raw_beta == state.raw_beta[i]]):
+            trial = state.copy()
+            trial.color[i] = state.color[shared.entry == k][0]
+            errors[k] = error_of(session, trial)
+        assert errors[wanted[i]] == pytest.approx(min(errors.values()), rel=1e-6)
+    assert np.count_nonzero(wanted != shared.entry) > 5
+    errors = [error_of(session)]
+    for _ in range(4):
+        session.population.exchange(shared)
+        errors.append(error_of(session))
+    assert (np.diff(errors) <= 1e-6).all()
+    assert errors[-1] < errors[0]
+
+
+def test_nearly_opaque_shapes_become_opaque_at_quantization(photo):
+    seen = []
+
+    def as_written(scene, _):
+        seen.append(scene.opacity)
+        return quantize(scene, palette=50)
+
+    config = fit_config(150, 60)
+    FitSession(photo, config, as_written=as_written).fit()
+    opacity = seen[0]
+    assert not ((opacity > 0.954) & (opacity < 0.9999)).any()
+    assert (opacity > 0.9999).any()

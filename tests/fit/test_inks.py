@@ -1,4 +1,4 @@
-"""Laws of fits in inks: their colours alone, crisp and opaque, in fit, file and raster."""
+"""Properties of fits in inks: their colours alone, crisp and opaque, in fit, file and raster."""
 
 import numpy as np
 import pytest
@@ -7,16 +7,15 @@ from flat import fit_config, vectorize
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.fit import fit
-from gauss2svg.fit.inks import Inks
+from gauss2svg.fit.colors import Inks
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import target_of
+from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene.inks import ink_colors
-from gauss2svg.svg.minimal_shapes import colors_together
 from gauss2svg.svg.read import read_svg
 
 INKS = "#f7c306,#c0322c,#17324d"
@@ -40,24 +39,17 @@ def inks_seen(raster) -> set:
     return {"#" + bytes(c.tolist()).hex() for c in levels[flat.all(axis=2)]}
 
 
-def test_fit_is_opaque_plain_and_of_the_inks_alone_and_close(picture):
-    scene = fit(picture, fit_config(gaussians=40, iterations=150, inks=INKS)).scene
-    assert scene.inks is not None
-    assert {tuple(c) for c in scene.inks} <= {tuple(c) for c in ink_colors(INKS)}
-    raster = rasterize(vectorize(picture, gaussians=40, iterations=150, inks=INKS).svg, 80, 64)
-    assert 10 * np.log10(1 / np.mean((raster - picture) ** 2)) > 25
-
-
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
-def test_raster_has_no_other_colour_away_from_edges_and_file_none_at_all(markup, picture):
-    result = vectorize(picture, gaussians=60, iterations=60, inks=INKS, markup=markup)
-    large = rasterize(result.svg, 480, 384)
-    assert inks_seen(large) <= set(INKS.split(","))
+def test_file_and_raster_have_no_other_colour_and_are_close(markup, picture):
+    result = vectorize(picture, gaussians=40, iterations=150, inks=INKS, markup=markup)
+    assert inks_seen(rasterize(result.svg, 480, 384)) <= set(INKS.split(","))
+    assert metrics.psnr(rasterize(result.svg, 80, 64), picture) > 25
     assert "Gradient" not in result.svg
     assert "opacity" not in result.svg
     assert result.report["inks"] == INKS
-    again = read_svg(result.svg)
-    np.testing.assert_array_equal(again.inks, result.scene.inks)
+    np.testing.assert_array_equal(read_svg(result.svg).inks, result.scene.inks)
+    changes = (np.diff(result.scene.color, axis=0) != 0).any(axis=1)
+    assert changes.sum() == result.scene.round_index[-1]
 
 
 def test_number_of_inks_is_chosen_for_the_picture(picture):
@@ -77,15 +69,9 @@ def test_bytes_and_psnr_are_held(picture):
     assert aimed.report["psnr_svg"] > 23.9
 
 
-@pytest.mark.parametrize(
-    ("unused", "said"),
-    [
-        ("#00ff00", "not used: #00ff00 of the inks"),
-        ("#00ff00,#ff00ff", "not used: #00ff00, #ff00ff of the inks"),
-    ],
-)
-def test_inks_that_are_seen_nowhere_are_named(unused, said, picture):
-    result = vectorize(picture, gaussians=20, iterations=20, inks=f"{unused},{INKS}")
+def test_inks_that_are_seen_nowhere_are_named(picture):
+    result = vectorize(picture, gaussians=20, iterations=20, inks=f"#00ff00,#ff00ff,{INKS}")
+    said = "not used: #00ff00, #ff00ff of the inks"
     assert any(note.startswith(said) for note in result.report["notes"])
 
 
@@ -94,7 +80,7 @@ def test_progress_has_decibels_against_the_picture_not_against_its_inks(picture)
 
     def look(now) -> None:
         raster = render(now.scene())
-        seen.append((now.psnr, 10 * np.log10(1 / np.mean((raster - picture) ** 2))))
+        seen.append((now.psnr, metrics.psnr(raster, picture)))
 
     config = fit_config(gaussians=30, iterations=30, inks=inks)
     FitSession(picture, config, progress=look).fit()
@@ -113,22 +99,9 @@ def test_what_is_drawn_of_a_picture_does_not_depend_on_bands(picture, monkeypatc
         return inks.inked(pixels), inks.reducible(target, rendered), inks.background(target)
 
     whole = found()
-    monkeypatch.setattr("gauss2svg.fit.inks._BAND", 3 * picture.shape[1])
+    monkeypatch.setattr("gauss2svg.fit.colors._BAND", 3 * picture.shape[1])
     for in_bands, at_once in zip(found(), whole, strict=True):
         np.testing.assert_array_equal(in_bands, at_once)
-
-
-@pytest.mark.parametrize("markup", ["editable", "minimal"])
-def test_shapes_are_grouped_by_ink_once_for_a_file(markup, picture, monkeypatch):
-    calls = []
-    monkeypatch.setattr(
-        "gauss2svg.svg.plates.colors_together",
-        lambda *given: calls.append(given) or colors_together(*given),
-    )
-    result = vectorize(picture, gaussians=30, iterations=20, inks=INKS, markup=markup)
-    assert len(calls) == 1
-    changes = (np.diff(result.scene.color, axis=0) != 0).any(axis=1)
-    assert changes.sum() == result.scene.round_index[-1]
 
 
 def test_transparent_picture_stays_transparent(picture):
@@ -171,15 +144,10 @@ def test_exchange_lowers_the_error_and_keeps_to_the_inks(picture):
 @pytest.mark.parametrize(
     "others",
     [
-        {"blend": "add"},
-        {"falloff": "gaussian"},
-        {"form": "blur", "renderer": "chromium"},
-        {"palette": 6},
-        {"stops": 8},
-        {"animate": 2.0},
-        {"fragments": True},
+        {"blend": "add"}, {"falloff": "gaussian"}, {"form": "blur", "renderer": "chromium"},
+        {"palette": 6}, {"stops": 8}, {"animate": 2.0}, {"fragments": True},
     ],
-)
+)  # fmt: skip
 def test_what_inks_do_not_have_is_refused_beside_them(others, picture):
     with pytest.raises(InputError, match="must not be given with inks"):
         vectorize(picture, inks=INKS, **others)

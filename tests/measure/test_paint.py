@@ -1,13 +1,13 @@
-"""Laws of the estimate of what a browser spends on a file."""
+"""Properties of the estimate of what a browser spends on a file."""
 
 import numpy as np
 import pytest
 from flat import vectorize
 
-from gauss2svg.pipeline.report import HEAVY_MS, drawn_pixels, paint_ms, shown_width
+from gauss2svg.measure.paint import HEAVY_MS, drawn_pixels, paint_ms, shown_width
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
-from gauss2svg.svg.document import Document
+from gauss2svg.svg import Document
 
 
 def one(mean, sigma=(4.0, 2.0), copies=1, **given):
@@ -35,9 +35,7 @@ def test_what_is_off_the_canvas_is_not_drawn():
 
 
 def cost(scene, svg="<svg/>", width=100.0) -> float:
-    estimate = paint_ms(scene, svg, width)
-    assert estimate is not None
-    return estimate
+    return paint_ms(scene, svg, width)
 
 
 def test_cost_grows_with_shapes_pixels_and_masks():

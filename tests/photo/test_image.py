@@ -2,13 +2,13 @@ import io
 
 import numpy as np
 import pytest
-from pictures import encoded
+from pictures import assert_read, encoded
 from PIL import Image
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo.alpha import shrunk
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import load_image
+from gauss2svg.photo.pixels import shrunk
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
@@ -19,62 +19,28 @@ def test_every_kind_of_source_gives_the_same_pixels(tmp_path):
     png = encoded(picture, "PNG")
     path = tmp_path / "a photo.png"
     path.write_bytes(png)
-    sources = [
-        path,
-        str(path),
-        png,
-        bytearray(png),
-        io.BytesIO(png),
-        picture,
-        BYTES,
-        BYTES.astype(np.float64) / 255,
-        BYTES.astype(np.uint16) * 257,
-    ]
-    for source in sources:
-        photo = load_image(source)
+    arrays = BYTES, BYTES.astype(np.float64) / 255, BYTES.astype(np.uint16) * 257
+    for source in (path, str(path), png, bytearray(png), io.BytesIO(png), picture, *arrays):
+        photo = assert_read(source, BYTES / 255)
         assert photo.pixels.dtype == np.float32
         assert (photo.height, photo.width) == (6, 9)
-        np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
 
 
 RGBA = np.dstack([BYTES, RNG.integers(0, 3, (6, 9), dtype=np.uint8) * 100])
 
 
 @pytest.mark.parametrize("source", [RGBA, RGBA / 255, encoded(Image.fromarray(RGBA), "PNG")])
-def test_alpha_is_kept_beside_colours_that_it_is_not_multiplied_with(source):
-    photo = load_image(source)
-    assert photo.alpha is not None
-    assert photo.alpha.dtype == np.float32
-    np.testing.assert_allclose(photo.alpha, RGBA[:, :, 3] / 255, atol=1e-7)
-    shows = RGBA[:, :, 3] > 0
-    np.testing.assert_allclose(photo.pixels[shows], BYTES[shows] / 255, atol=1e-7)
-    assert (photo.pixels[~shows] == 0).all()
-    assert photo.notes == ()
-
-
-def test_colour_that_nobody_sees_changes_nothing():
-    other = np.where(RGBA[:, :, 3:] > 0, RGBA, np.uint8([9, 8, 7, 0]))
-    assert (load_image(RGBA).pixels == load_image(other).pixels).all()
-
-
-@pytest.mark.parametrize("matte", [(1, 1, 1), (0.2, 0.4, 0.6)])
-def test_matte_shows_through_and_is_noted(matte):
-    photo = load_image(RGBA, matte=matte)
+def test_alpha_is_kept_beside_colours_or_covers_a_matte(source):
     alpha = RGBA[:, :, 3:] / 255
-    expected = BYTES / 255 * alpha + np.array(matte) * (1 - alpha)
-    np.testing.assert_allclose(photo.pixels, expected, atol=1e-6)
-    assert photo.alpha is None
-    color = "#ffffff" if matte == (1, 1, 1) else "#336699"
-    assert photo.notes == (f"composited over {color}",)
-
-
-def test_opaque_photo_has_no_alpha_and_needs_no_matte():
-    opaque = np.dstack([BYTES, np.full((6, 9), 255, np.uint8)])
-    for matte in (None, (0, 0, 0)):
-        photo = load_image(opaque, matte=matte)
-        assert photo.alpha is None
-        assert photo.notes == ()
-        np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
+    shown = BYTES / 255 * (alpha > 0)  # not a colour that nobody sees
+    assert assert_read(source, shown, alpha=alpha[:, :, 0]).alpha.dtype == np.float32
+    for matte, name in (((1, 1, 1), "#ffffff"), ((0.2, 0.4, 0.6), "#336699")):
+        over = load_image(source, matte=matte)
+        expected = BYTES / 255 * alpha + np.array(matte) * (1 - alpha)
+        np.testing.assert_allclose(over.pixels, expected, atol=1e-6)
+        assert over.alpha is None
+        assert over.notes == (f"composited over {name}",)
+    assert_read(np.dstack([BYTES, np.full((6, 9), 255, np.uint8)]), BYTES / 255)
 
 
 @pytest.mark.parametrize("matte", [(1, 1), (1, 1, 1.5), (0, 0, float("nan")), 0.5])
@@ -122,17 +88,10 @@ class Odd(np.ndarray):
 
 GREY = BYTES[:, :, 0]
 FORMS = {
-    "matrix": (GREY.view(np.matrix), GREY / 255),
     "one channel": (GREY[:, :, None], GREY / 255),
-    "matrix of floats": ((GREY / 255).view(np.matrix), GREY / 255),
     "subclass": (BYTES.view(Odd), BYTES / 255),
-    "nothing masked": (np.ma.array(BYTES), BYTES / 255),
-    "read-only": (np.frombuffer(BYTES.tobytes(), np.uint8).reshape(BYTES.shape), BYTES / 255),
     "reversed": (BYTES[::-1, ::-2, ::-1], BYTES[::-1, ::-2, ::-1] / 255),
-    "by columns": (np.asfortranarray(BYTES), BYTES / 255),
-    "broadcast": (np.broadcast_to(np.uint8(51), (6, 9, 3)), np.full((6, 9), 0.2)),
     "big-endian": ((BYTES.astype(np.uint16) * 257).astype(">u2"), BYTES / 255),
-    "big-endian floats": ((BYTES / 255).astype(">f8"), BYTES / 255),
     "unaligned": (
         np.frombuffer(b"x" + np.float32(BYTES / 255).tobytes(), np.float32, offset=1)
         .reshape(BYTES.shape), BYTES / 255,
@@ -154,11 +113,6 @@ def test_arrays_of_any_form_are_read_as_plain_ones(name):
     assert array.tobytes() == before
 
 
-def test_picture_opened_lazily_and_broken_is_refused():
-    with pytest.raises(InputError, match="broken"):
-        load_image(Image.open(io.BytesIO(encoded(Image.fromarray(BYTES), "PNG")[:60])))
-
-
 @pytest.mark.parametrize(
     ("source", "message"),
     [
@@ -169,9 +123,6 @@ def test_picture_opened_lazily_and_broken_is_refused():
         (np.array([[0, float("inf")]]), "got inf at row 0, column 1, channel 0"),
         (42, "got int"),
         (np.ma.array(BYTES, mask=BYTES > 100), r"array must be without masked .* Try .filled\(0\)"),
-        (BYTES.astype(object), "type of array must be uint8, .*; got object"),
-        (np.zeros((4, 4), [("r", "u1")]), "type of array must be uint8, .*; got .*'r'"),
-        (np.array(3), r"shape of array must be .*; got \(\)"),
         (np.full((4, 4), "a"), "type of array must be uint8, .*; got <U1"),
         (io.StringIO("text"), "must be binary; got one that reads str"),
     ],
@@ -194,30 +145,19 @@ def test_limit_of_pixels_holds_for_arrays_as_well():
     assert Image.MAX_IMAGE_PIXELS == DEFAULT_MAX_PIXELS  # as Pillow has it by itself
 
 
-def test_shrinking_keeps_the_mean_and_averages_areas():
-    pixels = RNG.random((12, 18, 3), dtype=np.float32)
-    small = shrunk(pixels, 4, 6)
-    expected = pixels.reshape(4, 3, 6, 3, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(small, expected, atol=1e-6)
-    assert shrunk(pixels, 12, 18) is pixels
-
-
-def test_shrinking_weights_colours_by_alpha():
+def test_shrinking_averages_areas_and_weights_colours_by_alpha():
     pixels = RNG.random((12, 18, 4), dtype=np.float32)
     pixels[:3, :3, 3] = 0
     small = shrunk(pixels, 4, 6)
-    color, alpha = pixels[:, :, :3], pixels[:, :, 3]
-    blocks = alpha.reshape(4, 3, 6, 3)
-    np.testing.assert_allclose(small[:, :, 3], blocks.mean(axis=(1, 3)), atol=1e-6)
-    sums = (color * alpha[:, :, None]).reshape(4, 3, 6, 3, 3).sum(axis=(1, 3))
-    weights = blocks.sum(axis=(1, 3))[:, :, None]
-    expected = np.divide(sums, weights, out=np.zeros_like(sums), where=weights > 0)
+    alpha = pixels[:, :, 3].reshape(4, 3, 6, 3)
+    np.testing.assert_allclose(small[:, :, 3], alpha.mean(axis=(1, 3)), atol=1e-6)
+    light = (pixels[:, :, :3] * pixels[:, :, 3:]).reshape(4, 3, 6, 3, 3).sum(axis=(1, 3))
+    weight = alpha.sum(axis=(1, 3))[:, :, None]
+    expected = np.divide(light, weight, out=np.zeros_like(light), where=weight > 0)
     np.testing.assert_allclose(small[:, :, :3], expected, atol=1e-5)
     assert (small[0, 0] == 0).all()
-    assert shrunk(pixels, 12, 18) is pixels
-
-
-def test_shrinking_an_opaque_image_with_alpha_is_shrinking_its_colours():
-    pixels = RNG.random((12, 18, 3), dtype=np.float32)
-    opaque = np.dstack([pixels, np.ones((12, 18), np.float32)])
-    np.testing.assert_allclose(shrunk(opaque, 5, 7)[:, :, :3], shrunk(pixels, 5, 7), atol=1e-6)
+    opaque = np.dstack([pixels[:, :, :3], np.ones((12, 18), np.float32)])
+    for one in (pixels, pixels[:, :, :3]):
+        assert shrunk(one, 12, 18) is one
+    alone = shrunk(pixels[:, :, :3], 5, 7)
+    np.testing.assert_allclose(shrunk(opaque, 5, 7)[:, :, :3], alone, atol=1e-6)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pictures import chunk, encoded, png, srgb_curve, tiff
+from pictures import assert_read, chunk, encoded, png, srgb_curve, tiff
 from PIL import Image, ImageCms
 
 from gauss2svg.photo.load import load_image
@@ -64,11 +64,8 @@ def ink_profile() -> bytes:
 def test_profile_of_each_format_is_converted_as_its_curve_says(name):
     level = np.full((16, 16, 3), [60, 120, 200], np.uint8)
     options = {"lossless": True} if name == "WEBP" else {}
-    photo = load_image(
-        encoded(Image.fromarray(level), name, icc_profile=matrix_profile(1.0), **options)
-    )
-    np.testing.assert_allclose(photo.pixels, srgb_curve(level / 255), atol=4 / 255)
-    assert photo.notes == (CONVERTED,)
+    file = encoded(Image.fromarray(level), name, icc_profile=matrix_profile(1.0), **options)
+    assert_read(file, srgb_curve(level / 255), (CONVERTED,), 4 / 255)
 
 
 def test_profile_moves_primaries_and_leaves_alpha():
@@ -78,158 +75,92 @@ def test_profile_moves_primaries_and_leaves_alpha():
     red, blue = profile.index(b"rXYZ"), profile.index(b"bXYZ")
     profile[red : red + 4], profile[blue : blue + 4] = b"bXYZ", b"rXYZ"
     alpha = RNG.integers(1, 256, (6, 9, 1), dtype=np.uint8)
-    picture = Image.fromarray(np.concatenate([BYTES, alpha], axis=2))
-    photo = load_image(encoded(picture, "PNG", icc_profile=bytes(profile)))
-    expected = srgb_curve((BYTES[:, :, ::-1] / 255) ** 2.2)
-    np.testing.assert_allclose(photo.pixels, expected, atol=4 / 255)
-    np.testing.assert_allclose(photo.alpha, alpha[:, :, 0] / 255, atol=1e-7)
-    assert photo.notes == (CONVERTED,)
+    file = png(np.concatenate([BYTES, alpha], axis=2), iccp(bytes(profile)))
+    expected = srgb_curve(VALUES[:, :, ::-1] ** 2.2)
+    assert_read(file, expected, (CONVERTED,), 4 / 255, alpha[:, :, 0] / 255)
 
 
-def test_profile_that_is_srgb_changes_no_pixel():
-    for array in (BYTES, BYTES[:, :, 0]):
-        photo = load_image(encoded(Image.fromarray(array), "PNG", icc_profile=SRGB))
-        np.testing.assert_allclose(photo.pixels, np.atleast_3d(array) / 255 * np.ones(3), atol=1e-7)
-        assert photo.notes == ()
-    wide = RNG.integers(0, 65536, (6, 9, 3), dtype=np.uint16)
-    icc = chunk(b"iCCP", b"x\0\0" + zlib.compress(SRGB))
-    np.testing.assert_allclose(load_image(png(wide, icc, bits=16)).pixels, wide / 65535, atol=1e-7)
+def iccp(profile: bytes) -> bytes:
+    return chunk(b"iCCP", b"x\0\0" + zlib.compress(profile))
 
 
-def test_grey_has_profiles_of_grey_and_of_colours():
-    levels = np.arange(256, dtype=np.uint8).reshape(16, 16)
-    for space in (b"GRAY", b"RGB "):
-        profile = matrix_profile(1.0, space)
-        photo = load_image(encoded(Image.fromarray(levels), "PNG", icc_profile=profile))
-        for k in range(3):
-            np.testing.assert_allclose(
-                photo.pixels[:, :, k], srgb_curve(levels / 255), atol=1 / 255
-            )
-        assert photo.notes == (CONVERTED,)
+def gama(gamma: int, *primaries: float) -> bytes:
+    """Chunks of a gamma times 100 000 and of primaries."""
+    stored = (round(v * 1e5) for v in primaries)
+    chrm = chunk(b"cHRM", struct.pack(">8I", *stored)) if primaries else b""
+    return chunk(b"gAMA", struct.pack(">I", gamma)) + chrm
 
 
-def test_sixteen_bits_with_a_profile_stay_sixteen():
-    wide = RNG.integers(0, 65536, (6, 9, 3), dtype=np.uint16)
-    icc = chunk(b"iCCP", b"x\0\0" + zlib.compress(matrix_profile(1.8)))
-    photo = load_image(png(wide, icc, bits=16))
-    np.testing.assert_allclose(photo.pixels, srgb_curve((wide / 65535) ** 1.8), atol=1.5 / 255)
-    assert photo.notes == (CONVERTED,)
+VALUES, GREY = BYTES / 255, BYTES[:, :, :1]
+WIDE = RNG.integers(0, 65536, (6, 9, 3), dtype=np.uint16)
+LINEAR, BY_GAMMA, BY_PROFILE = gama(100000), srgb_curve(VALUES), srgb_curve(VALUES**1.8)
+IS_SRGB, IS_PQ = chunk(b"cICP", b"\x01\x0d\0\x01"), chunk(b"cICP", b"\x09\x10\0\x01")
+HDR = "cICP with primaries 9 and transfer 16 not supported; ignored"
+AS_GAMMA = "converted from gAMA of 1 to sRGB"
+# Chunks of a PNG, its samples, and how they are to be read.
+CHUNKS = [
+    *((iccp(SRGB), one, one / (65535 if one is WIDE else 255), ()) for one in (BYTES, GREY, WIDE)),
+    (iccp(matrix_profile(1.8, b"GRAY")), GREY, srgb_curve((GREY / 255) ** 1.8), (CONVERTED,)),
+    (iccp(matrix_profile(1.8)), GREY, srgb_curve((GREY / 255) ** 1.8), (CONVERTED,)),
+    (iccp(matrix_profile(1.8)), WIDE, srgb_curve((WIDE / 65535) ** 1.8), (CONVERTED,)),
+    *((iccp(one), BYTES, VALUES, (UNUSABLE,))
+      for one in (b"nonsense", SRGB[:200], matrix_profile(2.2, b"GRAY"))),
+    *((gama(gamma), one, one / (65535 if one is WIDE else 255), ())
+      for gamma in (45455, 45859) for one in (BYTES, GREY, WIDE)),
+    *((gama(gamma), one, srgb_curve((one / (65535 if one is WIDE else 255)) ** (1e5 / gamma)),
+       (f"converted from gAMA of {gamma / 1e5:g} to sRGB",))
+      for gamma in (100000, 55560, 30000) for one in (BYTES, GREY, WIDE)),
+    *((gama(gamma), BYTES, VALUES, (f"gAMA of {gamma / 1e5:g} unusable; sRGB assumed",))
+      for gamma in (0, 1, 2**31)),
+    *((gama(45455, *one), BYTES, VALUES, ("gAMA of 0.45455 and cHRM unusable; sRGB assumed",))
+      for one in ((0.3127, 0, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06), (0.3,) * 8,
+                  (0.9, 0.05) + (0.3, 0.3) * 3)),
+    # A profile and sRGB take precedence over a gamma, and cICP over all.
+    (chunk(b"sRGB", b"\0") + LINEAR, BYTES, VALUES, ()),
+    (LINEAR + iccp(matrix_profile(1.8)), BYTES, BY_PROFILE, (CONVERTED,)),
+    (LINEAR + iccp(b"nonsense"), BYTES, BY_GAMMA, (UNUSABLE, AS_GAMMA)),
+    (IS_SRGB + LINEAR + iccp(matrix_profile(1.8)), BYTES, VALUES, ()),
+    (IS_PQ + LINEAR, BYTES, BY_GAMMA, (HDR, AS_GAMMA)),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "profile",
-    [
-        b"nonsense",
-        SRGB[:200],
-        matrix_profile(2.2, b"GRAY"),
-        ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes(),
-    ],
-)
-@pytest.mark.parametrize("name", ["PNG", "TIFF"])
-def test_profile_that_does_not_fit_is_noted_and_left_out(name, profile):
-    photo = load_image(encoded(Image.fromarray(BYTES), name, icc_profile=profile))
-    np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
-    assert photo.notes == (UNUSABLE,)
-
-
-P3 = b"\0\x0c\0\x0d"  # primaries and transfer of Display P3 (ITU-T H.273)
-PQ = b"\0\x09\0\x10"  # of HDR
-
-
-def coded(name: str, codes: bytes) -> bytes:
-    """A file of (200, 60, 60) on the left whose colours are of these codes."""
-    halves = np.kron(np.uint8([[[200, 60, 60], [60, 200, 60]]]), np.ones((16, 12, 1), np.uint8))
-    if name == "PNG":
-        return png(halves, chunk(b"cICP", bytes((codes[1], codes[3], 0, 1))))
-    file = (DATA / "p3.heic").read_bytes()
-    if name == "AVIF":
-        file = encoded(Image.fromarray(halves), "AVIF", quality=95, subsampling="4:4:4")
-    place = file.index(b"colrnclx") + 8
-    return file[:place] + codes + file[place + 4 :]
-
-
-@pytest.mark.parametrize("name", ["PNG", "AVIF", "HEIC"])
-def test_codes_of_primaries_are_converted_and_hdr_is_noted(name):
-    source = "cICP" if name == "PNG" else "nclx"
-    photo = load_image(coded(name, P3))
-    np.testing.assert_allclose(photo.pixels[8, 4] * 255, [217, 42, 52], atol=2)  # CSS Color 4
-    assert photo.notes == (f"converted from {source} to sRGB",)
-    photo = load_image(coded(name, PQ))
-    np.testing.assert_allclose(photo.pixels[8, 4] * 255, [200, 60, 60], atol=2)
-    assert photo.notes == (f"{source} with primaries 9 and transfer 16 not supported; ignored",)
-
-
-GAMMAS = [1.0, 0.45455, 0.4545 * 1.009, 0.5556, 0.3]
-
-
-@pytest.mark.parametrize("bits", [8, 16])
-@pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("gamma", GAMMAS)
-def test_gamma_of_a_png_becomes_the_curve_of_srgb(gamma, channels, bits):
-    samples = RNG.integers(0, 2**bits, (6, 9, channels))
-    photo = load_image(
-        png(samples, chunk(b"gAMA", struct.pack(">I", round(gamma * 1e5))), bits=bits)
-    )
-    values = samples / (2**bits - 1) * np.ones(3)
-    near = abs(gamma * 2.2 - 1) < 0.01
-    expected = values if near else srgb_curve(values ** (1 / (round(gamma * 1e5) / 1e5)))
-    np.testing.assert_allclose(photo.pixels, expected, atol=1e-5)
-    assert (photo.notes == ()) == near
+@pytest.mark.parametrize(("chunks", "samples", "expected", "notes"), CHUNKS)
+def test_chunks_of_a_png_say_its_colours(chunks, samples, expected, notes):
+    file = png(samples, chunks, bits=16 if samples is WIDE else 8)
+    assert_read(file, expected, notes, 1.5 / 255 if CONVERTED in notes else 1e-5)
 
 
 def test_primaries_of_a_png_are_those_of_its_chrm():
     # Display P3's (SMPTE EG 432-1): its red is outside of sRGB, its white is the same.
-    primaries = 0.3127, 0.329, 0.68, 0.32, 0.265, 0.69, 0.15, 0.06
-    chunks = (
-        chunk(b"gAMA", struct.pack(">I", 100000)),
-        chunk(b"cHRM", struct.pack(">8I", *(round(v * 1e5) for v in primaries))),
-    )
     light = np.array([[[255, 255, 255], [128, 128, 128], [255, 0, 0], [100, 150, 120]]])
-    photo = load_image(png(light, *chunks))
+    file = png(light, gama(100000, 0.3127, 0.329, 0.68, 0.32, 0.265, 0.69, 0.15, 0.06))
     # CSS Color 4, 10.1: from linear P3 to XYZ, and from XYZ to linear sRGB.
     to_xyz = [[0.48657095, 0.26566769, 0.19821729], [0.22897456, 0.69173852, 0.07928691],
               [0, 0.04511338, 1.04394437]]  # fmt: skip
     to_srgb = [[3.24096994, -1.53738318, -0.49861076], [-0.96924364, 1.8759675, 0.04155506],
                [0.05563008, -0.20397696, 1.05697151]]  # fmt: skip
-    expected = np.clip(light / 255 @ (np.array(to_srgb) @ to_xyz).T, 0, 1)
-    np.testing.assert_allclose(photo.pixels, srgb_curve(expected), atol=1e-3)
-    assert photo.notes == ("converted from gAMA of 1 and cHRM to sRGB",)
+    expected = srgb_curve(np.clip(light / 255 @ (np.array(to_srgb) @ to_xyz).T, 0, 1))
+    assert_read(file, expected, ("converted from gAMA of 1 and cHRM to sRGB",), 1e-3)
 
 
-NONE = [(0.3127, 0, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06), (0.3,) * 8, (0.9, 0.05) + (0.3, 0.3) * 3]
-UNUSED = [(45455, (*(round(v * 1e5) for v in one),)) for one in NONE]
-UNUSED += [(gamma, ()) for gamma in (0, 1, 2**31)]
-
-
-@pytest.mark.parametrize(("gamma", "primaries"), UNUSED)
-def test_gamma_and_primaries_that_are_none_are_noted(gamma, primaries):
-    chunks = [chunk(b"gAMA", struct.pack(">I", gamma))]
-    chunks += [chunk(b"cHRM", struct.pack(">8I", *primaries))] if primaries else []
-    photo = load_image(png(BYTES, *chunks))
-    np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
-    source = f"gAMA of {gamma / 1e5:g}" + (" and cHRM" if primaries else "")
-    assert photo.notes == (f"{source} unusable; sRGB assumed",)
-
-
-def test_profile_and_srgb_take_precedence_over_gamma_and_cicp_over_all():
-    linear = chunk(b"gAMA", struct.pack(">I", 100000))
-    icc = chunk(b"iCCP", b"x\0\0" + zlib.compress(matrix_profile(1.8)))
-    broken = chunk(b"iCCP", b"x\0\0" + zlib.compress(b"nonsense"))
-    plain = BYTES / 255
-    by_profile, by_gamma = srgb_curve(plain**1.8), srgb_curve(plain)
-    is_srgb, is_pq = chunk(b"cICP", b"\x01\x0d\0\x01"), chunk(b"cICP", b"\x09\x10\0\x01")
-    for chunks, expected in (
-        ((chunk(b"sRGB", b"\0"), linear), plain),
-        ((linear, icc), by_profile),
-        ((linear, broken), by_gamma),
-        ((is_srgb, linear, icc), plain),
-        ((is_pq, linear), by_gamma),
-    ):
-        photo = load_image(png(BYTES, *chunks))
-        np.testing.assert_allclose(photo.pixels, expected, atol=3 / 255)
-        assert ("cICP with primaries 9 and transfer 16 not supported; ignored" in photo.notes) == (
-            is_pq in chunks
-        )
+@pytest.mark.parametrize("name", ["PNG", "AVIF", "HEIC"])
+def test_codes_of_primaries_are_converted_and_hdr_is_noted(name):
+    halves = np.kron(np.uint8([[[200, 60, 60], [60, 200, 60]]]), np.ones((16, 12, 1), np.uint8))
+    source, file = ("cICP" if name == "PNG" else "nclx"), (DATA / "p3.heic").read_bytes()
+    if name == "AVIF":
+        file = encoded(Image.fromarray(halves), "AVIF", quality=95, subsampling="4:4:4")
+    for codes, seen, note in (  # Display P3 (ITU-T H.273) as in CSS Color 4, and HDR
+        (b"\0\x0c\0\x0d", [217, 42, 52], f"converted from {source} to sRGB"),
+        (b"\0\x09\0\x10", [200, 60, 60],
+         f"{source} with primaries 9 and transfer 16 not supported; ignored"),
+    ):  # fmt: skip
+        place = file.index(b"colrnclx") + 8
+        coded = file[:place] + codes + file[place + 4 :]
+        if name == "PNG":
+            coded = png(halves, chunk(b"cICP", bytes((codes[1], codes[3], 0, 1))))
+        photo = load_image(coded)
+        np.testing.assert_allclose(photo.pixels[8, 4] * 255, seen, atol=2)
+        assert photo.notes == (note,)
 
 
 INKS = np.uint8([[0, 0, 0, 0], [255, 0, 0, 0], [0, 255, 0, 0], [0, 0, 255, 0], [0, 0, 0, 255],
@@ -242,22 +173,19 @@ def inked(name: str, **options) -> bytes:
     return encoded(Image.fromarray(blocks, "CMYK"), name, **options)
 
 
-@pytest.mark.parametrize("profile", [b"", b"nonsense", matrix_profile(2.2)])
+@pytest.mark.parametrize("profile", [b"", b"nonsense", matrix_profile(2.2), ink_profile()])
 @pytest.mark.parametrize("name", ["JPEG", "TIFF"])
-def test_ink_without_a_profile_of_ink_covers_paper(name, profile):
+def test_ink_is_what_its_profile_says_or_covers_paper(name, profile):
     photo = load_image(inked(name, icc_profile=profile))
     seen = photo.pixels[8, 8::16]
+    if profile == ink_profile():
+        np.testing.assert_allclose(seen[:5, 0], [1, 1, 0, 1, 1], atol=4 / 255)
+        assert photo.notes == (CONVERTED,)
+        return
     expected = (1 - INKS[:, :3] / 255) * (1 - INKS[:, 3:] / 255)
     np.testing.assert_allclose(seen, expected, atol=4 / 255)
     assert "CMYK without a usable ICC profile; converted by the naive formula" in photo.notes
     assert len(photo.notes) == 1 + bool(profile)
-
-
-@pytest.mark.parametrize("name", ["JPEG", "TIFF"])
-def test_ink_is_what_its_profile_says(name):
-    photo = load_image(inked(name, icc_profile=ink_profile()))
-    np.testing.assert_allclose(photo.pixels[8, 8 : 5 * 16 : 16, 0], [1, 1, 0, 1, 1], atol=4 / 255)
-    assert photo.notes == (CONVERTED,)
 
 
 def test_ycck_of_adobe_is_ink_as_well():
@@ -281,7 +209,6 @@ def test_lab_is_converted():
     lab = np.array([[100, 0, 0], [0, 0, 0], [54.29, 80.81, 69.89], [87.82, -79.27, 80.99],
                     [29.57, 68.3, -112.03]])  # fmt: skip
     stored = np.round(lab * [2.55, 1, 1]).astype(np.int16) % 256
-    photo = load_image(tiff(stored.astype(np.uint8)[None], photometric="cielab"))
+    file = tiff(stored.astype(np.uint8)[None], photometric="cielab")
     expected = [[1, 1, 1], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    np.testing.assert_allclose(photo.pixels[0], expected, atol=10 / 255)
-    assert photo.notes == ("converted from CIELAB to sRGB",)
+    assert_read(file, [expected], ("converted from CIELAB to sRGB",), 10 / 255)

@@ -23,15 +23,11 @@ TILED = {"photometric": "rgb", "tile": (16, 16)}
 FILES = {
     "JPEG": encoded(NOISY, "JPEG"),
     "progressive JPEG": encoded(NOISY, "JPEG", progressive=True),
-    "JPEG of all colours": encoded(NOISY, "JPEG", subsampling=0),
     "JPEG with restarts": encoded(NOISY, "JPEG", restart_marker_blocks=3),
-    "grey JPEG": encoded(NOISY.convert("L"), "JPEG", optimize=True, quality=40),
-    "JPEG of inks": encoded(NOISY.convert("CMYK"), "JPEG"),
     "PNG": encoded(NOISY, "PNG"),
     "16-bit interlaced PNG": png(np.uint16(NOISY) * 257, bits=16, interlaced=True),
     "WebP": encoded(NOISY, "WEBP"),
     "lossless WebP": encoded(ALPHA, "WEBP", lossless=True),
-    "WebP with alpha": encoded(ALPHA, "WEBP"),
     "GIF": encoded(INDEXED, "GIF"),
     "AVIF": encoded(NOISY, "AVIF"),
     "BMP": encoded(NOISY, "BMP"),
@@ -39,9 +35,7 @@ FILES = {
     "TIFF": tiff(np.asarray(NOISY), photometric="rgb", rowsperstrip=8),
     "deflated TIFF": tiff(np.asarray(NOISY), photometric="rgb", compression="zlib"),
     "TIFF in tiles": tiff(np.asarray(NOISY), **TILED),
-    "deflated TIFF in tiles": tiff(np.asarray(NOISY), compression="zlib", **TILED),
     "TIFF of JPEG": encoded(NOISY, "TIFF", compression="jpeg"),
-    "TIFF of fax 3": encoded(BILEVEL, "TIFF", compression="group3"),
     "TIFF of fax 4": encoded(BILEVEL, "TIFF", compression="group4"),
 }
 
@@ -62,33 +56,24 @@ def test_what_is_cut_in_its_data_is_refused_and_the_whole_is_read(name):
         assert refuses(file[: int(left * len(file))]), left
 
 
-@pytest.mark.parametrize("name", ["JPEG", "progressive JPEG", "grey JPEG"])
+@pytest.mark.parametrize("name", ["JPEG", "progressive JPEG"])
 def test_jpeg_without_its_end_marker_is_read_with_a_note(name):
-    whole = load_image(FILES[name])
+    file, whole = FILES[name], load_image(FILES[name])
     for cut in (1, 2):
-        photo = load_image(FILES[name][:-cut])
+        photo = load_image(file[:-cut])
         np.testing.assert_array_equal(photo.pixels, whole.pixels)
         assert photo.notes == (*whole.notes, "its end marker is missing")
-        preview = b"\xff\xef" + (len(FILES[name]) + 2).to_bytes(2, "big") + FILES[name]
-        assert load_image(FILES[name][:2] + preview + FILES[name][2:-cut]).notes == photo.notes
-    assert refuses(FILES[name][:-100])
-    assert refuses(FILES[name][:-100] + b"\xff\xd9")  # complete in itself
-    assert refuses(FILES[name][:-2][: len(FILES[name]) // 2] + b"\xff\xd9")
-
-
-def test_progressive_jpeg_that_omits_its_last_scans_is_read():
-    file = FILES["progressive JPEG"]
-    shorter = load_image(file[: file.rindex(b"\xff\xda")] + b"\xff\xd9").pixels
-    assert np.abs(shorter - load_image(file).pixels).mean() < 8 / 255
-
-
-@pytest.mark.parametrize("name", ["JPEG", "progressive JPEG", "grey JPEG"])
-def test_whole_jpeg_is_read_whatever_follows_it(name):
-    expected = load_image(FILES[name]).pixels
+        preview = b"\xff\xef" + (len(file) + 2).to_bytes(2, "big") + file
+        assert load_image(file[:2] + preview + file[2:-cut]).notes == photo.notes
+    assert refuses(file[:-100])
+    assert refuses(file[:-100] + b"\xff\xd9")  # complete in itself
     for more in (b"\xff\xd9", b"\xff\xd0\xff\xd8\xff\xda", bytes(RNG.bytes(200)), bytes(999)):
-        photo = load_image(FILES[name] + more)
-        np.testing.assert_array_equal(photo.pixels, expected)
+        photo = load_image(file + more)
+        np.testing.assert_array_equal(photo.pixels, whole.pixels)
         assert not photo.notes
+    if name == "progressive JPEG":  # without its last scans
+        shorter = load_image(file[: file.rindex(b"\xff\xda")] + b"\xff\xd9").pixels
+        assert np.abs(shorter - whole.pixels).mean() < 8 / 255
 
 
 def test_png_with_text_that_is_no_unicode_is_read():

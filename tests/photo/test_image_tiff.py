@@ -1,16 +1,16 @@
 """TIFFs of many kinds are the pictures that were stored; those that are not read say why."""
 
-import io
 import zlib
 
 import numpy as np
 import pytest
-from pictures import encoded, tiff, tiff_file
+from pictures import assert_read, encoded, tiff, tiff_file
 from PIL import Image
 
 from gauss2svg.errors import InputError
 from gauss2svg.photo.load import load_image
 
+NAIVE = "CMYK without a usable ICC profile; converted by the naive formula"
 VALUES = np.random.default_rng(0).uniform(0.2, 1, (37, 45, 4))
 KINDS = {  # photometric, channels, extra sample
     "colours": ("rgb", 3, None),
@@ -33,43 +33,44 @@ LAYOUTS = {
 STORED = [(kind, way) for kind in KINDS for way in LAYOUTS if way != "planes" or KINDS[kind][1] > 2]
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("compression", [None, "zlib"])
 @pytest.mark.parametrize("type_name", TYPES)
 @pytest.mark.parametrize(("kind", "layout"), STORED)
-def test_samples_are_those_that_were_stored(kind, type_name, compression, layout, order):
+def test_samples_are_those_that_were_stored(kind, type_name, layout):
     photometric, channels, extra = KINDS[kind]
     values = VALUES[:, :, :channels]
     stored = np.dstack([values[:, :, :-1] * values[:, :, -1:], values[:, :, -1:]])
     stored = stored if extra == "assocalpha" else values
     top = 1 if type_name == "float" else np.iinfo(TYPES[type_name]).max
     samples = (stored * top).round() if top > 1 else stored
-    samples = samples.astype(TYPES[type_name])
-    options = LAYOUTS[layout] | {"compression": compression, "byteorder": order}
+    samples, options = samples.astype(TYPES[type_name]), dict(LAYOUTS[layout])
     if layout == "planes":
         samples = np.ascontiguousarray(np.moveaxis(samples, -1, 0))
     elif channels > 1:
         options["planarconfig"] = "contig"
     options |= {"extrasamples": [extra]} if extra else {}
-    photo = load_image(tiff(samples.squeeze(), photometric=photometric, **options))
     color = values[:, :, :-1] if extra else values
     color = 1 - color if photometric == "miniswhite" else color
     if photometric == "separated":
         color = (1 - values[:, :, :3]) * (1 - values[:, :, 3:])
     # Dividing by an alpha of at least 0.2 enlarges the error of both.
     levels = 255 if type_name == "8" else 65535
-    np.testing.assert_allclose(photo.pixels, color * np.ones(3), atol=6 / levels)
-    if extra in (None, "unspecified"):
-        assert photo.alpha is None
-    else:
-        np.testing.assert_allclose(photo.alpha, values[:, :, -1], atol=1 / levels)
+    for order, compression in (("<", None), (">", None), ("<", "zlib"), (">", "zlib")):
+        options |= {"byteorder": order, "compression": compression}
+        file = tiff(samples.squeeze(), photometric=photometric, **options)
+        alpha = None if extra in (None, "unspecified") else values[:, :, -1]
+        notes = (NAIVE,) if photometric == "separated" else ()
+        assert_read(file, color, notes, 6 / levels, alpha)
 
 
 @pytest.mark.parametrize("compression", [None, "zlib"])
-def test_floats_of_sixteen_bits_are_taken_as_they_are(compression):
+def test_half_floats_and_tiles_in_planes_are_the_picture(compression):
     array = VALUES[:, :, :3].astype(np.float16)
-    photo = load_image(tiff(array, photometric="rgb", compression=compression))
-    np.testing.assert_array_equal(photo.pixels, np.float32(array))
+    options = {"photometric": "rgb", "compression": compression}
+    np.testing.assert_array_equal(load_image(tiff(array, **options)).pixels, np.float32(array))
+    planes = np.moveaxis((VALUES[:, :, :3] * 255).astype(np.uint8), -1, 0).copy()
+    options |= {"planarconfig": "separate"}
+    tiled, plain = (load_image(tiff(planes, **options, **way)) for way in ({"tile": (16, 16)}, {}))
+    np.testing.assert_array_equal(tiled.pixels, plain.pixels)
 
 
 @pytest.mark.parametrize("scale", [1, 257])
@@ -78,11 +79,10 @@ def test_colour_map_of_eight_or_sixteen_bits(scale):
     levels = [0, 85, 170, 255]
     entries = [*levels, *[0] * 252] + [*levels[::-1], *[0] * 252] + [10, 20, 30, 40, *[0] * 252]
     tags = {"t258": 8, "t259": 1, "t262": 3, "t277": 1, "t278": 8}
-    data = bytes([0, 1, 2, 3] * 16)
     entries = [scale * entry for entry in entries]
-    photo = load_image(tiff_file(data, t256=8, t257=8, t320=entries, **tags))
+    file = tiff_file(bytes([0, 1, 2, 3] * 16), t256=8, t257=8, t320=entries, **tags)
     expected = np.stack([levels, levels[::-1], [10, 20, 30, 40]], axis=1) / 255
-    np.testing.assert_allclose(photo.pixels[0, :4], expected, atol=1 / 255)
+    np.testing.assert_allclose(load_image(file).pixels[0, :4], expected, atol=1 / 255)
 
 
 @pytest.mark.parametrize("packing", [1, 8])
@@ -91,82 +91,56 @@ def test_luma_and_chroma_of_fewer_pixels_are_their_colours(packing):
     data = bytes([100] * 4 + [100, 180]) * 16
     tags = {"t258": [8] * 3, "t259": packing, "t262": 6, "t277": 3, "t278": 8, "t530": [2, 2]}
     data = zlib.compress(data) if packing == 8 else data
-    photo = load_image(tiff_file(data, t256=8, t257=8, **tags))
-    assert photo.alpha is None
-    expected = [100 + 1.402 * 52, 100 - 0.344 * -28 - 0.714 * 52, 100 + 1.772 * -28]
-    np.testing.assert_allclose(photo.pixels[4, 4] * 255, expected, atol=1.5)
+    expected = np.array([100 + 1.402 * 52, 100 - 0.344 * -28 - 0.714 * 52, 100 + 1.772 * -28])
+    assert_read(tiff_file(data, t256=8, t257=8, **tags), expected / 255, atol=1.5 / 255)
 
 
 @pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "CMYK"])
 @pytest.mark.parametrize("compression", ["lzma", "zstd"])
 def test_compressions_that_libvips_lacks_are_read(mode, compression):
     picture = Image.fromarray((VALUES * 255).astype(np.uint8)).convert("RGBA").convert(mode)
-    plain, packed = (encoded(picture, "TIFF", compression=c) for c in (None, compression))
+    plain = encoded(picture, "TIFF", compression=None)
+    try:
+        packed = encoded(picture, "TIFF", compression=compression)
+    except OSError:
+        pytest.skip(f"Pillow lacks {compression} on this system")
     np.testing.assert_array_equal(load_image(packed).pixels, load_image(plain).pixels)
 
 
-@pytest.mark.parametrize("compression", [None, "zlib"])
-def test_tiles_in_planes_are_the_picture(compression):
-    planes = np.moveaxis((VALUES[:, :, :3] * 255).astype(np.uint8), -1, 0).copy()
-    options = {"photometric": "rgb", "planarconfig": "separate", "compression": compression}
-    tiled, plain = (load_image(tiff(planes, **options, **way)) for way in ({"tile": (16, 16)}, {}))
-    np.testing.assert_array_equal(tiled.pixels, plain.pixels)
-
-
-FAX = {"t256": 64, "t257": 48, "t258": 1, "t262": 1, "t277": 1, "t278": 48}
-
-
-def test_strip_whose_length_is_left_out_is_read():
-    picture = Image.new("1", (64, 48), 1)
-    picture.paste(0, (8, 8, 40, 30))
-    with Image.open(io.BytesIO(encoded(picture, "TIFF", compression="group4"))) as image:
-        begin, count = image.tag_v2[273][0], image.tag_v2[279][0]
-        data = image.fp.getvalue()[begin : begin + count]
-    photo = load_image(tiff_file(data, t259=4, t279=0, **FAX))
-    np.testing.assert_array_equal(photo.pixels[:, :, 0], np.asarray(picture))
-
-
 GREY = np.full((8, 8), 0.5)
+PLANES = {"photometric": "minisblack", "planarconfig": "separate", "extrasamples": [2]}
+SMALL = {"t256": 8, "t257": 8, "t277": 3, "t278": 8}
 UNREAD = {
-    "float64": tiff(GREY, photometric="minisblack"),
-    "32-bit integers": tiff(np.uint32(GREY * 9), photometric="minisblack"),
-    "signed integers": tiff(np.int16(GREY * 9), photometric="minisblack"),
-    "complex numbers": tiff(GREY.astype(np.complex64), photometric="minisblack"),
+    **{
+        np.dtype(kind).name: tiff((GREY * 8).astype(kind), photometric="minisblack")
+        for kind in (np.float64, np.uint32, np.int16, np.complex64)
+    },
     "tiles of 16 bits in planes": tiff(
         np.zeros((3, 32, 32), np.uint16), photometric="rgb", planarconfig="separate", tile=(16, 16)
     ),
-    "grey and alpha in planes": tiff(
-        np.zeros((2, 32, 32), np.uint8), photometric="minisblack", planarconfig="separate",
-        extrasamples=[2],
-    ),
+    "grey and alpha in planes": tiff(np.zeros((2, 32, 32), np.uint8), **PLANES),
     "grey and alpha in planes of tiles": tiff(
-        np.zeros((2, 32, 32), np.uint8), photometric="minisblack", planarconfig="separate",
-        extrasamples=[2], tile=(16, 16), compression="zlib",
+        np.zeros((2, 32, 32), np.uint8), **PLANES, tile=(16, 16), compression="zlib"
     ),
     "floats of 16 bits in planes": tiff(
         np.zeros((3, 32, 32), np.float16), photometric="rgb", planarconfig="separate"
     ),
-    "12 bits": tiff_file(
-        bytes(288), t256=8, t257=8, t258=[12] * 3, t259=1, t262=2, t277=3, t278=8
-    ),
+    "12 bits": tiff_file(bytes(288), t258=[12] * 3, t259=1, t262=2, **SMALL),
     "an unknown predictor": tiff_file(
-        zlib.compress(bytes(384)), t256=8, t257=8, t258=[16] * 3, t259=8, t262=2, t277=3, t278=8,
-        t317=7,
+        zlib.compress(bytes(384)), t258=[16] * 3, t259=8, t262=2, t317=7, **SMALL
     ),
     "a thousand samples": tiff(
         np.zeros((8, 8, 1000), np.uint8), photometric="minisblack", planarconfig="contig"
     ),
     "chroma of as many pixels as luma": tiff_file(
-        bytes(192), t256=8, t257=8, t258=[8] * 3, t259=1, t262=6, t277=3, t278=8, t530=[1, 1]
+        bytes(192), t258=[8] * 3, t259=1, t262=6, t530=[1, 1], **SMALL
     ),
-    "three inks": tiff_file(
-        bytes(192), t256=8, t257=8, t258=[8] * 3, t259=1, t262=5, t277=3, t278=8, t332=2
-    ),
+    "three inks": tiff_file(bytes(192), t258=[8] * 3, t259=1, t262=5, t332=2, **SMALL),
     "a preview": tiff(np.uint8(GREY), photometric="minisblack", subfiletype=1),
     "a camera's raw file": tiff(
         np.uint8(GREY), photometric="minisblack", extratags=[(50706, "B", 4, b"\1\4\0\0", True)]
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", UNREAD)

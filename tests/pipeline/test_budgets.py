@@ -12,12 +12,12 @@ from flat import vectorize
 from gauss2svg.errors import InputError
 from gauss2svg.fit.schedule import Clock
 from gauss2svg.fit.session import FitSession
+from gauss2svg.pipeline.budgets import TimeBudget
+from gauss2svg.pipeline.export import Exporter
+from gauss2svg.pipeline.limits import FULL, Limits
 from gauss2svg.pipeline.options import Goal, Options
-from gauss2svg.pipeline.plan import BY_BYTES_UP_TO, MINIMAL_FROM, Plan
-from gauss2svg.pipeline.presets import PRESETS
-from gauss2svg.pipeline.search.limits import FULL, NEARLY_FULL, Limits
-from gauss2svg.pipeline.search.outcome import Exporter, Subject
-from gauss2svg.pipeline.time_budget import TimeBudget
+from gauss2svg.pipeline.outcome import Subject
+from gauss2svg.pipeline.plan import BY_BYTES_UP_TO, MINIMAL_FROM, PRESETS, Plan
 from gauss2svg.scene import Scene
 from gauss2svg.svg.write import write_svg
 
@@ -119,8 +119,8 @@ def test_only_limits_alone_are_budgets(given):
         (30_000, "editable", FULL),
         pytest.param(100_000, "editable", FULL, marks=pytest.mark.sweep),
         (60_000, "minimal", FULL),
-        # From here on nothing is corrected a second time, and a shape is half a percent.
-        pytest.param(9_000, "minimal", NEARLY_FULL, marks=pytest.mark.sweep),
+        # A shape is half a percent.
+        pytest.param(9_000, "minimal", 0.97, marks=pytest.mark.sweep),
     ],
 )
 def test_a_limit_of_bytes_is_used_where_more_shapes_help(photo, limit, markup, least):
@@ -137,10 +137,10 @@ def test_the_bytes_of_a_shape_are_known_under_masks_by_gradients_and_between(cou
         200, 200, rng.uniform(0, 200, (count, 2)), rng.uniform(4, 20, (count, 2)),
         np.zeros(count), rng.random((count, 3)), rng.uniform(0.2, 1, count),
     )  # fmt: skip
-    quantized, written = exporter.formatted(scene, 25.0)
-    shapes = len(write_svg(quantized, written)) - exporter.empty_bytes
-    each = exporter.bytes_each(quantized, written, shapes)
-    assert each * count == pytest.approx(shapes, rel=0.1)
+    quantized = exporter.quantized(scene, 25.0)
+    size = len(write_svg(quantized, plan.format_at(25.0)))
+    each = exporter.bytes_each(quantized, size)
+    assert each * count == pytest.approx(size - exporter.empty_bytes, rel=0.1)
 
 
 @pytest.mark.sweep
@@ -200,7 +200,7 @@ def test_shapes_are_not_removed_because_a_correction_has_little_time(left_s, pho
     monkeypatch.setattr(time, "perf_counter", lambda: 0.0)
     exporter = Exporter(plan, Subject.of(photo))
     limits = Limits(plan, exporter, TimeBudget(left_s), 10**5)
-    far = SimpleNamespace(size=10**5, model=30.0, score=30.0)
+    far = SimpleNamespace(size=10**5, score=30.0)
     assert limits.corrected(3430, [far]) == 3430  # pyright: ignore[reportArgumentType]
 
 
@@ -258,16 +258,16 @@ def test_a_small_file_within_seconds_has_shapes_and_is_not_interrupted(photo):
 
 
 def test_memory_of_a_budget_is_that_of_as_many_shapes_as_the_fit_can_have():
-    from gauss2svg.photo.photo import Header
-    from gauss2svg.pipeline.memory_budget import load_of
+    from gauss2svg.photo.pixels import Header
+    from gauss2svg.pipeline.budgets import load_of
 
     for given in ({"time_limit": 60}, {"max_bytes": "10M"}):
         assert load_of(Plan(Options.from_flat(given)), Header(3000, 2000, False)).bytes < 3e9
 
 
 def test_a_limit_of_bytes_beside_a_target_has_the_fit_and_the_memory_of_the_limit_alone():
-    from gauss2svg.photo.photo import Header
-    from gauss2svg.pipeline.memory_budget import load_of
+    from gauss2svg.photo.pixels import Header
+    from gauss2svg.pipeline.budgets import load_of
 
     alone, both = (
         load_of(Plan(Options.from_flat({"max_bytes": "5M", **more})), Header(4000, 3000, False))

@@ -10,14 +10,15 @@ from skimage import data
 from gauss2svg import vectorize
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import round_trip
-from gauss2svg.photo.alpha import shrunk
+from gauss2svg.photo.pixels import shrunk
 from gauss2svg.pipeline import plan as plans
+from gauss2svg.pipeline.budgets import TimeBudget
+from gauss2svg.pipeline.export import Exporter
+from gauss2svg.pipeline.limits import Limits
 from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.palette import with_plain_edges
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.limits import Limits
-from gauss2svg.pipeline.search.outcome import Exporter, Subject
-from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import half_radius
@@ -137,7 +138,7 @@ def test_crisp_shapes_that_are_wide_enough_become_ellipses(beta, minor, drawn):
 
 def test_count_grows_little_after_the_first_fit_and_says_that_it_would_gain_too_little():
     plan = Plan(Options().changed(quality="high"))
-    export = SimpleNamespace(scene=range(100), size=1000, model=plan.stop_psnr - 6)
+    export = SimpleNamespace(scene=range(100), size=1000, score=plan.stop_psnr - 6)
     wanted = {}
     for is_covering in (True, False):
         of_edges = dataclasses.replace(plan, has_edges=is_covering)
@@ -167,4 +168,4 @@ def test_a_count_is_corrected_by_what_the_file_shows():
     for plan in (Plan(Options()), Plan(Options()).for_picture(photo)):
         export = Exporter(plan, Subject.of(photo)).export(scene)
         drawn = psnr(rasterize(export.svg, SIDE, SIDE), photo)
-        assert (export.model == pytest.approx(drawn)) == plan.covering
+        assert (export.score == pytest.approx(drawn)) == plan.covering

@@ -9,15 +9,15 @@ import pytest
 from skimage import data
 
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.photo.alpha import over, shrunk, stacked
+from gauss2svg.photo.pixels import over, shrunk, stacked
+from gauss2svg.pipeline import by_bytes, small_file
+from gauss2svg.pipeline.by_bytes import ByBytes
 from gauss2svg.pipeline.drawings import RASTER_TIMES, agreed
 from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.outcome import SEEN_UP_TO, Subject, best_of
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.pipeline.search import by_bytes, small_file
-from gauss2svg.pipeline.search.by_bytes import ByBytes
-from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Subject, best_of
-from gauss2svg.pipeline.search.small_file import SmallFile, closeness
+from gauss2svg.pipeline.small_file import SmallFile, closeness
 from gauss2svg.raster import rasterize
 
 SIDE, UP = 32, RASTER_TIMES
@@ -229,8 +229,8 @@ def test_of_two_searches_the_closer_file_is_kept():
         outcome, enlarged=None, svg=blank, measured=SimpleNamespace(psnr_lowest=99.0)
     )
     crisp = dataclasses.replace(outcome, measured=SimpleNamespace(psnr_lowest=SEEN_UP_TO + 0.1))
-    assert best_of([outcome, other]).svg == blank
-    assert best_of([crisp, other]).svg == outcome.svg
+    assert best_of([outcome, other], outcome.plan).svg == blank
+    assert best_of([crisp, other], outcome.plan).svg == outcome.svg
 
 
 def test_the_file_of_an_enlarged_drawing_is_measured_against_the_drawing():

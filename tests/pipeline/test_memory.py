@@ -1,6 +1,7 @@
 """Laws of memory: what a run takes is known before the fit, and kept under a limit."""
 
 import io
+import pickle
 import subprocess
 import sys
 from dataclasses import replace
@@ -17,9 +18,9 @@ from PIL import Image
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.photo.load import header_of
-from gauss2svg.photo.photo import Header
-from gauss2svg.pipeline import memory_budget as memory
-from gauss2svg.pipeline.memory_budget import Load, allowed, free_bytes, load_of, size_that_fits
+from gauss2svg.photo.pixels import Header
+from gauss2svg.pipeline import budgets as memory
+from gauss2svg.pipeline.budgets import Load, allowed, free_bytes, load_of, size_that_fits
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import compile_kernels
@@ -78,50 +79,36 @@ def test_size_is_the_largest_that_fits(load, limit):
             size_that_fits(load, limit, asked=True)
 
 
-def measured(width, height, folder, gaussians, inks=None):
-    """Bytes that a process took to vectorise a photo of that size."""
-    path = folder / "photo.png"
-    Image.new("RGB", (width, height), (200, 100, 50)).save(path)
+@pytest.mark.process
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize(
+    ("size", "given"),
+    [
+        ((1500, 1000), {"gaussians": 500}),
+        ((3600, 2400), {"gaussians": 500}),
+        ((2100, 1400), {"gaussians": 100, "max_size": 2100, "inks": "#000,#f00,#fff"}),
+    ],
+)
+def test_estimate_is_over_what_a_process_takes_but_not_by_far(size, given, tmp_path):
+    compile_kernels()
+    path, options = tmp_path / "photo.png", Options.from_flat({**given, "iterations": 3})
+    Image.new("RGB", size, (200, 100, 50)).save(path)
     code = (
-        "import sys; from gauss2svg import FitOptions, RunOptions, vectorize; "
-        f"fit = FitOptions(iterations=3, inks={inks!r}); "
-        f"run = RunOptions(max_size={max(width, height) if inks else None}); "
-        "vectorize(sys.argv[1], gaussians=int(sys.argv[2]), fit=fit, run=run); "
+        "import pickle, sys; from gauss2svg.pipeline.vectorize import vectorize_by; "
+        "vectorize_by(pickle.load(sys.stdin.buffer), sys.argv[1]); "
         "print(next(l for l in open('/proc/self/status') if l.startswith('VmHWM')).split()[1])"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, str(path), str(gaussians)],
-        capture_output=True, check=True,
+        [sys.executable, "-c", code, path], input=pickle.dumps(options), capture_output=True,
+        check=True,
     )  # fmt: skip
-    return int(done.stdout) * 1024
-
-
-@pytest.mark.process
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_estimate_is_over_what_a_process_takes_but_not_by_far(tmp_path):
-    compile_kernels()
-    plan = Plan(Options.from_flat({"gaussians": 500}))
-    for width, height in ((1500, 1000), (3600, 2400)):
-        taken = measured(width, height, tmp_path, gaussians=500)
-        header = header_of(tmp_path / "photo.png")
-        assert header is not None
-        assert 1 <= load_of(plan, header).bytes / taken <= 1.9
-
-
-@pytest.mark.process
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_estimate_counts_the_target_of_a_fit_in_inks(tmp_path):
-    compile_kernels()
-    taken = measured(2100, 1400, tmp_path, gaussians=100, inks="#000,#f00,#fff")
-    header = header_of(tmp_path / "photo.png")
+    header = header_of(path)
     assert header is not None
-    given = {"gaussians": 100, "max_size": 2100}
     needed, plain = (
-        load_of(Plan(Options.from_flat({**given, "inks": inks})), header).bytes
-        for inks in ("#000,#f00,#fff", None)
+        load_of(Plan(one), header).bytes for one in (options, options.changed(inks=None))
     )
-    assert plain < needed
-    assert 1 <= needed / taken <= 1.9
+    assert plain + ("inks" in given) <= needed
+    assert 1 <= needed / (int(done.stdout) * 1024) <= 1.9
 
 
 @given(LOADS, st.integers(1, 30))
@@ -148,7 +135,7 @@ def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):
 
 
 def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("gauss2svg.pipeline.search.by_count.ByCount", None)
+    monkeypatch.setattr("gauss2svg.pipeline.by_count.ByCount", None)
     path, out = tmp_path / "photo.png", tmp_path / "o.svg"
     Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(path)
     command = [str(path), "-o", str(out), "--gaussians", "3", "--max-memory"]
@@ -162,7 +149,7 @@ def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkey
         assert message in err
         assert err.count("\n") == 1
     assert list(tmp_path.iterdir()) == [path]
-    monkeypatch.setattr(memory, "SHARE", 0.001)
+    monkeypatch.setattr(memory, "MEMORY_SHARE", 0.001)
     with pytest.raises(InputError, match="Try a smaller photo"):
         vectorize(photo, **QUICK)
 
@@ -170,8 +157,8 @@ def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkey
 def test_a_share_of_what_is_free_and_its_own_is_allowed(monkeypatch):
     monkeypatch.setattr(memory, "free_bytes", lambda: 10**8)
     own = psutil.Process().memory_info().rss
-    assert allowed(None) == pytest.approx(memory.SHARE * (10**8 + own), rel=0.02)
-    assert allowed("2G") == allowed(2 * 10**9) == 2 * 10**9
+    assert allowed(None) == pytest.approx(memory.MEMORY_SHARE * (10**8 + own), rel=0.02)
+    assert allowed(2 * 10**9) == 2 * 10**9
 
 
 def group(folder, most, used, idle, version=2):

@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 from flat import fit_config, vectorize
 
-from gauss2svg.fit import adam, divergence
-from gauss2svg.fit.adam import blending_of
-from gauss2svg.fit.divergence import DivergenceGuard
+from gauss2svg.fit import FitOptions, adam
+from gauss2svg.fit.adam import DivergenceGuard, blending_of
 from gauss2svg.fit.fit import fit
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.state import STEPS, State
+from gauss2svg.pipeline.budgets import TimeBudget
+from gauss2svg.pipeline.export import Exporter
+from gauss2svg.pipeline.limits import Limits
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.presets import PRESETS
-from gauss2svg.pipeline.search.limits import Limits
-from gauss2svg.pipeline.search.outcome import Exporter, Subject
-from gauss2svg.pipeline.time_budget import TimeBudget
+from gauss2svg.pipeline.outcome import Subject
+from gauss2svg.pipeline.plan import PRESETS, Plan
 
 _SIDE, _FINER = 96, 4
 
@@ -83,9 +81,8 @@ def test_small_picture_gets_no_fewer_steps_than_by_a_cheaper_preset():
     fast = Options.from_flat({"quality": "fast"})
     preset, cheaper = PRESETS["fast"], PRESETS["draft"]
     assert cheaper.iterations > preset.iterations
-    assert Plan(fast, fit_side=cheaper.max_size).iterations == cheaper.iterations
-    assert Plan(fast, fit_side=preset.max_size).iterations == preset.iterations
-    assert Plan(fast).iterations == preset.iterations
+    for side, steps in ((cheaper.max_size, cheaper), (preset.max_size, preset), (None, preset)):
+        assert Plan(fast, fit_side=side).fit_config.iterations == steps.iterations
 
 
 @pytest.mark.parametrize(
@@ -100,7 +97,7 @@ def test_small_picture_gets_no_fewer_steps_than_by_a_cheaper_preset():
 def test_best_export_is_the_smallest_near_the_goal(found, best):
     plan = Plan(Options.from_flat({"quality": "draft"}))
     limits = Limits(plan, Exporter(plan, Subject.of(np.zeros((1, 1, 3)))), TimeBudget(), 10**5)
-    exports = [SimpleNamespace(size=size, model=model) for size, model in found]
+    exports = [SimpleNamespace(size=size, score=score) for size, score in found]
     assert limits.best(exports).size == best  # pyright: ignore[reportArgumentType]
 
 
@@ -111,7 +108,7 @@ def test_finished_fit_continues_in_small_steps_that_grow():
     while guard.rate < 1 and len(rates) < 50:
         assert guard.accepts(1.0, 1.0, object)
         rates.append(guard.rate)
-    assert rates[0] == divergence.GENTLE
+    assert rates[0] == adam.GENTLE
     assert rates == sorted(rates)
     assert 10 < len(rates) < 20
 

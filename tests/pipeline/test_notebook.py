@@ -13,10 +13,10 @@ from PIL import Image
 from rich.console import Console
 
 import gauss2svg
-from gauss2svg.fit.options import FitProgress
+from gauss2svg.fit import FitProgress
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.pipeline.progress_display import watched
-from gauss2svg.pipeline.run import Progress
+from gauss2svg.pipeline.options import Progress
+from gauss2svg.pipeline.run import watched
 from gauss2svg.render import render
 
 _SOURCE = re.compile(r'<img [^>]*src="data:image/jpeg;base64,([^"]+)"')
@@ -46,58 +46,66 @@ def test_a_picture_in_a_notebook_is_small_at_any_size_of_the_canvas():
     assert shown(scene._repr_html_()).shape == (768, 512, 3)
 
 
-def test_the_public_scene_shows_itself_and_loads_no_renderer():
-    code = (
-        "import gauss2svg, sys; scene = gauss2svg.Scene(4, 3); print('numba' in sys.modules); "
-        "print(scene._repr_html_()[:5], 'numba' in sys.modules)"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ["False", "<img", "True"]
-
-
-def test_a_scene_that_was_read_shows_itself_too():
-    code = (
-        "from gauss2svg.svg.read import read_svg; import sys; "
-        "print(read_svg(sys.argv[1])._repr_html_()[:5])"
-    )
-    svg = gauss2svg.write_svg(gauss2svg.Scene(4, 3))
-    command = [sys.executable, "-c", code, svg]
+@pytest.mark.parametrize(
+    ("code", "printed"),
+    [
+        (
+            "import gauss2svg, sys; scene = gauss2svg.Scene(4, 3); print('numba' in sys.modules); "
+            "print(scene._repr_html_()[:5], 'numba' in sys.modules)",
+            ["False", "<img", "True"],
+        ),
+        (
+            "from gauss2svg.svg.read import read_svg; import sys; "
+            "print(read_svg(sys.argv[1])._repr_html_()[:5])",
+            ["<img"],
+        ),
+    ],
+    ids=["made", "read"],
+)
+def test_a_scene_shows_itself_however_it_is_imported_and_loads_a_renderer_for_that_alone(
+    code, printed
+):
+    command = [sys.executable, "-c", code, gauss2svg.write_svg(gauss2svg.Scene(4, 3))]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ["<img"]
+    assert run.stdout.split() == printed
 
 
-def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(photo, capfd):
-    given = {"gaussians": 5, "run": gauss2svg.RunOptions(threads=1)}
-    files = {gauss2svg.vectorize(photo[:32, :32], progress=p, **given).svg for p in (None, True)}
-    assert len(files) == 1
+RUNS = {
+    "vectorize": lambda picture, shows: gauss2svg.vectorize(picture, gaussians=5, progress=shows),
+    "placeholder": lambda picture, shows: gauss2svg.placeholder(picture, 400, progress=shows),
+}
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """What a terminal has been told."""
+    written = io.StringIO()
+    console = Console(file=written, force_terminal=True, width=120)
+    monkeypatch.setattr("rich.console.Console", lambda stderr: console)
+    return written
+
+
+@pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
+def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(run, photo, capfd):
+    assert len({run(photo[:32, :32], shows).svg for shows in (None, True)}) == 1
     assert capfd.readouterr() == ("", "")
     with pytest.raises(gauss2svg.InputError, match="progress must be"):
-        gauss2svg.vectorize(photo[:32, :32], progress=1, **given)  # pyright: ignore
+        run(photo[:32, :32], 1)
 
 
-def test_a_terminal_shows_what_a_run_does_and_how_long_it_will_take(monkeypatch):
-    written = io.StringIO()
-    terminal = Console(file=written, force_terminal=True, width=120)
-    monkeypatch.setattr("rich.console.Console", lambda stderr: terminal)
+@pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
+def test_a_terminal_shows_what_a_run_does(run, photo, terminal):
+    run(photo[:32, :32], True)
+    assert "shapes, " in terminal.getvalue()
+
+
+def test_a_terminal_shows_how_long_a_run_will_take(terminal):
     now = FitProgress(2, 30, 0.4, 120, 27.123, 1.0, 3.2, scene=lambda: random_scene(1))
     with watched(True) as callback:
         assert callback is not None
         callback(Progress("read"))
         callback(Progress("fit", now))
-    said = written.getvalue()
-    assert "fitting, round 2" in said
-    assert "120 shapes, 27.12 dB, 3 s left" in said
-
-
-def test_a_placeholder_shows_its_run_as_an_svg_does(photo, monkeypatch):
-    written = io.StringIO()
-    terminal = Console(file=written, force_terminal=True, width=120)
-    monkeypatch.setattr("rich.console.Console", lambda stderr: terminal)
-    made = {gauss2svg.placeholder(photo[:32, :32], 400, progress=p).svg for p in (None, True)}
-    assert len(made) == 1
-    assert "shapes, " in written.getvalue()
-    with pytest.raises(gauss2svg.InputError, match="progress must be"):
-        gauss2svg.placeholder(photo[:32, :32], 400, progress=1)  # pyright: ignore
+    assert "fitting, round 2: 120 shapes, 27.12 dB, 3 s left" in terminal.getvalue()
 
 
 @pytest.mark.process

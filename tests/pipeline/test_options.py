@@ -15,12 +15,12 @@ from gauss2svg.cli.main import build_app, main
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.compare.variants import AXES
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.fit.options import FitOptions
-from gauss2svg.measure.scores import TARGETS
+from gauss2svg.fit import FitOptions
+from gauss2svg.measure import TARGETS
 from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import GROUPS, Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.svg.document import Document, SvgFormat
+from gauss2svg.svg import Document, SvgFormat
 
 FIELDS = [field for group in GROUPS.values() for field in fields_of(group)]
 ALL_GROUPS = [*GROUPS.values(), BatchOptions, GalleryOptions, SvgFormat]
@@ -98,14 +98,15 @@ def test_flat_options_come_back_and_fit_into_json():
     assert options.changed(title="b", gaussians=5).flat() == {
         **options.flat(), "title": "b", "gaussians": 5,
     }  # fmt: skip
-    with pytest.raises(InputError, match=r"option must be one of quality, .*; got 'speed'"):
-        Options.from_flat({"speed": 1})
+    for name in ("speed", "self"):  # Python uses the second
+        with pytest.raises(InputError, match=f"option must be one of quality, .*; got '{name}'"):
+            Options.from_flat({name: 1})
 
 
 def test_the_short_help_fits_one_screen_and_has_what_people_use(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     text = help_of(False, capsys)
-    assert len(text.rstrip().splitlines()) <= 40
+    assert len(text.rstrip().splitlines()) <= 41  # lines are a character shorter on Windows
     for field in fields_of(Goal):
         assert f"--{field.name.replace('_', '-')}" in text
     assert "--help-all" in text
@@ -170,7 +171,7 @@ def test_the_report_has_every_option(photo):
             RendererError,
             "renderer must be one of chromium.* for form blur; got 'resvg'",
         ),
-        ({"per_round": 5}, InputError, "per_round must be given with .*--gaussians 1000"),
+        ({"per_round": 5}, InputError, "per_round must be given with .*--gaussians 1000 alone"),
         ({"loss": "mse", "ssim_weight": 0.1}, InputError, "loss must be one with ssim.*l?mse.ssim"),
         ({"blend": "add", "falloff": "adaptive"}, InputError, "falloff must be gaussian"),
         (
@@ -187,7 +188,7 @@ def test_the_report_has_every_option(photo):
         (
             {"target_psnr": 20, "round_iterations": 4},
             InputError,
-            "round_iterations must be given with .*--gaussians 1000 without --target-psnr",
+            "round_iterations must be given with .*--gaussians 1000 alone",
         ),
     ],
 )
@@ -221,25 +222,16 @@ def test_the_command_takes_what_the_classes_take(monkeypatch, capsys):
     assert "--learning-rate must be a number in 1e-06..1e+06; got 0.0" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("keyword", GROUPS)
-def test_option_without_its_class_is_refused_with_the_class(keyword):
+def test_keywords_are_refused_with_the_class_to_which_they_belong():
     taken = inspect.signature(gauss2svg.vectorize).parameters
     call: Any = gauss2svg.vectorize
-    for field in fields_of(GROUPS[keyword]):
-        if field.name not in taken:
-            belongs = rf"belongs to {keyword}={GROUPS[keyword].__name__}\({field.name}=\.\.\.\)"
-            with pytest.raises(TypeError, match=f"{field.name} {belongs}"):
-                call("photo.png", **{field.name: 1})
-
-
-def test_keyword_that_is_no_option_is_refused():
+    for key, group in GROUPS.items():
+        for name in {field.name for field in fields_of(group)} - set(taken):
+            belongs = rf"{name} belongs to {key}={group.__name__}\({name}=\.\.\.\)"
+            with pytest.raises(TypeError, match=belongs):
+                call("photo.png", **{name: 1})
     with pytest.raises(TypeError, match=r"option must be one of .* got 'gausians'"):
-        gauss2svg.vectorize("photo.png", gausians=7)  # pyright: ignore[reportArgumentType]
-
-
-def test_a_name_that_python_uses_is_refused_like_any_other():
-    with pytest.raises(InputError, match=r"option must be one of .* got 'self'"):
-        Options.from_flat({"self": 1})
+        call("photo.png", gausians=7)
 
 
 def test_a_precision_too_fine_for_the_photo_is_refused_before_the_fit():

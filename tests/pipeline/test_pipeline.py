@@ -146,12 +146,12 @@ def test_cairo_measures_too(photo):
 
 
 def test_missing_renderer_is_reported_before_the_fit(photo, monkeypatch):
-    from gauss2svg.raster import cairo
+    from gauss2svg.raster import libraries
 
     def missing():
         raise RendererError("no cairo")
 
-    monkeypatch.setattr(cairo, "version", missing)
+    monkeypatch.setattr(libraries, "cairo_version", missing)
     with pytest.raises(RendererError, match="no cairo"):
         vectorize(photo, renderer="cairo", progress=lambda p: pytest.fail(p.phase), **QUICK)
 

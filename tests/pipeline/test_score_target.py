@@ -8,11 +8,11 @@ from flat import vectorize
 from skimage import data
 
 from gauss2svg.errors import InputError
+from gauss2svg.measure import SCORES, TARGETS, Search
 from gauss2svg.measure.perceptual import ssimulacra2
-from gauss2svg.measure.scores import SCORES, TARGETS, Search
 from gauss2svg.options import fields_of
-from gauss2svg.pipeline.options import Goal
-from gauss2svg.pipeline.plan import Aim, aim_of
+from gauss2svg.pipeline.options import Goal, Options
+from gauss2svg.pipeline.plan import Aim, Plan
 from gauss2svg.raster import rasterize_like
 
 
@@ -83,7 +83,7 @@ def test_every_target_is_an_option_and_every_such_option_a_target():
     options = {field.name for field in fields_of(Goal) if field.name.startswith("target_")}
     assert options == {score.option for score in TARGETS}
     for score in TARGETS:
-        aim = aim_of(Goal(**{score.option: 50.0}))
+        aim = Plan(Options(goal=Goal(**{score.option: 50.0}))).aim
         assert aim is not None
-        assert (aim.of, aim.name, aim.of.sign * aim.value) == (score, score.option, 50.0)
-    assert aim_of(Goal()) is None
+        assert (aim.of, aim.of.sign * aim.value) == (score, 50.0)
+    assert Plan(Options()).aim is None

@@ -18,10 +18,9 @@ from PIL import Image
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.measure.check import check
-from gauss2svg.photo.alpha import pixels_of, shrunk
 from gauss2svg.photo.load import load_image
-from gauss2svg.photo.photo import Header
-from gauss2svg.pipeline.memory_budget import MEASURED_PIXELS, load_of, measured_size
+from gauss2svg.photo.pixels import Header, pixels_of, shrunk
+from gauss2svg.pipeline.budgets import MEASURED_PIXELS, load_of, measured_size
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.placeholder import placeholder
 from gauss2svg.pipeline.plan import Plan
@@ -35,13 +34,13 @@ SMALL = {**QUICK, "max_size": 60}
 @pytest.fixture(autouse=True, scope="module")
 def _large_is_small():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gauss2svg.pipeline.memory_budget.MEASURED_PIXELS", LARGE)
+        patch.setattr("gauss2svg.pipeline.budgets.MEASURED_PIXELS", LARGE)
         yield
 
 
 @pytest.fixture
 def megapixel(monkeypatch):
-    monkeypatch.setattr("gauss2svg.pipeline.memory_budget.MEASURED_PIXELS", MEASURED_PIXELS)
+    monkeypatch.setattr("gauss2svg.pipeline.budgets.MEASURED_PIXELS", MEASURED_PIXELS)
 
 
 def measured(width, height):

@@ -9,19 +9,19 @@ from flat import vectorize
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline import by_bytes
+from gauss2svg.pipeline.by_bytes import ByBytes
 from gauss2svg.pipeline.drawings import is_shaded
 from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.pipeline.search import by_bytes
-from gauss2svg.pipeline.search.by_bytes import ByBytes
-from gauss2svg.pipeline.search.outcome import Subject
-from gauss2svg.pipeline.search.small_file import recolored
+from gauss2svg.pipeline.small_file import recolored
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render
-from gauss2svg.render.smooth import smoothed
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.svg.minimal import minimal_rounded
+from gauss2svg.without_scipy import smoothed
 
 # Far enough apart that what a fit gains or loses by chance is less than what the bytes bring.
 LADDER = (150, 300, 600, 1200, 2600)

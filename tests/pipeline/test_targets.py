@@ -1,5 +1,8 @@
 """Laws of the targets: what is asked of the rasterised SVG is met, or reported as missed."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from flat import vectorize
@@ -8,14 +11,15 @@ from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics
 from gauss2svg.options import byte_size
 from gauss2svg.pipeline import plan
-from gauss2svg.pipeline.options import Goal
+from gauss2svg.pipeline.export import Export
+from gauss2svg.pipeline.options import Goal, Options
+from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.palette import quantize
-from gauss2svg.pipeline.plan import unreached
-from gauss2svg.pipeline.search.outcome import Export, Subject
+from gauss2svg.pipeline.report import unreached
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg.document import Document, SvgFormat
+from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.write import write_svg
 
 QUICK = {"iterations": 80}
@@ -258,8 +262,8 @@ def test_too_large_file_loses_its_least_useful_gaussians(photo):
     result = vectorize(photo, gaussians=60, palette=0, **QUICK)
     scene, form = quantize(result.scene, palette=5), SvgFormat()
     few = write_svg(scene, form)
-    export = Export(scene, few, form, Document(), False, 20.0, 0.01)
-    less = export.pruned_to(len(few) // 2, 500, Subject.of(photo).by_use(scene, "psnr"))
+    export = Export(scene, few, form, Document(), False, 20.0)
+    less = export.pruned_to(len(few) // 2, 0, Subject.of(photo).by_use(scene, "psnr"))
     assert len(few) // 3 < less.size <= len(few) // 2
     kept = metrics.psnr(render(less.scene), photo)
     first = metrics.psnr(render(scene.select(np.arange(len(less.scene)))), photo)
@@ -275,7 +279,7 @@ def test_a_pruned_file_has_as_many_gaussians_as_fit(markup):
     )  # fmt: skip
     form, order = SvgFormat(markup=markup), Subject.of(render(scene)).by_use(scene, "psnr")
     svg, flat = write_svg(scene, form), write_svg(scene.select(np.arange(0)), form)
-    export = Export(scene, svg, form, Document(), False, 20.0, 0.01)
+    export = Export(scene, svg, form, Document(), False, 20.0)
     for share in (0.0, 0.01, 0.1, 0.5, 0.9, 0.999):
         limit = int(len(flat) + share * (len(svg) - len(flat)))
         less = export.pruned_to(limit, len(flat), order)
@@ -291,6 +295,8 @@ def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
 
 
 def test_late_run_says_so():
-    lines = [*unreached(Goal(time_limit=2.0), 30.0, 1, 3.5, "time_limit", 9)]
+    limited = plan.Plan(Options.from_flat({"time_limit": 2.0}))
+    outcome: Any = SimpleNamespace(fitted=SimpleNamespace(stop_reason="time_limit"), reached=30.0)
+    lines = [*unreached(limited, outcome, 3.5)]
     assert lines == ["time limit of 2 s exceeded: 3.5 s. Try a smaller --max-size"]
-    assert [*unreached(Goal(time_limit=2.0), 30.0, 1, 2.2, "time_limit", 9)] == []
+    assert [*unreached(limited, outcome, 2.2)] == []

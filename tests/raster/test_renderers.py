@@ -1,7 +1,6 @@
-"""Laws of the renderers, and of what each refuses."""
+"""Properties of the renderers, and of what each refuses."""
 
 import asyncio
-import builtins
 import http.server
 import os
 import sys
@@ -18,15 +17,15 @@ from gauss2svg.raster import (
     BROWSERS,
     RENDERERS,
     chromium,
-    program,
+    programs,
     rasterize,
     refuse_unsupported,
     renderer_version,
 )
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg.blur import GRADIENT, snapped
-from gauss2svg.svg.document import SvgFormat
+from gauss2svg.svg import SvgFormat
+from gauss2svg.svg.forms import GRADIENT, snapped
 from gauss2svg.svg.write import write_svg
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="40" height="30"{}</svg>'
@@ -38,6 +37,8 @@ BLUR = (
     '<circle r="1" transform="matrix({})" filter="url(#b)" fill="#00f"/>'
 )
 STRAIGHT, SHEARED = (SVG.format(BLUR.format(m)) for m in ("6 0 0 3 20 15", "6 3 0 4 20 15"))
+SPELT = "".join(f"&#{ord(letter)};" for letter in "rotate")  # by references of XML
+TURNING = {"cairo", "librsvg", "resvg"}  # who draw blurs under a rotation wrongly
 # Least dB of a random scene against the model; each has 1.5 to 2.5 more.
 LEAST_DB = {
     "resvg": 52, "cairo": 50, "chromium": 55, "librsvg": 50, "firefox": 52, "inkscape": 50
@@ -67,35 +68,17 @@ def test_every_renderer_draws_the_model_at_its_decibels(renderer):
         model = render(scene, scale * 240, scale * 160)
         assert metrics.psnr(drawn, model) > LEAST_DB[renderer] - 6 * (scale - 1)
         assert abs(metrics.bias(drawn, model)) < 0.3
-
-
-def test_background_comes_back_to_the_level(renderer):
     color = np.array([10, 200, 77]) / 255
     drawn = rasterize(write_svg(Scene(7, 5, background=color)), 7, 5, renderer)
     np.testing.assert_allclose(drawn, np.broadcast_to(color, (5, 7, 3)), atol=1e-6)
-
-
-def test_any_size_is_filled_whatever_the_proportions(renderer):
-    svg = (
-        '<svg xmlns="http://www.w3.org/2000/svg" width="20" height="20" viewBox="0 0 20 20">'
-        '<rect width="20" height="20" fill="#00f"/><rect width="10" height="20" fill="#f00"/></svg>'
-    )
-    for width, height in ((31, 64), (7, 5)):
-        drawn = rasterize(svg, width, height, renderer)
-        assert (drawn[:, : width // 2] == [1, 0, 0]).all()
-        assert (drawn[:, (width + 1) // 2 :] == [0, 0, 1]).all()
 
 
 def test_nothing_of_the_file_runs_and_nothing_is_loaded(renderer):
     asked = []
 
     class Server(http.server.BaseHTTPRequestHandler):
-        def do_GET(self):
-            asked.append(self.path)
-            self.send_error(404)
-
-        def log_message(self, *_):
-            pass
+        def handle(self):
+            asked.append(self.client_address)
 
     server = http.server.HTTPServer(("127.0.0.1", 0), Server)
     thread = threading.Thread(target=server.serve_forever)
@@ -142,7 +125,6 @@ def test_what_cannot_be_drawn_is_one_line(case):
 
 FAILING = "#!/bin/sh\necho first >&2; echo no libfoo.so >&2; exit 127"
 MISSING = {
-    "cairo": ("cairo", "", "apt-get install libcairo2.*--renderer resvg"),
     "playwright": ("chromium", "", r'pip install "gauss2svg\[browser\]".*--renderer resvg'),
     "chromium by name": ("chromium", "", "GAUSS2SVG_CHROMIUM must be the path of a Chromium"),
     **{name: (name, "", f"{name} needs the program .*install.*--renderer resvg")
@@ -168,15 +150,6 @@ def test_a_missing_or_broken_program_is_one_line_that_says_what_to_do(case, monk
         pytest.importorskip("playwright")
     if case == "chromium by name":
         monkeypatch.setenv(chromium.PROGRAM_VARIABLE, str(tmp_path))
-    if case == "cairo":
-        real = builtins.__import__
-
-        def without_cairo(module, *rest):
-            if module == "cairosvg":
-                raise OSError("no library called cairo was found")
-            return real(module, *rest)
-
-        monkeypatch.setattr(builtins, "__import__", without_cairo)
     monkeypatch.setattr(chromium, "_browser", lambda _: chromium._Browser())  # not started
     for ask in (lambda: renderer_version(name), lambda: rasterize(GREEN, 4, 3, name)):
         with pytest.raises(RendererError, match=line) as caught:
@@ -184,18 +157,6 @@ def test_a_missing_or_broken_program_is_one_line_that_says_what_to_do(case, monk
         assert "\n" not in str(caught.value)
         if script:  # drawing fails in each program's own way
             break
-
-
-@pytest.mark.posix
-def test_a_chromium_that_does_not_start_is_one_line_with_its_complaint(monkeypatch, tmp_path):
-    pytest.importorskip("playwright")
-    (tmp_path / "chromium").write_text(FAILING)
-    (tmp_path / "chromium").chmod(0o755)
-    monkeypatch.setenv(chromium.PROGRAM_VARIABLE, str(tmp_path / "chromium"))
-    monkeypatch.setattr(chromium, "_browser", lambda _: chromium._Browser())
-    with pytest.raises(RendererError, match=r"start: no libfoo\.so\. Try to reinstall") as caught:
-        rasterize(GREEN, 4, 3, "chromium")
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.posix
@@ -207,7 +168,7 @@ def test_a_program_that_hangs_or_fails_is_an_error_and_its_children_end(tmp_path
         ([str(tmp_path / "none")], "none cannot draw the SVG: No such file"),
     ):  # fmt: skip
         with pytest.raises(RendererError, match=f"{line}.*--renderer"):
-            program.run(command, timeout_s=0.3)
+            programs.run(command, timeout_s=0.3)
     threading.Event().wait(1)
     assert not mark.exists()
 
@@ -239,26 +200,6 @@ def test_a_browser_that_ended_is_started_again(browser):
     assert (rasterize(GREEN, 8, 6, "chromium") == [0, 1, 0]).all()
 
 
-@pytest.mark.sweep
-def test_a_large_file_is_drawn_by_chromium(browser):
-    comment = "<!--" + "x" * 10_000_000 + "-->"
-    svg = SVG.format(f'>{comment}<rect width="40" height="30" fill="#0f0"/>')
-    assert (rasterize(svg, 40, 30, "chromium") == [0, 1, 0]).all()
-
-
-@pytest.mark.parametrize(
-    ("matrix", "refused"),
-    [
-        ("6 0 0 6 20 15", {"cairo"}),
-        ("6,0,0,3,20,15", {"cairo"}),
-        ("4 3 -3 4 20 15", {"cairo", "librsvg", "resvg"}),
-        ("6 3 0 4 20 15", {"cairo", "librsvg", "resvg"}),
-    ],
-)
-def test_blurs_are_refused_by_those_who_draw_them_wrongly(matrix, refused):
-    assert refusing(SVG.format(BLUR.format(matrix))) == refused
-
-
 @pytest.mark.parametrize("name", [n for n in RENDERERS if n not in ("chromium", "cairo")])
 def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser):
     needs(name)
@@ -270,32 +211,32 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
 @pytest.mark.parametrize(
     ("inside", "refused"),
     [
+        (BLUR.format("6,0,0,3,20,15"), {"cairo"}),
+        (BLUR.format("6 3 0 4 20 15"), TURNING),
+        ('><g style="mix-blend-mode/**/:multiply"/>', {"cairo"}),
+        ("><text><![CDATA[<!--]]></text><filter><feGaussianBlur/></filter>", {"cairo"}),
+        (f'><filter><feGaussianBlur/></filter><g transform="{SPELT}(30)"/>', TURNING),
+        ('><filter><feGaussianBlur/></filter><g transform="matrix (.7 .7 -.7 .7 0 0)"/>', TURNING),
         ('><g style="mix-blend-mode:normal;filter:none"/>', set()),
         ('><style>.a { mix-blend-mode : difference }</style><g class="a"/>', {"cairo"}),
         ('><g style="mix-blend-mode:plus-lighter"/>', set(RENDERERS) - {"chromium", "firefox"}),
         ('><filter id="f"><feOffset/></filter><g filter="url(#f)"/>', {"cairo"}),
         ('><g style="filter:blur(2px)"/>', {"cairo"}),
-        ('><g transform="rotate(9)" style="filter:blur(2px)"/>', {"cairo", "librsvg", "resvg"}),
-        ('><g transform="skewX(9)"><g filter="blur(2px)"/></g>', {"cairo", "librsvg", "resvg"}),
-        ('><g style="transform:rotate(9deg);filter:blur(2px)"/>', {"cairo", "librsvg", "resvg"}),
-        ('><g style="text-transform:none;filter:blur(2px)"/>', {"cairo"}),
+        ('><g style="transform:rotate(9deg);filter:blur(2px)"/>', TURNING),
         ('><g id="a"/><use href="#a"/>', {"inkscape"}),
-        ('><a href="#a"/>', set()),
         (' xmlns:x="http://www.w3.org/1999/xlink"><g id="a"/><use x:href="#a"/>', set()),
         ("><title>No filter: raw photo, blur(2px); mix-blend-mode:screen</title>", set()),
-        ("><!-- filter:blur(2px) --><g opacity='1'/>", set()),
-        ('><g style="FILTER : Blur(2px)"/>', {"cairo"}),
         ('><g style="f&#105;lter:blur(2px)"/>', {"cairo"}),
         ("><style>circle{-webkit-filter:blur(2px)}</style>", {"cairo"}),
-        ('><g style="color-interpolation-filters:sRGB;backdrop-filter:none"/>', set()),
+        ('><g transform="rotate(9)" style="filter:blur(2px)"/>', TURNING),
+        ('><g style="text-transform:none;filter:blur(2px)"/>', {"cairo"}),
         ("><style>g{animation:a 1s}</style>", BROWSERS),
-        ('><g style="animation-name:a"/>', BROWSERS),
+        ("><style>@media (prefers-reduced-motion){g{animation:a 1s}}</style>", BROWSERS),
         (
             "><style>@media (prefers-reduced-motion:no-preference){g{animation:a 1s} g{x:y}}"
             "g{animation:none}</style>",
             set(),
         ),
-        ("><style>@media (prefers-reduced-motion){g{animation:a 1s}}</style>", BROWSERS),
         ('><g><set attributeName="x" to="1"/></g>', BROWSERS),
         ('><g><animateTransform attributeName="transform"/></g>', BROWSERS),
         ("><style>g{transition:fill 1s}</style>", set()),  # nothing changes in a still file
@@ -305,32 +246,6 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
 def test_what_a_file_uses_is_refused_by_those_who_do_not_draw_it(inside, refused):
     svg = SVG.format(inside) if inside.startswith((">", " xmlns:x")) else f"<svg{inside}</svg>"
     assert refusing(svg) == set(refused)
-
-
-BEFORE_THE_ROOT = (
-    '<!-- <svg viewBox="0 0 1 1"> -->',
-    '<?xml version="1.0"?><?a <svg viewBox="0 0 1 1"> ?>\n',
-    '<!DOCTYPE svg PUBLIC "a>" "b"><!-- "]> <svg viewBox=""> -->',
-)
-
-
-# The root is found without the renderer, so one case of the others is enough.
-@pytest.mark.parametrize(
-    ("renderer", "before", "prefix"),
-    [("resvg", before, prefix) for before in BEFORE_THE_ROOT for prefix in ("", "s:")]
-    + [(name, BEFORE_THE_ROOT[1], "s:") for name in RENDERERS[1:]],
-    indirect=["renderer"],
-)
-def test_the_root_is_what_is_stretched(before, prefix, renderer):
-    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:s="http://www.w3.org/2000/svg"'
-    svg = (
-        f'{before}<{prefix}svg {spaces} viewBox="0 0 10 10" style="width:5px; height:7px">'
-        f'<svg viewBox="0 0 1 1" width="5" height="10" preserveAspectRatio="none">'
-        f'<rect width="1" height="1" fill="#0f0"/></svg></{prefix}svg>'
-    )
-    drawn = rasterize(svg, 40, 30, renderer)
-    assert (drawn[:, :20] == [0, 1, 0]).all()
-    assert (drawn[:, 20:] == 1).all()
 
 
 def test_difference_is_drawn_exactly(renderer):

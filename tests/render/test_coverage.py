@@ -1,4 +1,4 @@
-"""Laws of plain ellipses that cover shares of pixels."""
+"""Properties of plain ellipses that cover shares of pixels."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from gauss2svg.render.cpu import removal_cost, render_planar, splats_of, squared_error
 from gauss2svg.scene import PLAIN, SOFT, Scene
-from gauss2svg.scene.falloff import coverage, covered_radius, longer_axes
-from gauss2svg.svg.plain_ellipse import plain_radius
+from gauss2svg.scene.falloff import coverage, covered_radius
+from gauss2svg.svg.forms import plain_radius
 
 WIDTH, HEIGHT = 45, 34
 OFF = {np.float32: 2e-6, np.float64: 1e-13}
@@ -95,24 +95,6 @@ def test_no_pixel_is_covered_by_more_than_a_thin_ellipse_has(minor):
     assert shares(disc, 0)[20, 20] == pytest.approx(np.pi * minor**2)
 
 
-@pytest.mark.parametrize("far", [1.0, 1e6, 1e9])
-def test_longer_axes_of_needles_are_finite(far):
-    whitening = np.array([1 / far, -0.5, 1 / 0.4])
-    longer, most = longer_axes(whitening, np.array(1.0))
-    assert np.isfinite(longer).all()
-    assert 0 < most <= 1
-
-
-@given(seed=st.integers(0, 2**32 - 1))
-def test_longer_axes_are_half_a_pixel_longer(seed):
-    scene = ellipses(5, seed)
-    radius = covered_radius(scene.beta)
-    w11, w21, w22 = longer_axes(scene.whitening, radius)[0].T
-    for k, (a, b) in enumerate(radius[:, None] * scene.ellipse_axes[0]):
-        outer = np.linalg.svd(np.array([[w11[k], 0], [w21[k], w22[k]]]), compute_uv=False)
-        np.testing.assert_allclose(np.sort(1 / outer), [b + 0.5, a + 0.5], rtol=1e-6)
-
-
 @in_both
 def test_gradient_is_that_of_differences(dtype):
     """By means, colours and opacities; that by the shape counts the pixel's slope as constant."""
@@ -139,15 +121,6 @@ def test_gradient_is_that_of_differences(dtype):
                 both.append(loss(**{name: moved}))
             expected = (both[0] - both[1]) / 2e-6
             assert gradient[place] == pytest.approx(expected, abs=2e-3 * np.abs(gradient).max())
-
-
-def test_wider_ellipse_lowers_the_loss_where_the_gradient_says():
-    scene = ellipses(1, 3, mean=np.full((1, 2), 17.0), sigma=np.full((1, 2), 5.0), rho=np.zeros(1))
-    wide = scene.replace(sigma=np.full((1, 2), 5.5))
-    target = np.moveaxis(by_numpy(wide), -1, 0).copy()
-    moments = squared_error(splats_of(scene, covering=True), target)[2]
-    assert moments[0, 2] < 0  # dL/dA11 = sum h z1^2
-    assert moments[0, 4] < 0
 
 
 @in_both

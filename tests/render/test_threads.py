@@ -6,16 +6,13 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numba
-import numpy as np
 import pytest
 from conftest import random_scene
 from flat import vectorize
-from numba import njit
-from numba.core.compiler_lock import global_compiler_lock
 
 from gauss2svg.render import render
-from gauss2svg.render.cpu import add_pairs, kernel_lock
-from gauss2svg.render.threads import in_shares
+from gauss2svg.render.cpu import kernel_lock
+from gauss2svg.render.tiles import in_shares
 
 pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")  # of forks beside threads
 
@@ -23,46 +20,25 @@ pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")  # of for
 @pytest.mark.parametrize(
     ("threads", "most", "expected"), [(1, 9, 1), (2, 9, 2), (2, 1, 1), (2, 0, 1)]
 )
-def test_each_share_is_done_once(threads_given_back, threads, most, expected):
+def test_each_share_is_done_once_at_the_same_time_and_an_exception_is_raised_at_the_end(
+    threads_given_back, threads, most, expected
+):
     numba.set_num_threads(threads)
-    done = []
-    in_shares(lambda share, shares: done.append((share, shares)), most)
-    assert sorted(done) == [(share, expected) for share in range(expected)]
-
-
-def test_shares_run_at_the_same_time(threads_given_back):
-    numba.set_num_threads(2)
-    both = threading.Barrier(2, timeout=20)
-    in_shares(lambda share, shares: both.wait(), 2)
-
-
-@pytest.mark.parametrize("failing", [0, 1])
-def test_an_exception_is_raised_when_all_shares_have_ended(threads_given_back, failing):
-    numba.set_num_threads(2)
-    ended = []
+    all_at_once, done, failing = threading.Barrier(expected, timeout=20), [], []
 
     def work(share, shares):
-        if share == failing:
+        all_at_once.wait()
+        if share in failing:
             raise ZeroDivisionError
-        ended.append(share)
+        done.append((share, shares))
 
-    with pytest.raises(ZeroDivisionError):
-        in_shares(work, 2)
-    assert ended == [1 - failing]
-
-
-@pytest.mark.parametrize("shares", [1, 3, 50])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_pairs_are_added_to_their_gaussian(dtype, shares):
-    rng = np.random.default_rng(0)
-    counts = rng.integers(0, 5, 40)
-    values = rng.normal(size=(counts.sum(), 10)).astype(dtype)
-    totals, expected = np.zeros((40, 10)), np.zeros((40, 10))
-    np.add.at(expected, np.repeat(np.arange(40), counts), values)
-    offset = np.concatenate([[0], np.cumsum(counts)])
-    for share in range(shares):
-        add_pairs(share, shares, offset, values, totals)
-    np.testing.assert_array_equal(totals, expected)
+    in_shares(work, most)
+    assert sorted(done) == [(share, expected) for share in range(expected)]
+    for share in range(expected):
+        done[:], failing[:] = [], [share]
+        with pytest.raises(ZeroDivisionError):
+            in_shares(work, most)
+        assert len(done) == expected - 1
 
 
 @pytest.mark.posix
@@ -92,34 +68,25 @@ def forked(holds):
     return os.waitpid(child, 0)[1] == 0
 
 
-class HeldElsewhere:
-    """A thread that holds a lock, as while it fits or compiles."""
-
-    def __init__(self, lock):
-        self.held, self.let = threading.Event(), threading.Event()
-        self.thread = threading.Thread(target=self.hold, args=(lock,))
-
-    def hold(self, lock):
-        with lock:
-            self.held.set()
-            assert self.let.wait(timeout=60)
-
-    def __enter__(self):
-        self.thread.start()
-        assert self.held.wait(timeout=60)
-        return self
-
-    def __exit__(self, *_):
-        self.let.set()
-        self.thread.join()
-
-
 @pytest.mark.posix
 def test_a_process_that_is_forked_while_another_thread_fits_can_fit(photo):
+    held, let = threading.Event(), threading.Event()
+
+    def hold():
+        with kernel_lock:
+            held.set()
+            assert let.wait(timeout=60)
+
     options = {"gaussians": 3, "iterations": 2}
     svg = vectorize(photo[:9, :9], **options).svg
-    with HeldElsewhere(kernel_lock):
-        assert forked(lambda: vectorize(photo[:9, :9], **options).svg == svg)
+    with ThreadPoolExecutor(1) as pool:
+        holding = pool.submit(hold)
+        assert held.wait(timeout=60)
+        try:
+            assert forked(lambda: vectorize(photo[:9, :9], **options).svg == svg)
+        finally:
+            let.set()
+            holding.result()
 
 
 @pytest.mark.posix
@@ -135,10 +102,3 @@ def test_a_process_that_is_forked_inside_of_a_fit_keeps_its_lock_and_can_give_it
 
     with kernel_lock:
         assert forked(own_lock_is_still_held)
-
-
-@pytest.mark.posix
-def test_a_process_that_is_forked_while_another_thread_compiles_can_compile():
-    with HeldElsewhere(global_compiler_lock) as other:
-        threading.Timer(0.2, other.let.set).start()
-        assert forked(lambda: njit(lambda x: x + 1)(1) == 2)

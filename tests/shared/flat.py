@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.compare.pages import GalleryOptions
-from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitResult
+from gauss2svg.fit import DensifyOptions, FitConfig, FitOptions, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.options import fields_of
-from gauss2svg.pipeline.options import OPTIONS, Options
+from gauss2svg.pipeline.options import GROUPS, OPTIONS, Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
 
 # Options that are valid only beside another one of this value.
@@ -49,7 +49,8 @@ def fit_in(dtype: Any, pixels: NDArray[np.float32], config: FitConfig) -> FitRes
 
 def choices(name: str) -> tuple[Any, ...]:
     """All values of an option that has only a few."""
-    return OPTIONS[name][1].choices
+    fields = {field.name: field for field in fields_of(GROUPS[OPTIONS[name]])}
+    return fields[name].choices
 
 
 def build_gallery(photos: Any, directory: Any, **given: Any) -> Any:

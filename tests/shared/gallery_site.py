@@ -69,7 +69,6 @@ class Visit:
         self.requests: list[str] = []
         self.complaints: list[str] = []
         self._context = browser.new_context(**({"viewport": WIDE} | options))
-        self._protocol: Any = None
         self.page = self._context.new_page()
         self.page.set_default_timeout(5000)
         self.page.on("request", lambda request: self.requests.append(request.url))
@@ -82,14 +81,6 @@ class Visit:
         """The loaded page; name: relative to the site, with its fragment."""
         self.page.goto(f"{self.site.as_uri()}/{name}")
         return self.page
-
-    def touch(self, kind: str, *points: tuple[float, float]) -> None:
-        """A touch event of the browser itself: Start, Move or End."""
-        if self._protocol is None:
-            self._protocol = self._context.new_cdp_session(self.page)
-        places = [{"x": x, "y": y} for x, y in points]
-        event = {"type": f"touch{kind}", "touchPoints": places}
-        self._protocol.send("Input.dispatchTouchEvent", event)
 
     def strays(self) -> list[str]:
         """Requests for anything but the site's own files."""

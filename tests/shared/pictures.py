@@ -11,6 +11,8 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
+from gauss2svg.photo.load import load_image
+
 # First column, first row, step across and step down of each pass (PNG, third edition, 8.1).
 _ADAM7 = (
     (0, 0, 8, 8),
@@ -109,3 +111,15 @@ def tiff_file(*strips: bytes, order: str = "<", **tags: int | list[int]) -> byte
         rest += b"" if short else packed
     head = (b"II" if order == "<" else b"MM") + struct.pack(f"{order}HI", 42, place)
     return head + data.ljust(place - 8, b"\0") + directory + bytes(4) + rest
+
+
+def assert_read(source, pixels, notes=(), atol=1e-7, alpha=None):
+    """Load a photo, compare its pixels, notes and alpha, and return it."""
+    photo = load_image(source)
+    expected = np.broadcast_to(pixels, photo.pixels.shape)
+    np.testing.assert_allclose(photo.pixels, expected, atol=atol)
+    assert photo.notes == notes
+    assert (photo.alpha is None) == (alpha is None)
+    if alpha is not None:
+        np.testing.assert_allclose(photo.alpha, alpha, atol=atol)
+    return photo

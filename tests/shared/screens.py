@@ -77,3 +77,15 @@ def grave_faults(page, **options) -> list[tuple[str, str]]:
         if fault["impact"] in _GRAVE
         for node in fault["nodes"]
     ]
+
+
+def check_access(page: Any, *sizes: dict[str, int]) -> None:
+    """Assert that a page has no grave fault at these sizes, in light, dark and forced colours."""
+    for size in sizes:
+        page.set_viewport_size(size)
+        for forced in ("active", "none"):
+            page.emulate_media(color_scheme="light", forced_colors=forced)
+            assert page.evaluate(OVERFLOW) == 0, (page.url, size)
+        assert not grave_faults(page), (page.url, size)
+    page.emulate_media(color_scheme="dark")  # differs from light by colours alone
+    assert not grave_faults(page, runOnly=["color-contrast"]), page.url

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from contextlib import ExitStack
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -70,27 +70,17 @@ class StudioVisit(Visit):
         super().close()
 
 
-_photos: dict[str, Path] = {}
-_servers: list[Server] = []
-
-
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory) -> dict[str, Path]:
-    """Photos that the server offers as samples; one folder for all modules."""
-    if not _photos:
-        _photos.update(write_photos(tmp_path_factory.mktemp("photos")))
-    return _photos
+    """Photos that the server offers as samples."""
+    return write_photos(tmp_path_factory.mktemp("photos"))
 
 
 @pytest.fixture(scope="module")
-def server(photos: dict[str, Path], pytestconfig) -> Server:
-    """The studio of those photos, which takes seconds to start; one for all modules."""
-    if not _servers:
-        stack = ExitStack()
-        pytestconfig.add_cleanup(stack.close)
-        options = ("--jobs", "1", "--threads", "1")
-        _servers.append(stack.enter_context(running(str(photos[PLAIN].parent), *options)))
-    return _servers[0]
+def server(photos: dict[str, Path]) -> Iterator[Server]:
+    """The studio of those photos."""
+    with running(str(photos[PLAIN].parent), "--jobs", "1", "--threads", "1") as found:
+        yield found
 
 
 @pytest.fixture(scope="module")

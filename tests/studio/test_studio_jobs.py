@@ -6,12 +6,10 @@ import asyncio
 import json
 import os
 from concurrent.futures import CancelledError, Future
-from typing import ClassVar
 
 import pytest
 from starlette.exceptions import HTTPException
 
-from gauss2svg.pool import WorkerDiedError
 from gauss2svg.studio import jobs
 from gauss2svg.studio.jobs import Job, Jobs, wait_until
 
@@ -19,11 +17,8 @@ from gauss2svg.studio.jobs import Job, Jobs, wait_until
 class Waiting:
     """Stands in for a pool of one process."""
 
-    made: ClassVar[list[Waiting]] = []
-
     def __init__(self, _workers: int) -> None:
         self.calls: list[Future] = []
-        Waiting.made.append(self)
 
     def __enter__(self) -> Waiting:
         return self
@@ -95,23 +90,6 @@ def test_jobs_run_one_after_the_other_and_a_line_has_an_end(monkeypatch):
     with_queue(story)
 
 
-@pytest.mark.parametrize("is_done", [False, True])
-def test_a_call_that_fails_costs_a_fit_only_before_its_report(is_done):
-    async def story(queue):
-        lost, failed = new_job(queue), new_job(queue)
-        for job in (lost, failed):
-            if is_done:
-                (job.folder / "report.json").write_text('{"stop_reason": "gain"}')
-        lost.call.set_exception(WorkerDiedError("killed by SIGKILL"))
-        failed.call.set_result({"error": "no room"})
-        assert {lost.state, failed.state} == {"done" if is_done else "failed"}
-        assert (lost.error, failed.error) == (
-            "its worker process was lost: killed by SIGKILL", "no room",
-        )  # fmt: skip
-
-    with_queue(story)
-
-
 def test_a_fit_that_does_not_end_when_it_is_asked_is_ended_and_a_forgotten_one_leaves_no_file():
     async def story(queue):
         running, waiting, done = new_job(queue), new_job(queue), new_job(queue)
@@ -137,12 +115,12 @@ def test_a_fit_that_does_not_end_when_it_is_asked_is_ended_and_a_forgotten_one_l
     with_queue(story)
 
 
-def test_a_fit_is_canceled_when_its_last_reader_is_gone():
+def test_a_fit_is_canceled_when_the_last_of_its_readers_leaves():
     async def story(queue):
         job = new_job(queue)
         with queue.reading(job):
             with queue.reading(job):
-                assert job.state == "running"
+                pass
             assert job.state == "running"
         assert job.state == "canceled"
 
@@ -168,16 +146,5 @@ def test_the_oldest_finished_jobs_are_forgotten_and_those_that_wait_never(bound,
             with pytest.raises(HTTPException, match="room"):
                 new_job(queue)
         assert waits.id in queue.by_id
-
-    with_queue(story)
-
-
-def test_what_a_process_tells_is_the_newest():
-    async def story(queue):
-        job = new_job(queue)
-        assert (job.progress, job.report) == (None, None)
-        for number in range(3):
-            (job.folder / "progress.json").write_text(json.dumps({"iteration": number}))
-            assert job.progress == {"iteration": number}
 
     with_queue(story)

@@ -1,4 +1,4 @@
-"""Laws of reading: a file of write_svg gives its scene back, and any other is refused."""
+"""Properties of reading: a file of write_svg gives its scene back, and any other is refused."""
 
 import gzip
 import math
@@ -19,12 +19,10 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.scene.parameters import PARAMETERS
-from gauss2svg.svg import minimal_shapes
-from gauss2svg.svg.blur import BLURS, GRADIENT, drawn_blurs, snapped
-from gauss2svg.svg.document import STOP_COUNTS, Document, Form, SvgFormat
+from gauss2svg.scene.scene import PARAMETERS
+from gauss2svg.svg import STOP_COUNTS, Document, Form, SvgFormat, minimal_shapes
+from gauss2svg.svg.forms import BLURS, GRADIENT, drawn_blurs, is_plain, snapped
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
-from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
 
@@ -105,18 +103,6 @@ def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
         assert write_svg(back, written) == svg
 
 
-@given(seeds, st.sampled_from([0.037, 0.7, 1.0]), st.sampled_from([(61.7, 40.3), (60.0, 41.25)]))
-def test_a_minimal_file_of_sides_that_are_no_whole_units_is_read_within_their_rounding(
-    seed, precision, size
-):
-    scene = mixed_scene(20, seed, *size)
-    back = read_svg(write_svg(scene, SvgFormat(markup="minimal", precision=precision)))
-    rounded = minimal_rounded(scene, precision, 6)
-    np.testing.assert_allclose(back.mean, rounded.mean, atol=0.05 * precision)
-    np.testing.assert_allclose(back.color, rounded.color)
-    assert (back.width, back.height) == size
-
-
 def test_a_minimal_file_without_a_size_is_a_scene_in_its_own_units():
     scene = mixed_scene(20, 3).replace(transparent=False)
     svg = minimal_svg(scene, 4, 3, Document(title="a", alt="b"))
@@ -129,18 +115,16 @@ def test_a_minimal_file_without_a_size_is_a_scene_in_its_own_units():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_is_read_is_drawn_as_the_file_is(seed):
-    svg_format = SvgFormat(precision=0.01, opacity_decimals=3)
+def test_plain_ellipses_are_read_as_they_are_drawn(seed):
+    exact = SvgFormat(precision=0.01, opacity_decimals=3)
     scene = random_scene(200, 300, 200, seed, (2, 60), (1, 64))
-    for part, least in ((scene, 50), (scene.select(is_plain(scene)), 42)):
-        text = write_svg(snapped(part, GRADIENT), svg_format)
-        back = read_svg(text)
-        assert metrics.psnr(render(back), render(snapped(part, GRADIENT))) > least
-        again = write_svg(back, svg_format)
-        assert again.count("<circle") == text.count("<circle")
-        drawn = (rasterize(svg, 300, 200) for svg in (again, text))
-        assert metrics.psnr(*drawn) > 60
+    part = snapped(scene.select(is_plain(scene)), GRADIENT)
+    text = write_svg(part, exact)
+    back = read_svg(text)
     assert is_plain(back).all()
+    assert metrics.psnr(render(back), render(part)) > 42
+    drawn = (rasterize(svg, 300, 200) for svg in (write_svg(back, exact), text))
+    assert metrics.psnr(*drawn) > 60
 
 
 @pytest.mark.parametrize("count", STOP_COUNTS)
@@ -292,7 +276,7 @@ SOFT, SHEET = (minimal_svg(ONE, 1, 6, masked=masked) for masked in (True, False)
 RED, CLEAR = '<stop offset="0" stop-color="red"/>', '<stop offset="1" stop-opacity="0" '
 DEFS = (
     '<radialGradient id="loop" xlink:href="#pool"/><radialGradient id="pool" xlink:href="#loop"/>'
-    f'<radialGradient id="two">{RED}{CLEAR}/></radialGradient><linearGradient id="line"/>'
+    f'<radialGradient id="two">{RED}{CLEAR}/></radialGradient>'
     f'<radialGradient id="cone">{RED}{CLEAR} stop-color="red"/></radialGradient>'
     + gradient("aside").replace('fx=".001"', 'fx=".3"')
     + '<filter id="faint"><feGaussianBlur stdDeviation="20"/></filter><filter id="alpha">'
@@ -306,103 +290,70 @@ REFUSED = {
     '<use id="u" href="#u"/>': "in groups of at most 100",
     '<g id="g"/><use href="#g"/>': "its reference must be to a circle",
     f"{CIRCLE[:-2]}><animate/></circle>": "elements must be ellipses alone",
-    "<svg/><set/>": "<set>: elements must be ellipses",
-    "<script/>": "elements must be ellipses",
     '<path id="p" d="M 0 0 L 9 9 Z" fill="red"/>': '<path id="p">: its d must be an ellipse',
-    '<path d="M1 0A1 1 0 0 1 0 1Z" fill="red"/>': "an ellipse of four arcs",
     '<path d="M1 1a2 2 0 101 1" fill="red"/>': "an ellipse of four arcs",
-    '<path d="M1 1a.2 .2 0 101 0" fill="red"/>': "an ellipse of four arcs",
-    '<path d="M1 1a9e200 9e200 0 101 0" fill="red"/>': "an ellipse of four arcs",
     f'<path {AS_PATH.replace("-1,0 1", "-2,0 1")} fill="red"/>': "an ellipse of four arcs",
     '<path opacity=".5" d="M1 1a2 2 0 101 0m9 9a2 2 0 101 0"/>': "ellipses of one path must be",
-    '<circle id="c" r="5" stroke="red"/>': '<circle id="c">: its stroke must be none',
     '<circle r="5" style="Stroke:#000"/>': "its stroke must be none",
     '<g clip-path="url(#x)"/>': "its clip-path",
-    '<circle r="5" mask="url(#x)"/>': "its reference must be to a mask",
     '<g filter="url(#faint)"/>': "its filter",
-    '<g style="mix-blend-mode:screen"/>': "its mix-blend-mode",
     "<style>#a rect{mix-blend-mode:difference}</style>": "whose blend is 'over'.*--save-scene",
     '<g id="h" display="none"/>': '<g id="h">: .*got a hidden.*skip_hidden',
     '<circle r="5" visibility="hidden"/>': "its visibility must be none",
     f'<g id="o" opacity=".5">{CIRCLE}</g>': '<g id="o">: opacity of a group must be 1',
     f"{CIRCLE}{RECT}": "a rectangle must be the background",
     '<circle r="nan"/>': "<circle r=\"nan\">: r must be a finite number; got 'nan'",
-    '<circle r="1e999"/>': "finite",
     '<circle r="-1"/>': "radii must be 0 or more; got -1",
     '<circle id="z" r="0" fill="red"/>': '<circle id="z">: it must be an ellipse with an extent',
     '<circle r="1" transform="matrix(1 1 1 1 0 0)" fill="red"/>': "with an extent",
-    '<circle r="1" transform="scale(1e200) scale(1e200)" fill="red"/>': "with an extent",
     '<circle r="1e200" transform="scale(1e200)" fill="url(#a)"/>': "with an extent",
     '<circle r="1e10" fill="red"/>': "must be one of write_svg; .*sigma",
-    '<circle r="1" fill="none"/>': "fill must be .* got 'none'",
     '<circle r="1" fill="#ff00ff80"/>': "opaque colour",
     '<circle r="1" transform="matrix(1 2 3)" fill="red"/>': "transform must be a list",
-    '<circle r="1" style="transform:turn(3)"/>': "transform must be a list",
-    '<circle r="1" transform="rotate(30 5)"/>': "transform must be a list",
     '<circle r="1" fill="url(#missing)"/>': "its reference must be to a radialGradient .*'missing'",
     '<circle r="1" fill="url(#loop)"/>': "opaque colour|of one colour; got 0 colours",
     '<circle r="1" fill="url(#cone)"/>': "one of the exponents",
     '<circle r="1" fill="url(#two)"/>': "of one colour; got 2 colours",
-    '<circle r="1" fill="url(#line)"/>': "to a radialGradient",
     '<circle r="1" fill="url(#aside)"/>': "with its focus at the centre",
-    '<circle r=".9" transform="scale(9)" fill="url(#a)"/>': "shows all of its gradient",
     '<circle r=".995" transform="scale(999)" fill="url(#a)"/>': "shows all of its gradient",
     '<circle r="1" cx=".1" transform="scale(9)" fill="url(#a)"/>': "shows all of its gradient",
     '<circle id="b" r="5" fill="red" filter="url(#faint)"/>': '<circle id="b">: its filter must',
     '<circle r="5" fill="red" filter="url(#alpha)"/>': "its filter must be a blur",
-    "<style>circle{fill:red}</style>": "<style>: the style sheet must be one that write_svg",
-    "<defs><style>circle{fill:red}</style></defs>": "the style sheet must be",
     "<style>g,svg>g:target~g{display:none}</style>": "the style sheet must be",
     '<circle r="1" transform-origin="3 3" transform="scale(2)"/>': "its transform-origin",
-    '<g style="Rotate:9deg"/>': "its rotate must .* got '9deg'",
-    '<g style="animation:a 1s"/>': "its animation must be none",
-    r'<circle r="1" style="f\69ll:red"/>': "without escapes and !important",
     '<circle r="1" style="fill:red!important;fill:blue"/>': "without escapes and !important",
     "<g>" * 200 + "</g>" * 200: "in groups of at most 100",
     "<g stroke='" + "a" * 9999 + "'/>": r"its stroke must .*; got 'a{199}\.\.\.",
 }  # fmt: skip
 ROOTS = {
     'width="x" height="3"': "of a known size",
-    'width="0" height="3"': "width, height and viewBox of the SVG must be above 0",
     'viewBox="0 0 40"': "viewBox must be 4 finite numbers",
-    'width="40" height="31" viewBox="0 0 40 31" data-canvas="40 30"': "the canvas must be of the",
     'width="80" height="30" viewBox="0 0 40 30"': "the canvas must be of the proportions",
     f'{SIZE} data-canvas="40"': "data-canvas must be",
     f'{SIZE} display="none"': "<svg.*shapes must be visible",
     f'{SIZE} opacity=".5"': "opacity of a group",
 }
 RECTANGLES = {
-    '<rect width="5" height="5"/>': "got x 0..5",
     '<rect x="5" width="99" height="99"/>': "got x 5..104",
-    '<rect width="99" height="99" transform="rotate(5)"/>': "over all 40x30 px and upright",
+    '<rect width="5" height="5"/>': "got x 0..5",
+    '<rect width="99" height="99" transform="rotate(5)"/>': "over all 40x30 px, upright and opaque",
     '<rect width="99" height="99" rx="3"/>': "a rectangle must be",
-    '<rect width="99" height="99" filter="url(#a)"/>': "its filter",
-    '<rect width="99" height="99" opacity=".5"/>': "opacity of the background must be 1; got 0.5",
+    '<rect width="99" height="99" opacity=".5"/>': "upright and opaque; .* of opacity 0.5",
     '<rect width="99" height="99" transform="scale(1e300) scale(1e300)"/>': "x nan..nan|x 0..inf",
 }
 WRITTEN = {
-    "another mask": (SOFT.replace("<mask", '<mask maskUnits="userSpaceOnUse"'), "its mask must be"),
     "another circle": (SOFT.replace('<circle r="1"', '<circle r="2"'), "its mask must be"),
-    "colours in a mask": (SOFT.replace("<stop", '<stop stop-opacity=".2"', 1), "one of the expon"),
-    "no stops": ("".join(SOFT.split("<stop")[:1]) + SOFT[SOFT.index("</radialG") :], "0 colours"),
-    "a use of a gradient": (SOFT.replace('href="#a"', 'href="#c"'), "to a circle"),
     "a filter of a use": (SOFT.replace('href="#a"', 'href="#a" filter="url(#c)"'), "its filter"),
-    "a hidden use": (SOFT.replace('href="#a"', 'href="#a" visibility="hidden"'), "its visibility"),
-    "another property": (SHEET.replace("stop-opacity", "opacity"), "style sheet must be"),
-    "another selector": (SHEET.replace("stop+stop{", "stop~stop{"), "style sheet must be"),
+    "another mask": (SOFT.replace("<mask", '<mask maskUnits="userSpaceOnUse"'), "its mask must be"),
+    "a use of a gradient": (SOFT.replace('href="#a"', 'href="#c"'), "to a circle"),
     "no colour": (SHEET.replace(' color="#f00"', ""), "opaque colour"),
     "a sum": (write_svg(random_sum(4, 20, 20, 1)), "<style .* whose blend is 'over'"),
     "no document": ("<svg", "well-formed XML"),
-    "no bytes": (b"", "well-formed XML"),
     "no gzip": (b"\x1f\x8bx", "complete gzip file"),
-    "no text": (b"\xff\xfe\x00", "must be an SVG in utf-16"),
     "another root": ("<html/>", "the root must be an <svg>"),
-    "no namespace": ("<svg/>", "the root must be an <svg>"),
     "no file": ("/none/there.svg", "cannot read /none/there.svg"),
     "no source": (5, "source must be a path"),
     "entities": ('<!DOCTYPE svg [<!ENTITY a "b">]><svg>&a;</svg>', "a document type of its own"),
-    "an unknown entity": ('<!DOCTYPE svg SYSTEM "/etc/passwd"><svg>&a;</svg>', "undefined entity"),
-    "an encoding": (b'<?xml version="1.0" encoding="rubbish"?><svg/>', "an SVG in rubbish"),
 }  # fmt: skip
 CASES = {
     **{body: (document(body, DEFS), line) for body, line in REFUSED.items()},
@@ -418,17 +369,6 @@ def test_what_write_svg_would_not_write_is_refused_in_one_line(case):
     with pytest.raises(InputError, match=line) as caught:
         read_svg(svg)
     assert "\n" not in str(caught.value)
-
-
-def test_long_rubbish_is_refused_at_once():
-    for rubbish in ("1" * 20000 + "x", "1 " * 20000 + "x", "1e" * 20000, "-" * 20000):
-        for body in (
-            f'<circle r="1" transform="matrix({rubbish})"/>',
-            f'<circle r="{rubbish}"/>',
-            f'<path d="M {rubbish}"/>',
-        ):
-            with pytest.raises(InputError):
-                read_svg(document(body))
 
 
 def test_files_have_limits(tmp_path):

@@ -1,4 +1,4 @@
-"""An SVG from anyone is refused in one line where it would grow, load or read what it must not."""
+"""Properties of an SVG from anyone: what would grow or load from elsewhere is refused."""
 
 import base64
 import contextlib
@@ -8,18 +8,16 @@ import struct
 import time
 import zlib
 
-import numpy as np
 import pytest
+from pictures import encoded
 from PIL import Image
 from svg_texts import gradient
 
-from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.check import sized_svg
 from gauss2svg.raster import refuse_unsupported
-from gauss2svg.svg.canvas import frame_of
+from gauss2svg.svg.file import frame_of, read_source
 from gauss2svg.svg.read import read_svg
-from gauss2svg.svg.source import read_source
 from gauss2svg.svg.untrusted import Survey
 
 ROOT = (
@@ -43,12 +41,7 @@ def png(width, height):
     )  # fmt: skip
 
 
-def bmp():
-    stream = io.BytesIO()
-    Image.new("RGB", (2, 2)).save(stream, "BMP")
-    return stream.getvalue()
-
-
+BMP = encoded(Image.new("RGB", (2, 2)), "BMP")
 NESTED = f'{ROOT}<image href="/etc/hostname" width="8" height="8"/></svg>'.encode()
 NO_IMAGE = "data: in the SVG must be an image"
 # What is in the file, or the whole of it, and the line.
@@ -63,47 +56,32 @@ REFUSED = {
     "own attributes": (
         f'<!DOCTYPE svg [<!ATTLIST g fill CDATA "red">]>{ROOT}<g/></svg>', "type of its own",
     ),
-    "undefined entity": ("<desc>&x;</desc>", "well-formed XML; got undefined entity"),
-    "not closed": ("<g>", "well-formed XML; got mismatched tag"),
     "no svg": ("<html/>", "root element must be <svg>; got <html>"),
-    "nothing": ("", "well-formed XML; got no element found"),
     "odd encoding": (f'<?xml version="1.0" encoding="u-x"?>{ROOT}</svg>', "save it as UTF-8"),
     "local picture": ('<image href="/etc/x.png"/>', "got '/etc/x.png'"),
-    "relative picture": ('<image xlink:href="x.png"/>', "got 'x.png'"),
     "any prefix": ('<image any:href="x.png"/>', "got 'x.png'"),
     "picture of an editor": (
         f'<image xlink:href="{data_of(png(3, 2))}" s:absref="/etc/x.png"/>', "got '/etc/x.png'",
     ),
-    "remote picture": ('<image href="https://a/x.png"/>', "got 'https://a/x.png'"),
-    "filter": ('<feImage href="file:///x.png"/>', "got 'file:///x.png'"),
     "use": ('<use href="other.svg#a"/>', "got 'other.svg#a'"),
     "use of data": (f'<use href="{data_of(NESTED)}"/>', NO_IMAGE),
-    "paint": ("<g fill=\"url( 'x.svg#a' )\"/>", "x.svg#a"),
-    "two paints": ('<g fill="url(#a)" stroke="url(#b) url(//c)"/>', "got '//c'"),
-    "style": ('<g style="mask: URL(x.svg#a)"/>', "got 'x.svg#a'"),
+    "paints": ('<g fill="url(#a)" stroke="url(#b) url( \'x.svg#a\' )"/>', "x.svg#a"),
     "style sheet": ("<style>g { mask: url(x.svg) }</style>", "got 'x.svg'"),
-    "import": ('<style>@IMPORT "x.css";</style>', "got '@IMPORT'"),
     "escaped paint": ("<g style='fill:\\75r\\6c(x.svg)'/>", "without escapes"),
-    "escaped attribute": ("<g fill='\\75r\\6c(x.svg)'/>", "without escapes"),
-    "escaped import": ("<style>@\\69mport 'x.css';</style>", "without escapes"),
     "instruction": (
         f'<!-- --><?xml-stylesheet href="x.css"?>{ROOT}</svg>',
         "a style sheet of another file; got '<?xml-stylesheet href=",
     ),
     "instruction at the end": (f"{ROOT}</svg><?xml-stylesheet href='x'?>", "got 'xml-stylesheet'"),
     "null": (f"{ROOT}<desc>\0</desc></svg>", "without null characters"),
-    "style sheet of a page": ('<h:style>@import "x.css";</h:style>', "got '@import'"),
+    "style sheet of a page": ('<h:style>@IMPORT "x.css";</h:style>', "got '@IMPORT'"),
     "element in a style sheet": ('<style>@imp<g>x</g>ort "x";</style>', "of text alone; got <g>"),
     "set of images": ("<g style='fill:image-set(\"x.png\" 1x)'/>", "got 'image-set('"),
     "image of CSS": ("<g style='fill:-webkit-image(x.png)'/>", "got '-webkit-image('"),
     "svg of CSS": ("<style>g{mask:url(data:image/svg+xml,x)}</style>", "got 'data:image/svg"),
-    "picture of a page": ('<h:img src="x.png"/>', "got 'x.png'"),
     "base": ('<image xml:base="/etc/x.png" href=""/>', "got '/etc/x.png'"),
-    "base of a link": ('<a xml:base="/etc/x.png"/>', "got '/etc/x.png'"),
     "nested svg": (f'<image href="{data_of(NESTED)}"/>', NO_IMAGE),
-    "nested svg by name": (f'<image href="{data_of(NESTED, "image/svg+xml")}"/>', NO_IMAGE),
-    "other format": (f'<image href="{data_of(bmp())}"/>', NO_IMAGE),
-    "nested bomb": (f'<image href="{data_of(gzip.compress(NESTED))}"/>', NO_IMAGE),
+    "other format": (f'<image href="{data_of(BMP)}"/>', NO_IMAGE),
     "large picture": (f'<image href="{data_of(png(20000, 9500))}"/>', NO_IMAGE),
 }  # fmt: skip
 for _tag in ("img", "object", "video", "body", "link", "any"):
@@ -126,18 +104,6 @@ def test_what_would_grow_or_load_is_refused_in_one_line(case):
         assert "\n" not in str(caught.value)
 
 
-def test_the_command_refuses_it_with_status_two_and_writes_nothing(tmp_path, capsys):
-    (tmp_path / "x.svg").write_text(whole(REFUSED["local picture"][0]))
-    Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "x.png")
-    before = sorted(tmp_path.iterdir())
-    names = [str(tmp_path / n) for n in ("x.png", "x.svg", "r.json")]
-    assert main(["check", *names[:2], "--report", names[2]]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert "got '/etc/x.png'" in err
-    assert sorted(tmp_path.iterdir()) == before
-
-
 @pytest.mark.parametrize(
     "inner",
     [
@@ -156,63 +122,49 @@ def test_what_stays_within_the_file_is_let_through(inner):
     assert Survey(f"{ROOT}{inner}</svg>", 10).elements > 1
 
 
-def test_gzip_bomb_is_refused_without_being_unpacked(monkeypatch):
-    unpacked = []
-    real = gzip.GzipFile.read
+class Endless(io.RawIOBase):
+    """A stream that must not be read to its end."""
 
-    def counted(self, size=-1):
-        data = real(self, size)
-        unpacked.append(len(data))
-        return data
+    def read(self, size=-1):
+        assert size >= 0
+        return b"<" * size
 
-    monkeypatch.setattr(gzip.GzipFile, "read", counted)
+
+def test_what_is_too_long_is_not_unpacked_or_read_to_its_end(monkeypatch):
+    unpacked, read = [], gzip.GzipFile.read
+    monkeypatch.setattr(
+        gzip.GzipFile, "read", lambda *given: unpacked.append(read(*given)) or unpacked[-1]
+    )
     packer = zlib.compressobj(wbits=31)
     bomb = b"".join(packer.compress(bytes(1 << 20)) for _ in range(50)) + packer.flush()
-    for read in (lambda: read_source(bomb, 1_000_000), lambda: read_svg(bomb, max_bytes=1_000_000)):
-        with pytest.raises(InputError, match="at most 1000000 bytes, gunzipped"):
-            read()
-        assert unpacked.pop() == 1_000_001
-
-
-def test_broken_gzip_is_refused():
-    packed = gzip.compress(f"{ROOT}</svg>".encode())
-    for broken in (packed[:-9], packed[:12] + b"\xff" * 9 + packed[21:]):
-        with pytest.raises(InputError, match="complete gzip file"):
-            read_source(broken, 1000)
-
-
-def test_endless_stream_is_not_read_to_its_end():
-    class Endless(io.RawIOBase):
-        def read(self, size=-1):
-            assert size >= 0
-            return b"<" * size
-
+    for source in (lambda: read_source(bomb, 1000), lambda: read_svg(bomb, max_bytes=1000)):
+        with pytest.raises(InputError, match="at most 1000 bytes, gunzipped"):
+            source()
+        assert len(unpacked.pop()) == 1001
     with pytest.raises(InputError, match="at most 1000 bytes"):
         read_source(Endless(), 1000)
 
 
-def test_limits_are_the_last_that_is_let_through():
+def test_source_is_read_in_its_encoding_up_to_its_limits():
     svg = f"{ROOT}<g/><g/></svg>"
+    packed = gzip.compress(svg.encode())
+    for source in (svg.encode(), svg.encode("utf-8-sig"), packed):
+        assert read_source(source, len(svg) + 3)[1].lstrip("\ufeff") == svg
+    for encoding in ("utf-16", "windows-1252"):
+        text = f"<?xml version='1.0' encoding='{encoding}'?>{ROOT}<title>Größe 10 €</title></svg>"
+        assert read_source(text.encode(encoding), 10_000)[1] == text
     assert Survey(svg, 3).tags == {"g": 2, "svg": 1}
-    assert read_source(svg, len(svg))[1] == svg
     with pytest.raises(InputError, match="at most 2 elements"):
         Survey(svg, 2)
-    with pytest.raises(InputError, match=f"at most {len(svg) - 1} bytes"):
-        read_source(svg, len(svg) - 1)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "windows-1252"])
-def test_text_is_read_in_its_encoding(encoding):
-    svg = f"<?xml version='1.0' encoding='{encoding}'?>{ROOT}<title>Größe 10 €</title></svg>"
-    assert read_source(svg.encode(encoding), 10_000)[1] == svg
-    assert Survey(f"{ROOT}</svg>".encode("utf-8-sig").decode().lstrip("\ufeff"), 1).elements == 1
-
-
-def test_null_characters_are_no_text():
-    # expat would take these for UTF-16 and see elements that no renderer of the text does
-    text = read_source(f"{ROOT}</svg>".encode("utf-16-le"), 10_000)[1]
+    for source in (svg.encode(), io.BytesIO(svg.encode()), packed):
+        with pytest.raises(InputError, match=f"at most {len(svg) - 1} bytes"):
+            read_source(source, len(svg) - 1)
+    for broken in (packed[:-9], packed[:12] + b"\xff" * 9 + packed[21:]):
+        with pytest.raises(InputError, match="complete gzip file"):
+            read_source(broken, 1000)
+    # expat would take null characters for UTF-16 and see elements that no renderer of the text does
     with pytest.raises(InputError, match="without null characters"):
-        sized_svg(text, 8, 8, "resvg", 99)
+        sized_svg(read_source(svg.encode("utf-16-le"), 10_000)[1], 8, 8, "resvg", 99)
 
 
 MANY = 40_000
@@ -232,7 +184,7 @@ HOSTILE = {
     "urls": f"{ROOT}<style>{'url(#' * MANY}</style>",
     "prolog": f"{'<!-- -->' * MANY}{'<?a ?>' * MANY}<svg",
     "chain": f"{ROOT}{CHAIN}" + "".join(f'<circle r="1" fill="url(#c{i})"/>' for i in range(5000)),
-    "one attribute": f'{ROOT[:-1]} a="{"x" * 5_000_000}"',
+    "one attribute": f'{ROOT[:-1]} a="{"x" * 1_000_000}"',
 }
 
 

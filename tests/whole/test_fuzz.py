@@ -1,85 +1,154 @@
-"""Laws of reading: mutated images and SVGs are accepted or refused by one error.
+"""Broken photos, broken SVGs and odd options give a result or one refusal, and nothing else.
 
-The short form of tests/shared/fuzz.py.
+GAUSS2SVG_EXAMPLES=10000 tries a thousand times as many.
 """
 
-import os
-import subprocess
-import sys
+import re
 from pathlib import Path
 from random import Random
 
-import fuzz
+import odd_options
 import pytest
 from fuzzing import (
-    TARGETS,
+    READERS,
     broken_picture,
     broken_svg,
-    chunks,
     mutated_bytes,
     outcome,
     picture_seeds,
-    png_of,
+    svg_seeds,
 )
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from svg_fuzzing import svg_seeds
+from odd_options import PIXELS, SVG, Pathless, Rude
 
 import gauss2svg
+from gauss2svg.compare.pages import GalleryOptions
+from gauss2svg.compare.table import run_bench
+from gauss2svg.errors import InputError
+from gauss2svg.fit import DensifyOptions, FitOptions
+from gauss2svg.measure import CheckOptions
+from gauss2svg.options import fields_of
+from gauss2svg.pipeline.options import GROUPS, RunOptions
+from gauss2svg.svg import Document
 
-pytestmark = pytest.mark.sweep
-
+A_PHOTO = Path(__file__).parents[1] / "golden" / "crisp-0.png"
 SEEDED = st.integers(0, 2**32 - 1).map(Random)
-FEW = settings(max_examples=250, suppress_health_check=list(HealthCheck))
+EXAMPLES = settings().max_examples
+MANY = settings(max_examples=25 * EXAMPLES, suppress_health_check=list(HealthCheck))
 
 
-@pytest.mark.parametrize("index", range(len(picture_seeds())))
-def test_whole_pictures_are_accepted(index):
-    assert outcome("loader", picture_seeds()[index])[0] == "accepted"
+@pytest.mark.sweep
+def test_whole_pictures_and_svgs_are_read_or_refused_by_what_they_use():
+    assert {outcome("photo", data) for data in picture_seeds()} == {"accepted"}
+    said = [outcome("svg", data) for data in svg_seeds()]
+    assert all(line == "accepted" or "what the SVG uses" in line for line in said)
+    assert said.count("accepted") > 5
 
 
-@pytest.mark.parametrize("index", range(len(svg_seeds())))
-def test_whole_svgs_are_rasterised_or_refused_by_what_they_use(index):
-    said = outcome("svg", svg_seeds()[index])[0]
-    assert said == "accepted" or "what the SVG uses" in said
+@pytest.mark.sweep
+@pytest.mark.parametrize(
+    ("reader", "broken"), [("photo", broken_picture), ("svg", broken_svg), ("scene", broken_svg)]
+)
+@MANY
+@given(rng=SEEDED)
+def test_broken_files_are_accepted_or_refused(reader, broken, rng):
+    outcome(reader, broken(rng))
 
 
-@pytest.mark.posix
-def test_the_long_form_runs_by_itself_and_counts_its_inputs(tmp_path):
-    command = [fuzz.__file__, "--inputs", "3", "--jobs", "1", "--folder", str(tmp_path / "found")]
-    # As a program: without the folders that pytest imports from.
-    done = subprocess.run(
-        [sys.executable, *command, "loader"],
-        env={**os.environ, "PYTHONPATH": str(Path(gauss2svg.__file__).parents[1])},
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert done.stdout.startswith("loader, seed 0: 3 inputs, ")
-    assert not list((tmp_path / "found").iterdir())
-
-
-def test_checksums_are_right_again():
-    pngs = [seed for seed in picture_seeds() if seed.startswith(b"\x89PNG")]
-    assert len(pngs) > 4
-    for png in pngs:
-        assert png_of(chunks(png)) == png
-
-
-@FEW
-@given(st.randoms(use_true_random=False) | SEEDED)
-def test_broken_pictures_are_accepted_or_refused(rng):
-    assert outcome("loader", broken_picture(rng))[1] == []
-
-
-@pytest.mark.parametrize("target", ["svg", "read"])
-@FEW
-@given(rng=st.randoms(use_true_random=False) | SEEDED)
-def test_broken_svgs_are_accepted_or_refused(target, rng):
-    assert outcome(target, broken_svg(rng))[1] == []
-
-
-@FEW
+@pytest.mark.sweep
+@MANY
 @given(st.binary(max_size=200), SEEDED)
 def test_rubbish_is_refused(data, rng):
-    for target in TARGETS:
+    for reader in READERS:
         for rubbish in (data, mutated_bytes(rng, data or b"<", data or b"<svg")):
-            assert outcome(target, rubbish)[0] != "accepted"
+            assert outcome(reader, rubbish) != "accepted"
+
+
+@pytest.mark.sweep
+def test_any_combination_of_options_gives_a_result_or_one_refusal(tmp_path, monkeypatch):
+    seen = set()
+    for number in range(6 * EXAMPLES):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        seen.add(odd_options.outcome(Random(number)))
+    assert {"result", "refused", "done by the command", "refused by the command"} <= seen
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        ({"progress": 5}, "progress must be a function; got int"),
+        ({"stop": PIXELS}, "stop must be a function; got ndarray"),
+        ({"run": RunOptions(threads=2**31 - 1)}, r"threads must be a whole number in 1\.\."),
+        (
+            {"fit": FitOptions(blend="add"), "document": Document(animate=9)},
+            "animate must not be given with additive blending",
+        ),
+        ({"densify": DensifyOptions(schedule="linear")}, "schedule must be given with a number"),
+    ],
+)
+def test_what_cannot_work_is_refused_before_the_photo_is_read(given, match, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=match):
+        gauss2svg.vectorize("missing.png", **given)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_result_is_saved_under_a_path_alone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    # bool has no signature that Python could tell.
+    result = gauss2svg.vectorize(PIXELS, gaussians=2, quality="draft", stop=bool)
+    for path in (5, b"out.svg", None, "", object(), PIXELS):
+        with pytest.raises(InputError, match="path must be the path of a file; got"):
+            result.save(path)
+    with pytest.raises(InputError, match="gzip must be True or False; got 5"):
+        result.save("out.svg", gzip=5)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("path", [Rude(), Pathless()])
+@pytest.mark.parametrize(
+    ("name", "call"),
+    {
+        "photo": gauss2svg.vectorize,
+        "photo of check": lambda path: gauss2svg.check(path, SVG),
+        "svg": lambda path: gauss2svg.check(PIXELS, path),
+        "source": gauss2svg.read_svg,
+        "file": gauss2svg.Scene(4, 4).save,
+        "scene file": gauss2svg.Scene.load,
+        "photos": lambda path: gauss2svg.build_gallery([path], "new"),
+        "directory": lambda path: gauss2svg.build_gallery(["photo.png"], path),
+        "images": lambda path: run_bench([path], "new"),
+        "directory of a benchmark": lambda path: run_bench([A_PHOTO], path),
+    }.items(),
+)
+def test_a_path_that_raises_or_is_none_is_refused_by_its_name(
+    name, call, path, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"^{name.partition(' of ')[0]} must be .*$"):
+        call(path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("group", [*GROUPS.values(), CheckOptions, GalleryOptions])
+def test_any_value_of_an_option_is_taken_or_refused_on_one_line(group):
+    refusals = []
+    for field in fields_of(group):
+        for value in odd_options.odd_values():
+            try:
+                group(**{field.name: value})
+            except InputError as error:
+                refusals.append(str(error))
+    assert len(refusals) > 100
+    assert [line for line in refusals if not line.isprintable() or len(line) > 2000] == []
+    assert [line for line in refusals if not re.search("must|cannot read", line)] == []
+
+
+def test_errors_are_one_line_whatever_files_are_called():
+    for call in (gauss2svg.vectorize, gauss2svg.read_svg):
+        with pytest.raises(InputError, match=r"a b\\x1b") as refusal:
+            call("a\nb\x1b")
+        assert str(refusal.value).isprintable()

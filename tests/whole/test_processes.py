@@ -37,9 +37,6 @@ def noted_in_time(noted, seconds, call):
         ("cat; echo no >&2; echo ' why ' >&2; exit 3", Ended(3, b"said", "why")),
         ("cat >&2", Ended(0, b"", "said")),
         ("exit 4", Ended(4, b"", "")),
-        ("kill -9 $$", Ended(-9, b"", "")),
-        ("printf '\\n\\n' >&2", Ended(0, b"", "")),
-        ("printf '\\377' >&2", Ended(0, b"", "\ufffd")),
         ("yes 0123456789 | head -n 9000 >&2; echo end >&2", Ended(0, b"", "end")),
     ],
 )
@@ -50,20 +47,11 @@ def test_a_process_is_told_by_its_status_its_output_and_the_last_line_of_its_err
     assert shell(script, b"said", timeout_s=timeout_s) == ended
 
 
-def test_input_that_nobody_reads_is_no_error():
-    for timeout_s in (None, 60):
-        assert shell("exit 3", bytes(10**6), timeout_s=timeout_s).status == 3
-
-
 def test_a_process_runs_where_and_with_what_it_is_given(tmp_path):
     ended = shell("pwd; echo $THIS; echo ${HOME:+home}", folder=tmp_path, environment={"THIS": "1"})
     assert ended.output.decode().splitlines() == [str(tmp_path.resolve()), "1", "home"]
     with pytest.raises(FileNotFoundError):
         run([str(tmp_path / "none")])
-
-
-def test_without_data_input_is_empty():
-    assert shell("cat").output == b""
 
 
 @pytest.mark.parametrize("options", [{}, {"data": b"x"}])
@@ -74,16 +62,15 @@ def test_after_its_time_a_process_and_its_children_end(options, tmp_path):
     assert all(map(has_ended, found))
 
 
-def test_a_child_that_leads_another_group_ends_with_it(tmp_path):
+def test_after_its_time_a_child_in_a_group_of_its_own_ends_too(tmp_path):
     child = tmp_path / "child"
     script = (
-        "import subprocess; "
-        "child = subprocess.Popen(['sleep', '600'], start_new_session=True)\n"
-        f"open({str(child)!r}, 'w').write(str(child.pid))\n"
-        "child.wait()\n"
+        "import subprocess, sys; from pathlib import Path; "
+        "child = subprocess.Popen(['sleep', '600'], start_new_session=True); "
+        "Path(sys.argv[1]).write_text(str(child.pid)); child.wait()"
     )
-    call = partial(run, [sys.executable, "-c", script])
-    assert all(map(has_ended, noted_in_time(child, (2, 8, 32), call)))
+    command = [sys.executable, "-c", script, str(child)]
+    assert all(map(has_ended, noted_in_time(child, (1, 8, 32), partial(run, command))))
 
 
 def test_a_process_ends_with_its_parent():
@@ -119,25 +106,11 @@ def test_an_interrupt_ends_the_process_and_is_raised(monkeypatch):
     assert has_ended(begun[0])
 
 
-@pytest.mark.parametrize("opened", ["> /dev/null", "2> /dev/null", ""])
-@pytest.mark.parametrize("timeout_s", [None, 30])
-def test_what_a_process_leaves_behind_with_its_pipes_open_is_not_waited_for(opened, timeout_s):
+def test_what_a_process_leaves_behind_with_its_pipes_open_is_not_waited_for():
     begun = time.monotonic()
-    pid = int(shell(f"sleep 60 {opened} & echo $!", timeout_s=timeout_s).output)
+    pid = int(shell("sleep 60 & echo $!").output)
     assert time.monotonic() - begun < 30
     assert has_ended(pid)
-
-
-def test_an_exception_ends_the_group_of_a_process_that_has_ended(tmp_path, monkeypatch):
-    class Interrupted(subprocess.Popen):
-        def communicate(self, *_):
-            self.wait()
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(subprocess, "Popen", Interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        shell(f"sleep 60 & echo $! > {tmp_path}/pid")
-    assert has_ended(int((tmp_path / "pid").read_text()))
 
 
 def test_a_module_is_imported_as_here_and_not_from_the_current_folder(tmp_path, monkeypatch):
@@ -148,5 +121,5 @@ def test_a_module_is_imported_as_here_and_not_from_the_current_folder(tmp_path, 
     monkeypatch.syspath_prepend(tmp_path / "there")
     monkeypatch.syspath_prepend("")
     command = processes.module_command("some_module", "word")
-    assert run(command, environment=processes.module_path()).output == b"there\n"
-    assert Path(processes.module_path()["PYTHONPATH"].split(os.pathsep)[-1]).is_dir()
+    assert run(command, environment=processes.python_environment()).output == b"there\n"
+    assert Path(processes.python_environment()["PYTHONPATH"].split(os.pathsep)[-1]).is_dir()

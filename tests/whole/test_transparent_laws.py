@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gauss2svg.errors import SceneError
-from gauss2svg.photo.alpha import BACKDROPS
+from gauss2svg.photo.pixels import BACKDROPS
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import Scene

@@ -8,8 +8,8 @@ from typing import Annotated
 from annotated_types import Interval
 
 from gauss2svg.options import OptionGroup, Seed
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
-from gauss2svg.svg.document import check_text
+from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.svg import check_text
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from gauss2svg.batch.listing import ListedPhoto, listed_photos
 from gauss2svg.compare import chart, run
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.pages import GalleryOptions
@@ -21,10 +22,8 @@ from gauss2svg.compare.records import TOOL, Row
 from gauss2svg.compare.variants import Variant, main_variant, variants_of
 from gauss2svg.errors import OutputError, on_one_line
 from gauss2svg.files import as_json, make_folder, write_all_atomically
-from gauss2svg.measure import heatmap
-from gauss2svg.measure.scores import ON_REQUEST, PSNR, SCORES, Score
-from gauss2svg.pipeline.listing import ListedPhoto, listed_photos
-from gauss2svg.pipeline.memory_budget import allowed
+from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
+from gauss2svg.pipeline.budgets import allowed
 from gauss2svg.pipeline.run import compile_kernels, thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
@@ -106,7 +105,7 @@ def build_gallery(
     # By default the processes share the cores.
     threads = thread_count(options.threads) // (jobs if options.threads is None else 1) or 1
     root = _folder(directory)
-    # The processes share the free memory: each would take most of it otherwise.
+    # The processes share the free memory, because each would otherwise take most of it.
     run_options = {
         "seed": seed, "threads": threads, "max_memory": allowed(None) // jobs,
         "max_pixels": options.max_pixels, "fragments": True,
@@ -143,7 +142,7 @@ def build_gallery(
 
     try:
         if jobs > 1:
-            compile_kernels()  # once, because processes that start together would each do it
+            compile_kernels()  # once here, or processes that start together would each compile
         with Pool(jobs) as pool:
             for record in grid.run(plan, pool, run.make_photo):  # first, to report bad photos early
                 grid.total -= len(chosen) * ("error" in record)

@@ -80,6 +80,6 @@ export class Exports {
  */
 function widest({ width, height }, most) {
   let wide = Math.ceil(Math.sqrt(most * width / height)) + 1;
-  while (wide > 1 && wide * Math.max(1, Math.round(wide * height / width)) > most) wide -= 1;
+  while (wide > 1 && wide * Math.ceil(wide * height / width) > most) wide -= 1;
   return wide;
 }

@@ -1,0 +1,102 @@
+"""Lists of photos by their paths: each photo once, with a name to show and one for files."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gauss2svg.errors import InputError, on_one_line, quoted, refusal
+from gauss2svg.files import is_device, reading
+
+_NAMELESS = "photo"
+_DIGITS = 12  # hexadecimal digits of a digest in a slug
+_DIGEST_AT_END = re.compile(rf"-[0-9a-f]{{{_DIGITS}}}$")
+
+
+@dataclass(frozen=True)
+class ListedPhoto:
+    """A photo of a list.
+
+    path     path of the file
+    name     `file` as printable text
+    file     name of the file, with its folders if other photos have the same name
+    slug     unique name for a file or folder of this photo: a-z, 0-9 and -
+    digest   SHA-256 of the file's bytes, None if it cannot be read
+    problem  reason why the file cannot be read, None if it can
+    """
+
+    path: str
+    name: str
+    file: str
+    slug: str
+    digest: str | None
+    problem: str | None = None
+
+
+def listed_photos(
+    paths: Sequence[str | os.PathLike[str]], name: str = "photos"
+) -> list[ListedPhoto]:
+    """Return each photo once, in order of first mention. Raise InputError if there is none.
+
+    A slug is made of the file's name. A digest of `file` follows it if other readable photos have
+    the same slug, or if the photo cannot be read. So neither the order nor the pixels change a
+    slug, and other photos change it only if they have the same name.
+
+    name  name of the argument in errors
+    """
+    if isinstance(paths, (str, bytes, os.PathLike)):
+        raise refusal(name, "a sequence of paths", quoted(paths), f"[{paths!r}]")
+    try:
+        texts = [os.fsdecode(path) for path in paths or ()]
+    except Exception as error:  # a value's own methods may raise anything
+        raise refusal(name, "a sequence of paths", quoted(paths)) from error
+    if not texts:
+        raise refusal(name, "the paths of one or more photos", quoted(paths))
+    once: dict[str, str] = {}
+    for path in texts:
+        # A path with a NUL character is refused later, when it is read.
+        once.setdefault(path if "\0" in path else os.path.realpath(path), path)
+    texts = list(once.values())
+    read = [(slug_of(Path(path).stem), *_digest(path)) for path in texts]
+    shared = Counter(slug for slug, digest, _ in read if digest is not None)
+    photos = []
+    for path, file, (slug, digest, problem) in zip(texts, _names(texts), read, strict=True):
+        # A slug that ends like a digest also gets a digest, so that it equals no other slug.
+        if digest is None or shared[slug] > 1 or _DIGEST_AT_END.search(slug):
+            own = hashlib.sha256(file.encode(errors="backslashreplace")).hexdigest()
+            slug += f"-{own[:_DIGITS]}"
+        photos.append(ListedPhoto(path, on_one_line(file), file, slug, digest, problem))
+    return photos
+
+
+def _names(paths: Sequence[str]) -> list[str]:
+    """Return the shortest end of each path that no other path has, mostly the file's name."""
+    parts = [Path(path).absolute().parts for path in paths]
+    all_ends = [[own[-length:] for length in range(1, len(own) + 1)] for own in parts]
+    shared = Counter(end for ends in all_ends for end in ends)
+    return [
+        Path(*next((end for end in ends if shared[end] == 1), ends[-1])).as_posix()
+        for ends in all_ends
+    ]
+
+
+def slug_of(name: str) -> str:
+    """Return a folder name that every system accepts: 1 to 48 characters of a-z, 0-9 and -."""
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
+    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:48].rstrip("-") or _NAMELESS
+    return f"{_NAMELESS}-{slug}" if is_device(slug) else slug
+
+
+def _digest(path: str) -> tuple[str | None, str | None]:
+    """Return (SHA-256 of a file, None), or (None, the reason why it cannot be read)."""
+    try:
+        with reading(path, "the path of a photo") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest(), None
+    except (InputError, OSError) as error:
+        return None, on_one_line(str(error))

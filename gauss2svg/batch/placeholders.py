@@ -1,0 +1,203 @@
+"""Placeholders of many photos, in one file or in a file each. Unchanged placeholders are kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import dataclass
+from itertools import takewhile
+from pathlib import Path
+from typing import Annotated, Any, Literal
+from urllib.parse import quote
+
+from gauss2svg.batch.listing import ListedPhoto, listed_photos
+from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
+from gauss2svg.files import STANDARD_STREAM, check_outputs, make_folder, reading
+from gauss2svg.options import OptionGroup
+from gauss2svg.pipeline.placeholder import (
+    DEFAULT_BYTES,
+    Counted,
+    Placeholder,
+    check_bytes,
+    placeholder,
+)
+from gauss2svg.version import __version__
+
+# Beginning of a line of HTML, with the address of the photo.
+_LINE = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
+# Suffixes and types of the files beside a photo that a <picture> offers before the photo, in order.
+_SOURCES = {".avif": "image/avif", ".webp": "image/webp"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceholderOptions(OptionGroup):
+    """Options of placeholders for a list of photos."""
+
+    max_bytes: Annotated[int | str, check_bytes] = DEFAULT_BYTES
+    """Maximum size of each placeholder in bytes, up to 20k."""
+
+    bytes_of: Counted = "svg"
+    """What --max-bytes limits. svg: the file. inline: the SVG as it stands inside a page ("content"
+    in the JSON). data_uri, data_uri_base64: the data URI of that form."""
+
+    format: Literal["json", "object", "html", "picture", "svg"] = "json"
+    """json: a list with the SVG, data URIs, size and mean colour of each photo, by the keys of
+    SQIP. object: the same, by the paths of the photos. html: an img element for each photo, with
+    the placeholder as its background. picture: the same in a picture element, which also offers the
+    AVIF and WebP of the same name beside the photo. svg: one SVG file for each photo."""
+
+    root: Path | None = None
+    """Folder to which paths and addresses are relative. The default is the folder of the output."""
+
+
+class PlaceholderList:
+    """Placeholders of photos, and the entries that an earlier run has written.
+
+    photos     the given photos, each once
+    copies     number of photos that were given again
+    made       placeholders of this run
+    unchanged  number of photos whose entry has the same photo, options and version
+    failures   a line for each photo that failed
+    Raise InputError for an output that is a photo or any file other than a list of placeholders,
+    because replacing that file would lose its content. Raise OutputError for an output that cannot
+    be written.
+    """
+
+    def __init__(self, paths: list[str], output: str, options: PlaceholderOptions) -> None:
+        self._output, self._options = output, options
+        self._is_json = options.format in ("json", "object")
+        self._made_by = f"gauss2svg {__version__}, {options.max_bytes} bytes of {options.bytes_of}"
+        self.photos = listed_photos(paths)
+        self.copies = len(paths) - len(self.photos)
+        self.made: dict[ListedPhoto, Placeholder] = {}
+        self.failures: list[str] = []
+        self.unchanged = 0
+        if options.format == "picture":
+            sources = {file for photo in self.photos for file in _sources(photo)}
+            self.photos = [photo for photo in self.photos if Path(photo.path) not in sources]
+        elif options.format == "svg" and output == STANDARD_STREAM and len(self.photos) > 1:
+            raise InputError("--output must be given for several SVGs. Try -o folder")
+        elif options.format == "svg" and Path(output).suffix.lower() == ".svg":
+            advice = str(Path(output).with_suffix(""))
+            raise refusal("--output", "a folder with --format svg", quoted(output), advice)
+        keys = [self._key(photo) for photo in self.photos]
+        if output != STANDARD_STREAM:
+            targets = [Path(name) for name in (keys if options.format == "svg" else [output])]
+            make_folder(targets[0].parent)
+            check_outputs({photo.path: "a photo" for photo in self.photos}, targets)
+        self._data, before = self._read()
+        self._entries = {key: before.get(key) for key in keys}
+
+    def add(self, photo: ListedPhoto) -> None:
+        """Make the placeholder of a photo, unless its entry is unchanged."""
+        key, options = self._key(photo), self._options
+        metadata = (self._entries[key] or {}).get("metadata", {}) if self._is_json else {}
+        if photo.problem is not None:
+            self.failures.append(f"failed: {photo.problem}")
+        elif (metadata.get("sha256"), metadata.get("madeBy")) == (photo.digest, self._made_by):
+            self.unchanged += 1
+        else:
+            try:
+                one = placeholder(photo.path, options.max_bytes, bytes_of=options.bytes_of)
+            except Gauss2SvgError as error:
+                line = str(error).replace("max_bytes must", "--max-bytes must")
+                self.failures.append(f"failed: {photo.name}: {line}")
+            else:
+                self.made[photo], self._entries[key] = one, self._entry(photo, one)
+
+    @property
+    def count(self) -> int:
+        """Number of placeholders that are made or unchanged."""
+        return len(self.made) + self.unchanged
+
+    @property
+    def kept(self) -> int:
+        """Number of entries of an earlier run that are kept for photos that failed now."""
+        return sum(entry is not None for entry in self._entries.values()) - self.count
+
+    def files(self) -> dict[str, bytes]:
+        """Return the contents of the files to write, by name.
+
+        A list that would not change is left out, because writing makes servers reload pages.
+        """
+        entries = {key: entry for key, entry in self._entries.items() if entry is not None}
+        if self._options.format == "svg":
+            return {name: svg.encode() for name, svg in entries.items()}
+        if self._is_json:
+            for photo in self.photos:  # a photo's name depends on the names of the others
+                if entry := entries.get(self._key(photo)):
+                    entry["metadata"]["filename"] = photo.file
+            listed = entries if self._options.format == "object" else [*entries.values()]
+            text = json.dumps(listed, indent=2) + "\n"
+        else:
+            text = "".join(f"{line}\n" for line in entries.values())
+        is_same = text.encode() == self._data and Path(self._output).is_file()
+        return {} if is_same else {self._output: text.encode()}
+
+    def _key(self, photo: ListedPhoto) -> str:
+        """Return the name of a photo's own SVG, or the photo's path relative to the root.
+
+        In HTML the path is percent-encoded as a URL.
+        """
+        if self._options.format == "svg":
+            is_stream = self._output == STANDARD_STREAM
+            return self._output if is_stream else str(Path(self._output) / f"{photo.slug}.svg")
+        root = self._options.root or os.path.dirname(self._output) or "."
+        try:
+            path = Path(os.path.relpath(photo.path, root)).as_posix()
+        except ValueError as error:  # Windows has no relative path from one drive to another
+            needed, advice = "on the drive of the photos", "a folder above them"
+            raise refusal("--root", needed, quoted(str(root)), advice) from error
+        return path if self._is_json else _url(path)
+
+    def _entry(self, photo: ListedPhoto, one: Placeholder) -> Any:
+        key = self._key(photo)
+        if self._options.format == "svg":
+            return one.svg
+        if self._options.format == "html":
+            return one.snippet(key)
+        if self._options.format == "picture":
+            folder = key[: key.rfind("/") + 1]
+            files = _sources(photo).items()
+            return one.picture(key, {folder + _url(file.name): kind for file, kind in files})
+        record = one.record(photo.file)
+        record["metadata"] |= {"path": key, "sha256": photo.digest, "madeBy": self._made_by}
+        return record
+
+    def _read(self) -> tuple[bytes, dict[str, Any]]:
+        """Return the present content of the output, and its entries by the keys of their photos."""
+        output, form = self._output, self._options.format
+        if form == "svg" or output == STANDARD_STREAM or not Path(output).is_file():
+            return b"", {}
+        with reading(output, "another name for --output") as file:
+            data = file.read()
+        try:
+            if self._is_json:
+                records = json.loads(data.decode())
+                if not isinstance(records, dict if form == "object" else list):
+                    raise TypeError("of another form")
+                entries = records.values() if isinstance(records, dict) else records
+                return data, {entry["metadata"]["path"]: entry for entry in entries}
+            lines = [line for line in data.decode().split("\n") if line.strip()]
+            found = {match[1]: line for line in lines if (match := _LINE.match(line))}
+            if not lines or len(found) < len(lines):
+                raise ValueError("not lines of <img>")
+            return data, found
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            needed = f"a file of placeholders in {form}, or none yet"
+            got = f"{output}, which has something else or is damaged"
+            raise refusal("--output", needed, got, "another name, or remove it") from error
+
+
+def _sources(photo: ListedPhoto) -> dict[Path, str]:
+    """Return the media types of files beside a photo that a browser should prefer, best first."""
+    own = Path(photo.path)
+    better = takewhile(lambda suffix: suffix != own.suffix.lower(), _SOURCES)
+    files = {own.with_suffix(end): _SOURCES[end] for end in better if photo.problem is None}
+    return {file: kind for file, kind in files.items() if file.is_file()}
+
+
+def _url(path: str) -> str:
+    """Return a path as a URL, with its names percent-encoded as bytes."""
+    return quote(os.fsencode(path))

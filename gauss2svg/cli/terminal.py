@@ -1,0 +1,215 @@
+"""Signals, the standard streams, which may be closed or break, and messages of commands.
+
+Ctrl-C, SIGTERM and Ctrl-Break: the first signal ends the fit, and the command writes the best
+result so far. The second signal quits. A signal before the fit quits too, because there is nothing
+to write yet. A first signal after the fit lets the command write and measure the result. Files are
+whole or untouched.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
+from functools import partial
+from types import FrameType
+from typing import Any
+
+from gauss2svg import processes
+from gauss2svg.errors import on_one_line
+
+_QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
+_SHOW_CURSOR = b"\x1b[?25h"  # escape sequence that shows the cursor, which a progress bar hides
+_ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
+
+
+SIGNALS: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM)  # signals that end a command
+if sys.platform == "win32":
+    # Windows sends SIGBREAK for Ctrl-Break and when a console is closed. On Windows no program
+    # sends SIGTERM to another.
+    SIGNALS += (signal.SIGBREAK,)
+
+
+class Terminated(KeyboardInterrupt):
+    """The exception for SIGTERM and Ctrl-Break, as KeyboardInterrupt is for Ctrl-C."""
+
+
+class Interruption:
+    """A signal that asks a fit to end. Its handler is `receive`, to be set by `handling`."""
+
+    def __init__(self) -> None:
+        self.signal: int | None = None
+        self._has_fitted = False
+
+    def asked(self) -> bool:
+        """Return whether the fit should end. `vectorize` calls it as `stop` after every step."""
+        if not self._has_fitted:
+            processes.pending()  # raise for an earlier signal, because there is nothing to write
+        self._has_fitted = True
+        return self.signal is not None
+
+    def receive(self, number: int, _frame: FrameType | None) -> None:
+        """Handle a signal: note the first one after the fit began, and quit at any other."""
+        is_first, self.signal = self.signal is None, number
+        if not self._has_fitted:
+            _quit_before_fit(number)
+        if not is_first or not self._has_fitted:
+            raise_for(number)
+        _write_line(_ENDING)
+
+
+def _write_line(line: bytes) -> None:
+    # The signal may have interrupted print(), so print() must not be called here.
+    with suppress(OSError):
+        os.write(2, line)
+
+
+def status_of(number: int) -> int:
+    """Return the exit status after a signal: 130 for SIGINT, and 143 for the others."""
+    return 128 + (signal.SIGINT if number == signal.SIGINT else signal.SIGTERM)
+
+
+def raise_for(number: int, _frame: FrameType | None = None) -> None:
+    """Handle a signal: raise KeyboardInterrupt for SIGINT, and Terminated for the others."""
+    processes.pending = partial(raise_for, number)
+    raise KeyboardInterrupt if number == signal.SIGINT else Terminated
+
+
+def exit_for(number: int, _frame: FrameType | None = None) -> None:
+    """Handle a signal: end the process at once, with one line on standard error and no cleaning.
+
+    An exception could be lost in a callback of a C library, or end an import half-way.
+    """
+    _write_line((_SHOW_CURSOR if os.isatty(2) else b"") + _QUITTING)
+    os._exit(status_of(number))
+
+
+_quit_before_fit: Callable[[int], None] = raise_for
+
+
+def exit_before_fits() -> None:
+    """Let signals end the process at once, until a fit or another command runs."""
+    global _quit_before_fit
+    _quit_before_fit = exit_for
+    _set(dict.fromkeys(SIGNALS, exit_for))
+
+
+@contextmanager
+def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> Iterator[None]:
+    """Set a handler of SIGNALS inside the `with` block, if this is the main thread.
+
+    If a callback of a C library or a __del__ swallows the exception of `raise_for`, it is raised
+    again, at the latest when the block ends, and Python prints no "Exception ignored".
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    before = _set(dict.fromkeys(SIGNALS, handler)) if is_main else {}
+    print_swallowed = sys.unraisablehook
+
+    def print_others(swallowed: Any) -> None:
+        if not isinstance(swallowed.exc_value, KeyboardInterrupt):
+            print_swallowed(swallowed)
+
+    if is_main:
+        sys.unraisablehook = print_others
+    try:
+        processes.pending()  # raise for a signal that came before
+        yield
+        processes.pending()
+    finally:
+        _set(before)
+        if is_main:
+            sys.unraisablehook = print_swallowed
+        processes.pending = processes.nothing
+
+
+def ignore() -> None:
+    """Ignore signals from now on, because the exit status of the command is decided."""
+    _set(dict.fromkeys(SIGNALS, signal.SIG_IGN))
+
+
+def _set(handlers: Mapping[int, Any]) -> dict[int, Any]:
+    """Set handlers of signals, and return the handlers that they replace.
+
+    Signals that are ignored stay ignored, as under nohup, or in the background of a shell without
+    job control.
+    """
+    before = {number: signal.getsignal(number) for number in handlers}
+    for number, handler in handlers.items():
+        if handler is not None and before[number] is not signal.SIG_IGN:
+            signal.signal(number, handler)
+    return before
+
+
+_LINE_S = 60.0  # seconds between two lines of progress in a log, so that a night has hundreds
+
+
+def say(line: str) -> None:
+    """Print a message of the program on standard error, as one line."""
+    print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)
+
+
+def hold_closed_descriptors() -> None:
+    """Open the null device for each closed standard descriptor.
+
+    Otherwise the next file that is opened would get its number, and messages of libraries would go
+    into that file. sys.stdin and sys.stdout stay None, which files.standard_stream detects.
+    sys.stderr becomes the null device, because print(file=None) would write to standard output.
+    """
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the new descriptor has the lowest free number
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (it stays open until the process ends)
+
+
+def print_utf8() -> None:
+    """Encode prints to a pipe or a file as UTF-8, which on Windows is not the default."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and not stream.isatty():
+            stream.reconfigure(encoding="utf-8", errors=stream.errors)
+
+
+def drop_output() -> None:
+    """Discard the rest of a broken standard output, because Python would fail again at exit."""
+    if sys.stdout is None:
+        return
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextmanager
+def counting_bar(
+    quiet: bool, clock: Callable[[], float] = time.monotonic
+) -> Iterator[Callable[[str, int, int], None]]:
+    """Yield update(current step, finished steps, total steps), which shows the progress.
+
+    If standard error is no terminal, a line a minute replaces the bar.
+
+    quiet  whether to show nothing
+    clock  returns seconds
+    """
+    from gauss2svg.pipeline.progress_display import terminal_bar
+
+    last_line_at = clock()
+    with nullcontext() if quiet else terminal_bar("reading the photos") as show:
+
+        def update(now: str, done: int, total: int) -> None:
+            nonlocal last_line_at
+            line = f"{done:,} of {total:,}: {now}"
+            if show is not None:
+                show(line, done / max(total, 1))
+            elif not quiet and clock() - last_line_at >= _LINE_S:
+                last_line_at = clock()
+                say(line)
+
+        yield update

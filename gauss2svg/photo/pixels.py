@@ -1,0 +1,205 @@
+"""Pictures in memory: a photo and its header, its size, its samples, and its alpha.
+
+Images are sRGB arrays in 0..1, opaque (h, w, 3) or with straight alpha (h, w, 4). A pixel of colour
+c and alpha A over a background b shows A c + (1 - A) b. The two values over white and over black
+determine c and A. Over any other colour each channel shows a mean of these two. So an image that
+matches a photo over white and over black matches it over every background.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageColor
+
+from gauss2svg.errors import InputError, quoted
+
+Size = tuple[int, int]  # width and height in px
+# A function (width, height as stored) that returns the size needed, or the longest side in px.
+SizeNeeded = Callable[[int, int], Size] | int
+WHITE, BLACK = 1.0, 0.0
+BACKDROPS = (WHITE, BLACK)
+_AVERAGE_FROM = 2  # smallest factor of reduction at which an area average is as good as a filter
+_COLOR = re.compile(r"white|black|#(?:[0-9a-f]{3}){1,2}", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Header:
+    """The header of a photo.
+
+    width, height  size in px, as stored
+    has_alpha      whether the photo may have alpha
+    reduced_bytes  memory (bytes) per pixel while the photo is decoded and reduced. None if the
+                   whole photo is decoded first
+    """
+
+    width: int
+    height: int
+    has_alpha: bool
+    reduced_bytes: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A decoded photo.
+
+    pixels  (height, width, 3) float32 sRGB in 0..1, not multiplied by alpha; 0 where alpha is 0
+    full    width and height in px of the upright photo before any reduction
+    notes   conversions made while loading, for the report
+    dpi     px per inch across and down, by the resolution tag. None if the file has none
+    alpha   (height, width) float32 in 0..1. None if every pixel is opaque
+    """
+
+    pixels: NDArray[np.float32]
+    full: tuple[int, int]
+    notes: tuple[str, ...] = ()
+    dpi: tuple[float, float] | None = None
+    alpha: NDArray[np.float32] | None = None
+
+    @property
+    def width(self) -> int:
+        """Width in px."""
+        return self.pixels.shape[1]
+
+    @property
+    def height(self) -> int:
+        """Height in px."""
+        return self.pixels.shape[0]
+
+
+def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
+    """Return samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
+
+    Raise InputError for other types, and for the first sample outside of 0..1.
+    """
+    array = array.astype(array.dtype.newbyteorder("="), copy=False)
+    if array.dtype == np.bool_:
+        return array.astype(np.float32)
+    if array.dtype in (np.uint8, np.uint16):
+        return array.astype(np.float32) / np.float32(np.iinfo(array.dtype).max)
+    if not np.issubdtype(array.dtype, np.floating):
+        raise InputError(
+            f"type of {name} must be uint8, uint16, bool or floating point; got {array.dtype}"
+        )
+    bad = ~((array >= 0) & (array <= 1))  # NaN is bad too
+    if bad.any():
+        y, x, c = (int(v) for v in np.argwhere(bad)[0])
+        raise InputError(
+            f"samples of {name} must be finite and in 0..1; got {array[y, x, c]} at row {y}, "
+            f"column {x}, channel {c}. Try dividing by the largest value, or clipping"
+        )
+    return array.astype(np.float32)
+
+
+def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | None:
+    """Return the size to which a photo is reduced, or None if no side shrinks."""
+    if needed is None:
+        return None
+    if callable(needed):
+        across, down = needed(width, height)
+    else:
+        scale = needed / max(width, height)
+        across, down = (max(1, round(side * scale)) for side in (width, height))
+    size = min(across, width), min(down, height)
+    return None if size == (width, height) else size
+
+
+def has_alpha(pixels: NDArray[np.floating]) -> bool:
+    """Return whether an image is (h, w, 4), and not (h, w, 3)."""
+    return pixels.shape[2] == 4
+
+
+def pixels_of(photo: Photo) -> NDArray[np.float32]:
+    """Return a photo as one array, (h, w, 3) if it is opaque, else (h, w, 4)."""
+    if photo.alpha is None:
+        return photo.pixels
+    return np.dstack([photo.pixels, photo.alpha])
+
+
+def shrunk(
+    pixels: NDArray[np.float32], height: int, width: int, sharp: bool = False
+) -> NDArray[np.float32]:
+    """Return an image reduced by an area average. Colour is weighted by alpha, black at alpha 0.
+
+    sharp  use Lanczos' filter if the image is opaque and shrinks by a factor below 2. An average
+           would take one pixel in some places and two in others (docs/decisions/photo.md).
+           With alpha the filter would leave faint rings around edges
+    """
+    if (height, width) == pixels.shape[:2]:
+        return pixels
+    sharp = (
+        sharp
+        and not has_alpha(pixels)
+        and _AVERAGE_FROM * max(height, width) > max(pixels.shape[:2])
+    )
+    filter_ = Image.Resampling.LANCZOS if sharp else Image.Resampling.BOX
+    if not has_alpha(pixels):
+        return _resized(pixels, height, width, filter_)
+    weight = alpha_of(pixels)
+    alpha = _resized(weight, height, width, filter_)
+    premultiplied = _resized(pixels[:, :, :3] * weight, height, width, filter_)
+    return straight(premultiplied, alpha[:, :, 0])
+
+
+def over(
+    pixels: NDArray[np.float32], background: float | tuple[float, float, float] = WHITE
+) -> NDArray[np.float32]:
+    """Return an image (h, w, 3) over a grey or sRGB colour in 0..1. Opaque images are unchanged."""
+    if not has_alpha(pixels):
+        return pixels
+    color, alpha = pixels[:, :, :3], alpha_of(pixels)
+    return np.asarray(color * alpha + (1 - alpha) * np.asarray(background, np.float32), np.float32)
+
+
+def views(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (views, h, w, 3): the image over each of BACKDROPS, or itself if it is opaque."""
+    if not has_alpha(pixels):
+        return pixels[None]
+    return np.stack([over(pixels, level) for level in BACKDROPS])
+
+
+def stacked(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the views one below the other, (views * h, w, 3), for a metric over all of them."""
+    return views(pixels).reshape(-1, *pixels.shape[1:2], 3)
+
+
+def alpha_of(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the alpha channel (h, w, 1) of an image (h, w, 4)."""
+    return pixels[:, :, 3:]
+
+
+def straight(color: NDArray[np.floating], alpha: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return (h, w, 4) from premultiplied color (h, w, 3) and alpha (h, w), black at alpha 0."""
+    is_visible = alpha[:, :, None] > 0
+    divided = np.divide(color, alpha[:, :, None], out=np.zeros_like(color), where=is_visible)
+    return np.dstack([np.clip(divided, 0, 1), np.clip(alpha, 0, 1)]).astype(np.float32)
+
+
+def from_views(white: NDArray[np.floating], black: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return (h, w, 4) from renderings (h, w, 3) over white and black: A = 1 - (white - black)."""
+    return straight(black, np.clip(1 - (white - black).mean(axis=2), 0, 1))
+
+
+def matte_color(text: str, name: str = "matte") -> tuple[float, float, float]:
+    """Return the colour in 0..1 of white, black, #rgb or #rrggbb. Raise InputError otherwise."""
+    if not isinstance(text, str) or not _COLOR.fullmatch(text):
+        raise InputError(
+            f"{name} must be a colour such as white, black, #fa0 or #ffaa00; got {quoted(text)}"
+        )
+    red, green, blue = ImageColor.getrgb(text)[:3]
+    return red / 255, green / 255, blue / 255
+
+
+def _resized(
+    pixels: NDArray[np.float32], height: int, width: int, filter_: Image.Resampling
+) -> NDArray[np.float32]:
+    planes = [
+        Image.fromarray(np.ascontiguousarray(plane)).resize((width, height), filter_)
+        for plane in np.moveaxis(pixels, 2, 0)
+    ]
+    return np.clip(np.stack([np.asarray(p) for p in planes], axis=2), 0, 1, dtype=np.float32)

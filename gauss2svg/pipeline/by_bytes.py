@@ -1,0 +1,393 @@
+"""The search by bytes: files of hundreds to thousands of bytes, with every byte planned.
+
+    photo -> working picture of 96 to 256 px -> a few fits of as many opaque shapes as the bytes
+    allow, with few exponents -> small files -> the best raster that fits
+
+Take Kodak 20, 768 x 512 px, and a limit of 250 bytes. A file without Gaussians has 98 bytes. The
+other 152 bytes suffice for 3 plain ellipses of about 44 bytes, which are fitted at 96 x 64 px. Each
+fit is written in units of two sizes, with colours of 3 and of 6 digits. The file whose model is
+best is drawn:
+
+    <svg xmlns=".." viewBox="0 0 66 44"><path fill="#c3b8a0" d="M0 0h66v44H0"/>
+    <path fill="#504c34" d="M86 27a93 10-1.8 101 0"/>
+    <path fill="#fbf9e8" d="M1-19a91 20 7.2 101 0"/>
+    <path fill="#736031" d="M11 18a10 4 32 101 0"/></svg>
+
+A drawing gets ellipses that stay crisp when it is enlarged:
+
+    drawing -> up to four fits -> the larger picture that they agree on -> fits of more and more
+    ellipses, until the bytes are used or more ellipses no longer help -> the best of their files
+
+The closer of two files is better (`closeness`). Files are compared at the drawing's own size if the
+difference can be seen there, and enlarged if not. In the second case the counts of the fits do not
+depend on the limit, so that a larger limit can choose from all files of a smaller limit.
+
+docs/decisions/small.md explains the constants, and enlarged.md those of drawings.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import refusal
+from gauss2svg.fit import DensifyOptions, FitConfig, FitProgress, FitResult
+from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.target import psnr_of
+from gauss2svg.measure.roundtrip import model_error, raster_error, round_trip
+from gauss2svg.photo.pixels import has_alpha, shrunk
+from gauss2svg.pipeline import drawings, small_file
+from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
+from gauss2svg.pipeline.palette import with_plain
+from gauss2svg.pipeline.plan import MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES, WHOLE_SIDE, Plan
+from gauss2svg.pipeline.run import Run
+from gauss2svg.pipeline.small_file import EXACT_UNDER, SmallFile, closeness, flat_scene
+from gauss2svg.render import render, render_rgba
+from gauss2svg.scene import PLAIN, SOFT, Scene
+from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, covered_radius
+from gauss2svg.svg.file import file_bytes
+from gauss2svg.svg.forms import with_falloffs
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
+
+Exponents = tuple[float, ...]  # exponents of soft shapes. Other shapes are plain ellipses
+BytesOf = Callable[[str], int]
+
+# Smallest limits in bytes at which these exponents are worth their definitions.
+EXPONENTS = (6000, BETA_CLASSES), (2200, (1.0, 3.0)), (0, (3.0,))
+DEFINITION = 5  # number of shapes whose bytes equal those of an exponent's definition
+# Largest plausible ratio of expected to actual bytes of a shape. If it is larger, most shapes were
+# left out of the file.
+SHORTER = 3.0
+SPARE = 1.03  # ratio of fitted shapes to those within the limit. The least useful are left out
+
+# Photos.
+SIDE_PER_ROOT = 12.0  # longest side of the working picture in px, per square root of the count
+LEAST_SIDE = 96  # px, shortest that the longest side of the working picture may be
+# With a limit below so many bytes, every second fit has only plain ellipses, like cut paper.
+PLAIN_UNDER = 900
+FEW_UP_TO = 60  # up to this many shapes: 3 fits on 2 grids each. Above: 2 fits on 1 grid
+ITERATIONS = 200  # steps of a fit
+# Placement and learning rate of each fit to a photo.
+_BEGINNINGS = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
+
+# Drawings.
+LARGE_SIDE = 1024  # px, longest side to which a larger drawing is reduced
+FLAT_SIDE = 384  # the same for a drawing without antialiased edges
+ENLARGED_FROM = 2000  # smallest limit in bytes at which a drawing is fitted enlarged
+STEPS = 600  # steps of a fit
+LEAST_FEWER = 12  # fewest shapes of the fits that halve the count
+AGREEING = (150, 300)  # counts of the fits that enlarge a drawing
+AGREEING_LARGE = (300,)  # the same over 256 px, where fits take longer
+OWN_UP_TO = 200  # most shapes for which fits at the drawing's own size are tried too
+FIRST_COUNT, GROWTH = 160, 1.265  # count of the first enlarged fit, and ratio to the next
+MOST_IDLE = 2  # growth ends after so many fits in a row without a better file
+SHARED = 0.1  # share of the squared error that shared colours may add
+# With a limit below so many bytes, grids are coarse, because a digit is much of a shape.
+COARSE_UNDER = 1100
+# Smallest limit in bytes at which numbers are finer and shaded drawings also have soft shapes.
+FINE_FROM = 6000
+COARSE_GRIDS, GRIDS, FINE_GRIDS = (0.8, 1.2, 4.0, 8.0), (4.0, 8.0), (8.0, 16.0)
+SOFT_FROM = 4.0  # px, narrowest rim of a soft shape of a shaded drawing
+
+
+class ByBytes:
+    """A search for the best file within the limit of bytes of a plan.
+
+    subject     photo and canvas, with the photo reduced further for the fits
+    bytes_of    function that returns the bytes of a file's text. None: bytes of the file itself
+    is_drawing  whether the photo is a drawing
+    flat        shortest file without Gaussians
+    best        closest file so far, with its raster's error
+    fits        results of the fits so far
+    Raise InputError if a file without Gaussians exceeds the limit.
+    """
+
+    def __init__(
+        self, plan: Plan, subject: Subject, run: Run, bytes_of: BytesOf | None = None
+    ) -> None:
+        assert plan.goal.byte_limit is not None
+        self._plan, self._run, self._limit = plan, run, plan.goal.byte_limit
+        self._bytes_of = bytes_of or (lambda svg: len(file_bytes(svg, plan.counts_gzipped)))
+        self.is_drawing = plan.options.fit.learned_falloff and drawings.is_drawing(subject.photo)
+        self.subject, self.fits = subject, list[FitResult]()
+        flat = [self._file(*flat_scene(subject, digits), digits) for digits in HEX_DIGITS]
+        self.flat = min(flat, key=lambda file: file.size)
+        self._left = self._limit - self.flat.size  # bytes left for shapes
+        if self._left < 0:
+            needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
+            raise refusal("max_bytes", needed, str(self._limit), str(self.flat.size))
+        self._each: dict[Exponents, float] = {}  # bytes of a shape in the last file, by exponents
+        self._set_up()
+        self._large: NDArray[np.float32] | None = None  # the enlarged drawing
+        self._fitted = self._solved = self.subject  # subjects for fits, and for solving colours
+        self._reason = ""  # reason for ending before the limit is full, or ""
+        fitting = [self._drawn(file) for file in flat if file.size <= self._limit]
+        self.best = max(fitting, key=closeness)
+
+    def _set_up(self) -> None:
+        """Set the size of the working picture, and the numbers of the fits and files."""
+        photo, canvas, options = self.subject.photo, self.subject.canvas, self._plan.options
+        limit = self._plan.uncompressed_limit or self._limit
+        learned, self._enlarges = options.fit.learned_falloff, False
+        exponents = next(classes for least, classes in EXPONENTS if self._limit >= least)
+        self._exponents: Exponents = exponents if learned else (1.0,)
+        if self.is_drawing:
+            edges = drawings.has_edges(photo)
+            self._enlarges = edges and limit >= ENLARGED_FROM
+            side = LARGE_SIDE if edges else FLAT_SIDE
+            self._digits, self._grids = HEX_DIGITS[-1:], FINE_GRIDS if limit >= FINE_FROM else GRIDS
+            if limit < COARSE_UNDER:
+                self._digits, self._grids = HEX_DIGITS, COARSE_GRIDS
+        else:
+            count = self._left / self._expected(exponents)
+            few = count <= FEW_UP_TO
+            side = min(max(SIDE_PER_ROOT * math.sqrt(max(count, 1)), LEAST_SIDE), WHOLE_SIDE)
+            self._beginnings = _BEGINNINGS if few else _BEGINNINGS[:2]
+            self._digits, self._grids = HEX_DIGITS, (0.8, 1.2) if few else (1.0,)
+        side = min(side, options.run.max_size or side, max(photo.shape[:2]))
+        size = [max(1, round(length * side / max(canvas))) for length in canvas[::-1]]
+        working = shrunk(photo, *size, sharp=self.is_drawing)
+        self.subject = dataclasses.replace(self.subject, working=working)
+        caps = [math.prod(self.subject.size), self._plan.goal.count]
+        caps += [self._plan.preset.cap] if self._plan.goal.quality is not None else []
+        self._most = min(cap for cap in caps if cap is not None)
+        if self.is_drawing:
+            if limit < FINE_FROM or not drawings.is_shaded(working):
+                self._exponents = ()
+            is_large = self._enlarges and self._count(self._exponents) > OWN_UP_TO
+            self._beginnings = () if is_large else _BEGINNINGS[:2]
+        self._alternates = not self.is_drawing and learned and self._limit < PLAIN_UNDER
+        self._starts = len(self._beginnings)  # expected number of fits
+        self._starts += self._enlarges * (5 + len(list(self._ladder())))
+
+    def run(self) -> Outcome:
+        """Return the best file, measured."""
+        plan, subject, best = self._plan, self.subject, self.file()
+        self._run.notify("measure", None)
+        subject.release()
+        renderer, later_fits = plan.options.run.renderer, max(len(self.fits) - 1, 0)
+        measured = round_trip(best.svg, best.scene, subject.photo, renderer, covering=True)
+        return Outcome(
+            plan, subject, best.scene, best.svg, plan.format_at(), self._costs(), measured,
+            later_fits, enlarged=self._large,
+        )  # fmt: skip
+
+    def file(self) -> SmallFile:
+        """Return the best file."""
+        if self.best.error >= EXACT_UNDER and self._most:
+            for k, (init, rate) in enumerate(self._beginnings):
+                exponents = () if self._alternates and k % 2 == 0 else self._exponents
+                if not self._stop():
+                    self._improves(self._count(exponents), init, exponents, rate)
+            # Fewer may be closer, because edges that meet are drawn less exactly than fitted.
+            fewer = len(self.best.scene) // 2 if self.is_drawing and not self._enlarges else 0
+            while fewer >= LEAST_FEWER and not self._stop():
+                fewer = fewer // 2 if self._improves(fewer, "error", self._exponents) else 0
+            if self._enlarges:
+                self._grow()
+        return self.best
+
+    def _grow(self) -> None:
+        """Fit more and more shapes to the enlarged drawing.
+
+        A last fit fills the limit only if differences can still be seen at the drawing's own size.
+        Otherwise chance would decide whether that fit is better. Then a larger limit, which does
+        not try the same count, could end with a worse file.
+        """
+        large = self._enlarged()
+        if large is None:
+            return
+        height, width = large.working.shape[:2]
+        divisor = 2 if max(large.size) > 2 * max(self.subject.size) else 1
+        solved = shrunk(large.working, height // divisor, width // divisor)
+        self._large, self._solved = large.working, dataclasses.replace(large, working=solved)
+        self._fitted = large
+        self.best, idle = self._drawn(self.best), 0
+        for count in self._ladder():  # ends by the bytes per shape of the last file
+            if self._stop():
+                return
+            idle = 0 if self._improves(count, "selective", self._exponents) else idle + 1
+            if idle == MOST_IDLE:
+                self._reason = "gain"
+                return
+        if psnr_of(self.best.error) < SEEN_UP_TO and not self._stop():
+            self._improves(self._count(self._exponents), "selective", self._exponents)
+
+    def _enlarged(self) -> Subject | None:
+        """Return the enlarged drawing, or None if the search is stopped.
+
+        A large or reduced drawing is returned as it is.
+        """
+        own, (width, height) = self.subject, self.subject.size
+        if own.size != own.canvas or max(own.size) > drawings.LARGEST_ENLARGED:
+            return own
+        times = drawings.enlargement(width, height)
+        draw, renders = render_rgba if has_alpha(own.working) else render, []
+        counts = AGREEING if times > 2 else AGREEING_LARGE
+        for count, init in itertools.product(counts, ("selective", "error")):
+            if self._stop():
+                return None
+            scene = self._fit(count, init, self._exponents)
+            if not len(self.best.scene):  # so that a search stopped here has shapes
+                self._keep(scene, self._exponents)
+            renders.append(draw(scene, 4 * width, 4 * height, covering=True))
+        return dataclasses.replace(own, working=drawings.agreed(own.working, renders, times))
+
+    def _ladder(self) -> Iterator[int]:
+        """Yield the counts of enlarged fits that the limit allows."""
+        count = float(FIRST_COUNT)
+        while count <= self._count(self._exponents):
+            yield round(count)
+            count *= GROWTH
+
+    def _costs(self) -> FitResult:
+        """Return the costs of all fits, and the reason why they ended."""
+        count, reason = len(self.best.scene), "max_bytes"
+        if self._reason:
+            reason = self._reason
+        elif self.best.error < EXACT_UNDER:
+            reason = "enough"
+        elif count == self._most:
+            reason = "gaussians" if count == self._plan.goal.count else "cap"
+        costs = FitResult(self.best.scene, 0, 0, 0.0, 0.0, 0, reason)
+        for fitted in self.fits:
+            costs = fitted.after(costs, reason)
+        return costs
+
+    def _stop(self) -> bool:
+        """Return whether the run is stopped, or out of time after the first fit."""
+        if self._run.stop():
+            self._reason = "interrupted"
+        elif self.fits and self._run.budget.is_over:
+            self._reason = "time_limit"
+        return bool(self._reason)
+
+    def _expected(self, exponents: Exponents) -> float:
+        """Return the bytes per shape to assume before a file has shapes."""
+        gzipped = self._plan.counts_gzipped
+        soft, plain, of_drawing = MINIMAL_GZIPPED_BYTES if gzipped else MINIMAL_BYTES
+        return of_drawing if self.is_drawing else soft if exponents else plain
+
+    def _count(self, exponents: Exponents) -> int:
+        """Return how many shapes to fit for the limit, by their bytes in the last file."""
+        expected = self._expected(exponents)
+        each = self._each.get(exponents, expected)
+        if not self.is_drawing:  # leaving out a photo's least useful shapes costs little
+            each = min(each, expected)
+        count = SPARE * self._left / each - DEFINITION * len(exponents)
+        return int(min(max(count, 1), self._most))
+
+    def _improves(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> bool:
+        """Fit `count` shapes, and return whether their file is the best so far."""
+        return self._keep(self._fit(count, init, exponents, rate), exponents)
+
+    def _keep(self, scene: Scene, exponents: Exponents) -> bool:
+        """Write a fitted scene, and keep its file if that is the best. Return whether it is."""
+        file, before = self._written(scene, exponents), self.best
+        if file is not None:
+            self.best = max(before, self._drawn(file), key=closeness)
+        return self.best is not before
+
+    def _fit(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> Scene:
+        """Fit the working or the enlarged picture, and return the scene on the canvas."""
+        subject, options = self._fitted, self._plan.options.fit
+        share = max(subject.size) / max(self.subject.size)
+        soft_from = SOFT_FROM * share if self.is_drawing else 0.0
+        tune, rate = self._plan.tune, rate * options.learning_rate
+        config = FitConfig(
+            gaussians=count,
+            iterations=options.iterations or (STEPS if self.is_drawing else ITERATIONS),
+            fit=dataclasses.replace(options, tune=tune, learning_rate=rate),
+            densify=DensifyOptions(init=init),  # pyright: ignore[reportArgumentType]
+            reduce=False,
+            opaque=not has_alpha(subject.working),
+            enlarged=1 if self._large is None else drawings.enlargement(*self.subject.size),
+        )
+
+        def progress(now: FitProgress) -> None:
+            before = min(len(self.fits), self._starts - 1)
+            later_s = (self._starts - 1 - before) * (now.elapsed_s + now.remaining_s)
+            rest_s, done = now.remaining_s + later_s, (before + now.done) / self._starts
+            self._run.notify("fit", dataclasses.replace(now, done=done, remaining_s=rest_s))
+
+        session = FitSession(
+            subject.working,
+            config,
+            progress=progress,
+            as_written=lambda scene, _: with_few_exponents(scene, exponents, soft_from),
+            stop=self._stop,
+            targets=subject.targets(tune),
+        )
+        session.fit()
+        self.fits.append(session.result())
+        scene, (width, height) = session.scene(), subject.canvas
+        scene = scene.scaled(width / scene.width, height / scene.height)
+        # A plain ellipse keeps its fitted area, not its contour at half the opacity.
+        plain = scene.drawn == PLAIN
+        wider = covered_radius(scene.beta) / covered_radius(np.full(len(scene), MOST_BETA))
+        sigma = scene.sigma * np.where(plain, wider, 1.0)[:, None]
+        beta = np.where(plain, MOST_BETA, scene.beta)
+        scene = scene.replace(width=width, height=height, beta=beta, sigma=sigma)
+        return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, SOFT))
+
+    def _written(self, fitted: Scene, exponents: Exponents) -> SmallFile | None:
+        """Return the file of a fitted scene with the closest model, or None if no Gaussian is left.
+
+        The least useful Gaussians are left out if the file is too long.
+        """
+        order = self._solved.by_use(fitted, self._plan.tune, covering=True)
+        best, expected, pixels = None, self._expected(exponents), self._solved.working
+        for grid, digits in itertools.product(self._grids, self._digits):
+            if best is not None and self._stop():
+                break
+            unit, kept = small_file.unit_of(grid, len(fitted), self.subject.canvas), len(fitted)
+            file, each = None, expected
+            while kept > 0:
+                scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
+                exact, error = small_file.recolored(scene, pixels, digits, SHARED * self.is_drawing)
+                file = self._file(exact, unit, digits, error)
+                shapes = file.size - self.flat.size
+                if kept == len(fitted):
+                    each = shapes / (kept + DEFINITION * len(exponents))
+                if file.size <= self._limit:
+                    break
+                kept -= math.ceil((file.size - self._limit) / max(expected, shapes / kept))
+                file = None
+            if best is None or (file is not None and file.error < best.error):
+                best = file
+                self._each[exponents] = max(each, expected / SHORTER)
+        return best
+
+    def _file(self, scene: Scene, unit: float, digits: int, error: float = math.nan) -> SmallFile:
+        svg = minimal_svg(scene, unit, digits, self.subject.document)
+        return SmallFile(svg, scene, error, self._bytes_of(svg))
+
+    def _drawn(self, file: SmallFile) -> SmallFile:
+        """Return the file with the error of its raster, and that of its enlarged model.
+
+        The model is rendered, because rasterising the masks of an enlarged file takes seconds.
+        """
+        large, renderer = self._large, self._plan.options.run.renderer
+        error = raster_error(file.svg, self.subject.working, renderer)
+        enlarged = math.nan if large is None else model_error(file.scene, large, covering=True)
+        return dataclasses.replace(file, error=error, enlarged_error=enlarged)
+
+
+def with_few_exponents(scene: Scene, exponents: Exponents, soft_from: float) -> Scene:
+    """Return the scene with each exponent set to the nearest of `exponents` or a plain ellipse's.
+
+    soft_from  width in px of the narrowest rim that stays soft. A shape with a narrower one becomes
+               a plain ellipse, which is fitted by how much of each pixel it covers
+    """
+    classes = np.array([*exponents, BETA_CLASSES[-1]])
+    nearest = np.abs(np.log(scene.beta)[:, None] - np.log(classes)).argmin(axis=1)
+    plain = nearest == len(exponents)
+    plain |= RIM_WIDTH * scene.ellipse_axes[0][:, 1] / scene.beta < soft_from
+    scene = with_plain(scene, plain, classes[nearest])
+    return scene.replace(drawn=np.where(plain, PLAIN, SOFT))

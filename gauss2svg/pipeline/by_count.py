@@ -1,0 +1,122 @@
+"""The search by count: fit, write, rasterise, measure, and correct the number of Gaussians.
+
+Targets apply to the rasterised SVG at the size at which the report measures it, so every correction
+with a target rasterises the SVG. `Limits` decides the next count and the best file.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.fit import FitConfig, FitProgress, FitResult
+from gauss2svg.fit.session import DensificationPolicy, FitSession
+from gauss2svg.measure.roundtrip import round_trip
+from gauss2svg.photo.pixels import over
+from gauss2svg.pipeline.export import Export, Exporter
+from gauss2svg.pipeline.limits import Limits
+from gauss2svg.pipeline.outcome import Outcome, Subject
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.run import Run
+from gauss2svg.scene import ADD
+
+# Corrections of a count (docs/decisions/monotone.md).
+CORRECTIONS = 5  # largest number of corrections
+CORRECTION_SHARE = 0.25  # share of a fit's iterations that a correction takes
+LEAST_STEPS = 40  # fewest steps of a correction
+ADDITIVE_SHARE = 0.35  # share of the time that the additive fit before a portable file takes
+
+
+class ByCount:
+    """A search for the number of Gaussians with which a file meets a plan."""
+
+    def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
+        self._plan, self._subject, self._run = plan, subject, run
+        self._exporter = Exporter(plan, subject)
+        self._limits = Limits(plan, self._exporter, run.budget, math.prod(subject.size))
+        adapts = plan.goal.count_adapts
+        self._policy = self._limits if adapts else DensificationPolicy(plan.fit_config)
+        self._phase = "fit"
+
+    def run(self) -> Outcome:
+        """Fit, write, and correct the count while it helps. Return the best file, measured."""
+        plan, subject, limits, run = self._plan, self._subject, self._limits, self._run
+        steps = max(LEAST_STEPS, round(CORRECTION_SHARE * (plan.fit_config.iterations or 0)))
+        exports = list[Export]()
+        session, additive = self._fitted()
+        self._phase = "correct"
+        while True:
+            run.notify("write")
+            if plan.aim is not None:
+                run.notify("measure")
+            exports.append(self._exporter.export(session.scene()))
+            count = len(session.state)
+            if not plan.goal.count_adapts or len(exports) > CORRECTIONS or self._ended(session):
+                break
+            if (wanted := limits.corrected(count, exports)) == count:
+                break
+            session.resize(wanted, steps)
+        best = limits.best(exports)
+        limit = plan.goal.byte_limit
+        if limit is not None and best.size > limit:
+            best = best.pruned_to(
+                limit, self._exporter.empty_bytes, subject.by_use(best.scene, plan.tune)
+            )
+        run.notify("measure")
+        renderer, raster = plan.options.run.renderer, self._exporter.raster(best.svg)
+        measured = round_trip(best.svg, best.scene, subject.photo, renderer, plan.covering, raster)
+        reason = self._ended(session) or self._policy.stop_reason
+        fitted = session.result().after(additive, reason)
+        return Outcome(
+            plan, subject, best.scene, best.svg, best.format, fitted, measured, len(exports) - 1,
+            reached=math.nan if plan.aim is None else best.score,
+        )  # fmt: skip
+
+    def _fitted(self) -> tuple[FitSession, FitResult | None]:
+        """Run the fit of the first export. Return it, and a portable file's additive fit before it.
+
+        With only a time limit, few Gaussians are fitted on reduced pictures first, which is faster.
+        """
+        plan, limits, run, additive = self._plan, self._limits, self._run, None
+        run.stop()
+        if plan.options.svg.portable:
+            run.budget.begin_fit(limits.expected, ADDITIVE_SHARE)
+            self._phase = "additive"
+            first = self._session(over(self._subject.working), plan.config(ADD))
+            first.fit()
+            additive, limits.is_additive, self._phase = first.result(), False, "fit"
+        run.budget.begin_fit(limits.expected)
+        config = plan.fit_config
+        if plan.only_time_limits:
+            config = dataclasses.replace(config, gaussians=limits.expected)
+        session = self._session(self._subject.working, config)
+        if additive is not None:
+            session.adopt(additive.scene, plan.fit_config.gaussians)
+        session.fit()
+        return session, additive
+
+    def _session(self, pixels: NDArray[np.float32], config: FitConfig) -> FitSession:
+        """Return a fit that reports its progress in the present phase of the search."""
+        subject, run = self._subject, self._run
+
+        def progress(now: FitProgress) -> None:
+            target = session.population.target
+            run.budget.stepped(target.width * target.height, now.gaussians, now.done)
+            run.notify(self._phase, now)
+            run.stop()
+
+        as_written = None if self._phase == "additive" else self._exporter.as_written
+        targets = subject.targets(self._plan.tune) if pixels is subject.working else None
+        session = FitSession(
+            pixels, config, self._policy, run.budget.fit_ends, progress, as_written,
+            stop=lambda: run.ended, targets=targets,
+        )  # fmt: skip
+        return session
+
+    def _ended(self, session: FitSession) -> str:
+        """Return the reason why the fit ended before its last step, or "" if it did not."""
+        late = "time_limit" * session.clock.out_of_time
+        return "interrupted" if self._run.ended else late

@@ -1,0 +1,159 @@
+"""The scenes that a search by count writes, with their files and scores."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.fit import PERCEPTUAL
+from gauss2svg.measure import metrics
+from gauss2svg.measure.roundtrip import model_psnr
+from gauss2svg.photo.pixels import has_alpha, stacked
+from gauss2svg.pipeline.outcome import Subject
+from gauss2svg.pipeline.palette import quantize, with_plain_edges
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.raster import rasterize_like
+from gauss2svg.scene import Scene
+from gauss2svg.svg import MINIMAL, Document, SvgFormat
+from gauss2svg.svg.file import file_bytes
+from gauss2svg.svg.forms import is_plain
+from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
+
+FILLED = 0.995  # share of a limit of bytes from which a pruned file counts as full
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """A quantised scene on the file's canvas, and its SVG.
+
+    gzipped  whether `size` counts the gzipped file
+    score    score of the rasterised SVG by the plan's aim. Without one it is the PSNR (dB) of the
+             scene against the working image, or that of the rasterised SVG if the plan is covering,
+             because the falloffs of the scene are not those of the fit
+    """
+
+    scene: Scene
+    svg: str
+    format: SvgFormat
+    document: Document
+    gzipped: bool
+    score: float
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return len(file_bytes(self.svg, self.gzipped))
+
+    def pruned_to(self, limit: int, empty: int, order: NDArray[np.intp]) -> Export:
+        """Return a too large export with the first Gaussians of `order`, as many as `limit` allows.
+
+        They are not fitted again. A file without Gaussians has `empty` bytes, and is returned if it
+        is too large.
+        """
+        # Counts and bytes of files within the limit and beyond it.
+        fewer, more = (0, empty), (len(self.scene), self.size)
+        best = None if more[0] else self
+        while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
+            share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
+            count = int(fewer[0] + share * (more[0] - fewer[0]))
+            count = min(max(count, fewer[0] + (best is not None)), more[0] - 1)
+            scene = self.scene.select(np.sort(order[:count]))
+            scene = in_file_order(scene, self.format, self.document)
+            svg = ordered_svg(scene, self.format, self.document)
+            export = dataclasses.replace(self, scene=scene, svg=svg, score=math.nan)
+            if export.size > limit and count:
+                more = count, export.size
+            else:
+                fewer, best = (count, export.size), export
+        return best
+
+
+class Exporter:
+    """A writer of scenes of the working canvas as files of the photo's size, with their scores.
+
+    The highest PSNR of the scenes of `as_written` chooses the format of files. So the format never
+    becomes coarser, and the sizes of files can be compared.
+    """
+
+    def __init__(self, plan: Plan, subject: Subject) -> None:
+        self._plan, self._subject = plan, subject
+        self._highest_psnr = -math.inf  # dB
+        draw = partial(rasterize_like, picture=subject.photo, renderer=plan.options.run.renderer)
+        self.raster = lru_cache(maxsize=1)(draw)  # returns the raster of an SVG like the photo
+
+    def quantized(self, scene: Scene, psnr: float | None) -> Scene:
+        """Return the scene on the file's canvas, with the colours and exponents of its file.
+
+        psnr  PSNR of the scene in dB, None if the scene has been quantised before
+        """
+        if psnr is not None and self._plan.covering:
+            scene = with_plain_edges(scene)
+        error = None if psnr is None else 10 ** (-psnr / 10)
+        plan, subject, (width, height) = self._plan, self._subject, self._subject.canvas
+        scaled = scene.scaled(width / scene.width, height / scene.height)
+        scaled, weight = scaled.replace(width=width, height=height), None
+        if plan.tune == PERCEPTUAL:  # its weights apply to errors of colours too
+            weight = subject.targets(plan.tune).reduced(1).weight
+        palette, color_error = plan.quantization(len(scene), error)
+        return quantize(scaled, plan.options.svg.form, palette, color_error, weight)
+
+    def as_written(self, scene: Scene, psnr: float) -> Scene:
+        """Return the scene of `quantized` on the working canvas, for the last steps of a fit."""
+        written = self.quantized(scene, psnr)
+        self._highest_psnr = max(self._highest_psnr, psnr)
+        return written.scaled(scene.width / written.width, scene.height / written.height)
+
+    def bytes_each(self, quantized: Scene, size: float, psnr: float = -math.inf) -> float:
+        """Return the mean bytes of a shape in a file of `size` bytes of shapes like these.
+
+        A minimal file draws up to MOST_MASKED soft shapes under masks, which are short. For each
+        soft shape beyond these, it draws FADING soft shapes by gradients.
+
+        psnr  PSNR in dB of a scene whose colours are not yet those of a file
+        """
+        document, count = self._subject.document, max(len(quantized), 1)
+        written = self._plan.format_at(max(psnr, self._highest_psnr))
+
+        def each(svg: str) -> float:
+            shapes = len(file_bytes(svg, self._plan.counts_gzipped)) - self.empty_bytes
+            return max(shapes, 1) / count
+
+        if written.markup != MINIMAL:
+            return each(write_svg(quantized, written, document))
+        from gauss2svg.svg.minimal_shapes import FADING, MOST_MASKED  # few runs need them
+
+        masked, by_gradients = (
+            each(ordered_svg(quantized, written, document, masked)) for masked in (True, False)
+        )
+        most = MOST_MASKED * count / max(np.count_nonzero(~is_plain(quantized)), 1)
+        counts = most * np.array([0, 1, 1 + 1 / FADING, 1e6])
+        sizes = counts * [0, masked, by_gradients, by_gradients]
+        left = max(size - self.empty_bytes, 1)
+        return left / float(np.interp(left, sizes, counts))
+
+    @cached_property
+    def empty_bytes(self) -> int:
+        """Bytes of a file without Gaussians."""
+        empty = Scene(*self._subject.canvas, transparent=has_alpha(self._subject.photo))
+        svg = write_svg(empty, self._plan.format_at(), self._subject.document)
+        return len(file_bytes(svg, self._plan.counts_gzipped))
+
+    def export(self, scene: Scene) -> Export:
+        """Return a scene of the working canvas as it would be written, with its score."""
+        plan, subject = self._plan, self._subject
+        written, document = plan.format_at(self._highest_psnr), subject.document
+        # Colours are in the palette already, except those of ellipses that are no longer plain.
+        exact = in_file_order(self.quantized(scene, None), written, document)
+        svg = ordered_svg(exact, written, document)
+        if plan.aim is not None:
+            score = plan.aim.score(self.raster(svg), subject.photo)
+        elif plan.covering:
+            score = metrics.psnr(stacked(self.raster(svg)), stacked(subject.photo))
+        else:
+            score = model_psnr(scene, subject.working)
+        return Export(exact, svg, written, document, plan.counts_gzipped, score)

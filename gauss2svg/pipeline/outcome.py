@@ -1,0 +1,146 @@
+"""The subject of a search and its outcome, and the best of several outcomes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.fit import FitResult, Tune
+from gauss2svg.fit.target import TargetPyramid
+from gauss2svg.measure.roundtrip import RoundTrip, raster_error
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.render.cpu import splats_of
+from gauss2svg.scene import Scene
+from gauss2svg.svg import Document, SvgFormat
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A photo, and the canvas and document of its file.
+
+    photo     (h, w, 3) or (h, w, 4) float32 in 0..1, with which files are compared
+    working   image that a fit runs on: the photo, perhaps reduced
+    canvas    width and height in px of the file, those of the photo before it was reduced
+    document  document settings of the file
+    """
+
+    photo: NDArray[np.float32]
+    working: NDArray[np.float32]
+    canvas: tuple[int, int]
+    document: Document = Document()
+    _targets: dict[Tune, TargetPyramid] = field(default_factory=dict, init=False)
+
+    @classmethod
+    def of(cls, photo: NDArray[np.float32], canvas: tuple[int, int] | None = None) -> Self:
+        """Return a subject fitted at the photo's size. By default its file has that size too."""
+        return cls(photo, photo, canvas or photo.shape[1::-1])
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in px of the image that a fit runs on."""
+        return self.working.shape[1::-1]
+
+    def targets(self, tune: Tune) -> TargetPyramid:
+        """Return the working image as targets of a fit. Its weight maps are computed once."""
+        if tune not in self._targets:
+            self._targets[tune] = TargetPyramid(self.working, tune)
+        return self._targets[tune]
+
+    def by_use(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
+        """Return the indices of a scene's shapes, the most useful first.
+
+        The removal of the most useful shape would raise the weighted error against the working
+        image most.
+        """
+        target = self.targets(tune).reduced(1)
+        scale = target.width / scene.width, target.height / scene.height
+        cost = target.removal_cost(splats_of(scene, scale, covering))[1][:, 0]
+        return np.argsort(-cost, kind="stable")
+
+    def release(self) -> None:
+        """Free the targets of fits, after the last fit."""
+        self._targets.clear()
+
+
+# Highest PSNR in dB at which differences of a drawing can be seen at its own size
+# (docs/decisions/enlarged.md).
+SEEN_UP_TO = 41.0
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A fitted, written and measured scene on the photo's canvas.
+
+    plan         plan of the search
+    subject      subject of the search
+    format       format of the file
+    corrections  number of changes of the count after the fit
+    enlarged     enlarged drawing, with which files are compared too. None for other pictures
+    reached      score of the file by the aim of the run, NaN if it is not measured
+    """
+
+    plan: Plan
+    subject: Subject
+    scene: Scene
+    svg: str
+    format: SvgFormat
+    fitted: FitResult
+    measured: RoundTrip
+    corrections: int
+    enlarged: NDArray[np.float32] | None = None
+    reached: float = math.nan
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file, or of the gzipped file if the limit counts gzipped bytes."""
+        measured = self.measured
+        return measured.svgz_bytes if self.plan.counts_gzipped else measured.svg_bytes
+
+
+def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
+    """Return the closest outcome of the searches of a plan, with the costs of all.
+
+    With an aim, outcomes within the limit of bytes come first, then higher scores. Without one, the
+    higher PSNR at the measured size wins, but enlarged drawings that reach SEEN_UP_TO dB are
+    compared enlarged.
+
+    The search ends at an outcome that meets the aim within the limit or was interrupted. It also
+    ends at an enlarged drawing of at least SEEN_UP_TO dB, because only its shapes stay crisp.
+    """
+    aim, limit = plan.aim, plan.goal.byte_limit or math.inf
+    outcomes, is_met = list[Outcome](), False
+    for last in searched:
+        if aim is not None and math.isnan(last.reached):
+            reached = aim.score(last.measured.raster, last.subject.photo)
+            last = dataclasses.replace(last, reached=reached)
+        outcomes.append(last)
+        is_met = aim is not None and aim.reached(last.reached) and last.size <= limit
+        is_close = last.enlarged is not None and last.measured.psnr_lowest >= SEEN_UP_TO
+        if is_met or is_close or last.fitted.stop_reason == "interrupted":
+            break
+    large = next((outcome.enlarged for outcome in outcomes if outcome.enlarged is not None), None)
+
+    def closeness(outcome: Outcome) -> tuple[float, float]:
+        psnr = outcome.measured.psnr_lowest
+        if aim is not None:
+            return outcome.size <= limit, outcome.reached
+        if large is None or len(outcomes) == 1:
+            return psnr, 0.0
+        return min(psnr, SEEN_UP_TO), -raster_error(outcome.svg, large, plan.options.run.renderer)
+
+    best = max(outcomes, key=closeness)
+    fitted, reason = best.fitted, best.fitted.stop_reason
+    if outcomes[-1].fitted.stop_reason == "interrupted":
+        reason = "interrupted"
+    if aim is not None and is_met:
+        reason = aim.of.option
+    for other in outcomes:
+        if other is not best:
+            fitted = fitted.after(other.fitted, reason)
+    return dataclasses.replace(best, fitted=dataclasses.replace(fitted, stop_reason=reason))

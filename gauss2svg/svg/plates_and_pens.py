@@ -1,0 +1,195 @@
+"""Drawings for printers and plotters: plates of inks, and outlines that pens draw.
+
+Yellow ellipses, blue ones over them and yellow ones over those are three groups, in two inks. The
+yellow plate has both yellow groups in black, and the blue one between them in white.
+
+An outline is a stroke where a shape's falloff is 1/2. With pens, strokes are cut at the page's
+edges, and the pen of the nearest colour draws each:
+
+    <g inkscape:label="1 #c0322c" stroke="#c0322c"> <ellipse cx="90" cy="40" rx="8" ry="3"/>
+      <path d="M0 12.5A31 20 15 0 1 22.1 0"/> .. </g>
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import quoted, refusal
+from gauss2svg.options import Field
+from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import half_radius
+from gauss2svg.scene.inks import MOST_INKS, ink_colors, ink_name, inks_of, inks_of_scene
+from gauss2svg.svg import Document
+from gauss2svg.svg.element import Element, check_view, hex_color, number, writable
+from gauss2svg.svg.encode import Drawing, layer, round_layers, rounds_of, sides_of
+from gauss2svg.svg.forms import plain_radius
+from gauss2svg.svg.minimal_shapes import color_levels, colors_together, overlaps
+from gauss2svg.without_scipy import nearest_entry
+
+Floats = NDArray[np.float64]
+STROKE_WIDTHS = 0.01, 100.0
+STROKE_DECIMALS = 2  # decimals of px and of degrees
+MOST_PENS = MOST_INKS
+# Longest piece of an arc. The rounded ends of longer pieces would move the centre.
+_PIECE_RAD = 0.5 * math.pi
+_MARGIN = 1.0  # px, smallest distance at which ellipses count as apart, as edges are antialiased
+
+
+def encode_outlines(
+    scene: Scene, document: Document, stroke_width: float, pens: int | None
+) -> Drawing:
+    """Return the drawing of gauss2svg.svg.write.outline_svg, with the same arguments and errors."""
+    check_view(scene)
+    stroke_width = Field("stroke_width", float, *STROKE_WIDTHS).checked(stroke_width)
+    width = number(stroke_width, STROKE_DECIMALS)
+    if pens is None:
+        shapes, root = outlines(scene), {"fill": "none", "stroke-width": width}
+        rounds = rounds_of(shapes, scene)
+        sheet = document.style([index for index, _ in rounds])
+        return Drawing(sides_of(scene), len(shapes), [], round_layers(rounds), sheet, root)
+    count = Field("pens", int, 1, MOST_PENS).checked(pens)
+    document.check_without_layers("pens", "whose layers are no rounds", "outlines without pens")
+    each = document.mm_each(scene.width)
+    on_paper = scene.scaled(each)
+    layers, strokes = [], 0
+    for at, (pen, inside) in enumerate(pen_strokes(on_paper, count), start=1):
+        label, strokes = f"{at} {pen}: {len(inside)} strokes", strokes + len(inside)
+        layers.append(layer(label, inside, id=f"pen-{at}", stroke=pen))
+    root = {"fill": "none", "stroke-width": number(float(width) * each, STROKE_DECIMALS + 1)}
+    view = sides_of(on_paper)
+    return Drawing(view, strokes, [], layers, root=root, size=f"{view[0]}mm")
+
+
+def outlines(scene: Scene) -> list[tuple[int, Element]]:
+    """Return the index of each shape and an <ellipse> with the shape's colour as its stroke.
+
+    Shapes whose extent or opacity is written as 0 are left out, as are those off the canvas whose
+    numbers are too large (gauss2svg.svg.element.writable).
+    """
+    radius = half_radius(scene.beta)
+    axes, angle_rad = scene.ellipse_axes
+    radii, angles = axes * radius[:, None], np.degrees(angle_rad)
+    levels = np.round(scene.color * 255).astype(int)
+    drawn = []
+    # Fainter shapes are hardly visible.
+    for i in np.flatnonzero(writable(scene, radius, 1.0) & (scene.opacity >= 0.005)).tolist():
+        numbers = *radii[i], *scene.mean[i], angles[i]
+        rx, ry, x, y, angle = (number(v, STROKE_DECIMALS) for v in numbers)
+        if "0" in (rx, ry):
+            continue
+        turn = None if angle == "0" or rx == ry else f"rotate({angle} {x} {y})"
+        stroke = hex_color(levels[i])
+        ellipse = Element("ellipse", cx=x, cy=y, rx=rx, ry=ry, stroke=stroke, transform=turn)
+        drawn.append((i, ellipse))
+    return drawn
+
+
+def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
+    """Return at most `count` pens as #rrggbb, lightest first, and the strokes of each on the page.
+
+    gauss2svg.scene.inks.inks_of chooses the colours of the pens from those of the shapes. The
+    strokes are those of `outlines`, cut at the page's sides, lowest first.
+    """
+    drawn = outlines(scene)
+    if not drawn:
+        return []
+    color = scene.color[[i for i, _ in drawn]]
+    distinct = len(np.unique(np.round(color * 255), axis=0))
+    if distinct == 1:
+        pens = hex_color(np.round(color[0] * 255).astype(int), short=False)
+    else:
+        # inks_of compares neighbouring pixels. Sorting makes its choice independent of the
+        # painter's order.
+        sorted_by_color = color[np.lexsort(color.T)][None].astype(np.float32)
+        pens = inks_of(sorted_by_color, min(count, distinct))
+    entry = nearest_entry(ink_colors(pens), color)[1]
+    pens = pens.split(",")
+    strokes: list[list[Element]] = [[] for _ in pens]
+    matrices = scene.factor * half_radius(scene.beta)[:, None, None]
+    for (i, ellipse), pen in zip(drawn, entry.tolist(), strict=True):
+        strokes[pen] += _on_page(ellipse.replace(stroke=None), matrices[i], scene.mean[i], scene)
+    return [(pen, inside) for pen, inside in zip(pens, strokes, strict=True) if inside]
+
+
+def _on_page(ellipse: Element, matrix: Floats, center: Floats, scene: Scene) -> list[Element]:
+    """Return the part on the page of the ellipse center + matrix (cos t, sin t), or nothing.
+
+    The ellipse crosses a side x = k where m11 cos t + m12 sin t = k - x, at
+    atan2(m12, m11) +- acos(..).
+    """
+    page = np.array([scene.width, scene.height])
+    crossings: list[float] = []
+    for (along, across), at, side in zip(matrix, center, page, strict=True):
+        reach, middle = math.hypot(along, across), math.atan2(across, along)
+        for wall in (0.0, side):
+            if abs(wall - at) < reach:
+                half = math.acos((wall - at) / reach)
+                crossings += [(middle - half) % (2 * math.pi), (middle + half) % (2 * math.pi)]
+    ends = np.sort(crossings) if crossings else np.zeros(1)
+    ends = np.append(ends, ends[0] + 2 * math.pi)
+    middles = _points(0.5 * (ends[1:] + ends[:-1]), matrix, center)
+    inside: NDArray[np.bool_] = np.all((middles >= 0) & (middles <= page), axis=1)
+    if inside.all():
+        return [ellipse]
+    turn = ellipse.attributes.get("transform", "rotate(0").removeprefix("rotate(").split()[0]
+    arc, data = f"A{ellipse.attributes['rx']} {ellipse.attributes['ry']} {turn} 0 1", ""
+    for k in np.roll(np.arange(len(inside)), -1)[np.roll(inside, -1)]:
+        pieces = math.ceil((ends[k + 1] - ends[k]) / _PIECE_RAD)
+        angles = np.linspace(ends[k], ends[k + 1], pieces + 1)
+        places = np.clip(_points(angles, matrix, center), 0, page)
+        texts = [" ".join(number(v, STROKE_DECIMALS) for v in place) for place in places]
+        data += f"M{texts[0]}" + "".join(f"{arc} {text}" for text in texts[1:])
+    return [Element("path", d=data)] if data else []
+
+
+def _points(t: Floats, matrix: Floats, center: Floats) -> Floats:
+    return center + np.stack([np.cos(t), np.sin(t)], axis=1) @ matrix.T
+
+
+def grouped_by_ink(scene: Scene) -> Scene:
+    """Return the scene with its shapes grouped by ink, as far as the picture stays the same.
+
+    Each run of one ink becomes a round. Raise InputError for a scene that is not in inks.
+    """
+    inks_of_scene(scene)
+    mean, factor = _ellipses(scene)
+    keys = np.stack([mean[:, 0], mean[:, 1], scene.beta])
+    order = colors_together(mean, factor, color_levels(scene.color, 6), keys, _MARGIN)
+    scene = scene.replace(round_index=np.zeros(len(scene), np.int32)).select(order)
+    changes = (np.diff(color_levels(scene.color, 6), axis=0) != 0).any(axis=1)
+    index = np.concatenate([[0], np.cumsum(changes)])[: len(scene)]
+    return scene.replace(round_index=index)
+
+
+def plate_of(scene: Scene, ink: str) -> Scene:
+    """Return the plate of an ink #rrggbb: black where the ink is visible, and white elsewhere.
+
+    Shapes of other inks are white where they cover shapes of this ink. Shapes that change nothing
+    are left out. Raise InputError for an ink that the scene does not have.
+    """
+    names = [ink_name(one) for one in inks_of_scene(scene)]
+    if ink not in names:
+        raise refusal("ink", f"one of {', '.join(names)}", quoted(ink))
+    wanted = np.array(list(bytes.fromhex(ink[1:])))
+    printed = (color_levels(scene.color, 6) == wanted).all(axis=1)
+    ground = not scene.transparent and bool((color_levels(scene.background, 6) == wanted).all())
+    shows = printed != ground
+    # Shapes in the colour of the plate's background are needed where they cover other shapes.
+    below = overlaps(*_ellipses(scene), shows, _MARGIN)[shows]
+    shows |= np.unpackbits(np.bitwise_or.reduce(below), count=len(scene)).astype(bool)
+    black = np.where(printed, 0.0, 1.0)[:, None]
+    plate = scene.replace(
+        color=np.broadcast_to(black, (len(scene), 3)),
+        background=np.zeros(3) if ground else np.ones(3),
+        transparent=False,
+    )
+    return plate.select(shows)
+
+
+def _ellipses(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the centres (n, 2) and factors (n, 3) of the ellipses that are drawn, in px."""
+    factor = scene.factor * plain_radius(scene.beta)[:, None, None]
+    return scene.mean, np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1)

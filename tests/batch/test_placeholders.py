@@ -1,0 +1,258 @@
+"""Laws of lists of placeholders: what is kept, what is refused, and what one bad photo costs."""
+
+import errno
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gauss2svg.batch import placeholders as lists
+from gauss2svg.cli.main import main
+from gauss2svg.cli.terminal import Terminated
+from gauss2svg.errors import InputError
+from gauss2svg.files import as_png
+from gauss2svg.pipeline.placeholder import Placeholder
+
+pytestmark = pytest.mark.usefixtures("hasty")
+EMPTY = {
+    "json": "[]", "object": "{}", "html": '<img src="a.png">',
+    "picture": '<picture><img src="a.png"></picture>', "svg": "of an earlier run",
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The current folder, which has two photos, and a file that is none."""
+    monkeypatch.chdir(tmp_path)
+    y, x = np.mgrid[:24, :36] / 24
+    for name, turn in (("one", 0.0), ("two words", 1.0)):
+        Path(f"{name}.png").write_bytes(as_png(np.stack([x / 1.5, y, 0 * x + turn], axis=-1)))
+    Path("bad.png").write_bytes(b"no picture")
+    return tmp_path
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """The photos of which placeholders are made, which are all one."""
+    asked = []
+
+    def made(path, *_, **__):
+        if Path(path).read_bytes().startswith(b"no picture"):
+            raise InputError("photo must be a supported image")
+        asked.append(Path(path).name)
+        return Placeholder("<svg/>", 36, 24, "#888888", 1)
+
+    monkeypatch.setattr(lists, "placeholder", made)
+    return asked
+
+
+def make(words, *names) -> int:
+    """The status of the command, of words between spaces and of names."""
+    return main(["placeholder", *words.split(), *names])
+
+
+def listed(path="o.json"):
+    """The metadata of the entries of a list."""
+    return [entry["metadata"] for entry in json.loads(Path(path).read_text())]
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("one.png -o one.png", "output must be a file of its own"),
+        ("one.png bad.png --format svg", "--output must be given for several SVGs"),
+        ("one.png --format svg -o one.svg", "--output must be a folder"),
+        ("one.png --max-bytes 21k", "--max-bytes must be at most 20000"),
+        ("one.png --max-bytes 0", "--max-bytes must be a size"),
+        ("one.png --bytes-of gzip", "--bytes-of"),
+    ],
+)
+def test_what_cannot_be_written_is_refused(words, line, folder, refusal):
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    assert line in refusal("placeholder", *words.split())
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("form", "data"),
+    [
+        *[("json", data) for data in (b"no JSON", b"", b"[1]", b"{}", b"{", b'{"a": 1}')],
+        ("json", b'[{"metadata": 1}]'), ("json", b"[" * 100_000), ("json", b'["\xff"]'),
+        *[("object", d) for d in (b"no JSON", b"[]", b'{"a": 1}', b'{"a": {"metadata": {}}}')],
+        ("html", b""), ("html", b"<p>mine</p>"), ("html", b'<img src="a.png">\n<p>mine</p>'),
+        ("html", b'<img src="\xff">'),
+    ],
+)  # fmt: skip
+def test_another_file_is_kept_and_refused_before_any_work(form, data, folder, refusal, monkeypatch):
+    monkeypatch.setattr(lists, "placeholder", pytest.fail)
+    Path("mine").write_bytes(data)
+    line = refusal("placeholder", "one.png", "--format", form, "-o", "mine")
+    assert f"--output must be a file of placeholders in {form}, or none yet" in line
+    assert "Try another name" in line
+    assert Path("mine").read_bytes() == data
+
+
+def test_a_list_that_cannot_be_read_is_refused_before_any_work(folder, refusal, monkeypatch):
+    opened = os.open
+
+    def denied(path, flags, *given, **named):
+        if path == "o.json" and not flags & (os.O_WRONLY | os.O_RDWR):
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return opened(path, flags, *given, **named)
+
+    Path("o.json").write_text("[]")
+    monkeypatch.setattr(lists, "placeholder", pytest.fail)
+    monkeypatch.setattr(os, "open", denied)
+    assert "Permission denied" in refusal("placeholder", "one.png", "-o", "o.json")
+
+
+@pytest.mark.parametrize("form", EMPTY)
+def test_where_every_photo_fails_nothing_is_written(form, folder, capfdbinary):
+    Path("svgs").mkdir()
+    file = Path("svgs/bad.svg" if form == "svg" else "o")
+    file.write_text(EMPTY[form])
+    output = "svgs" if form == "svg" else "o"
+    assert make(f"bad.png --format {form} -o {output}") == 1
+    assert file.read_text() == EMPTY[form]
+    assert make(f"one.png --format {form} --max-bytes 20") == 1
+    out, err = capfdbinary.readouterr()
+    assert out == b""
+    assert b"--max-bytes must be at least" in err
+    assert err.count(b"1 failed, and nothing was written") == 2
+
+
+@pytest.mark.parametrize("form", ["json", "html"])
+def test_a_photo_that_fails_keeps_its_entry_and_one_that_is_not_given_loses_it(
+    form, folder, capsys, counted
+):
+    command = f"bad.png --format {form} -o o"
+    make(command, "two words.png", "one.png")
+    before = Path("o").read_text()
+    Path("one.png").write_bytes(b"no picture any more")
+    assert make(command, "two words.png", "one.png") == 1
+    assert Path("o").read_text() == before
+    assert "2 failed; 1 of them kept from before" in capsys.readouterr().err
+    assert make(command, "two words.png") == 1
+    assert "one.png" not in Path("o").read_text()
+
+
+def test_one_bad_photo_of_many_costs_only_itself(folder, capsys):
+    given = "one.png bad.png one.png none.png --max-bytes 300 -o o.json"
+    assert make(given, "two words.png") == 1
+    assert [entry["filename"] for entry in listed()] == ["one.png", "two words.png"]
+    lines = capsys.readouterr().err.splitlines()
+    for text in ("bad.png", "none.png", "more than once"):
+        assert sum(text in line for line in lines) == 1
+
+
+@pytest.mark.parametrize("form", ["json", "object"])
+def test_what_has_not_changed_is_kept_and_found_by_its_path(
+    form, folder, capsys, counted, monkeypatch
+):
+    Path("bad.png").unlink()
+    Path("deep").mkdir()
+    command, output = f". --format {form} -o made/list", Path("made/list")
+
+    def paths() -> list[str]:
+        records = json.loads(output.read_text())
+        metadata = [one["metadata"] for one in (records.values() if form == "object" else records)]
+        return [entry["path"] for entry in metadata]
+
+    assert make(command) == 0
+    assert sorted(counted) == ["one.png", "two words.png"]
+    assert paths() == ["../one.png", "../two words.png"]
+    assert form == "json" or list(json.loads(output.read_text())) == paths()
+    written = output.stat()
+    assert make(command) == 0
+    assert len(counted) == 2
+    assert output.stat().st_ino == written.st_ino  # not even written anew
+    assert "2 of them unchanged" in capsys.readouterr().err
+    # Of bytes, of the limit and of the version.
+    Path("one.png").write_bytes(Path("two words.png").read_bytes())
+    Path("deep/one.png").write_bytes(Path("one.png").read_bytes())
+    assert make(command) == 0
+    assert sorted(counted[2:]) == ["one.png"] * 2
+    assert make(f"{command} --max-bytes 500") == 0
+    assert len(counted) == 7
+    monkeypatch.setattr(lists, "__version__", "0")
+    assert make(f"{command} --max-bytes 500") == 0
+    assert len(counted) == 10
+    assert make(f"{command} --root .") == 0
+    assert paths() == ["one.png", "two words.png", "deep/one.png"]
+
+
+@pytest.mark.parametrize(("error", "status"), [(KeyboardInterrupt, 130), (Terminated, 143)])
+def test_what_was_made_before_an_interrupt_is_written_and_kept(
+    error, status, folder, capsys, counted, monkeypatch
+):
+    made = lists.placeholder
+
+    def interrupted(path, *given, **named):
+        if Path(path).name != "one.png":
+            raise error
+        return made(path, *given, **named)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(lists, "placeholder", interrupted)
+        assert make("one.png -o o.json", "two words.png") == status
+    assert [entry["path"] for entry in listed()] == ["one.png"]
+    assert make("one.png -o o.json", "two words.png") == 0
+    assert counted == ["one.png", "two words.png"]
+    # Standard output is written whole or not at all.
+    monkeypatch.setattr(lists, "placeholder", interrupted)
+    assert make("one.png", "two words.png") == status
+    assert capsys.readouterr().out == ""
+
+
+def test_a_list_that_goes_while_placeholders_are_made_is_written_anew(folder, counted, monkeypatch):
+    """As where a build empties its folder."""
+    assert make("one.png -o o.json") == 0
+    before, files = Path("o.json").read_bytes(), lists.PlaceholderList.files
+
+    def gone(listed):
+        Path("o.json").unlink()
+        return files(listed)
+
+    monkeypatch.setattr(lists.PlaceholderList, "files", gone)
+    assert make("one.png -o o.json") == 0
+    assert Path("o.json").read_bytes() == before
+
+
+def test_a_picture_offers_the_better_files_of_its_name(folder, counted):
+    for name in ("one.webp", "one.avif", "two words.avif", "alone.avif"):
+        Path(name).write_bytes(Path("one.png").read_bytes() + name.encode())
+    Path("bad.png").unlink()
+    assert make(". --format picture -o page.html") == 0
+    alone, one, two = Path("page.html").read_text().splitlines()
+    assert alone.startswith('<picture><img src="alone.avif"')
+    avif, webp = (f'<source srcset="one.{kind}" type="image/{kind}">' for kind in ("avif", "webp"))
+    assert one.startswith(f'<picture>{avif}{webp}<img src="one.png"')
+    assert one.endswith("></picture>")
+    assert two.startswith(
+        '<picture><source srcset="two%20words.avif" type="image/avif"><img src="two%'
+    )
+
+
+@pytest.mark.posix  # names that Windows has not
+def test_names_are_those_of_the_files_and_addresses_are_escaped(folder, capsys, counted):
+    addresses = {
+        "two  spaces.png": "two%20%20spaces.png", "no\u00a0break.png": "no%C2%A0break.png",
+        "family \U0001f468\u200d\U0001f469.png":
+            "family%20%F0%9F%91%A8%E2%80%8D%F0%9F%91%A9.png",
+        "a #1 50%?\n.png": "a%20%231%2050%25%3F%0A.png", os.fsdecode(b"caf\xe9.png"): "caf%E9.png",
+    }  # fmt: skip
+    for name in addresses:
+        Path(name).write_bytes(Path("one.png").read_bytes() + name[:3].encode())
+    assert make("-o o.json", *addresses) == 0
+    assert [entry["filename"] for entry in listed()] == [*addresses]
+    assert make("--format html -o pages/page.html", *addresses) == 0
+    sources = [line.split('"')[1] for line in Path("pages/page.html").read_text().splitlines()]
+    assert sources == [f"../{address}" for address in addresses.values()]
+
+
+def test_svgs_are_named_by_their_photos(folder, capsys, counted):
+    assert make("one.png --format svg --quiet -o new/svgs", "two words.png") == 0
+    assert sorted(p.name for p in Path("new/svgs").iterdir()) == ["one.svg", "two-words.svg"]
+    assert capsys.readouterr().err == ""
