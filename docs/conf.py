@@ -18,7 +18,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "docstrings",
     "option_tables",
-    "rooms",
+    "packages",
     "sample_gallery",
 ]
 exclude_patterns = ["_ext", "_templates"]
