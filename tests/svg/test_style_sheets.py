@@ -10,7 +10,7 @@ from PIL import Image
 from screens import captured, opened_page
 from svg_texts import assert_same
 
-from gauss2svg.raster import BROWSERS, rasterize
+from gauss2svg.raster import BROWSERS, programs, rasterize
 from gauss2svg.svg import Document
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import outline_svg, write_svg
@@ -99,7 +99,12 @@ def test_a_document_shows_the_rounds_up_to_the_one_in_its_address(kind, motion, 
 def test_an_image_shows_the_rounds_up_to_the_one_in_its_address(name, monkeypatch):
     needs(name)
     expected = rasterize(write_svg(SCENE.select(SCENE.round_index < 2)), 60, 45, name)
-    monkeypatch.setattr("gauss2svg.raster.programs.DRAWING", "drawing.svg#round-2")
+    html, name_in_page = programs.html, f'"{programs.DRAWING}'
+    for module in ("programs", "chromium"):
+        monkeypatch.setattr(
+            f"gauss2svg.raster.{module}.html",
+            lambda color: html(color).replace(name_in_page, f"{name_in_page}#round-2"),
+        )
     assert (rasterize(WITH_SHEETS["both"], 60, 45, name) == expected).all()
 
 
