@@ -21,6 +21,9 @@ finished runs are not run again. Beside them stand the picture enlarged by Lancz
 vtracer's files of at most as many bytes as a set has in --max-bytes: each column has the best value
 of all these files, those but PSNR and `enlarged` the best value of the six closest.
 
+--columns takes psnr, enlarged, ssim, ssimulacra2, flip, flat and the numbers of a report by short
+names: bytes, gzipped, shapes, cpu_s, s, fit_cpu_s, model, roundtrip, rollbacks.
+
 The script prints a line for each picture and set, means over the pictures, and for each family how
 often more is worse: a step is down if a file is more than .1 dB worse, up to 50 dB, than the best
 smaller one. A file of a vector source that has 41 dB at its own size is compared with others that
