@@ -93,10 +93,13 @@ def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(run
         run(photo[:32, :32], 1)
 
 
-@pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
-def test_a_terminal_shows_what_a_run_does(run, photo, terminal):
-    run(photo[:32, :32], True)
-    assert "shapes, " in terminal.getvalue()
+@pytest.mark.parametrize(
+    ("run", "last"),
+    [("vectorize", "rasterising and measuring the SVG"), ("placeholder", "shapes, ")],
+)
+def test_a_terminal_shows_what_a_run_does(run, last, photo, terminal):
+    RUNS[run](photo[:32, :32], True)
+    assert last in terminal.getvalue()  # a bar that is refreshed now and then may miss the others
 
 
 def test_a_terminal_shows_how_long_a_run_will_take(terminal):
