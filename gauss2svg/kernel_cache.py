@@ -136,7 +136,7 @@ class KernelCache:
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the code for these argument types. If that fails, the next process compiles anew."""
         global _lost
-        assert not data.library.has_dynamic_globals  # such globals are addresses of this process
+        assert not data.library.has_dynamic_globals  # pointers, which the next process lacks
         path = self._file(sig, data.codegen)
         part = path.with_suffix(f".{secrets.token_hex(8)}")
         try:

@@ -259,9 +259,8 @@ class Limits(DensificationPolicy):
         # A smaller count saves no time, because it is fitted and written again.
         in_time = max(self._budget.most_gaussians(1.0), count)
         counts = {self._cap: float(self._most), "time_limit": in_time}
-        if (
-            plan.covering and not self._is_given
-        ):  # more shapes do not regain what edges lose as ellipses
+        if plan.covering and not self._is_given:
+            # More shapes do not regain what edges lose as ellipses.
             counts["gain"] = math.ceil(FOR_EDGES * len(exports[0].scene))
         if limit is not None:
             counts["max_bytes"] = self._filling(limit, count, exports)

@@ -77,7 +77,8 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(options):
     gradients = len(np.unique(np.round(keys, 6), axis=0))
     assert result.svg.count("<radialGradient") == result.report["gradients"] == gradients
     assert gradients <= (options["palette"] or 40)
-    assert result.report["psnr_roundtrip"] > 38  # 42 to 50 dB, by the CPU
+    if "time_limit" not in options:  # the clock decides how many shapes that fit has
+        assert result.report["psnr_roundtrip"] > 44
 
 
 def test_quantization_changes_nothing_but_exponents_extents_and_colours():

@@ -204,6 +204,15 @@ def test_shapes_are_not_removed_because_a_correction_has_little_time(left_s, pho
     assert limits.corrected(3430, [far]) == 3430  # pyright: ignore[reportArgumentType]
 
 
+def test_bytes_end_a_search_whose_file_is_pruned_though_it_met_the_target(photo):
+    plan = Plan(Options.from_flat({"target_psnr": 30, "max_bytes": 10**5, "markup": "editable"}))
+    limits = Limits(plan, Exporter(plan, Subject.of(photo)), TimeBudget(), 10**5)
+    met = SimpleNamespace(size=105_000, score=30.1, scene=Scene(9, 9))
+    limits.stop_reason, limits._filling = "target_psnr", lambda *_: 900  # pyright: ignore
+    assert limits.corrected(900, [met]) == 900  # pyright: ignore[reportArgumentType]
+    assert limits.stop_reason == "max_bytes"
+
+
 def test_a_large_photo_on_which_a_small_fit_runs_is_no_small_photo():
     plan = Plan(Options.from_flat({"max_size": 256, "max_bytes": "100k"}), fit_side=256)
     large, small = (plan.for_picture(np.zeros((side, side, 3), "f4")) for side in (1000, 256))

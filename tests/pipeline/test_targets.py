@@ -300,3 +300,7 @@ def test_late_run_says_so():
     lines = [*unreached(limited, outcome, 3.5)]
     assert lines == ["time limit of 2 s exceeded: 3.5 s. Try a smaller --max-size"]
     assert [*unreached(limited, outcome, 2.2)] == []
+
+
+def test_steps_may_be_given_beside_a_limit_of_seconds(photo):
+    assert vectorize(photo, time_limit=5.0, iterations=10).report["iterations"] == 10
