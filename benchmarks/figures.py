@@ -56,6 +56,7 @@ from skimage import data
 
 from gauss2svg import (
     Document,
+    FitOptions,
     Progress,
     Scene,
     outline_svg,
@@ -101,6 +102,20 @@ def inks() -> Figure:
     """Return a cup of coffee in few inks, and the picture."""
     options = [{"inks": k, "max_bytes": 20_000, "markup": "minimal"} for k in (3, 6, 12)]
     return compared(shipped("coffee"), "{inks} inks: {psnr_svg:.1f} dB", options, "the picture")
+
+
+def focus() -> Figure:
+    """Return an astronaut in 30 kB without and with a mask over her face, and parts of both."""
+    photo, (y, x) = shipped("astronaut"), np.mgrid[:512, :512]
+    face = np.hypot((x - 220) / 80, (y - 115) / 100) < 1
+    found = [
+        vectorize(photo, max_bytes=30_000, focus=face, fit=FitOptions(focus_strength=strength))
+        for strength in (1, 4)
+    ]
+    pictures = [part(r.raster, *at) for at in ((0, 0, 1), (0.25, 0.02, 0.36)) for r in found]
+    scores = ": {psnr_svg_inside:.1f} dB on the face, {psnr_svg_outside:.1f} elsewhere"
+    titles = [said(r, name + scores) for r, name in zip(found, ("without", "with"), strict=True)]
+    return tiles(pictures, [*titles, "", ""], columns=2)
 
 
 def editors() -> Figure:
@@ -468,7 +483,7 @@ def readme(_: Path) -> None:
 OF_START = {f.__name__: f for f in (start, results, readme, gallery)}
 FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
     **{f.__name__.replace("_", "-"): f for f in (
-        sizes, decibels, logos, inks, editors, presets, placeholders, webp, drawings, counts,
+        sizes, decibels, logos, inks, focus, editors, presets, placeholders, webp, drawings, counts,
         progressive_fit, layers, forming, scenes, printed, traced, plotters, transparent,
         interrupted, model, gaussian_count, writing_svg, additive_blending, extremes, studio,
     )},

@@ -48,6 +48,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
         "file": f"{output}, {r['width']}x{r['height']} px{_shown_width(r)}, {_size(r)}",
         "shapes": f"{r['gaussians']:,}: {_stop_text(r)}",
         "match": f"{_match(r, _SCALE if r['inks'] is None else _SCALE_OF_INKS)}{at}",
+        "focus": _focus(r),
         "transparency": _transparency(r),
         "inks": (r["inks"] or "").replace(",", ", "),
         "scores": _scores(r),
@@ -150,6 +151,14 @@ def _transparency(report: dict[str, Any]) -> str:
         return ""
     white, black, alpha = (decibels(report[f"psnr_svg{over}"]) for over in ("", "_black", "_alpha"))
     return f"PSNR {white} over white, {black} over black, {alpha} of alpha"
+
+
+def _focus(report: dict[str, Any]) -> str:
+    """Return the PSNR inside of the mask and outside, or "" without a mask."""
+    if report["focus_strength"] is None:
+        return ""
+    inside, outside = (decibels(report[f"psnr_svg_{part}"]) for part in ("inside", "outside"))
+    return f"PSNR {inside} inside of the mask, {outside} outside"
 
 
 def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: list[str]) -> None:

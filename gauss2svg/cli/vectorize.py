@@ -60,6 +60,14 @@ output
 
 
 @dataclass(frozen=True, kw_only=True)
+class InputFiles:
+    """Options for files that are read beside the photo."""
+
+    focus: Path | None = None
+    """Put more detail where this picture is white. It has the proportions of the photo."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class OutputFiles:
     """Options for files beside the SVG, and for messages."""
 
@@ -96,8 +104,8 @@ class MakerFiles(OptionGroup):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Files(MakerFiles, OutputFiles):
-    """All files beside the SVG."""
+class Files(MakerFiles, OutputFiles, InputFiles):
+    """All files beside the photo and the SVG."""
 
     def plates(self, count: int) -> list[Path]:
         """Return the paths of the first `count` plates, or none without --separations."""
@@ -118,6 +126,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         for order, key in enumerate(_GROUPS[:1] if short else _GROUPS)
     }
     files_group = Group("Output files", sort_key=0.5)
+    inputs_group = Group("Input files", sort_key=0.7, show=everything)
     makers_group = Group("Plates and pens", sort_key=2.5, show=everything)
     parsed = options_of(groups)
     defaults = parsed()
@@ -129,6 +138,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         output_files: Annotated[
             OutputFiles, Parameter(name="*", group=files_group)
         ] = OutputFiles(),
+        input_files: Annotated[InputFiles, Parameter(name="*", group=inputs_group)] = InputFiles(),
         maker_files: Annotated[MakerFiles, Parameter(name="*", group=makers_group)] = MakerFiles(),
     ) -> int:
         photos = expanded(photo)
@@ -136,7 +146,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
             got = brief(", ".join(photos)) if photos else "none"
             advice = "gauss2svg batch for several" if photos else "gauss2svg --help"
             raise refusal("the photo", "one file", got, advice)
-        extras = Files(**vars(output_files), **vars(maker_files))
+        extras = Files(**vars(output_files), **vars(input_files), **vars(maker_files))
         return _run(photos[0], output, Options(**vars(options)), extras)
 
     command.__doc__ = HELP + _PARAMETERS
@@ -209,7 +219,8 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
     inks = options.fit.inks
     if inks is not None:
         targets += extras.plates(inks if isinstance(inks, int) else str(inks).count(",") + 1)
-    files.check_outputs({photo: "the photo"}, targets)
+    mask = {} if extras.focus is None else {str(extras.focus): "the mask"}
+    files.check_outputs({photo: "the photo", **mask}, targets)
     check_svg_name("--output", output)
     for option, path in paths.items():
         name = f"--{option.replace('_', '-')}"
@@ -248,8 +259,9 @@ def _result(
     started = _PROGRAM_START_S if options.goal.time_limit is not None else None
     with watched(not extras.quiet) as progress:
         return vectorize_by(
-            options, source, progress=progress, stop=interruption.asked, started=started
-        )
+            options, source, focus=extras.focus, progress=progress, stop=interruption.asked,
+            started=started,
+        )  # fmt: skip
 
 
 def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:

@@ -55,6 +55,9 @@ class FitOptions(OptionGroup):
     ssim_weight: Annotated[float | None, Interval(ge=0, le=1)] = None
     """Weight of 1 - SSIM in a loss with ssim, from 0 to 1. The default is 0.2."""
 
+    focus_strength: Annotated[float | None, Interval(ge=1, le=1000)] = None
+    """Factor by which errors count more where the mask of --focus is white. The default is 4."""
+
     learning_rate: Annotated[float, Interval(ge=1e-6, le=1e6)] = 1.0
     """Factor by which every learning rate is multiplied."""
 

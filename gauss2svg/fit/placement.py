@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit import PERCEPTUAL, FitOptions
+from gauss2svg.fit import FitOptions
 from gauss2svg.fit.target import Target
 from gauss2svg.kernel_cache import cached
 from gauss2svg.without_scipy import smoothed
@@ -88,8 +88,8 @@ def place(
 class _Placer:
     """Placement of Gaussians by the residual of a render.
 
-    spacing is the radius in px of a disc with a Gaussian's share of the area. If the target is
-    tuned for perception, the residual is multiplied by the square root of the target's weight.
+    spacing is the radius in px of a disc with a Gaussian's share of the area. The residual is
+    multiplied by the square root of the target's visible weight.
     """
 
     def __init__(
@@ -109,8 +109,8 @@ class _Placer:
             too_covered = surplus > TOO_COVERED
             self._residual *= np.where(too_covered, COVERED_WEIGHT, 1.0)
         self._color = self._residual if additive else target.source_color
-        if target.tune == PERCEPTUAL:
-            self._residual = self._residual * np.sqrt(target.weight)
+        if (weight := target.visible_weight) is not None:
+            self._residual = self._residual * np.sqrt(weight)
         self._spacing = spacing
         self._rng = rng
 

@@ -68,7 +68,10 @@ class Population:
         if config.fit.inks is not None:
             inks: Any = config.fit.inks  # checked by check_inks
             self.inks = Inks(ink_colors(inks_of(pixels, inks)))
-            self._pyramid = TargetPyramid(pixels, config.fit.tuned, transform=self.inks.inked)
+            focus = self._photo.focus
+            self._pyramid = TargetPyramid(
+                pixels, config.fit.tuned, transform=self.inks.inked, focus=focus
+            )
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
         # The background is rounded to 8 bits as in the file, so that the fit makes up for that.

@@ -6,7 +6,8 @@ hundred times its median, clipped to .025 and .04. An error hides in texture and
 areas, as in visual masking (Daly, "The Visible Differences Predictor", 1993). The crisp edges of
 drawings, where half of the picture is flat, still count. Tuned for PSNR, w is 1, and up to 1 + FLAT
 on flat areas. A streak of two levels is visible there, but hardly changes the squared error.
-docs/decisions/perceptual.md has the gains of both.
+docs/decisions/perceptual.md has the gains of both. A mask of where detail matters multiplies w, and
+all errors and losses are means by its weight (docs/decisions/focus.md).
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit import DEFAULT_LOSS, PSNR, has_ssim
-from gauss2svg.photo.pixels import BACKDROPS, has_alpha, shrunk
+from gauss2svg.fit import DEFAULT_LOSS, PERCEPTUAL, PSNR, has_ssim
+from gauss2svg.photo.pixels import BACKDROPS, Focus, has_alpha, shrunk
 from gauss2svg.render.cpu import (
     Splats,
     moments_of_gradient,
@@ -39,8 +40,8 @@ MOST_OPACITY = 0.98
 class LossAndGradient(NamedTuple):
     """The loss of a state, and the gradient that the optimiser follows.
 
-    loss      unweighted sum over all values; for "mse" half the squared error
-    error     mean squared error, unweighted
+    loss      sum over all values, weighted by Target.focus; for "mse" half the squared error
+    error     mean squared error, weighted by Target.focus
     moments   (n, MOMENTS) of the gradient (gauss2svg.render.kernels). For "mse" it is the gradient
               of half the squared error weighted by Target.weight, not of `loss`
     pairs     number of pixel-Gaussian pairs that were evaluated
@@ -70,7 +71,8 @@ class Target:
     planar        (3, h, w), or (6, h, w) over both backdrops: image that the loss compares
     source_color  (3, h, w) colours for new Gaussians, taken from the nearest visible pixel
     visible       (h, w) whether alpha is above zero; None if the image is opaque
-    weight        (h, w) weight of the squared error, by pixel_weight
+    focus         (h, w) weight of errors by the mask, of mean 1; None without a mask
+    weight        (h, w) weight of the squared error, by pixel_weight and the mask
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class Target:
         color: NDArray[np.floating],
         tune: str,
         alpha: NDArray[np.floating] | None = None,
+        focus: Focus | None = None,
     ) -> None:
         self.height, self.width = color.shape[1:]
         self._alpha = alpha
@@ -92,7 +95,17 @@ class Target:
             self.planar = np.concatenate(composites)
             self._views = [(self.planar[3 * k : 3 * k + 3], b) for k, b in enumerate(BACKDROPS)]
         self.tune = tune
-        self.weight = pixel_weight([planar for planar, _ in self._views], tune)
+        self.weight = weight = pixel_weight([planar for planar, _ in self._views], tune)
+        self.focus: NDArray[np.floating] | None = None
+        if focus is not None:
+            self.focus = focus.weight(self.height, self.width).astype(color.dtype)
+            self.weight = self.focus * weight
+            self.weight *= weight.mean() / self.weight.mean()
+
+    @property
+    def visible_weight(self) -> NDArray[np.floating] | None:
+        """Weight (h, w) of errors as they are seen, of mean 1; None for 1 everywhere."""
+        return self.weight if self.tune == PERCEPTUAL else self.focus
 
     @property
     def is_transparent(self) -> bool:
@@ -139,13 +152,18 @@ class Target:
 
     def error(self, splats: Splats) -> float:
         """Return the mean squared error of the Gaussians against the target."""
-        return float(np.mean(np.square(self.rendered(splats) - self.planar), dtype=np.float64))
+        return self._mean_square(self.rendered(splats), self.planar)
 
     def error_of(self, rendered: Sequence[NDArray[np.floating]]) -> float:
         """Return the mean squared error of renders (3, h, w), one for each of the backdrops."""
         pairs = zip(rendered, self._views, strict=True)
-        errors = [np.mean(np.square(own - view[0]), dtype=np.float64) for own, view in pairs]
-        return float(np.mean(errors))
+        return float(np.mean([self._mean_square(own, view[0]) for own, view in pairs]))
+
+    def _mean_square(self, rendered: NDArray[np.floating], planar: NDArray[np.floating]) -> float:
+        squares = np.square(rendered - planar)
+        if self.focus is not None:
+            squares *= self.focus
+        return float(np.mean(squares, dtype=np.float64))
 
     def loss(self, splats: Splats) -> float:
         """Return the loss of `evaluate` for "mse", without the gradient."""
@@ -157,9 +175,11 @@ class Target:
         for planar, backdrop in self._views:
             over = _over(splats, backdrop)
             image, squares, moments, rows = squared_error(over, planar, self.weight)
+            if self.focus is not None:
+                squares = self._mean_square(image, planar) * planar.size
             value = 0.5 * squares
             if loss != DEFAULT_LOSS:
-                mean, gradient = image_gradient(loss, image, planar, ssim_weight)
+                mean, gradient = image_gradient(loss, image, planar, ssim_weight, self.focus)
                 value, moments = mean * planar.size, moments_of_gradient(over, gradient)
             # Kernels count rows of pairs, of 16 px each.
             error = squares / planar.size / len(self._views)
@@ -183,10 +203,12 @@ class Target:
         return _joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 
-def target_of(pixels: NDArray[np.floating], dtype: Any, tune: str) -> Target:
+def target_of(
+    pixels: NDArray[np.floating], dtype: Any, tune: str, focus: Focus | None = None
+) -> Target:
     """Return the target of an image (h, w, 3) or (h, w, 4)."""
     planar = np.ascontiguousarray(np.moveaxis(pixels, -1, 0), dtype)
-    return Target(planar[:3], tune, planar[3] if has_alpha(pixels) else None)
+    return Target(planar[:3], tune, planar[3] if has_alpha(pixels) else None, focus)
 
 
 def _joined(images: list[NDArray[np.floating]]) -> NDArray[np.floating]:
@@ -211,6 +233,7 @@ class TargetPyramid:
     dtype      np.float32 or np.float64, in which the kernels compute; float64 takes twice the time
                and gains no PSNR (docs/decisions/numbers.md)
     transform  maps a reduced image to the picture that is to be drawn; None for the image itself
+    focus      mask of where detail matters
     """
 
     def __init__(
@@ -219,8 +242,9 @@ class TargetPyramid:
         tune: str,
         dtype: Any = np.float32,
         transform: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None = None,
+        focus: Focus | None = None,
     ) -> None:
-        self.pixels = pixels
+        self.pixels, self.focus = pixels, focus
         self._transform = transform
         self._dtype = dtype
         self._tune = tune
@@ -234,7 +258,7 @@ class TargetPyramid:
             small = shrunk(self.pixels, *size)
             if self._transform is not None:
                 small = self._transform(small)
-            self._targets[factor] = target_of(small, self._dtype, self._tune)
+            self._targets[factor] = target_of(small, self._dtype, self._tune, self.focus)
         return self._targets[factor]
 
 
@@ -301,30 +325,38 @@ def image_gradient(
     rendered: NDArray[np.floating],
     target: NDArray[np.floating],
     ssim_weight: float | None = None,
+    focus: NDArray[np.floating] | None = None,
 ) -> tuple[float, NDArray[np.floating]]:
     """Return the loss and its gradient (3, h, w) with respect to rendered (3, h, w).
 
     The loss is the mean of a pixel loss p. With +ssim it is (1 - w) p + w (1 - SSIM), where w is
-    ssim_weight in 0..1, or SSIM_WEIGHT if None. The gradient is multiplied by the number of values,
-    so that its scale does not depend on the size.
+    ssim_weight in 0..1, or SSIM_WEIGHT if None. Both means are weighted by focus (h, w) if it is
+    given. The gradient is multiplied by the number of values, so that its scale does not depend on
+    the size.
     """
     losses, gradient = PIXEL_LOSSES[loss.removesuffix("+ssim")](rendered - target)
+    if focus is not None:
+        losses, gradient = losses * focus, gradient * focus
     value = np.mean(losses, dtype=np.float64)
     if has_ssim(loss):
         weight = SSIM_WEIGHT if ssim_weight is None else ssim_weight
         value *= 1 - weight
         gradient *= 1 - weight
         for channel, planes in enumerate(zip(rendered, target, strict=True)):
-            similarity, slope = structural_similarity(*planes)
+            similarity, slope = structural_similarity(*planes, focus)
             value += weight * (1 - similarity) / len(rendered)
             gradient[channel] -= weight * slope
     return float(value), gradient
 
 
 def structural_similarity(
-    image: NDArray[np.floating], target: NDArray[np.floating]
+    image: NDArray[np.floating],
+    target: NDArray[np.floating],
+    focus: NDArray[np.floating] | None = None,
 ) -> tuple[float, NDArray[np.floating]]:
     """Return the mean SSIM of planes (h, w) in 0..1, and h w times its gradient in `image`.
+
+    focus (h, w) weighs the windows by their centres; None for 1.
 
     With a, b, p, s and q the blurred image x, target t, x^2, t^2 and x t, a window has
 
@@ -340,6 +372,8 @@ def structural_similarity(
     c1, c2 = 0.01**2, 0.03**2
     radius = min(5, (height - 1) // 2, (width - 1) // 2)
     windows = slice(radius, height - radius), slice(radius, width - radius)
+    # Of equal images the weighted mean is 1, because ratios of losses tell divergence.
+    weight = 1 if focus is None else focus[windows] / focus[windows].mean()
 
     from scipy.ndimage import gaussian_filter  # slow to import, seldom needed
 
@@ -348,7 +382,7 @@ def structural_similarity(
 
     def gathered(slope: NDArray[np.floating]) -> NDArray[np.floating]:
         padded = np.zeros_like(image)
-        padded[windows] = slope
+        padded[windows] = slope * weight
         return blurred(padded)
 
     products = image, target, image * image, target * target, image * target
@@ -360,7 +394,8 @@ def structural_similarity(
     by_mean = 2 * b * (a2 - a1) * over + 2 * a * similarity * (1 / b2 - 1 / b1)
     gradient = gathered(by_mean) + target * gathered(2 * a1 * over)
     gradient -= 2 * image * gathered(similarity / b2)
-    return float(similarity.mean(dtype=np.float64)), gradient * (image.size / similarity.size)
+    mean = float((similarity * weight).mean(dtype=np.float64))
+    return mean, gradient * (image.size / similarity.size)
 
 
 def psnr_of(error: float) -> float:

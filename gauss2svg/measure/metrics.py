@@ -60,17 +60,31 @@ def _mean(
     return total / image.size
 
 
-def mean_squared_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Return the mean squared difference over pixels and channels, summed in float64."""
+def mean_squared_error(
+    image: NDArray[np.floating],
+    other: NDArray[np.floating],
+    weight: NDArray[np.floating] | None = None,
+) -> float:
+    """Return the mean squared difference over pixels and channels, summed in float64.
+
+    weight  (h, w) of each pixel; None for 1. It is repeated if the images are views in a stack
+    """
+    if weight is not None:
+        squares = np.square(np.subtract(image, other, dtype=np.float64)).mean(axis=2)
+        return float(np.average(squares, weights=np.resize(weight, squares.shape)))
     return _mean(lambda a, b: np.square(np.subtract(a, b, dtype=np.float64)), image, other)
 
 
-def psnr(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
+def psnr(
+    image: NDArray[np.floating],
+    other: NDArray[np.floating],
+    weight: NDArray[np.floating] | None = None,
+) -> float:
     """Return the peak signal-to-noise ratio in dB: -10 log10(mean squared error).
 
-    The PSNR of equal images is infinite.
+    The PSNR of equal images is infinite. weight is as in `mean_squared_error`.
     """
-    error = mean_squared_error(image, other)
+    error = mean_squared_error(image, other, weight)
     return -10 * math.log10(error) if error > 0 else math.inf
 
 

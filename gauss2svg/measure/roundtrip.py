@@ -93,17 +93,24 @@ def round_trip(
     )
 
 
-def model_psnr(scene: Scene, picture: NDArray[np.float32]) -> float:
+def model_psnr(
+    scene: Scene, picture: NDArray[np.float32], weight: NDArray[np.float32] | None = None
+) -> float:
     """Return a scene's PSNR in dB against an image, over both backdrops if the image has alpha."""
-    return metrics.psnr(_model(scene, picture), stacked(picture))
+    return metrics.psnr(_model(scene, picture), stacked(picture), weight)
 
 
-def model_error(scene: Scene, picture: NDArray[np.float32], covering: bool = False) -> float:
+def model_error(
+    scene: Scene,
+    picture: NDArray[np.float32],
+    covering: bool = False,
+    weight: NDArray[np.float32] | None = None,
+) -> float:
     """Return the mean squared error of a scene, over both backdrops if the image has alpha.
 
-    covering is as in `gauss2svg.render.render`.
+    covering is as in `gauss2svg.render.render`, and weight as in `metrics.mean_squared_error`.
     """
-    return metrics.mean_squared_error(_model(scene, picture, covering), stacked(picture))
+    return metrics.mean_squared_error(_model(scene, picture, covering), stacked(picture), weight)
 
 
 def _model(scene: Scene, picture: NDArray[np.float32], covering: bool = False) -> NDArray:
@@ -111,10 +118,15 @@ def _model(scene: Scene, picture: NDArray[np.float32], covering: bool = False) -
     return stacked(draw(scene, *picture.shape[1::-1], covering=covering))
 
 
-def raster_error(svg: str, picture: NDArray[np.float32], renderer: str) -> float:
+def raster_error(
+    svg: str,
+    picture: NDArray[np.float32],
+    renderer: str,
+    weight: NDArray[np.float32] | None = None,
+) -> float:
     """Return the mean squared error of a file's raster, over both backdrops if there is alpha."""
     raster = rasterize_like(svg, picture, renderer)
-    return metrics.mean_squared_error(stacked(raster), stacked(picture))
+    return metrics.mean_squared_error(stacked(raster), stacked(picture), weight)
 
 
 def measured(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:

@@ -16,7 +16,7 @@ import pyvips
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import InputError, brief, quoted
+from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import reading
 from gauss2svg.options import Field, file_name
 from gauss2svg.photo import (
@@ -29,6 +29,7 @@ from gauss2svg.photo import (
 )
 from gauss2svg.photo.libvips import TYPES, samples
 from gauss2svg.photo.pixels import (
+    Focus,
     Header,
     Photo,
     Size,
@@ -44,6 +45,7 @@ from gauss2svg.photo.srgb import PRIMARIES, TRANSFERS, ColorSpace, in_srgb
 
 SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
 _LEAST_DPI = 1.0  # a resolution of this or less counts as none
+_WHITE = 0.5  # least grey in 0..1 of a mask that counts as white
 _SQUARE = 0.01  # largest relative difference of resolutions at which pixels count as square
 # libjpeg decodes a JPEG at least this many times as large as needed, and `resized` does the rest.
 # libjpeg itself leaves out high frequencies, which is a poor filter (docs/decisions/photo.md).
@@ -284,6 +286,27 @@ def load_image(
     Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     stored, name = _stored(source, max_pixels)
     return _composited(decoded(stored, name, needed), matte)
+
+
+def load_focus(source: ImageSource, strength: float, photo: Photo, max_pixels: int) -> Focus:
+    """Return the mask of a photo, read like a photo, with its transparent parts black.
+
+    Raise InputError if it cannot be read, is not of the photo's proportions, or has one colour.
+    """
+    try:
+        needed = max(photo.width, photo.height)
+        mask = load_image(source, max_pixels=max_pixels, matte=(0, 0, 0), needed=needed)
+    except InputError as error:
+        raise InputError(f"focus must be a picture, but {error}") from error
+    (width, height), (across, down) = mask.full, photo.full
+    if abs(width * down - height * across) > max(across, down):  # over 1 px of the shorter side
+        needed = f"a mask of the photo's proportions, {across}x{down}"
+        raise refusal("focus", needed, f"{width}x{height} px", "the photo's size")
+    grey = mask.pixels.mean(axis=2, keepdims=True)
+    if not grey.min() < _WHITE <= grey.max():
+        needed = "a mask with white where detail matters, and black elsewhere"
+        raise refusal("focus", needed, "one colour", "painting on black with white")
+    return Focus(grey, strength)
 
 
 def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Header | None:

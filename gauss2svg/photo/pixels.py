@@ -72,6 +72,30 @@ class Photo:
         return self.pixels.shape[0]
 
 
+FOCUS_STRENGTH = 4.0  # default of FitOptions.focus_strength (docs/decisions/focus.md)
+
+
+@dataclass(frozen=True, eq=False)
+class Focus:
+    """A mask of the part of a photo where detail matters.
+
+    mask      (h, w, 1) float32 in 0..1, of any size and of the photo's proportions
+    strength  factor by which an error counts more where the mask is 1 than where it is 0
+    """
+
+    mask: NDArray[np.float32]
+    strength: float = FOCUS_STRENGTH
+
+    def inside(self, height: int, width: int) -> NDArray[np.float32]:
+        """Return the mask (height, width)."""
+        return shrunk(self.mask, height, width)[:, :, 0]
+
+    def weight(self, height: int, width: int) -> NDArray[np.float32]:
+        """Return the weight (height, width) of each pixel's error, with a mean of 1."""
+        weight = 1 + np.float32(self.strength - 1) * self.inside(height, width)
+        return weight / weight.mean()
+
+
 def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
     """Return samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
 

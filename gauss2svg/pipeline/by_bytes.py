@@ -343,6 +343,7 @@ class ByBytes:
         """
         order = self._solved.by_use(fitted, self._plan.tune, covering=True)
         best, expected, pixels = None, self._expected(exponents), self._solved.working
+        shared, weight = SHARED * self.is_drawing, self._solved.weight(pixels)
         for grid, digits in itertools.product(self._grids, self._digits):
             if best is not None and self._stop():
                 break
@@ -350,7 +351,7 @@ class ByBytes:
             file, each = None, expected
             while kept > 0:
                 scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
-                exact, error = small_file.recolored(scene, pixels, digits, SHARED * self.is_drawing)
+                exact, error = small_file.recolored(scene, pixels, digits, shared, weight)
                 file = self._file(exact, unit, digits, error)
                 shapes = file.size - self.flat.size
                 if kept == len(fitted):
@@ -373,9 +374,11 @@ class ByBytes:
 
         The model is rendered, because rasterising the masks of an enlarged file takes seconds.
         """
-        large, renderer = self._large, self._plan.options.run.renderer
-        error = raster_error(file.svg, self.subject.working, renderer)
-        enlarged = math.nan if large is None else model_error(file.scene, large, covering=True)
+        large, renderer, subject = self._large, self._plan.options.run.renderer, self.subject
+        error = raster_error(file.svg, subject.working, renderer, subject.weight(subject.working))
+        enlarged = math.nan
+        if large is not None:
+            enlarged = model_error(file.scene, large, True, subject.weight(large))
         return dataclasses.replace(file, error=error, enlarged_error=enlarged)
 
 

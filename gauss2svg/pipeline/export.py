@@ -97,8 +97,8 @@ class Exporter:
         plan, subject, (width, height) = self._plan, self._subject, self._subject.canvas
         scaled = scene.scaled(width / scene.width, height / scene.height)
         scaled, weight = scaled.replace(width=width, height=height), None
-        if plan.tune == PERCEPTUAL:  # its weights apply to errors of colours too
-            weight = subject.targets(plan.tune).reduced(1).weight
+        if plan.tune == PERCEPTUAL or subject.focus:  # the weights apply to errors of colours too
+            weight = subject.targets(plan.tune).reduced(1).visible_weight
         palette, color_error = plan.quantization(len(scene), error)
         return quantize(scaled, plan.options.svg.form, palette, color_error, weight)
 
@@ -153,7 +153,8 @@ class Exporter:
         if plan.aim is not None:
             score = plan.aim.score(self.raster(svg), subject.photo)
         elif plan.covering:
-            score = metrics.psnr(stacked(self.raster(svg)), stacked(subject.photo))
+            weight = subject.weight(subject.photo)
+            score = metrics.psnr(stacked(self.raster(svg)), stacked(subject.photo), weight)
         else:
-            score = model_psnr(scene, subject.working)
+            score = model_psnr(scene, subject.working, subject.weight(subject.working))
         return Export(exact, svg, written, document, plan.counts_gzipped, score)

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit import FitResult, Tune
 from gauss2svg.fit.target import TargetPyramid
+from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import RoundTrip, raster_error
+from gauss2svg.photo.pixels import Focus, stacked
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
@@ -28,12 +30,14 @@ class Subject:
     working   image that a fit runs on: the photo, perhaps reduced
     canvas    width and height in px of the file, those of the photo before it was reduced
     document  document settings of the file
+    focus     mask of where detail matters
     """
 
     photo: NDArray[np.float32]
     working: NDArray[np.float32]
     canvas: tuple[int, int]
     document: Document = Document()
+    focus: Focus | None = None
     _targets: dict[Tune, TargetPyramid] = field(default_factory=dict, init=False)
 
     @classmethod
@@ -49,8 +53,12 @@ class Subject:
     def targets(self, tune: Tune) -> TargetPyramid:
         """Return the working image as targets of a fit. Its weight maps are computed once."""
         if tune not in self._targets:
-            self._targets[tune] = TargetPyramid(self.working, tune)
+            self._targets[tune] = TargetPyramid(self.working, tune, focus=self.focus)
         return self._targets[tune]
+
+    def weight(self, picture: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """Return the weight (h, w) by the mask of errors against a picture; None without one."""
+        return None if self.focus is None else self.focus.weight(*picture.shape[:2])
 
     def by_use(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
         """Return the indices of a scene's shapes, the most useful first.
@@ -102,6 +110,14 @@ class Outcome:
         measured = self.measured
         return measured.svgz_bytes if self.plan.counts_gzipped else measured.svg_bytes
 
+    @property
+    def psnr(self) -> float:
+        """PSNR (dB) of the file over the worse backdrop, or over both, weighted by the mask."""
+        photo, weight = self.subject.photo, self.subject.weight(self.subject.photo)
+        if weight is None:
+            return self.measured.psnr_lowest
+        return metrics.psnr(stacked(self.measured.raster), stacked(photo), weight)
+
 
 def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
     """Return the closest outcome of the searches of a plan, with the costs of all.
@@ -121,18 +137,19 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
             last = dataclasses.replace(last, reached=reached)
         outcomes.append(last)
         is_met = aim is not None and aim.reached(last.reached) and last.size <= limit
-        is_close = last.enlarged is not None and last.measured.psnr_lowest >= SEEN_UP_TO
+        is_close = last.enlarged is not None and last.psnr >= SEEN_UP_TO
         if is_met or is_close or last.fitted.stop_reason == "interrupted":
             break
     large = next((outcome.enlarged for outcome in outcomes if outcome.enlarged is not None), None)
 
     def closeness(outcome: Outcome) -> tuple[float, float]:
-        psnr = outcome.measured.psnr_lowest
+        psnr = outcome.psnr
         if aim is not None:
             return outcome.size <= limit, outcome.reached
         if large is None or len(outcomes) == 1:
             return psnr, 0.0
-        return min(psnr, SEEN_UP_TO), -raster_error(outcome.svg, large, plan.options.run.renderer)
+        weight, renderer = outcome.subject.weight(large), plan.options.run.renderer
+        return min(psnr, SEEN_UP_TO), -raster_error(outcome.svg, large, renderer, weight)
 
     best = max(outcomes, key=closeness)
     fitted, reason = best.fitted, best.fitted.stop_reason

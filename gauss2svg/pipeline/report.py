@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from gauss2svg.measure import SCORES, Scores
+from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.paint import paint_ms, shown_width
-from gauss2svg.photo.pixels import Photo
+from gauss2svg.photo.pixels import Photo, over
 from gauss2svg.pipeline.budgets import measured_size
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import Plan
@@ -34,7 +35,7 @@ def run_report(
     chosen, subject, document = outcome.plan, outcome.subject, outcome.subject.document
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
     total_s, count = time.perf_counter() - run.started, len(outcome.scene)
-    shown = shown_width(document, outcome.scene)
+    shown, scored = shown_width(document, outcome.scene), vars(measured) | _by_focus(outcome)
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
     return {
         **options.flat(),
@@ -50,6 +51,7 @@ def run_report(
         "stops": outcome.format.stops,
         "precision": None if chosen.by_bytes else outcome.format.precision,
         "tune": chosen.tune,
+        "focus_strength": None if subject.focus is None else subject.focus.strength,
         "palette": chosen.quantization(count)[0] if is_counted else None,
         "size": document.size,
         "threads": run.threads,
@@ -66,7 +68,7 @@ def run_report(
         "fit_cpu_s": fitted.cpu_s,
         "pixel_pairs": fitted.pixel_pairs,
         # JSON has no infinity, which is the PSNR of equal images.
-        **{k: None if v == math.inf else v for k, v in vars(measured).items() if k != "raster"},
+        **{k: None if v == math.inf else v for k, v in scored.items() if k != "raster"},
         **scores.report,
         "bytes_by_part": bytes_by_part(outcome.svg),
         "paint_ms": paint_ms(outcome.scene, outcome.svg, shown),
@@ -80,6 +82,18 @@ def run_report(
 
 def _sides(prefix: str, size: tuple[int, ...]) -> dict[str, int]:
     return {f"{prefix}width": size[0], f"{prefix}height": size[1]}
+
+
+def _by_focus(outcome: Outcome) -> dict[str, float | None]:
+    """Return the PSNR (dB) of the SVG inside of the mask and outside; None without a mask."""
+    subject, raster = outcome.subject, over(outcome.measured.raster)
+    if subject.focus is None:
+        return {"psnr_svg_inside": None, "psnr_svg_outside": None}
+    inside, photo = subject.focus.inside(*raster.shape[:2]), over(subject.photo)
+    return {
+        "psnr_svg_inside": psnr(raster, photo, inside),
+        "psnr_svg_outside": psnr(raster, photo, 1 - inside),
+    }
 
 
 def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:

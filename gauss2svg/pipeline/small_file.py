@@ -94,13 +94,18 @@ def unit_of(grid: float, count: int, canvas: Size) -> float:
 
 
 def recolored(
-    scene: Scene, pixels: NDArray[np.float32], digits: int, shared: float = 0.0
+    scene: Scene,
+    pixels: NDArray[np.float32],
+    digits: int,
+    shared: float = 0.0,
+    weight: NDArray[np.float32] | None = None,
 ) -> tuple[Scene, float]:
     """Return the scene with the colours of least squared error, and that error per value.
 
     pixels  (h, w, 3) or (h, w, 4) float32 in 0..1, compared with the scene at this size
     digits  number of hex digits, 3 or 6, to which the colours are rounded
     shared  share of the squared error that may be added so that shapes share colours
+    weight  (h, w) weight of each pixel's error, of mean 1; None for 1
     A picture with alpha is compared over white and over black, and has no background. Plain
     ellipses count by how much of each pixel they cover, as in `render` with covering.
     """
@@ -108,6 +113,10 @@ def recolored(
     scaled = scene.scaled(width / scene.width, height / scene.height)
     weights, products = color_weights(scaled, plain_radius(scaled.beta), height, width)
     targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
+    if weight is not None:  # both sides of each pixel's equation count by its root
+        root = np.sqrt(weight.reshape(-1, 1).astype(np.float64))
+        weights, targets = weights.multiply(root.T).tocsr(), [root * target for target in targets]
+        products = (weights @ weights.T).toarray()
     first = 0
     if has_alpha(pixels):  # the backdrop shows through the shapes, and is known
         through = weights[[0]].toarray().reshape(-1, 1)

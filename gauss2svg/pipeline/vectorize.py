@@ -17,8 +17,8 @@ from gauss2svg.files import write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import Scores
 from gauss2svg.options import Field, file_name
-from gauss2svg.photo.load import ImageSource, reduced
-from gauss2svg.photo.pixels import Header, Photo, matte_color, pixels_of, shrunk
+from gauss2svg.photo.load import ImageSource, load_focus, reduced
+from gauss2svg.photo.pixels import FOCUS_STRENGTH, Header, Photo, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.budgets import (
     STEPS,
     STEPS_OF_DRAWING,
@@ -124,6 +124,7 @@ def vectorize(
     svg: SvgOptions | None = None,
     document: Document | None = None,
     run: RunOptions | None = None,
+    focus: ImageSource | None = None,
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
     **unknown: Never,
@@ -136,6 +137,7 @@ def vectorize(
               vectorize("photo.jpg", max_bytes="500k")
     fit, densify, svg, document, run
               less common options. Each class documents its fields
+    focus     mask of the photo's proportions, like image: white where detail matters
     progress  function that is called with a Progress at every step. True shows a bar on a terminal,
               or the forming picture in a notebook. By default nothing is shown
     stop      function that is called after every step. True ends the run with the best result so
@@ -152,13 +154,14 @@ def vectorize(
     """
     options = Options.of_call(locals())
     with watched(progress) as callback:
-        return vectorize_by(options, image, progress=callback, stop=stop)
+        return vectorize_by(options, image, focus=focus, progress=callback, stop=stop)
 
 
 def vectorize_by(
     options: Options,
     image: ImageSource,
     *,
+    focus: ImageSource | None = None,
     progress: ProgressCallback | None = None,
     stop: Callable[[], bool] | None = None,
     started: float | None = None,
@@ -173,13 +176,21 @@ def vectorize_by(
     plan = Plan(options)
     plan.check_renderer()
     run = Run(options.run, progress, stop, started)
+    strength = options.fit.focus_strength
+    if focus is None and strength is not None:
+        raise refusal(
+            "focus_strength", "given with focus", f"{strength:g} alone", "--focus mask.png"
+        )
     photo, load = _read(plan, run, image, may_reduce)
+    mask = None
+    if focus is not None:
+        mask = load_focus(focus, strength or FOCUS_STRENGTH, photo, options.run.max_pixels)
     measured = reduced(photo, load.measured)
     pixels = working = pixels_of(measured)
     if load.fit != load.measured:
         working = shrunk(pixels_of(photo), *load.fit[::-1], sharp=True)
     document = plan.options.document.of_photo(*photo.full, photo.dpi)
-    subject = Subject(pixels, working, photo.full, document)
+    subject = Subject(pixels, working, photo.full, document, mask)
     del photo  # frees the photo's pixels, which may be many
     plan = dataclasses.replace(plan, fit_side=max(load.fit)).for_picture(pixels)
     with run.compiled(plan.options.fit.blend):

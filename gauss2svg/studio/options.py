@@ -15,6 +15,8 @@ from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import command_line
 from gauss2svg.scene.inks import PALETTE_SUFFIX
+from gauss2svg.studio.uploads import stem_of
+from gauss2svg.studio.worker import MASK
 
 MOST_DRAWN = 40_000_000  # most pixels of a PNG. Drawing so many takes half a gigabyte
 # Options that only the server sets, because its fits share the machine.
@@ -89,17 +91,22 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
     }
 
 
-def lines_of(name: str, options: Options) -> dict[str, str]:
+def lines_of(name: str, options: Options, has_focus: bool = False) -> dict[str, str]:
     """Return {"command": .., "python": ..}, which make the same SVG from a photo.
 
-    name     file name of the photo
-    options  all options; those at their defaults are left out
+    name       file name of the photo
+    options    all options; those at their defaults are left out
+    has_focus  whether there is a mask, which is saved as NAME-focus.png
     """
     defaults = Options().flat()
     changed = {name: value for name, value in options.flat().items() if value != defaults[name]}
     output = f"{PurePath(name).stem}.{'svgz' if options.svg.gzip else 'svg'}"
     words = ["gauss2svg", _as_file_name(name), "-o", _as_file_name(output)]
     arguments, names = [repr(name)], ["vectorize"]
+    if has_focus:
+        mask = f"{stem_of(name)}-{MASK}"
+        words += ["--focus", _as_file_name(mask)]
+        arguments.append(f"focus={mask!r}")
     for key, group in GROUPS.items():
         in_group = {f.name: changed[f.name] for f in fields_of(group) if f.name in changed}
         for option, value in in_group.items():

@@ -31,6 +31,7 @@ from gauss2svg.raster.isolated import draw
 from gauss2svg.studio import uploads
 from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, wait_until
 from gauss2svg.studio.options import MOST_DRAWN, form, lines_of, options_of
+from gauss2svg.studio.worker import MASK
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
@@ -39,7 +40,7 @@ _TEMPLATES = template_environment("gauss2svg.compare.pages", "gauss2svg.studio")
 _AXES = {axis.key: axis for axis in SCORES}
 _COSTS = {cost.key: cost for cost in COSTS}
 _FIGURES = ("gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s", "stop_reason")
-_FILES = ("photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz")
+_FILES = (MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz")
 Markup = Literal["editable", "minimal"] | None
 
 
@@ -159,6 +160,9 @@ async def _submitted(
     of: Annotated[
         str, Form(description="Id of a job whose photo is used again, instead of a file.")
     ] = "",
+    focus: Annotated[
+        UploadFile | None, File(description="Mask of the photo, white where detail matters.")
+    ] = None,
     options: Annotated[
         Json[dict[str, Any]] | None, Form(description="Options by name. See /api/options.")
     ] = None,
@@ -179,10 +183,12 @@ async def _submitted(
         else:
             needed = "a file as photo, a sample, or the job that it is of"
             raise refusal("the photo", f"given: {needed}", "none")
-        with source, (folder / "photo").open("wb") as copy:
-            await asyncio.to_thread(shutil.copyfileobj, source, copy)
+        for upload, kept in ((source, "photo"), (focus and focus.file, MASK)):
+            if upload is not None:
+                with upload, (folder / kept).open("wb") as copy:
+                    await asyncio.to_thread(shutil.copyfileobj, upload, copy)
         size = await asyncio.to_thread(uploads.size_of, folder / "photo", name)
-        job = Job(folder, name, options, *size, lines=lines_of(name, chosen))
+        job = Job(folder, name, options, *size, lines=lines_of(name, chosen, focus is not None))
         studio.jobs.submit(job)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
@@ -316,7 +322,7 @@ async def file(
     file: Literal[tuple(_FILES)],  # pyright: ignore[reportInvalidTypeForm]
     download: bool = False,
 ) -> FileResponse:
-    """Return the photo as it was compared, the error map, the outlines, the report or the scene."""
+    """Return one of the files that a worker writes beside the SVG, or the mask."""
     path = await _written(job, file)
     headers = _attachment(job, f"-{file}") if download else {}
     kind = guess_type(file)[0] or "application/octet-stream"

@@ -29,6 +29,7 @@ from gauss2svg.render import FrameMaker, as_jpeg
 from gauss2svg.svg import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
+MASK = "focus.png"  # name of the file of a mask in the folder of a job
 # Attributes of a fit's progress that progress.json has.
 _OF_A_FIT = ("round", "iteration", "done", "gaussians", "psnr", "elapsed_s", "remaining_s")
 
@@ -96,6 +97,7 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
     return vectorize_by(
         options.changed(max_memory=share, threads=request["threads"]),
         folder / "photo",
+        focus=folder / MASK if (folder / MASK).exists() else None,
         progress=progress,
         # Before its first frame a fit has no picture to keep.
         stop=lambda: frames > 0 and (folder / "stop").exists(),

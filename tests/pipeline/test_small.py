@@ -236,21 +236,27 @@ def test_the_colours_that_made_a_picture_are_found_again():
 
 
 @pytest.mark.parametrize("digits", [3, 6])
-def test_solved_colours_are_writable_and_beat_any_nearby(digits):
+@pytest.mark.parametrize("focused", [False, True])
+def test_solved_colours_are_writable_and_beat_any_nearby(digits, focused):
     rng = np.random.default_rng(2)
     scene, picture = a_scene(6, rng), rng.random((40, 60, 3)).astype(np.float32)
-    found, error = recolored(scene, picture, digits)
+    weight = rng.random((40, 60)).astype(np.float32) if focused else None
+    found, error = recolored(scene, picture, digits, weight=weight)
+
+    def error_of(one: Scene) -> float:
+        each = np.square(render(one) - picture).mean(axis=2)
+        return float(np.mean(each if weight is None else each * weight))
+
     levels = 15 if digits == 3 else 255
     assert found.color.min() >= 0
     assert found.color.max() <= 1
     np.testing.assert_allclose(found.color * levels, np.round(found.color * levels), atol=1e-9)
-    assert error == pytest.approx(float(np.mean((render(found) - picture) ** 2)), rel=1e-3)
+    assert error == pytest.approx(error_of(found), rel=1e-3)
     for _ in range(20):
         moved = found.color.copy()
         k, channel = rng.integers(6), rng.integers(3)
         moved[k, channel] = np.clip(moved[k, channel] + rng.choice([-1, 1]) / levels, 0, 1)
-        other = float(np.mean((render(found.replace(color=moved)) - picture) ** 2))
-        assert other >= error * (1 - 1e-4)
+        assert error_of(found.replace(color=moved)) >= error * (1 - 1e-4)
 
 
 def test_colours_of_a_transparent_scene_match_over_white_and_black():

@@ -21,13 +21,13 @@ BESIDE = {
     "per_round": {"gaussians": 100}, "round_iterations": {"gaussians": 100},
     "schedule": {"gaussians": 100}, "count_gzipped": {"max_bytes": 40_000},
 }  # fmt: skip
-_CALLBACKS = ("progress", "stop", "started")
+_OF_A_CALL = ("focus", "progress", "stop", "started")
 
 
 def vectorize(image: Any, **given: Any) -> Result:
     """`gauss2svg.vectorize` of options by their names."""
-    callbacks = {name: given.pop(name) for name in _CALLBACKS if name in given}
-    return vectorize_by(Options.from_flat(given), image, **callbacks)
+    of_call = {name: given.pop(name) for name in _OF_A_CALL if name in given}
+    return vectorize_by(Options.from_flat(given), image, **of_call)
 
 
 def fit_config(gaussians: int = 5000, iterations: int | None = 200, **given: Any) -> FitConfig:

@@ -23,6 +23,7 @@ OPTIONS = [option for group in form()["groups"] for option in group["options"]]
 CHANGED = {
     "quality": "fast", "gaussians": 700, "target_psnr": 31.5, "target_ssimulacra2": 55,
     "max_bytes": 40_000, "time_limit": 9.5, "iterations": 77, "loss": "l1+ssim", "tune": "psnr",
+    "focus_strength": 6.0,
     "ssim_weight": 0.3, "learning_rate": 0.5, "blend": "add", "falloff": "gaussian", "seed": 5,
     "inks": 5, "init": "random", "schedule": "linear", "per_round": 50, "round_iterations": 9,
     "relocate": False, "form": "blur", "markup": "minimal", "palette": 12, "stops": 8,
@@ -118,6 +119,12 @@ def test_the_lines_are_read_back_as_the_same_options(given, monkeypatch):
     groups = {k: v for k, v in read[1].items() if k in ("fit", "densify", "svg", "document", "run")}
     goal = gauss2svg.Goal(**{k: v for k, v in read[1].items() if k not in groups})
     assert Options(goal=goal, **groups).flat() == options.flat()
+
+
+def test_lines_name_the_mask_of_a_photo_as_it_is_saved():
+    lines = lines_of("-a.png", Options(), has_focus=True)
+    assert lines["command"] == "gauss2svg ./-a.png -o ./-a.svg --focus ./-a-focus.png"
+    assert "vectorize('-a.png', focus='-a-focus.png')" in lines["python"]
 
 
 def test_lines_name_a_file_of_the_kind_that_is_written():

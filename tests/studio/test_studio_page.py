@@ -7,6 +7,7 @@ import io
 import json
 import zipfile
 
+import numpy as np
 import pytest
 import studio_site
 from gallery_site import PHONE, WIDE, box
@@ -337,6 +338,38 @@ def test_outlines_and_error_map_are_those_of_the_service(visit):
     assert difference(page, f"api/jobs/{job}/errors.png") == 0
     page.get_by_label("SVG", exact=True).check()
     assert difference(page, f"api/jobs/{job}/picture.svg") == 0
+
+
+def test_where_the_brush_paints_is_the_focus_of_the_next_run(visit, server):
+    page = after_a_run(visit, "404")
+    page.locator("#paint").check()
+    stage = box(page, "#stage")
+    at = [
+        (stage["x"] + share * stage["width"], stage["y"] + stage["height"] / 2)
+        for share in (0.2, 0.5)
+    ]
+    page.mouse.move(*at[0])
+    page.mouse.down()
+    page.mouse.move(*at[1], steps=4)
+    page.mouse.up()
+    page.locator("#run").click()
+    await_run(page, 2)
+    job = job_of(page)
+    mask = np.asarray(Image.open(io.BytesIO(server.get(f"api/jobs/{job}/focus.png"))))
+    middle = mask[len(mask) // 2, :, 3] / 255
+    assert (mask[mask[:, :, 3] > 0, :3] == 255).all()
+    assert middle[len(middle) // 5 :][: len(middle) // 4].min() == 1
+    assert middle[int(0.7 * len(middle)) :].max() == mask[0].max() == 0
+    report = json.loads(server.get(f"api/jobs/{job}/report.json"))
+    for part in ("inside", "outside"):
+        expect(page.locator("#figures")).to_contain_text(f"{report[f'psnr_svg_{part}']:.2f}")
+    with page.expect_download() as saved:
+        page.locator("#save-focus").click()
+    assert saved.value.suggested_filename in page.locator("#command").text_content()
+    page.locator("#clear").click()
+    page.locator("#run").click()
+    await_run(page, 3)
+    assert server.client.get(f"api/jobs/{job_of(page)}/focus.png").status_code == 404
 
 
 def test_every_run_is_a_point_that_brings_its_picture_back(visit, server):

@@ -61,13 +61,15 @@ export const getChart = async (request, signal) => (await answer("api/chart", {
  * the server has forgotten it.
  * @param {import("./job.js").Photo} photo
  * @param {Options} options
+ * @param {Blob | null} mask white where detail matters
  * @returns {Promise<State>}
  */
-export function postJob(photo, options) {
+export function postJob(photo, options, mask) {
   const body = new FormData();
   if (photo.job) body.append("of", photo.job);
   else if (photo.file) body.append("photo", photo.file, photo.name);
   else body.append("sample", photo.name);
+  if (mask) body.append("focus", mask, "focus.png");
   body.append("options", JSON.stringify(options));
   return json("api/jobs", { method: "POST", body });
 }

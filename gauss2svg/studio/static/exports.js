@@ -25,6 +25,7 @@ export class Exports {
     for (const id of ["save", "save-now", "meaning"]) by(id).hidden = run === null;
     if (run === null || !isOther) return;
     complain("save-error", "");
+    by("save-focus").hidden = !run.report.focus_strength;
     by("save-now", HTMLAnchorElement).href = ofJob(run.id, "picture.svg?download=1");
     for (const link of all("[data-file]", by("save"), HTMLAnchorElement)) link.href = ofJob(run.id, link.dataset.file);
     this.width.max = String(widest(run.report, this.limits.png_pixels));

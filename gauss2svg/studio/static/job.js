@@ -10,8 +10,8 @@ const GONE = "The server no longer knows this run. Try to run it again";
 
 /** @import { Options, Progress, State } from "./api.js" */
 /** @typedef {{ name: string, url: string, file?: File, width?: number, height?: number, series?: number, cannotBeSeen?: boolean,
- *   job?: string | null }} Photo a sample has no file; series is the number of its mark; job is the id of a job with this photo */
-/** @typedef {{ number: number, photo: Photo, asked: Options, aim: string, lost?: string, isStopping?: boolean, isCanceled?: boolean,
+ *   job?: string | null, mask?: HTMLCanvasElement }} Photo a sample has no file; series is the number of its mark; job is the id of a job with this photo */
+/** @typedef {{ number: number, photo: Photo, asked: Options, aim: string, mask: Promise<Blob | null>, lost?: string, isStopping?: boolean, isCanceled?: boolean,
  *   isEnded?: boolean, status?: number, figures?: Progress, lastFrame?: Shown, picture?: import("./rounds.js").Picture,
  *   end?: () => void }} OfPage */
 /** @typedef {Omit<Partial<State>, "state"> & { state: string } & OfPage} Run */
@@ -109,7 +109,7 @@ export class RunQueue {
   async post(run) {
     while (!run.isCanceled) {
       try {
-        return await postJob(run.photo, run.asked);
+        return await postJob(run.photo, run.asked, await run.mask);
       } catch (error) {
         if (error.status === 404 && run.photo.job) {
           run.photo.job = null;

@@ -1,6 +1,7 @@
 // The state of the page, and the updates of the page when it changes.
 
 import { ApiError, getBlob, getJob, getOptions, getSamples, ofJob, zipOf } from "./api.js";
+import { Brush, whiteMask } from "./brush.js";
 import { complain, say } from "./dom.js";
 import { Exports } from "./exports.js";
 import { Goal } from "./goal.js";
@@ -31,6 +32,7 @@ class Studio {
     this.more = new More(groups);
     this.goal = new Goal(options, (kind) => this.more.leaveOut(kind));
     this.viewer = new Viewer((zoom, shown) => tellZoom(zoom, shown), (source) => this.missing(source));
+    this.brush = new Brush();
     this.trade = new Trade(scores, (run) => this.show(run), (run) => this.compare(run));
     this.exports = new Exports(limits);
     this.strip = new Strip((photo) => this.open(photo));
@@ -80,7 +82,8 @@ class Studio {
     if (asked === null) return;
     for (const photo of photos) {
       const number = Math.max(0, ...this.runs.map((run) => run.number)) + 1;
-      const run = /** @type {Run} */ ({ number, photo, asked, aim: this.aim(), state: "waiting", progress: null });
+      const focus = photo.mask?.dataset.painted ? ", focus" : "";
+      const run = /** @type {Run} */ ({ number, photo, asked, aim: this.aim() + focus, mask: whiteMask(photo), state: "waiting", progress: null });
       this.runs.push(run);
       if (photo === this.photo) this.setShown(run);
       this.queue.add(run);
@@ -209,6 +212,7 @@ class Studio {
   /** @param {Photo | null} photo */
   open(photo) {
     this.photo = photo;
+    this.brush.open(photo);
     by("empty").hidden = photo !== null;
     by("viewer").hidden = by("add").hidden = photo === null;
     document.body.classList.toggle("has-photo", photo !== null);
@@ -237,6 +241,7 @@ class Studio {
     Object.assign(photo, { width, height });
     if (photo !== this.photo) return;
     this.viewer.open(width, height);
+    this.brush.open(photo);
     this.showHeading();
   }
 

@@ -53,6 +53,7 @@ export function showProgress(run) {
 export function figuresOf({ report }) {
   const parts = [`${whole(report.gaussians)} shapes`, decibels(report.psnr_svg)];
   if (report.ssim_svg !== null && report.ssim_svg !== undefined) parts.push(`SSIM ${report.ssim_svg.toFixed(3)}`);
+  if (report.focus_strength) parts.push(`${decibels(report.psnr_svg_inside)} in the focus, ${decibels(report.psnr_svg_outside)} outside`);
   parts.push(`${size(report.svg_bytes)} (${size(report.svgz_bytes)} gzipped)`, seconds(report.total_s));
   return parts.join(" \u00b7 ");
 }

@@ -1,0 +1,117 @@
+"""Properties of a mask: a photo is closer where it is white, whatever the goal and the loss."""
+
+import numpy as np
+import pytest
+from flat import vectorize
+from PIL import Image
+from skimage import data
+
+from gauss2svg.errors import InputError
+from gauss2svg.fit.target import target_of
+from gauss2svg.photo.pixels import Focus
+
+HEIGHT, WIDTH = 72, 96
+Y, X = np.mgrid[:HEIGHT, :WIDTH]
+MASK = np.uint8(255 * ((X - 34) ** 2 / 24**2 + (Y - 40) ** 2 / 20**2 < 1))
+
+
+def small(name: str) -> np.ndarray:
+    """A picture of scikit-image, reduced."""
+    picture = Image.fromarray(getattr(data, name)())
+    return np.asarray(picture.resize((WIDTH, HEIGHT), Image.Resampling.BOX))
+
+
+def psnr(raster, photo, where) -> float:
+    return float(-10 * np.log10(np.mean(np.square(raster - photo)[where])))
+
+
+COUNT = {"gaussians": 120, "iterations": 60}
+GOALS = {
+    "count": COUNT, "psnr": {**COUNT, "tune": "psnr"}, "l1": {**COUNT, "loss": "l1"},
+    "ssim": {**COUNT, "loss": "mse+ssim"}, "by error": {**COUNT, "init": "error", "tune": "psnr"},
+    "additive": {**COUNT, "blend": "add"}, "inks": {**COUNT, "inks": 4},
+    "small file": {"max_bytes": 1500, "iterations": 60},
+    "editable file": {"max_bytes": 9000, "markup": "editable", "iterations": 60},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("goal", GOALS)
+def test_a_photo_is_closer_inside_of_its_mask_at_the_cost_of_the_rest(goal):
+    gains = []
+    for name in ("astronaut", "coffee", "chelsea"):
+        plain, focused = (
+            vectorize(small(name), **GOALS[goal], **more) for more in ({}, {"focus": MASK})
+        )
+        psnrs = [
+            [psnr(result.raster, result.photo, where) for where in (MASK > 0, MASK == 0)]
+            for result in (plain, focused)
+        ]
+        report = focused.report
+        assert [report["psnr_svg_inside"], report["psnr_svg_outside"]] == pytest.approx(psnrs[1])
+        assert plain.report["psnr_svg_inside"] is plain.report["focus_strength"] is None
+        gains.append(np.subtract(psnrs[1], psnrs[0]))
+    inside, outside = np.mean(gains, axis=0)
+    assert inside > (0.1 if goal == "inks" else 0.5)
+    assert outside < 0
+
+
+def test_without_a_count_shapes_are_added_for_the_error_that_the_mask_weighs():
+    flat = np.full((HEIGHT, WIDTH, 3), 0.5)
+    flat[:, WIDTH // 2 :] = small("coffee")[:, WIDTH // 2 :] / 255
+    on_flat, on_detail = (
+        vectorize(flat, quality="draft", focus=(X < WIDTH // 2) == left, focus_strength=30)
+        for left in (True, False)
+    )
+    assert on_flat.report["gaussians"] < on_detail.report["gaussians"]
+
+
+def test_a_larger_strength_moves_more_of_the_picture_into_the_mask():
+    inside = []
+    for strength in (1, 4, 16):
+        results = [
+            vectorize(small(name), **COUNT, focus=MASK, focus_strength=strength)
+            for name in ("astronaut", "coffee", "chelsea")
+        ]
+        assert {result.report["focus_strength"] for result in results} == {strength}
+        inside.append(np.mean([result.report["psnr_svg_inside"] for result in results]))
+    assert inside == sorted(inside)
+
+
+def test_a_mask_is_read_like_a_photo(tmp_path):
+    photo, image = small("coffee"), Image.fromarray(MASK)
+    image.save(tmp_path / "mask.png")
+    clear = np.dstack([np.full((*MASK.shape, 3), 255, np.uint8), MASK])  # white where it is opaque
+    masks = [MASK, MASK / 255, MASK > 0, image, str(tmp_path / "mask.png"), clear]
+    assert (
+        len({vectorize(photo, gaussians=40, iterations=20, focus=mask).svg for mask in masks}) == 1
+    )
+
+
+@pytest.mark.parametrize("tune", ["perceptual", "psnr"])
+@pytest.mark.parametrize("size", [(72, 96), (36, 48), (360, 480)])
+def test_the_weight_inside_is_larger_by_the_strength_and_has_its_mean(tune, size):
+    pixels = small("coffee").astype(np.float32) / 255
+    mask = np.asarray(Image.fromarray(MASK).resize(size[::-1], Image.Resampling.BOX), np.float32)
+    focus = Focus(mask[:, :, None] / 255, 5.0)
+    plain, weighted = (target_of(pixels, np.float64, tune, each).weight for each in (None, focus))
+    factor, inside = weighted / plain, focus.inside(HEIGHT, WIDTH)
+    np.testing.assert_allclose(factor, factor.min() * (1 + 4 * inside), rtol=1e-5)
+    assert inside.max() == 1
+    assert weighted.mean() == pytest.approx(plain.mean())
+
+
+@pytest.mark.parametrize(
+    ("mask", "line"),
+    [
+        (MASK.T, r"focus must be a mask of the photo's proportions, 96x72; got 72x96 px. Try the"),
+        (MASK[:, :-2], "proportions, 96x72; got 94x72 px"),
+        (np.zeros((HEIGHT, WIDTH)), "focus must be a mask with white .*; got one colour. Try pain"),
+        (np.ones((HEIGHT, WIDTH)), "got one colour"),
+        (7, "focus must be a picture, but photo must be a path, .*; got int"),
+        (np.full((HEIGHT, WIDTH), 2.0), "focus must be a picture, but samples of array .*0..1"),
+        (b"rubbish", "focus must be a picture, but .* got an unknown format"),
+    ],
+)
+def test_a_mask_that_does_not_fit_is_refused(mask, line):
+    with pytest.raises(InputError, match=line):
+        vectorize(small("coffee"), gaussians=10, focus=mask)
