@@ -179,7 +179,7 @@ def vectorize_by(
     strength = options.fit.focus_strength
     if focus is None and strength is not None:
         raise refusal(
-            "focus_strength", "given with focus", f"{strength:g} alone", "--focus mask.png"
+            "focus_strength", "given with a mask", f"{strength:g} alone", "--focus mask.png"
         )
     photo, load = _read(plan, run, image, may_reduce)
     mask = None
