@@ -113,7 +113,7 @@ def focus() -> Figure:
         for strength in (1, 4)
     ]
     pictures = [part(r.raster, *at) for at in ((0, 0, 1), (0.25, 0.02, 0.36)) for r in found]
-    scores = ": {psnr_svg_inside:.1f} dB on the face, {psnr_svg_outside:.1f} elsewhere"
+    scores = ": face {psnr_svg_inside:.1f} dB, rest {psnr_svg_outside:.1f}"
     titles = [said(r, name + scores) for r, name in zip(found, ("without", "with"), strict=True)]
     return tiles(pictures, [*titles, "", ""], columns=2)
 

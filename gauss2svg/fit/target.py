@@ -372,7 +372,7 @@ def structural_similarity(
     c1, c2 = 0.01**2, 0.03**2
     radius = min(5, (height - 1) // 2, (width - 1) // 2)
     windows = slice(radius, height - radius), slice(radius, width - radius)
-    # Of equal images the weighted mean is 1, because ratios of losses tell divergence.
+    # The weighted mean of equal images must be 1, because ratios of losses tell divergence.
     weight = 1 if focus is None else focus[windows] / focus[windows].mean()
 
     from scipy.ndimage import gaussian_filter  # slow to import, seldom needed
