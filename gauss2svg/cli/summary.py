@@ -9,9 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from gauss2svg.errors import on_one_line
-from gauss2svg.measure import ON_REQUEST, TARGETS
+from gauss2svg.measure import ON_REQUEST, TARGETS, decibels
 from gauss2svg.measure.paint import HEAVY_MS
-from gauss2svg.pipeline.report import decibels
 from gauss2svg.pipeline.run import COMPILED_S
 from gauss2svg.svg import MINIMAL, RESPONSIVE
 

@@ -85,7 +85,10 @@ class DensificationPolicy:
 
     rounds       approximate number of rounds of growth
     stop_reason  reason why growth ended, one of STOP_REASONS. Valid once growth has ended
+    least_gain   gain in dB below which a Gaussian is pruned before the last steps
     """
+
+    least_gain = -math.inf
 
     def __init__(self, config: FitConfig) -> None:
         self._totals = config.totals
@@ -103,10 +106,6 @@ class DensificationPolicy:
     def most(self, now: Snapshot) -> int:
         """Return the largest number of Gaussians to write. Called before the last steps."""
         return now.count
-
-    def least_gain(self) -> float:
-        """Return the gain in dB below which a Gaussian is pruned before the last steps."""
-        return -math.inf
 
 
 @dataclass(frozen=True)
@@ -301,7 +300,7 @@ class FitSession:
 
     def _prune(self) -> None:
         with self._changing():
-            self.population.prune(self.policy.least_gain())
+            self.population.prune(self.policy.least_gain)
 
     def _quantize(self) -> None:
         """Take the exponents of the file for good, and share colours from here on.

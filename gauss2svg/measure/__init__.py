@@ -282,3 +282,8 @@ class CheckOptions(OptionGroup):
 
     reference_scale: Annotated[float | None, Interval(gt=0, le=MOST_PIXELS)] = None
     """Factor by which the SVG is enlarged to compare it with --reference. The default is 4."""
+
+
+def decibels(value: float | None) -> str:
+    """Return a PSNR (dB) of a report as text. None stands for equal images."""
+    return "equal" if value is None else f"{value:.2f} dB"

@@ -43,6 +43,11 @@ class Header:
     has_alpha: bool
     reduced_bytes: int | None = None
 
+    @property
+    def size(self) -> Size:
+        """Width and height in px."""
+        return self.width, self.height
+
 
 @dataclass(frozen=True, eq=False)
 class Photo:

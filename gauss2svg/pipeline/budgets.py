@@ -80,17 +80,12 @@ class Load:
     fit: Size
 
     @property
-    def size(self) -> Size:
-        """Width and height in px of the photo."""
-        return self.photo.width, self.photo.height
-
-    @property
     def measured(self) -> Size:
         """Width and height in px at which the file is measured. A time limit may reduce them."""
         if self.plan.options.run.full_size:
-            return self.size
+            return self.photo.size
         within = pixels_within(self.plan.goal.time_limit or math.inf)
-        return measured_size(self.size, self.fit, min(MEASURED_PIXELS, within))
+        return measured_size(self.photo.size, self.fit, min(MEASURED_PIXELS, within))
 
     @property
     def most_gaussians(self) -> int:
@@ -108,7 +103,7 @@ class Load:
         held, _, measured = _BYTES[self.photo.has_alpha]
         inked = INKS * plan.in_inks
         fitting = held * kept + ((FIT_SSIM if has_ssim(options.fit.loss) else FIT) + inked) * fit
-        if plan.goal.byte_limit is not None and max(self.size) <= LARGEST_ENLARGED:
+        if plan.goal.byte_limit is not None and max(self.photo.size) <= LARGEST_ENLARGED:
             fitting += ENLARGED * min(16 * fit, LARGEST)
         measured = max(measured, held + (target.pixel_bytes if target is not None else 0))
         measuring = measured * kept + (HELD + inked) * fit
@@ -143,7 +138,7 @@ def check_decoding(header: Header, limit: int, is_reduced: bool) -> None:
     kept = 0 if is_reduced else header.width * header.height
     needed = math.ceil(MARGIN * (BASE + _decoding(header, kept)))
     if needed > limit:
-        photo = f"a photo of {_px((header.width, header.height))}"
+        photo = f"a photo of {_px(header.size)}"
         raise _too_little(needed, limit, photo, "a smaller photo")
 
 
@@ -161,7 +156,7 @@ def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[Load, str | Non
         return replace(load, fit=(width, height))
 
     if with_side(1).bytes > limit:
-        work = f"a photo of {_px(load.size)} and up to {load.most_gaussians} Gaussians"
+        work = f"a photo of {_px(load.photo.size)} and up to {load.most_gaussians} Gaussians"
         raise _too_little(with_side(1).bytes, limit, work, "a smaller photo")
     if asked:
         raise _too_little(load.bytes, limit, f"a fit on {_px(load.fit)}", "a smaller --max-size")

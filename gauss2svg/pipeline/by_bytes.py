@@ -43,7 +43,6 @@ from gauss2svg.measure.roundtrip import model_error, raster_error, round_trip
 from gauss2svg.photo.pixels import has_alpha, shrunk
 from gauss2svg.pipeline import drawings, small_file
 from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
-from gauss2svg.pipeline.palette import with_plain
 from gauss2svg.pipeline.plan import MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES, WHOLE_SIDE, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.small_file import EXACT_UNDER, SmallFile, closeness, flat_scene
@@ -51,7 +50,7 @@ from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, covered_radius
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.forms import with_falloffs
+from gauss2svg.svg.forms import with_falloffs, with_plain
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 

@@ -62,9 +62,7 @@ class ByCount:
         best = limits.best(exports)
         limit = plan.goal.byte_limit
         if limit is not None and best.size > limit:
-            best = best.pruned_to(
-                limit, self._exporter.empty_bytes, subject.by_use(best.scene, plan.tune)
-            )
+            best = self._exporter.pruned(best, limit)
         run.notify("measure")
         renderer, raster = plan.options.run.renderer, self._exporter.raster(best.svg)
         measured = round_trip(best.svg, best.scene, subject.photo, renderer, plan.covering, raster)

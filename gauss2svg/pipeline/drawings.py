@@ -11,7 +11,6 @@ differently between the pixels. The enlarged picture is what the fits agree on
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +76,7 @@ def _is_textured(photo: Pixels) -> bool:
     return bool(texture.sum() > TEXTURED_SHARE * uneven.sum())
 
 
-def _largest(values: NDArray[Any], reach: int) -> NDArray[Any]:
+def _largest(values: NDArray, reach: int) -> NDArray:
     """Return the largest value (h, w) within `reach` px of each pixel, in a square."""
     return np.asarray(Image.fromarray(values).filter(ImageFilter.MaxFilter(2 * reach + 1)))
 

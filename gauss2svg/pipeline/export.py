@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss2svg.fit import PERCEPTUAL
 from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import has_alpha, stacked
 from gauss2svg.pipeline.outcome import Subject
-from gauss2svg.pipeline.palette import quantize, with_plain_edges
+from gauss2svg.pipeline.palette import quantize
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import Scene
-from gauss2svg.svg import MINIMAL, Document, SvgFormat
+from gauss2svg.svg import MINIMAL, SvgFormat
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.forms import is_plain
+from gauss2svg.svg.forms import is_plain, with_plain_edges
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
 FILLED = 0.995  # share of a limit of bytes from which a pruned file counts as full
@@ -31,46 +29,17 @@ FILLED = 0.995  # share of a limit of bytes from which a pruned file counts as f
 class Export:
     """A quantised scene on the file's canvas, and its SVG.
 
-    gzipped  whether `size` counts the gzipped file
-    score    score of the rasterised SVG by the plan's aim. Without one it is the PSNR (dB) of the
-             scene against the working image, or that of the rasterised SVG if the plan is covering,
-             because the falloffs of the scene are not those of the fit
+    size   bytes of the file, as a limit counts them
+    score  score of the rasterised SVG by the plan's aim. Without one it is the PSNR (dB) of the
+           scene against the working image, or that of the rasterised SVG if the plan is covering,
+           because the falloffs of the scene are not those of the fit
     """
 
     scene: Scene
     svg: str
     format: SvgFormat
-    document: Document
-    gzipped: bool
+    size: int
     score: float
-
-    @cached_property
-    def size(self) -> int:
-        """Bytes of the file."""
-        return len(file_bytes(self.svg, self.gzipped))
-
-    def pruned_to(self, limit: int, empty: int, order: NDArray[np.intp]) -> Export:
-        """Return a too large export with the first Gaussians of `order`, as many as `limit` allows.
-
-        They are not fitted again. A file without Gaussians has `empty` bytes, and is returned if it
-        is too large.
-        """
-        # Counts and bytes of files within the limit and beyond it.
-        fewer, more = (0, empty), (len(self.scene), self.size)
-        best = None if more[0] else self
-        while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
-            share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
-            count = int(fewer[0] + share * (more[0] - fewer[0]))
-            count = min(max(count, fewer[0] + (best is not None)), more[0] - 1)
-            scene = self.scene.select(np.sort(order[:count]))
-            scene = in_file_order(scene, self.format, self.document)
-            svg = ordered_svg(scene, self.format, self.document)
-            export = dataclasses.replace(self, scene=scene, svg=svg, score=math.nan)
-            if export.size > limit and count:
-                more = count, export.size
-            else:
-                fewer, best = (count, export.size), export
-        return best
 
 
 class Exporter:
@@ -120,8 +89,7 @@ class Exporter:
         written = self._plan.format_at(max(psnr, self._highest_psnr))
 
         def each(svg: str) -> float:
-            shapes = len(file_bytes(svg, self._plan.counts_gzipped)) - self.empty_bytes
-            return max(shapes, 1) / count
+            return max(self._size(svg) - self.empty_bytes, 1) / count
 
         if written.markup != MINIMAL:
             return each(write_svg(quantized, written, document))
@@ -140,7 +108,9 @@ class Exporter:
     def empty_bytes(self) -> int:
         """Bytes of a file without Gaussians."""
         empty = Scene(*self._subject.canvas, transparent=has_alpha(self._subject.photo))
-        svg = write_svg(empty, self._plan.format_at(), self._subject.document)
+        return self._size(write_svg(empty, self._plan.format_at(), self._subject.document))
+
+    def _size(self, svg: str) -> int:
         return len(file_bytes(svg, self._plan.counts_gzipped))
 
     def export(self, scene: Scene) -> Export:
@@ -156,4 +126,27 @@ class Exporter:
             score = metrics.psnr(stacked(self.raster(svg)), stacked(subject.photo))
         else:
             score = model_psnr(scene, subject.working)
-        return Export(exact, svg, written, document, plan.counts_gzipped, score)
+        return Export(exact, svg, written, self._size(svg), score)
+
+    def pruned(self, export: Export, limit: int) -> Export:
+        """Return a too large export with its most useful Gaussians, as many as `limit` allows.
+
+        They are not fitted again. A file without Gaussians is returned even if it is too large.
+        """
+        order = self._subject.by_use(export.scene, self._plan.tune)
+        written, document = export.format, self._subject.document
+        # Counts and bytes of files within the limit and beyond it.
+        fewer, more = (0, self.empty_bytes), (len(order), export.size)
+        best = None
+        while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
+            share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
+            count = int(fewer[0] + share * (more[0] - fewer[0]))
+            count = min(max(count, fewer[0] + (best is not None)), max(more[0] - 1, 0))
+            scene = in_file_order(export.scene.select(np.sort(order[:count])), written, document)
+            svg = ordered_svg(scene, written, document)
+            part = Export(scene, svg, written, self._size(svg), math.nan)
+            if part.size > limit and count:
+                more = count, part.size
+            else:
+                fewer, best = (count, part.size), part
+        return best

@@ -136,8 +136,8 @@ class Limits(DensificationPolicy):
         is_limited = plan.is_budget or goal.byte_limit is not None or goal.count is not None
         # Whether the best picture within a limit or of a count is wanted.
         self._is_given = aim is None and is_limited
-        # dB that each Gaussian must gain, 0 if it need not pay.
-        self._price = 0.0 if aim or is_limited else plan.preset.gain * (usual / 1000)
+        # Without a limit, the bytes of a Gaussian must gain what the preset asks for.
+        self.least_gain = 0.0 if aim or is_limited else plan.preset.gain * (usual / 1000)
         if plan.only_time_limits:
             self.expected = int(min(cap, budget.most_gaussians(0.0)))
             self._first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
@@ -197,10 +197,6 @@ class Limits(DensificationPolicy):
         done, colors = (1.0, False) if self._plan.only_time_limits else (now.done, True)
         return int(min(self._counts(now, self._budget.most_gaussians(done, colors)).values()))
 
-    def least_gain(self) -> float:
-        """Return the gain in dB that the bytes of a Gaussian must bring."""
-        return self._price
-
     def _counts(self, now: Snapshot, in_time: float) -> dict[str, float]:
         """Return the count that each of cap, seconds and bytes allows, by the stop reason."""
         counts, limit = {self._cap: float(self.expected)}, self._plan.goal.byte_limit
@@ -235,10 +231,10 @@ class Limits(DensificationPolicy):
         rise = gain / doublings
         if doublings > WHOLE_ROUND:  # a smaller round gains more by convergence
             self.slope = min(max(rise, FLATTEST), STEEPEST)
-        if self._price:
+        if self.least_gain:
             # Count at which a kilobyte gains just what the preset asks for.
-            self._paying = rise / (self._price * math.log(2))
-            if last == self._before_leap and gain >= self._price * added:
+            self._paying = rise / (self.least_gain * math.log(2))
+            if last == self._before_leap and gain >= self.least_gain * added:
                 self._paying = last.count + added / (1 - 10 ** (-gain / 10))
 
     def _wanted(self, count: int, psnr: float, counts: dict[str, float]) -> float:

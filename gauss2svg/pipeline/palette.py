@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import quoted, refusal, required
 from gauss2svg.render.weights import visible_mass
-from gauss2svg.scene import ADD, PLAIN, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, covered_radius, nearest_class
-from gauss2svg.svg.forms import GRADIENT, drawn_beta, drawn_blurs, is_plain, snapped, with_falloffs
+from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
+from gauss2svg.svg.forms import GRADIENT, drawn_blurs, is_plain, snapped, with_falloffs
 from gauss2svg.without_scipy import nearest_entry
 
 # Search for a palette (docs/decisions/palette.md).
@@ -136,13 +136,6 @@ def _split(features: Rows, weight: Rows, count: int, aim: float) -> tuple[Rows, 
     return np.array([mean for _, _, _, mean, _ in heap]), left
 
 
-# Shapes of a drawing that count as crisp (docs/decisions/enlarged.md).
-RIM = 1.5  # widest crisp rim in px, from .9 to .1 of the opacity across the minor axis
-# Least distance in px from the middle of a crisp shape to its rim. A thinner shape does not look
-# crisp, and is closer to the picture as it was fitted.
-HALF = 1.0
-
-
 def quantize(
     scene: Scene,
     form: str = GRADIENT,
@@ -181,26 +174,3 @@ def quantize(
     beta, color = scene.beta.copy(), scene.color.copy()
     color[shaded], beta[shaded] = colors[entry], exponents[entry]
     return with_falloffs(exact, beta).replace(color=color, drawn=scene.drawn)
-
-
-def with_plain_edges(scene: Scene) -> Scene:
-    """Return the scene with its crisp shapes as plain ellipses.
-
-    Shapes keep their contour at half the opacity. If a fit goes on, a plain ellipse counts by how
-    much of each pixel it covers.
-    """
-    minor = scene.ellipse_axes[0][:, 1]
-    crisp = RIM_WIDTH * minor < RIM * scene.beta
-    plain = is_plain(scene) | (crisp & (minor * covered_radius(scene.beta) > HALF))
-    return with_plain(scene, plain).replace(drawn=np.where(plain, PLAIN, scene.drawn))
-
-
-def with_plain(scene: Scene, plain: NDArray[np.bool_], beta: Rows | None = None) -> Scene:
-    """Return the scene with exponents `beta`, and with some shapes as plain ellipses.
-
-    plain  (n,) whether a shape gets the exponent that a plain ellipse draws
-    beta   (n,) exponents of the other shapes, by default those of the scene
-    """
-    beta = (scene.beta if beta is None else beta).copy()
-    beta[plain] = drawn_beta(scene, plain)
-    return with_falloffs(scene, beta)

@@ -10,22 +10,20 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, RendererError, quoted, refusal
+from gauss2svg.errors import InputError, RendererError, quoted
 from gauss2svg.fit import DEFAULT_LOSS, MOST_GAUSSIANS, PSNR, DensifyOptions, FitConfig, Tune
 from gauss2svg.measure import Score, Search, require_packages
 from gauss2svg.measure.roundtrip import measured
-from gauss2svg.photo.pixels import Photo
 from gauss2svg.pipeline.drawings import has_edges
 from gauss2svg.pipeline.options import AUTO, Goal, Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import inks_of
-from gauss2svg.svg import EDITABLE, INKS, MINIMAL, ROUNDS, StopCount, SvgFormat
+from gauss2svg.svg import EDITABLE, INKS, MINIMAL, ROUNDS, Markup, StopCount, SvgFormat
 from gauss2svg.svg.forms import GRADIENT
 
 # Bounds of the Gaussians and pixels of a run.
@@ -111,8 +109,6 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
     cap = max(LEAST_CAP, min(caps))
     return dataclasses.replace(usual, gain=0.0, stop_psnr=NOTHING_TO_GAIN, cap=cap, max_size=side)
 
-
-Markup = Literal["editable", "minimal"]
 
 # Bytes of the largest placeholder. With a target, auto markup is minimal up to this limit.
 MINIMAL_UP_TO = 20_000
@@ -223,11 +219,6 @@ class Plan:
         False for a portable file, whose additive fit decides the count first.
         """
         return self.goal.is_budget and not self.options.svg.portable
-
-    @property
-    def quality(self) -> str | None:
-        """Name of the preset, None for a budget."""
-        return None if self.is_budget else self.goal.quality or DEFAULT_PRESET
 
     @property
     def uncompressed_limit(self) -> int | None:
@@ -424,13 +415,6 @@ def check_together(options: Options) -> None:
                 f"renderer must be one of {', '.join(able)} for {what}; got {quoted(renderer)}. "
                 f"Try --renderer {able[0]}{otherwise}"
             )
-
-
-def check_alpha(options: Options, photo: Photo) -> None:
-    """Raise InputError for additive blending of a transparent photo."""
-    if photo.alpha is not None and options.written_blend == ADD:
-        advice = "--matte white, or --portable"
-        raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
 
 
 def needs_editable(options: Options) -> str:

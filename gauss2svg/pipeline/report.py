@@ -18,10 +18,9 @@ from gauss2svg.measure.paint import paint_ms, shown_width
 from gauss2svg.photo.pixels import Photo
 from gauss2svg.pipeline.budgets import measured_size
 from gauss2svg.pipeline.outcome import Outcome
-from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.scene import Scene
-from gauss2svg.scene.inks import ink_name, inks_of_scene
+from gauss2svg.scene.inks import used_inks
 from gauss2svg.svg import MINIMAL
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.version import __version__
@@ -38,7 +37,7 @@ def run_report(
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
     return {
         **options.flat(),
-        "quality": chosen.quality,
+        "quality": None if chosen.is_budget else chosen.goal.quality or DEFAULT_PRESET,
         # Values that the run chose for omitted options.
         **_sides("", photo.full),
         **_sides("fit_", subject.size),
@@ -126,17 +125,6 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
         yield f"{none}. Try a larger --max-bytes"
     if limit is not None and seconds > 1.05 * limit + 0.25:
         yield f"time limit of {limit:.3g} s exceeded: {seconds:.1f} s. Try a smaller --max-size"
-
-
-def used_inks(scene: Scene, inks: str) -> list[str]:
-    """Return the inks that a scene has, from a list "#rrggbb,#rrggbb,.." of inks."""
-    used = {ink_name(ink) for ink in inks_of_scene(scene)}
-    return [ink for ink in inks.split(",") if ink in used]
-
-
-def decibels(value: float | None) -> str:
-    """Return a PSNR of the report as text. None stands for equal images."""
-    return "equal" if value is None else f"{value:.2f} dB"
 
 
 @cache  # reading the versions from the disk takes as long as a fit of a thumbnail

@@ -108,11 +108,10 @@ def recolored(
     scaled = scene.scaled(width / scene.width, height / scene.height)
     weights, products = color_weights(scaled, plain_radius(scaled.beta), height, width)
     targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
-    first = 0
-    if has_alpha(pixels):  # the backdrop shows through the shapes, and is known
+    first = int(has_alpha(pixels))  # index of the first weight whose colour is unknown
+    if first:  # the backdrop shows through the shapes, and is known
         through = weights[[0]].toarray().reshape(-1, 1)
         targets = [t - b * through for t, b in zip(targets, BACKDROPS, strict=True)]
-        first = 1
     products = products[first:, first:] * len(targets)
     sums = (weights @ np.sum(targets, axis=0))[first:]  # right-hand sides of the normal equations
     levels = 15 if digits == 3 else 255

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, refusal
 from gauss2svg.files import write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
-from gauss2svg.measure import Scores
+from gauss2svg.measure import Scores, decibels
 from gauss2svg.options import Field, file_name
 from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.pixels import Header, Photo, matte_color, pixels_of, shrunk
@@ -30,11 +30,12 @@ from gauss2svg.pipeline.budgets import (
 from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
-from gauss2svg.pipeline.plan import Plan, check_alpha
-from gauss2svg.pipeline.report import decibels, run_report, used_inks
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.run import Run, watched
 from gauss2svg.processes import held_bytes
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene.inks import used_inks
 from gauss2svg.svg import Document
 from gauss2svg.svg.element import LARGEST_NUMBER
 from gauss2svg.svg.file import check_svg_name, file_bytes, image, is_svgz
@@ -200,7 +201,9 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     matte = plan.options.svg.matte
     color = None if matte is None else matte_color(matte)
     photo = run.read(image, lambda width, height: sizes(width, height)[0].measured, color)
-    check_alpha(plan.options, photo)
+    if photo.alpha is not None and plan.options.written_blend == ADD:
+        advice = "--matte white, or --portable"
+        raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
     load, note = sizes(*photo.full, has_alpha=photo.alpha is not None)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))

@@ -219,3 +219,9 @@ def _read_palette(name: str, path: str) -> list[str]:
             got = quoted(f"line {number}, {line}")
             raise refusal(name, "three levels of 0 to 255 a line", got, _ADVICE)
     return list(colors)
+
+
+def used_inks(scene: Scene, inks: str) -> list[str]:
+    """Return the inks that a scene has, from a list "#rrggbb,#rrggbb,.." of inks."""
+    used = {ink_name(ink) for ink in inks_of_scene(scene)}
+    return [ink for ink in inks.split(",") if ink in used]

@@ -180,6 +180,7 @@ ROUNDS, INKS = "rounds", "inks"
 # Range of the precision in px. Above 1 px thin shapes would be rounded to nothing.
 LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
 StopCount = Literal[5, 6, 8, 10, 12]  # stops of a gradient
+Markup = Literal["editable", "minimal"]
 STOP_COUNTS = get_args(StopCount)
 
 
@@ -195,7 +196,7 @@ class SvgFormat(OptionGroup):
     """Form of the shapes that are not plain ellipses: a radial gradient, or, except for small
     ones, a disc under feGaussianBlur."""
 
-    markup: Literal["editable", "minimal"] = "editable"
+    markup: Markup = "editable"
     """editable: layers with names, for editors; minimal: nothing that does not draw."""
 
     stops: StopCount = 5

@@ -39,6 +39,7 @@ from gauss2svg.scene.falloff import (
     BETA_CLASSES,
     MOST_BETA,
     RIM_WIDTH,
+    covered_radius,
     cut_radius,
     half_radius,
     nearest_class,
@@ -304,3 +305,35 @@ def with_falloffs(scene: Scene, beta: NDArray[np.float64]) -> Scene:
     """Return the scene with other exponents (n,). Shapes keep their contours of half height."""
     sigma = scene.sigma * (half_radius(scene.beta) / half_radius(beta))[:, None]
     return scene.replace(beta=beta, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))
+
+
+# Shapes of a drawing that count as crisp (docs/decisions/enlarged.md).
+RIM = 1.5  # widest crisp rim in px, from .9 to .1 of the opacity across the minor axis
+# Least distance in px from the middle of a crisp shape to its rim. A thinner shape does not look
+# crisp, and is closer to the picture as it was fitted.
+HALF = 1.0
+
+
+def with_plain_edges(scene: Scene) -> Scene:
+    """Return the scene with its crisp shapes as plain ellipses.
+
+    Shapes keep their contour at half the opacity. If a fit goes on, a plain ellipse counts by how
+    much of each pixel it covers.
+    """
+    minor = scene.ellipse_axes[0][:, 1]
+    crisp = RIM_WIDTH * minor < RIM * scene.beta
+    plain = is_plain(scene) | (crisp & (minor * covered_radius(scene.beta) > HALF))
+    return with_plain(scene, plain).replace(drawn=np.where(plain, PLAIN, scene.drawn))
+
+
+def with_plain(
+    scene: Scene, plain: NDArray[np.bool_], beta: NDArray[np.float64] | None = None
+) -> Scene:
+    """Return the scene with exponents `beta`, and with some shapes as plain ellipses.
+
+    plain  (n,) whether a shape gets the exponent that a plain ellipse draws
+    beta   (n,) exponents of the other shapes, by default those of the scene
+    """
+    beta = (scene.beta if beta is None else beta).copy()
+    beta[plain] = drawn_beta(scene, plain)
+    return with_falloffs(scene, beta)

@@ -123,14 +123,14 @@ def test_fixed_count_follows_its_schedule_and_keeps_all():
     while (total := policy.grow(Snapshot(counts[-1], 0.1, lambda: 0.0, lambda: None))) > counts[-1]:
         counts.append(total)
     assert counts == [0, 10, 20, 30, 40, 50, 60]
-    assert policy.least_gain() == -math.inf
+    assert policy.least_gain == -math.inf
 
 
 def test_gaussians_that_gain_less_than_asked_for_are_pruned(photo):
     config, counts = fit_config(60, 60), []
     for gain in (-math.inf, 0.2, 0.5):
         policy = DensificationPolicy(config)
-        policy.least_gain = lambda gain=gain: gain
+        policy.least_gain = gain
         session = FitSession(photo, config, policy)
         session.fit()
         counts.append(len(session.state))

@@ -16,7 +16,7 @@ from gauss2svg.pipeline.palette import quantize
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render.weights import visible_mass
 from gauss2svg.scene import Scene
-from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg import SvgFormat
 from gauss2svg.svg.write import write_svg
 
 
@@ -148,9 +148,9 @@ def test_file_of_limited_size_keeps_the_gaussians_that_its_tune_favours():
     x, y = np.tile([16, 48], 4), np.repeat([8, 24, 40, 56], 2)
     scene = spots(x, y, sigma=np.where(x < 32, 3.0, 3.2)[:, None].repeat(2, axis=1))
     svg = write_svg(scene, SvgFormat())
-    whole = Export(scene, svg, SvgFormat(), Document(), False, 20.0)
+    whole = Export(scene, svg, SvgFormat(), len(svg), 20.0)
     for tune, kept in {"perceptual": 16, "psnr": 48}.items():
-        order = Subject.of(half_flat(1)).by_use(scene, tune)
-        less = whole.pruned_to(int(0.7 * whole.size), 0, order)
+        exporter = Exporter(Plan(Options().changed(tune=tune)), Subject.of(half_flat(1)))
+        less = exporter.pruned(whole, int(0.7 * whole.size))
         assert 0 < len(less.scene) <= 4
         assert (less.scene.mean[:, 0] == kept).all()

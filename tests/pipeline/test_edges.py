@@ -17,11 +17,11 @@ from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.limits import Limits
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Subject
-from gauss2svg.pipeline.palette import with_plain_edges
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import half_radius
+from gauss2svg.svg.forms import with_plain_edges
 
 SIDE, UP = 64, 4
 

@@ -11,7 +11,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics
 from gauss2svg.options import byte_size
 from gauss2svg.pipeline import plan
-from gauss2svg.pipeline.export import Export
+from gauss2svg.pipeline.export import Export, Exporter
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.palette import quantize
@@ -19,7 +19,7 @@ from gauss2svg.pipeline.report import unreached
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg import SvgFormat
 from gauss2svg.svg.write import write_svg
 
 QUICK = {"iterations": 80}
@@ -262,8 +262,8 @@ def test_too_large_file_loses_its_least_useful_gaussians(photo):
     result = vectorize(photo, gaussians=60, palette=0, **QUICK)
     scene, form = quantize(result.scene, palette=5), SvgFormat()
     few = write_svg(scene, form)
-    export = Export(scene, few, form, Document(), False, 20.0)
-    less = export.pruned_to(len(few) // 2, 0, Subject.of(photo).by_use(scene, "psnr"))
+    exporter = Exporter(plan.Plan(Options()), Subject.of(photo))
+    less = exporter.pruned(Export(scene, few, form, len(few), 20.0), len(few) // 2)
     assert len(few) // 3 < less.size <= len(few) // 2
     kept = metrics.psnr(render(less.scene), photo)
     first = metrics.psnr(render(scene.select(np.arange(len(less.scene)))), photo)
@@ -277,12 +277,13 @@ def test_a_pruned_file_has_as_many_gaussians_as_fit(markup):
         96, 64, rng.uniform(0, 64, (80, 2)), rng.uniform(2, 9, (80, 2)), np.zeros(80),
         rng.random((80, 3)), np.ones(80),
     )  # fmt: skip
-    form, order = SvgFormat(markup=markup), Subject.of(render(scene)).by_use(scene, "psnr")
+    form, options = SvgFormat(markup=markup), Options().changed(markup=markup)
+    exporter = Exporter(plan.Plan(options), Subject.of(render(scene)))
     svg, flat = write_svg(scene, form), write_svg(scene.select(np.arange(0)), form)
-    export = Export(scene, svg, form, Document(), False, 20.0)
+    export = Export(scene, svg, form, len(svg), 20.0)
     for share in (0.0, 0.01, 0.1, 0.5, 0.9, 0.999):
         limit = int(len(flat) + share * (len(svg) - len(flat)))
-        less = export.pruned_to(limit, len(flat), order)
+        less = exporter.pruned(export, limit)
         assert less.size <= limit
         assert less.size > limit - max((len(svg) - len(flat)) / 10, 0.005 * limit)
 
