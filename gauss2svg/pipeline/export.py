@@ -30,9 +30,9 @@ class Export:
     """A quantised scene on the file's canvas, and its SVG.
 
     size   bytes of the file, as a limit counts them
-    score  score of the rasterised SVG by the plan's aim. Without one it is the PSNR (dB) of the
-           scene against the working image, or that of the rasterised SVG if the plan is covering,
-           because the falloffs of the scene are not those of the fit
+    score  score of the rasterised SVG by the plan's aim. Without an aim, PSNR (dB) of the fitted
+           scene against the working image. If the plan is covering, PSNR (dB) of the rasterised SVG
+           instead, because its falloffs are not those of the fit. NaN for a pruned file
     """
 
     scene: Scene
@@ -43,17 +43,17 @@ class Export:
 
 
 class Exporter:
-    """A writer of scenes of the working canvas as files of the photo's size, with their scores.
+    """A writer that turns scenes on the working canvas into files for the photo, and scores them.
 
-    The highest PSNR of the scenes of `as_written` chooses the format of files. So the format never
-    becomes coarser, and the sizes of files can be compared.
+    The highest PSNR that `as_written` has noted decides the format of files. So the format never
+    becomes coarser, and the bytes of files can be compared.
     """
 
     def __init__(self, plan: Plan, subject: Subject) -> None:
         self._plan, self._subject = plan, subject
         self._highest_psnr = -math.inf  # dB
         draw = partial(rasterize_like, picture=subject.photo, renderer=plan.options.run.renderer)
-        self.raster = lru_cache(maxsize=1)(draw)  # returns the raster of an SVG like the photo
+        self.raster = lru_cache(maxsize=1)(draw)  # rasterises an SVG at the photo's size
 
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
         """Return the scene on the file's canvas, with the colours and exponents of its file.
@@ -66,24 +66,24 @@ class Exporter:
         plan, subject, (width, height) = self._plan, self._subject, self._subject.canvas
         scaled = scene.scaled(width / scene.width, height / scene.height)
         scaled, weight = scaled.replace(width=width, height=height), None
-        if plan.tune == PERCEPTUAL:  # its weights apply to errors of colours too
+        if plan.tune == PERCEPTUAL:  # the weights of pixels also weight the errors of colours
             weight = subject.targets(plan.tune).reduced(1).weight
         palette, color_error = plan.quantization(len(scene), error)
         return quantize(scaled, plan.options.svg.form, palette, color_error, weight)
 
     def as_written(self, scene: Scene, psnr: float) -> Scene:
-        """Return the scene of `quantized` on the working canvas, for the last steps of a fit."""
+        """Note the PSNR (dB), and return the scene of `quantized` on the working canvas."""
         written = self.quantized(scene, psnr)
         self._highest_psnr = max(self._highest_psnr, psnr)
         return written.scaled(scene.width / written.width, scene.height / written.height)
 
     def bytes_each(self, quantized: Scene, size: float, psnr: float = -math.inf) -> float:
-        """Return the mean bytes of a shape in a file of `size` bytes of shapes like these.
+        """Return the mean bytes of a shape in a file of `size` bytes with shapes like `quantized`.
 
         A minimal file draws up to MOST_MASKED soft shapes under masks, which are short. For each
-        soft shape beyond these, it draws FADING soft shapes by gradients.
+        soft shape beyond these, FADING more get gradients instead of masks.
 
-        psnr  PSNR in dB of a scene whose colours are not yet those of a file
+        psnr  PSNR of the scene in dB, if `as_written` has not noted it
         """
         document, count = self._subject.document, max(len(quantized), 1)
         written = self._plan.format_at(max(psnr, self._highest_psnr))
@@ -114,10 +114,10 @@ class Exporter:
         return len(file_bytes(svg, self._plan.counts_gzipped))
 
     def export(self, scene: Scene) -> Export:
-        """Return a scene of the working canvas as it would be written, with its score."""
+        """Return a scene on the working canvas as it would be written, with its score."""
         plan, subject = self._plan, self._subject
         written, document = plan.format_at(self._highest_psnr), subject.document
-        # Colours are in the palette already, except those of ellipses that are no longer plain.
+        # The colours are already those of a palette, except in ellipses that are no longer plain.
         exact = in_file_order(self.quantized(scene, None), written, document)
         svg = ordered_svg(exact, written, document)
         if plan.aim is not None:
@@ -129,13 +129,13 @@ class Exporter:
         return Export(exact, svg, written, self._size(svg), score)
 
     def pruned(self, export: Export, limit: int) -> Export:
-        """Return a too large export with its most useful Gaussians, as many as `limit` allows.
+        """Return an export with only as many of its most useful Gaussians as `limit` bytes allow.
 
-        They are not fitted again. A file without Gaussians is returned even if it is too large.
+        The Gaussians are not fitted again. A file without any is returned even if it is too large.
         """
-        order = self._subject.by_use(export.scene, self._plan.tune)
+        order = self._subject.by_usefulness(export.scene, self._plan.tune)
         written, document = export.format, self._subject.document
-        # Counts and bytes of files within the limit and beyond it.
+        # Count and bytes of the largest known file within the limit, and of the smallest beyond it.
         fewer, more = (0, self.empty_bytes), (len(order), export.size)
         best = None
         while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):

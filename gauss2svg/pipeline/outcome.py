@@ -38,7 +38,7 @@ class Subject:
 
     @classmethod
     def of(cls, photo: NDArray[np.float32], canvas: tuple[int, int] | None = None) -> Self:
-        """Return a subject fitted at the photo's size. By default its file has that size too."""
+        """Return a subject that is fitted at the photo's size. The default canvas is that size."""
         return cls(photo, photo, canvas or photo.shape[1::-1])
 
     @property
@@ -47,12 +47,12 @@ class Subject:
         return self.working.shape[1::-1]
 
     def targets(self, tune: Tune) -> TargetPyramid:
-        """Return the working image as targets of a fit. Its weight maps are computed once."""
+        """Return the targets of fits to the working image. They are made once for each `tune`."""
         if tune not in self._targets:
             self._targets[tune] = TargetPyramid(self.working, tune)
         return self._targets[tune]
 
-    def by_use(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
+    def by_usefulness(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
         """Return the indices of a scene's shapes, the most useful first.
 
         The removal of the most useful shape would raise the weighted error against the working
@@ -82,7 +82,7 @@ class Outcome:
     format       format of the file
     corrections  number of changes of the count after the fit
     enlarged     enlarged drawing, with which files are compared too. None for other pictures
-    reached      score of the file by the aim of the run, NaN if it is not measured
+    aim_score    score of the file by the aim of the run, NaN if it is not measured
     """
 
     plan: Plan
@@ -94,7 +94,7 @@ class Outcome:
     measured: RoundTrip
     corrections: int
     enlarged: NDArray[np.float32] | None = None
-    reached: float = math.nan
+    aim_score: float = math.nan
 
     @property
     def size(self) -> int:
@@ -110,17 +110,17 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
     higher PSNR at the measured size wins, but enlarged drawings that reach SEEN_UP_TO dB are
     compared enlarged.
 
-    The search ends at an outcome that meets the aim within the limit or was interrupted. It also
-    ends at an enlarged drawing of at least SEEN_UP_TO dB, because only its shapes stay crisp.
+    No search follows an outcome that meets the aim within the limit or was interrupted. None
+    follows an enlarged drawing of at least SEEN_UP_TO dB, because only its shapes stay crisp.
     """
     aim, limit = plan.aim, plan.goal.byte_limit or math.inf
     outcomes, is_met = list[Outcome](), False
     for last in searched:
-        if aim is not None and math.isnan(last.reached):
-            reached = aim.score(last.measured.raster, last.subject.photo)
-            last = dataclasses.replace(last, reached=reached)
+        if aim is not None and math.isnan(last.aim_score):
+            aim_score = aim.score(last.measured.raster, last.subject.photo)
+            last = dataclasses.replace(last, aim_score=aim_score)
         outcomes.append(last)
-        is_met = aim is not None and aim.reached(last.reached) and last.size <= limit
+        is_met = aim is not None and aim.is_met_by(last.aim_score) and last.size <= limit
         is_close = last.enlarged is not None and last.measured.psnr_lowest >= SEEN_UP_TO
         if is_met or is_close or last.fitted.stop_reason == "interrupted":
             break
@@ -129,7 +129,7 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
     def closeness(outcome: Outcome) -> tuple[float, float]:
         psnr = outcome.measured.psnr_lowest
         if aim is not None:
-            return outcome.size <= limit, outcome.reached
+            return outcome.size <= limit, outcome.aim_score
         if large is None or len(outcomes) == 1:
             return psnr, 0.0
         return min(psnr, SEEN_UP_TO), -raster_error(outcome.svg, large, plan.options.run.renderer)

@@ -39,7 +39,7 @@ def run_report(
         **options.flat(),
         "quality": None if chosen.is_budget else chosen.goal.quality or DEFAULT_PRESET,
         # Values that the run chose for omitted options.
-        **_sides("", photo.full),
+        **_sides("", photo.original_size),
         **_sides("fit_", subject.size),
         **_sides("measured_", measured.raster.shape[1::-1]),
         "gaussians": count,
@@ -82,9 +82,10 @@ def _sides(prefix: str, size: tuple[int, ...]) -> dict[str, int]:
 
 
 def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
-    """Yield notes on what a user may want to know or change."""
+    """Yield notes on choices of the run that a user may want to know or change."""
     chosen, count, rate = outcome.plan, len(outcome.scene), plan.options.fit.learning_rate
-    usual, size = measured_size(photo.full, outcome.subject.size), (photo.width, photo.height)
+    usual = measured_size(photo.original_size, outcome.subject.size)
+    size = photo.width, photo.height
     if plan.goal.time_limit is not None and size < usual:
         yield f"measured at {photo.width}x{photo.height} px to meet the time limit"
     # After a search by bytes, `unreached` reports that the bytes suffice for no shape.
@@ -111,12 +112,12 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
 def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
     """Yield a line for each target or limit that the outcome misses."""
     goal, aim, limit, reason = plan.goal, plan.aim, plan.goal.time_limit, outcome.fitted.stop_reason
-    if aim is not None and not aim.reached(outcome.reached):
+    if aim is not None and not aim.is_met_by(outcome.aim_score):
         reported = reason not in (aim.of.option, "interrupted")
         ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
         sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
         target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
-        yield f"target of {target} not reached: {sign * outcome.reached:.2f}{unit}{ended}"
+        yield f"target of {target} not reached: {sign * outcome.aim_score:.2f}{unit}{ended}"
     if goal.byte_limit is not None and outcome.size > goal.byte_limit:
         exceeded = f"the file has {outcome.size} even without shapes"
         yield f"limit of {goal.max_bytes} bytes exceeded: {exceeded}"

@@ -120,7 +120,7 @@ async def samples(studio: Studio) -> list[uploads.Sample]:
 
 @router.get("/api/samples/{name}", response_class=FileResponse)
 async def sample(sample: Annotated[uploads.Sample, Depends(_sample_named)]) -> FileResponse:
-    """Return the file of such a picture."""
+    """Return the file of a sample picture."""
     return FileResponse(sample.path)
 
 
@@ -244,7 +244,7 @@ async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent
 
 @router.get("/api/jobs/{name}/frame", response_class=Response)
 async def frame(job: KnownJob) -> Response:
-    """Return a JPEG of the fit as it is now. Wait for the first one."""
+    """Return a JPEG of the fit as it is now. Wait if there is no frame yet."""
     path = job.folder / "frame.jpg"
     await wait_until(lambda: path.exists() or job.is_over)
     if not path.exists():
@@ -288,7 +288,7 @@ async def png(
     width: Annotated[int | None, Query(ge=1)] = None,
     download: bool = False,
 ) -> Response:
-    """Return the SVG as a PNG of a width in px. The height follows from it."""
+    """Return the SVG as a PNG that is `width` px wide, by default as wide as the photo."""
     svg, report = await _svg(job, None), job.report or {}
     wide = width or report["width"]
     high = -(-wide * report["height"] // report["width"])  # rounded up, as resvg does
@@ -353,12 +353,12 @@ async def _svg(job: Job, markup: Markup) -> str:
 
 
 def _is_zipped(job: Job) -> bool:
-    """Return whether the command would write the SVG gzipped."""
+    """Return whether the options of a job ask for a gzipped SVG."""
     return bool(job.report and job.report["gzip"])
 
 
 def _new_name(job: Job, suffix: str, taken: set[str]) -> str:
-    """Return a file name that differs from the taken ones on any system, and add it to these."""
+    """Return a file name that differs in more than case from those in `taken`, and add it there."""
     stem = uploads.stem_of(job.name)
     names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
     name = next(name for name in names if f"{name}{suffix}".casefold() not in taken)
