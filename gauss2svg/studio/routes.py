@@ -31,6 +31,7 @@ from gauss2svg.raster.isolated import draw
 from gauss2svg.studio import uploads
 from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, wait_until
 from gauss2svg.studio.options import MOST_DRAWN, form, lines_of, options_of
+from gauss2svg.svg import Markup
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
@@ -40,7 +41,6 @@ _AXES = {axis.key: axis for axis in SCORES}
 _COSTS = {cost.key: cost for cost in COSTS}
 _FIGURES = ("gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s", "stop_reason")
 _FILES = ("photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz")
-Markup = Literal["editable", "minimal"] | None
 
 
 class JobState(BaseModel):
@@ -267,7 +267,7 @@ async def forget(job: KnownJob, studio: Studio) -> None:
 
 @router.get("/api/jobs/{name}/picture.svg", response_class=Response)
 async def picture(
-    job: FinishedJob, markup: Markup = None, gzip: bool = False, download: bool = False
+    job: FinishedJob, markup: Markup | None = None, gzip: bool = False, download: bool = False
 ) -> Response:
     """Return the SVG as it was written, in another markup, or gzipped as SVGZ."""
     svg, zipped = await _svg(job, markup), gzip or _is_zipped(job)
@@ -303,7 +303,7 @@ async def png(
 
 
 @router.get("/api/jobs/{name}/data-uri.txt", response_class=Response)
-async def data_uri(job: FinishedJob, markup: Markup = None) -> Response:
+async def data_uri(job: FinishedJob, markup: Markup | None = None) -> Response:
     """Return the SVG as a data URI."""
     svg = await _svg(job, markup)
     text = f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
@@ -324,7 +324,9 @@ async def file(
 
 
 @router.get("/api/zip", response_class=Response)
-async def archive(ids: str, studio: Studio, markup: Markup = None, gzip: bool = False) -> Response:
+async def archive(
+    ids: str, studio: Studio, markup: Markup | None = None, gzip: bool = False
+) -> Response:
     """Return a ZIP with the SVGs of several jobs. Their ids are separated by commas."""
     stream, taken = io.BytesIO(), set[str]()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as zipped:
@@ -346,7 +348,7 @@ async def _written(job: Job, name: str) -> Path:
     return path
 
 
-async def _svg(job: Job, markup: Markup) -> str:
+async def _svg(job: Job, markup: Markup | None) -> str:
     is_second = markup not in (None, (job.report or {})["markup"])
     path = await _written(job, f"picture-{markup}.svg" if is_second else "picture.svg")
     return await asyncio.to_thread(path.read_text, "utf-8")
