@@ -30,7 +30,7 @@ _STAND_IN = """
 import sys
 if "gauss2svg.pool" in sys.orig_argv or "distributed.cli.dask_worker" in sys.orig_argv:
     from gauss2svg.batch import worker
-    worker._written = lambda spec, photo: {
+    worker._write_svg = lambda spec, photo: {
         "width": 768, "height": 512, "gaussians": 5000, "psnr_svg": 32.125, "unreached": [],
         "bytes": 0,
     }

@@ -1,4 +1,4 @@
-"""The public names and their homes, which `gauss2svg` loads on first use."""
+"""The public names and their modules, which `gauss2svg` loads on first use."""
 
 from . import studio as studio
 from .batch.many import vectorize_many as vectorize_many

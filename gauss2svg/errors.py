@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 _Kind = TypeVar("_Kind")
-_MAX_LENGTH = 200  # characters that an error message quotes of a value
+_MAX_LENGTH = 200  # largest number of characters of a value in an error message
 
 
 class Gauss2SvgError(Exception):
@@ -28,7 +28,7 @@ class RendererError(Gauss2SvgError, RuntimeError):
 
 
 class PeerError(Gauss2SvgError, RuntimeError):
-    """Another tool that failed in a benchmark."""
+    """Another tool that failed, or cannot be run, in a benchmark or a gallery."""
 
 
 class OutputError(Gauss2SvgError, OSError):
@@ -36,7 +36,7 @@ class OutputError(Gauss2SvgError, OSError):
 
 
 class ClusterError(Gauss2SvgError, RuntimeError):
-    """A scheduler that does not answer or is lost, or workers that cannot do the work."""
+    """A scheduler that does not answer or is lost, or workers that cannot run the jobs."""
 
 
 def refusal(name: str, needed: str, got: str, advice: str = "") -> InputError:
@@ -86,7 +86,7 @@ def instance(value: _Kind | None, name: str, kind: type[_Kind]) -> _Kind:
 
 
 def required(value: Any, name: str, kind: type[_Kind]) -> _Kind:
-    """Return `value`. Raise InputError with its name if it is not a `kind`."""
+    """Return `value`. Raise InputError with `name` if it is not a `kind`."""
     if not isinstance(value, kind):
         raise refusal(name, f"a {kind.__name__}", type(value).__name__)
     return value

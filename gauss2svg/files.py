@@ -1,6 +1,6 @@
 """Read regular files only, and write files whole or not at all, never over an input.
 
-This module also has standard streams and patterns of file names.
+This module also handles standard streams and patterns of file names.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 STANDARD_STREAM = "-"
-PATTERN = re.compile(r"[*?\[]")  # wildcards of a pattern
+PATTERN = re.compile(r"[*?\[]")  # a wildcard in a file name
 FileName = str | os.PathLike[str]
 _Name = TypeVar("_Name", str, Path, FileName)
 # Device names of Windows, with or without a suffix.
@@ -88,7 +88,7 @@ def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
             os.close(descriptor)
             raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
     except (OSError, ValueError) as error:
-        # Windows reports "permission denied" for a folder, and others open it.
+        # Windows reports "permission denied" for a folder, and other systems open it.
         is_folder = os.path.isdir(path)
         reason = "it is a folder, not a regular file" if is_folder else reason_of(error)
         name = os.fsdecode(path)
@@ -108,7 +108,7 @@ def check_writable(path: FileName) -> None:
         elif target.exists() and not os.access(target, os.W_OK):
             problem = "it is read-only. Try another name"
         elif sys.platform == "win32" and target.is_file():
-            replace(target, target)  # changes nothing, but fails while a program has it open
+            replace(target, target)  # fails while a program has the file open
         elif not target.exists() or target.is_file():
             with tempfile.TemporaryFile(dir=os.path.dirname(os.path.realpath(target))):
                 pass
@@ -118,7 +118,7 @@ def check_writable(path: FileName) -> None:
 
 @contextmanager
 def writing(target: Path, verb: str = "write") -> Iterator[None]:
-    """Turn an error inside into an OutputError that says that `target` cannot be written."""
+    """Turn an error in the block into an OutputError: `target` cannot be written."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -145,10 +145,10 @@ def write_atomically(path: FileName, data: bytes) -> None:
 def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
     """Write each file as write_atomically does, and rename none before all are on the disk.
 
-    So a full disk leaves every old file as it was. The files are renamed one by one. If a rename
+    So no old file is changed if the disk is full. The files are renamed one by one. If a rename
     fails or is interrupted, the files before it are new and the others are old. Pipes and devices
-    cannot be renamed, so they are written just before the renames. Raise OutputError for the first
-    file that cannot be written.
+    cannot be replaced by a rename, so they are written just before the renames. Raise OutputError
+    for the first file that cannot be written.
     """
     for path in files:
         check_writable(path)
@@ -160,7 +160,7 @@ def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
                 if not target.exists() or target.is_file():
                     real = Path(os.path.realpath(target))  # a link stays, its target is replaced
                     part = real.with_name(f".{real.name[:40]}.{secrets.token_hex(6)}")
-                    parts[part] = real  # listed before it exists, so an interruption leaves none
+                    parts[part] = real  # noted before the part exists, to be removed always
                     _write_new(part, data, _mode_of(real))
         for target, data in contents:
             with writing(target):
@@ -188,21 +188,21 @@ def replace(source: FileName, target: FileName) -> None:
 
 
 def is_device(name: str) -> bool:
-    """Return whether Windows takes a file name for a device: con, aux.svg, COM1.txt."""
+    """Return whether Windows reads a file name as that of a device: con, aux.svg, COM1.txt."""
     return _DEVICE.match(name) is not None
 
 
 def _refuse_device(path: Path) -> None:
-    # Output to nul is discarded, which users ask for on purpose.
+    # The device nul is allowed. Users name it in order to discard an output.
     if sys.platform == "win32" and is_device(path.name) and path.name.lower() != "nul":
         raise OSError(errno.EINVAL, "Windows takes the name for that of a device")
 
 
 def write_whole(path: Path, data: bytes, part: Path, sync: bool = True) -> None:
-    """Write `part`, which is on the same disk, and rename it to `path`. Raise OutputError.
+    """Write a new file `part`, and rename it to `path` on the same disk. Raise OutputError.
 
-    Unlike write_atomically, check nothing beforehand and keep no permissions. Use this for many
-    files that are surely the program's own. Without `sync`, a power cut may leave an empty file.
+    Unlike write_atomically, check nothing beforehand and keep no permissions. This is for many
+    files that only this program writes. Without `sync`, a power cut may leave an empty file.
     """
     try:
         with writing(path):
@@ -224,9 +224,9 @@ def _mode_of(target: Path) -> int | None:
 
 
 def _write_new(path: Path, data: bytes, mode: int | None, sync: bool = True) -> None:
-    """Create a file with permissions `mode`, or usual permissions if None. Flush it if `sync`."""
+    """Create a file with permissions `mode`, or the usual ones if None. Flush it if `sync`."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
-    # The file is private until it has its final permissions.
+    # With a `mode`, the file is private until it has its final permissions.
     descriptor = os.open(path, flags, 0o666 if mode is None else 0o600)
     try:
         _write_all(descriptor, data)
@@ -245,7 +245,7 @@ def _write_all(descriptor: int, data: bytes) -> None:
 
 
 def folds_case(folder: FileName) -> bool:
-    """Return whether a folder's file system ignores case. Raise OutputError if it is unknown."""
+    """Return whether a folder ignores case. Raise OutputError if that cannot be tested."""
     with writing(Path(folder)), tempfile.NamedTemporaryFile(dir=folder, prefix=".aA") as probe:
         parent, name = os.path.split(probe.name)
         return os.path.exists(os.path.join(parent, name.swapcase()))
@@ -277,7 +277,7 @@ def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
 
 
 def _is_same_file(name: str, other: str) -> bool:
-    """Return whether two names lead to one file, through links or because case is ignored."""
+    """Return whether two names name one file, by links or because the folder ignores case."""
     if name == STANDARD_STREAM:
         return _is_standard_input(other)
     try:
@@ -288,13 +288,13 @@ def _is_same_file(name: str, other: str) -> bool:
             return os.path.samefile(first, second)
     except (OSError, ValueError):
         return False  # reading or writing the file will raise the error
-    # At most one of the two names exists. They are one file if they differ in case only, and the
-    # file system ignores case.
+    # At most one file exists, so compare names. They name one file if they differ only in case and
+    # the file system ignores case.
     return first.casefold() == second.casefold() and folds_case(os.path.dirname(second))
 
 
 def _is_standard_input(path: str) -> bool:
-    """Return whether standard input reads this file, as after `< photo.png`."""
+    """Return whether standard input comes from this file, as after `< photo.png`."""
     try:
         status = os.fstat(sys.stdin.fileno())
         return stat.S_ISREG(status.st_mode) and os.path.samestat(status, os.stat(path))
@@ -310,7 +310,7 @@ def saved(save: Callable[[BinaryIO], object]) -> bytes:
 
 
 def as_png(pixels: NDArray[np.floating]) -> bytes:
-    """Return a PNG of 8 bits per channel of an image (h, w, 3) or (h, w, 4) in 0..1."""
+    """Return an image (h, w, 3) or (h, w, 4) in 0..1 as a PNG with 8 bits per channel."""
     import numpy as np
     from PIL import Image
 

@@ -21,7 +21,7 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
-_CONSTANTS = Path(__file__).parent / "scene" / "falloff.py"  # module whose constants kernels inline
+_CONSTANTS_MODULE = Path(__file__).parent / "scene" / "falloff.py"  # kernels inline its constants
 _config: Any = config  # not typed, because numba creates its attributes at run time
 _lost = False  # whether some code of this process could not be saved
 
@@ -43,7 +43,7 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         cache_path = folder()
         if cache_path is None:
             _lost = True
-        elif not _config.DISABLE_JIT:  # else njit has returned the function itself
+        elif not _config.DISABLE_JIT:  # otherwise njit returns the function itself
             dispatcher._cache = KernelCache(function, cache_path)
         return dispatcher
 
@@ -62,16 +62,16 @@ def folder() -> Path | None:
 @lru_cache
 def _folder_of_user() -> Path | None:
     with suppress(OSError, RuntimeError):  # RuntimeError if no home folder is known
-        caches = _caches()
+        caches = _user_cache()
         caches.mkdir(parents=True, exist_ok=True)
         if os.access(caches, os.W_OK):
             return caches
     with suppress(OSError):
-        return _temporary()
+        return _temporary_folder()
     return None
 
 
-def _caches() -> Path:
+def _user_cache() -> Path:
     """Return `gauss2svg` in the user's cache folder on this system."""
     if sys.platform == "win32":
         caches = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
@@ -82,13 +82,13 @@ def _caches() -> Path:
     return Path(caches).expanduser() / "gauss2svg"
 
 
-def _temporary() -> Path | None:
+def _temporary_folder() -> Path | None:
     """Return a temporary folder that only this user can write, or None.
 
-    The files in it are executed. So a folder of this name that another user has made is refused.
+    The files in it are executed. So a folder of this name that others made or can write is refused.
     """
     if sys.platform == "win32":
-        return None  # temporary files are in %LOCALAPPDATA% as well
+        return None  # temporary files are in %LOCALAPPDATA% too, which failed
     user = os.getuid()
     private = Path(tempfile.gettempdir(), f"gauss2svg-{user}")
     private.mkdir(mode=0o700, exist_ok=True)
@@ -99,9 +99,9 @@ def _temporary() -> Path | None:
 
 @lru_cache
 def _digest(package: Path) -> str:
-    """Return a digest of all modules that a kernel of a package may inline."""
+    """Return a digest of all modules from which kernels in the folder `package` may inline code."""
     digest = hashlib.sha256()
-    for path in (*sorted(package.glob("*.py")), _CONSTANTS):
+    for path in (*sorted(package.glob("*.py")), _CONSTANTS_MODULE):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -109,11 +109,11 @@ def _digest(package: Path) -> str:
 class KernelCache:
     """Saved code of one function: a file for each combination of argument types and CPU.
 
-    The name of a file has a digest of everything that its code depends on. So files that two
-    processes write at once are equal. numba's own cache has an index file, which concurrent
-    processes can mix up. Before it loads any code, numba's cache also imports everything that
-    compiled code may call, such as SciPy's linear algebra. Those imports take a fifth of a run on a
-    small picture (docs/decisions/start.md). Here only a compilation imports these modules.
+    The name of a file contains a digest of all that its code depends on. So if two processes write
+    a file at once, they write equal bytes. numba's own cache has an index file, which they could
+    corrupt. Before it loads any code, numba's cache also imports all modules that compiled code may
+    call, such as SciPy's linear algebra. Those imports take a fifth of a run on a small picture
+    (docs/decisions/start.md). With this class, only a compilation imports these modules.
     """
 
     def __init__(self, function: Callable[..., Any], cache_path: Path) -> None:
@@ -126,7 +126,7 @@ class KernelCache:
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
         """Return the saved code for these argument types, or None if no code can be read."""
-        rtsys.initialize(target_context)  # numba's allocator of arrays, which saved code links to
+        rtsys.initialize(target_context)  # numba's array allocator, to which saved code links
         try:
             fields = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())
         except (OSError, EOFError, pickle.UnpicklingError):
@@ -136,7 +136,7 @@ class KernelCache:
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the code for these argument types. If that fails, the next process compiles anew."""
         global _lost
-        assert not data.library.has_dynamic_globals  # pointers, which the next process lacks
+        assert not data.library.has_dynamic_globals  # pointers are invalid in other processes
         path = self._file(sig, data.codegen)
         part = path.with_suffix(f".{secrets.token_hex(8)}")
         try:
@@ -146,7 +146,7 @@ class KernelCache:
         except OSError:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
-            _lost |= not os.path.exists(path)  # Windows does not replace a file that is being read
+            _lost |= not os.path.exists(path)  # an equal file may be there, which Windows keeps
 
     def _file(self, sig: Any, codegen: Any) -> Path:
         key = f"{self._stamp} {sig} {codegen.magic_tuple()}"

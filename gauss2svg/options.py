@@ -5,9 +5,9 @@
         learning_rate: Annotated[float, Interval(ge=1e-6, le=1e6)] = 1.0
         '''Factor by which every learning rate is multiplied.'''
 
-A type is bool, int, float, a Literal, or a union of these. It includes None if the option may be
-left out. `Annotated` adds a range by annotated_types, or a text of values to try. For any other
-kind of value it adds a function (name, value) that returns the value to store.
+The type in an annotation is bool, int, float, a Literal, or a union of these, with None if the
+option may be None. `Annotated` adds a range (Interval), a text with values to try, or for any other
+type a function (name, value) that returns the value to store.
 
 The Python call, the command line, the studio's form and requests, the axes of the benchmark, the
 report and the reference all come from these classes. cyclopts makes the command line from the
@@ -51,9 +51,9 @@ class Field:
     kind         bool, int or float; None if `words` or `check` decide alone
     least, most  range of an int or a float
     is_above     whether the value must be larger than `least`, not equal to it
-    words        values that are allowed as well, such as "auto"
-    check        function (name, value) for any other value: it returns the value to store, or
-                 raises InputError
+    words        values that are also allowed, such as "auto"
+    check        function (name, value), called for any value that is not in `words`. It returns the
+                 value to store, or raises InputError
     is_optional  whether None is allowed
     advice       values to try, for error messages
     default      default of the option
@@ -71,14 +71,14 @@ class Field:
     default: Any = None
 
     def checked(self, value: Any) -> Any:
-        """Return the value to store. Raise InputError with the option's name if it is refused."""
+        """Return the value to store. Raise InputError with the name if `value` is refused."""
         if value is None and self.is_optional:
             return None
         try:
             accepted = self._accepted(plain_scalar(value))
         except InputError:
             raise
-        except Exception as error:  # a value's own methods may raise anything
+        except Exception as error:  # methods of the value may raise anything
             raise self._refusal(value) from error
         if accepted is None:
             raise self._refusal(value)
@@ -90,7 +90,7 @@ class Field:
         with suppress(ValueError):  # `checked` refuses a text that is no number
             if self.kind is bool:
                 value = _BOOLS.get(text, text)
-            # int() would accept " 1_0" too.
+            # isdecimal() is needed, because int() would also accept " 1_0".
             elif self.kind is int and text.removeprefix("-").isdecimal():
                 value = int(text)
             elif self.kind is float:
@@ -99,7 +99,7 @@ class Field:
 
     @property
     def choices(self) -> tuple[Any, ...]:
-        """All values of the option, if they can be listed; else none."""
+        """All values of the option, or () if they cannot be listed."""
         return (False, True) if self.kind is bool else self.words if self.kind is None else ()
 
     def _accepted(self, value: Any) -> Any:
@@ -115,7 +115,7 @@ class Field:
             return value if self.kind is bool and isinstance(value, bool) else None
         if self.kind is int:
             number = operator.index(value)
-        else:  # float() would accept texts too
+        else:  # only numbers, because float() would also accept texts
             number = float(value) if isinstance(value, _NUMBERS) else math.nan
         is_large = self.least < number if self.is_above else self.least <= number
         return number if is_large and number <= self.most else None
@@ -139,7 +139,7 @@ class Field:
 
 
 class OptionGroup:
-    """Base of frozen, keyword-only dataclasses of options. It checks every field."""
+    """Base of frozen, keyword-only dataclasses of options. It checks and stores their values."""
 
     def __post_init__(self) -> None:
         for field in fields_of(type(self)):
@@ -148,21 +148,21 @@ class OptionGroup:
 
 @cache
 def fields_of(group: type[OptionGroup]) -> tuple[Field, ...]:
-    """Return the options of a group, in order."""
+    """Return the Field of each option of a group, in order."""
     hints = get_type_hints(group, include_extras=True)
     fields = dataclasses.fields(group)  # pyright: ignore[reportArgumentType]
     return tuple(field_of(field.name, hints[field.name], field.default) for field in fields)
 
 
 def field_of(name: str, hint: Any, default: Any = None) -> Field:
-    """Return the option that an annotation describes."""
+    """Return the Field that an annotation describes. Raise TypeError for an unknown annotation."""
     members, metadata = _types_and_metadata(hint)
     check = next((item for item in metadata if callable(item)), None)
     kinds = [kind for kind in (bool, int, float) if kind in members and check is None]
     kind = kinds[0] if kinds else None
     limits: Any = next((item for item in metadata if isinstance(item, Interval)), Interval())
-    known = [item for item in metadata if isinstance(item, (Interval, str)) or callable(item)]
-    if known != metadata or limits.lt is not None:
+    supported = [item for item in metadata if isinstance(item, (Interval, str)) or callable(item)]
+    if supported != metadata or limits.lt is not None:
         raise TypeError(f"{name} must have a range of ge, gt and le, a text or a function")
     most = _MAX_INT if kind is int else math.inf
     return Field(

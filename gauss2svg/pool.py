@@ -33,9 +33,9 @@ class WorkerDiedError(Gauss2SvgError, RuntimeError):
 
 
 class _Job(Future[Any]):
-    """A job. Its cancellation kills the process that works on it."""
+    """A job. Cancelling it kills the process that works on it."""
 
-    lock = threading.Lock()  # all jobs share it, because the next job may get the same process
+    lock = threading.Lock()  # all jobs share the lock: the next job may get the same process
     process: subprocess.Popen[bytes] | None = None
     ends_at = float("inf")
     reason: Exception | None = None  # reason why the process was killed
@@ -53,9 +53,9 @@ class _Job(Future[Any]):
 
 
 class Pool:
-    """Up to `workers` processes. They start when jobs need them, and die with the `with` block.
+    """Up to `workers` processes. They start when jobs need them, and end with the `with` block.
 
-    memory  bytes that a process may hold before it is killed. None means no limit
+    memory  limit of the bytes that a process holds. If it holds more, it is killed. None: no limit
     """
 
     def __init__(self, workers: int, memory: int | None = None) -> None:
@@ -78,7 +78,7 @@ class Pool:
             _end(process)
 
     def submit(self, function: Callable[..., Any], *args: Any, timeout: float = 0.0) -> Future[Any]:
-        """Return the future of a call. The call is killed after `timeout` seconds (0: never)."""
+        """Queue a call and return its future. It is killed after `timeout` seconds (0: never)."""
         job = _Job()
         self._jobs.add(job)
         request = pickle.dumps(pickle.dumps((function, args)))
@@ -116,7 +116,7 @@ class Pool:
                 self._idle.append(process)
             else:
                 _end(process)
-        # If the job's processes were killed, its answer may result from that and does not count.
+        # The answer of a killed process does not count. It may be an error that the kill caused.
         return answer if job.reason is None else (False, job.reason)
 
     def _watch(self) -> None:
@@ -180,7 +180,7 @@ def _end(process: subprocess.Popen[bytes]) -> int:
 
 
 def _serve() -> None:
-    """Answer requests from standard input on standard output, until the pool closes the input."""
+    """Answer requests from standard input on standard output, until one of them is closed."""
     end_with_parent(os.getppid())
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # text that a job prints goes to standard error, not among the answers

@@ -1,7 +1,7 @@
-"""Child processes, and the memory that is left to this one.
+"""Child processes, and the memory that this process may still take.
 
-`run` waits for a child process. `NEW_GROUP` and `end_tree` are for processes that go on. The
-memory is what the machine, the container and the limits of this process leave.
+`run` waits for a child process. `NEW_GROUP` and `end_tree` are for children that run beside this
+process. Its memory is limited by the machine, by the container, and by limits of the process.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-# Value of Popen's creationflags, along with start_new_session=True. Windows uses the flags, other
-# systems the session. A Ctrl-C in this process then does not reach the child; `end_tree` ends it.
+# Argument creationflags of Popen for a child in a group of its own. On other systems than Windows
+# start_new_session=True makes the group. A Ctrl-C does not reach the child; `end_tree` ends it.
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
 MEMORY_SHARE = 0.8  # share of the free memory that work may take by default
 _CHECK_S = 0.2  # seconds between two checks that the parent is alive
@@ -29,9 +29,9 @@ def nothing() -> None:
     """Do nothing, because no signal has come. This is the default of `pending`."""
 
 
-# Function that raises the exception of a signal once more. It is called between tasks and at a
-# command's end. Python drops the exception of a Ctrl-C during a callback of its garbage collector
-# or of C code. Therefore a command's signal handler sets `pending` to a function that raises it.
+# Function that is called between tasks and at the end of a command. After a signal it raises the
+# exception of that signal once more, because Python drops an exception in a callback of its garbage
+# collector or of C code. The signal handler of a command sets it.
 pending: Callable[[], None] = nothing
 
 
@@ -69,7 +69,7 @@ def run(
     import tempfile
 
     with (
-        # These are not pipes, because any process that is left behind would keep a pipe open.
+        # The outputs are files, because a process that is left behind would keep a pipe open.
         tempfile.TemporaryFile() as stdout,
         tempfile.TemporaryFile() as stderr,
         subprocess.Popen(
@@ -87,7 +87,7 @@ def run(
             process.communicate(data, timeout_s)
         except subprocess.TimeoutExpired as error:
             raise TimeoutError(f"not done in {timeout_s:g} s") from error
-        finally:  # also after an interrupt, which a process of another group does not receive
+        finally:  # also after an interrupt, which a child in its own group does not receive
             end_tree(process.pid)
         stdout.seek(0)
         stderr.seek(0)
@@ -97,14 +97,14 @@ def run(
 
 
 def module_command(name: str, *words: str) -> list[str]:
-    """Return the command that runs a module in a new Python, in `python_environment()`."""
+    """Return the command that runs a module in a new Python. It needs `python_environment()`."""
     return [sys.executable, "-P", "-m", name, *words]
 
 
 def python_environment() -> dict[str, str]:
     """Return the environment in which another Python finds the same modules and prints UTF-8."""
     entries = [os.path.abspath(entry) for entry in sys.path if entry]
-    # The current folder, "", is left out. The package may be in it, so its own folder comes last.
+    # The current folder, "", is left out. The package may be in it, so its path is added last.
     path = os.pathsep.join([*entries, str(Path(__file__).parents[1])])
     return {"PYTHONPATH": path, "PYTHONIOENCODING": "utf-8"}
 
@@ -120,7 +120,7 @@ def end_tree(process_id: int) -> None:
             with suppress(psutil.NoSuchProcess):
                 process.kill()
     if sys.platform != "win32":
-        # The group may be gone. macOS refuses if only the exit status of its leader is left.
+        # The group may be gone. If only its exited leader is left, macOS raises PermissionError.
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(process_id, signal.SIGKILL)
 
@@ -138,10 +138,10 @@ def end_with_parent(parent: int) -> None:
 
 
 def end_of(status: int) -> str:
-    """Return how a process with this exit status ended."""
+    """Return text on how a process with this exit status ended."""
     if 0 <= status < 256:
         return f"ended with status {status}"
-    killer = f"status {status:#x}"  # exceptions of Windows are known by hexadecimal numbers
+    killer = f"status {status:#x}"  # Windows lists its exceptions by hexadecimal numbers
     with suppress(ValueError):  # the status is no signal, or one without a name
         killer = signal.Signals(-status).name
     return f"killed by {killer}; was there enough memory?"
@@ -151,8 +151,8 @@ def command_line(words: Sequence[str]) -> str:
     """Return a command as it is typed in a POSIX shell, or on Windows in cmd and PowerShell."""
     if sys.platform != "win32":
         return shlex.join(words)
-    is_plain = re.compile(r"[\w@+=:,./\\-]+", re.ASCII).fullmatch
-    return " ".join(word if is_plain(word) else f'"{word}"' for word in words)
+    is_safe = re.compile(r"[\w@+=:,./\\-]+", re.ASCII).fullmatch
+    return " ".join(word if is_safe(word) else f'"{word}"' for word in words)
 
 
 def held_bytes() -> int:
@@ -171,7 +171,7 @@ def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = Path("/sys/fs
 
 
 def _left_by_cgroups(process: Path, cgroups: Path) -> list[int]:
-    """Return the bytes that each control group of this process leaves: on Linux, v1 or v2."""
+    """Return the bytes left by each control group of this process that has a limit (Linux)."""
     try:
         lines = (process / "cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -185,7 +185,7 @@ def _left_by_cgroups(process: Path, cgroups: Path) -> list[int]:
             names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
         elif controllers:
             continue
-        # In a container the path may be the host's, but only the root of the host's is mounted.
+        # In a container, `path` may be that on the host, but the container's group is at `root`.
         groups = [root / path.strip("/"), *(root / path.strip("/")).parents]
         left += [_left_by_cgroup(group, *names) for group in groups[: groups.index(root) + 1]]
     return [free for free in left if free is not None]
@@ -196,7 +196,7 @@ def _left_by_cgroup(group: Path, limit_file: str, usage_file: str, cached: str) 
     try:
         names = limit_file, usage_file, "memory.stat"
         limit, used, stat = ((group / name).read_text(encoding="utf-8") for name in names)
-        # cgroup v1 without a limit reports more than any machine has.
+        # Without a limit, cgroup v1 reports a number larger than the memory of any machine.
         if limit.strip() == "max" or int(limit) >= 1 << 60:
             return None
         # Cached files count as used, but the system drops them when memory is short.

@@ -1,4 +1,4 @@
-"""Functions that equal SciPy's in every bit, and seldom need SciPy's slow import.
+"""Functions whose results equal SciPy's in every bit, and which seldom import SciPy.
 
 SciPy's packages take a third of a second to import (docs/decisions/start.md).
 """
@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-# Values in a band, few enough to stay in the processor's cache (docs/decisions/start.md).
+# Number of values that are smoothed at a time. They stay in the cache (docs/decisions/start.md).
 _BAND_VALUES = 32768
 
 
@@ -49,7 +49,7 @@ def smoothed(
 def _summed(
     weights: tuple[float, ...], shifted: Callable[[int], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Return the weighted sum of an array and its shifts by -j and j, with weights[j]."""
+    """Return the sum of shifted(0) * weights[0] and all (shifted(-j) + shifted(j)) * weights[j]."""
     total = shifted(0) * weights[0]
     pair = np.empty_like(total)
     for j in range(len(weights) - 1, 0, -1):
@@ -61,20 +61,19 @@ def _summed(
 
 @lru_cache(maxsize=16)
 def _weights(sigma: float, radius: int) -> tuple[float, ...]:
-    """Return the weights of the pixel itself and of one side. With both sides the sum is 1."""
+    """Return the weights of the centre and of one side. Those of both sides and it sum to 1."""
     x = np.arange(-radius, radius + 1)
     weights = np.exp(-0.5 / (sigma * sigma) * x**2)
     return tuple(float(weight) for weight in (weights / weights.sum())[radius:])
 
 
 def _mirrored(length: int, radius: int) -> NDArray[np.intp]:
-    """Return the indices of a line that is mirrored by `radius` pixels at either end."""
+    """Return the indices that extend a line by `radius` mirrored pixels at either end."""
     at = np.arange(-radius, length + radius) % (2 * length)
     return np.minimum(at, 2 * length - 1 - at)
 
 
-# Most pairs of a point and an entry that are compared. Comparing more takes longer than importing
-# SciPy.
+# Number of (point, entry) pairs above which importing SciPy is faster than comparing all pairs.
 _MOST_COMPARED = 4_000_000
 _BAND_PAIRS = 65536  # pairs compared at a time, which stay in the processor's cache
 
@@ -84,8 +83,7 @@ def nearest_entry(
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Return the distance (n,) from each point (n, d) to the nearest entry (k, d), and its index.
 
-    The result equals that of scipy.spatial.KDTree. If several entries are equally near, it is the
-    entry that a tree finds first.
+    The result equals that of scipy.spatial.KDTree, also if several entries are equally near.
     """
     squares, nearest = np.empty(len(points)), np.empty(len(points), np.intp)
     step = max(1, _BAND_PAIRS // len(entries))

@@ -279,7 +279,8 @@ def asked(monkeypatch):
     found, make_photo = galleries.Asked(), run.make_photo
 
     def answer(kind, make, request):
-        found.append((kind, request["folder"].rpartition("/photos/")[2]))
+        folder = Path(request["folder"]).as_posix()
+        found.append((kind, folder.rpartition("/photos/")[2]))
         return make(request)
 
     monkeypatch.setattr(build, "Pool", PoolHere)

@@ -8,7 +8,7 @@ from annotated_types import Interval
 
 from gauss2svg.options import OptionGroup, file_name
 
-_MAX_WORKERS = 1024  # more than the cores of any machine, so a larger number is a typing error
+_MAX_WORKERS = 1024  # limit of --workers. No machine has more cores, so a larger number is an error
 
 
 @dataclass(frozen=True, kw_only=True)

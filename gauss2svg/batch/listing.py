@@ -1,4 +1,4 @@
-"""Lists of photos by their paths: each photo once, with a name to show and one for files."""
+"""Lists of photos by their paths: each photo once, with a name to show and one for its outputs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from pathlib import Path
 from gauss2svg.errors import InputError, on_one_line, quoted, refusal
 from gauss2svg.files import is_device, reading
 
-_NAMELESS = "photo"
-_DIGITS = 12  # hexadecimal digits of a digest in a slug
+_NAMELESS = "photo"  # slug of a name without letters and digits
+_DIGITS = 12  # number of hexadecimal digits in a slug's digest
 _DIGEST_AT_END = re.compile(rf"-[0-9a-f]{{{_DIGITS}}}$")
 
 
@@ -25,7 +25,7 @@ class ListedPhoto:
 
     path     path of the file
     name     `file` as printable text
-    file     name of the file, with its folders if other photos have the same name
+    file     end of the path that no other photo has: the file's name, with folders if needed
     slug     unique name for a file or folder of this photo: a-z, 0-9 and -
     digest   SHA-256 of the file's bytes, None if it cannot be read
     problem  reason why the file cannot be read, None if it can
@@ -44,9 +44,9 @@ def listed_photos(
 ) -> list[ListedPhoto]:
     """Return each photo once, in order of first mention. Raise InputError if there is none.
 
-    A slug is made of the file's name. A digest of `file` follows it if other readable photos have
-    the same slug, or if the photo cannot be read. So neither the order nor the pixels change a
-    slug, and other photos change it only if they have the same name.
+    A slug is made of the file's name. If other readable photos have the same slug, or if the photo
+    cannot be read, a digest of `file` is appended. So a slug depends neither on the order nor on
+    the pixels, and on other photos only if their names give the same slug.
 
     name  name of the argument in errors
     """
@@ -54,20 +54,20 @@ def listed_photos(
         raise refusal(name, "a sequence of paths", quoted(paths), f"[{paths!r}]")
     try:
         texts = [os.fsdecode(path) for path in paths or ()]
-    except Exception as error:  # a value's own methods may raise anything
+    except Exception as error:  # methods of an argument may raise anything
         raise refusal(name, "a sequence of paths", quoted(paths)) from error
     if not texts:
         raise refusal(name, "the paths of one or more photos", quoted(paths))
     once: dict[str, str] = {}
     for path in texts:
-        # A path with a NUL character is refused later, when it is read.
+        # realpath fails for a path with a NUL character, which is refused when it is read.
         once.setdefault(path if "\0" in path else os.path.realpath(path), path)
     texts = list(once.values())
     read = [(slug_of(Path(path).stem), *_digest(path)) for path in texts]
     shared = Counter(slug for slug, digest, _ in read if digest is not None)
     photos = []
     for path, file, (slug, digest, problem) in zip(texts, _names(texts), read, strict=True):
-        # A slug that ends like a digest also gets a digest, so that it equals no other slug.
+        # A slug that already ends like a digest gets one too, so that it equals no other slug.
         if digest is None or shared[slug] > 1 or _DIGEST_AT_END.search(slug):
             own = hashlib.sha256(file.encode(errors="backslashreplace")).hexdigest()
             slug += f"-{own[:_DIGITS]}"
@@ -76,7 +76,7 @@ def listed_photos(
 
 
 def _names(paths: Sequence[str]) -> list[str]:
-    """Return the shortest end of each path that no other path has, mostly the file's name."""
+    """Return for each path its shortest end that no other path has, usually the file's name."""
     parts = [Path(path).absolute().parts for path in paths]
     all_ends = [[own[-length:] for length in range(1, len(own) + 1)] for own in parts]
     shared = Counter(end for ends in all_ends for end in ends)
@@ -87,9 +87,9 @@ def _names(paths: Sequence[str]) -> list[str]:
 
 
 def slug_of(name: str) -> str:
-    """Return a folder name that every system accepts: 1 to 48 characters of a-z, 0-9 and -."""
-    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
-    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:48].rstrip("-") or _NAMELESS
+    """Return `name` as a folder name for every system: 1 to 48 characters of a-z, 0-9 and -."""
+    ascii_name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
+    slug = re.sub(r"[^a-z0-9]+", "-", ascii_name).strip("-")[:48].rstrip("-") or _NAMELESS
     return f"{_NAMELESS}-{slug}" if is_device(slug) else slug
 
 

@@ -1,4 +1,4 @@
-"""Vectorise many photos: list what is to be done, and give it to workers."""
+"""Vectorise many photos: list the photos, and submit the unfinished ones to workers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from gauss2svg.batch import BatchOptions
 from gauss2svg.batch.inputs import photos_of
-from gauss2svg.batch.stores import PARTS_OF, STATE, is_url, prepare, write
+from gauss2svg.batch.stores import PATH_SEPARATOR, STATE, is_url, prepare, write
 from gauss2svg.batch.table import write_table
 from gauss2svg.batch.worker import BatchSpec, Photo, PhotoRecord, finished_record, versions, work
 from gauss2svg.errors import (
@@ -33,7 +33,7 @@ from gauss2svg.errors import (
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case, reason_of
 from gauss2svg.options import file_name
 from gauss2svg.photo.pixels import Header
-from gauss2svg.pipeline.budgets import allowed
+from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pool import Pool, WorkerDiedError, completed
@@ -43,8 +43,8 @@ from gauss2svg.version import __version__
 if TYPE_CHECKING:
     from distributed import Client
 
-_CONNECT_S = 10.0  # s, limit for a scheduler's answer, which a busy or distant machine meets
-_SINGLE = 50_000  # largest number of photos at which each job has only one
+_CONNECT_S = 10.0  # s, time limit for the answer of a scheduler, which may be busy or far away
+_SINGLE = 50_000  # number of photos below which each job has one photo
 _DIED = "its workers died; was there enough memory? Try --max-size, or fewer --workers"
 
 
@@ -58,28 +58,28 @@ def vectorize_many(
 ) -> Iterator[PhotoRecord]:
     """Vectorise many photos, and yield the record of each when it is finished.
 
-    sources  folders, globs, lists (.txt, .lst) and photos: local paths, or URLs of fsspec
-    output   folder for the SVGs and their marks, and in gauss2svg-batch for the table
+    sources  folders, globs, lists (.txt, .lst) and photos, as local paths or as URLs for fsspec
+    output   folder for the SVGs, a JSON file beside each, and the table gauss2svg-batch/table.csv
     options  options of each vectorisation, such as Options(goal=Goal(quality="draft"))
     batch    BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
-    client   client of a Dask cluster with one thread for each worker. If None, `batch` decides
+    client   client of a Dask cluster whose workers have one thread each. None: as `batch` says
 
     Photos that an earlier run has finished are skipped. Workers start only if other photos remain.
-    A bad photo has a record with an error. Raise InputError for bad arguments, before any photo is
-    read. Raise OutputError if nothing can be written, and ClusterError if workers have other
-    versions or are lost.
+    If a photo fails, its record has an error. Raise InputError for bad arguments, before any photo
+    is read. Raise OutputError if no file can be written, and ClusterError if workers are lost or
+    have other versions of packages.
     """
     return Batch(sources, output, options, batch).run(client)
 
 
-# Workers: `submit` of an executor of concurrent.futures, a function that returns the number of jobs
-# to submit at once, the exceptions of a job whose worker died, and the options of a job.
+# The workers of a batch: the method `submit` of an executor, a function that returns how many jobs
+# may be submitted at once, the exceptions of a job whose worker died, the options of every job.
 _Engine = tuple[Callable[..., Future[Any]], Callable[[], int], Any, Options]
 
 
 @contextmanager
-def _temporary_file() -> Iterator[None]:
-    """Raise OutputError for an error of SQLite."""
+def _sqlite_errors() -> Iterator[None]:
+    """Turn an SQLite error in the block into an OutputError."""
     try:
         yield
     except sqlite3.Error as error:
@@ -88,7 +88,7 @@ def _temporary_file() -> Iterator[None]:
 
 
 class Batch:
-    """A checked list of photos to vectorise.
+    """A checked list of photos to vectorise, and the output folder, which is created.
 
     Raise InputError for bad arguments, no photos, or two photos that would write one file. Raise
     OutputError for a folder that cannot be written.
@@ -115,30 +115,31 @@ class Batch:
         text = json.dumps([__version__, of_picture], sort_keys=True)
         identity = hashlib.sha256(text.encode()).hexdigest()[:16]
         self._spec = BatchSpec(self.options, self.root, versions(), identity)
-        # The list is in a temporary file, so that a million photos take little memory.
+        # The list is an SQLite database in a temporary file, to save memory with a million photos.
         self._db = sqlite3.connect("", check_same_thread=False)
         weakref.finalize(self, self._db.close)
-        self.count = self._listed(names)
+        self.count = self._list_photos(names)
         if not self.count:
             got = brief(f"none in {', '.join(names) or 'no folder'}")
-            raise refusal("photos", "one or more", got, "gauss2svg batch photos/")
+            raise refusal("photos", "one or more", got, "gauss2svg batch photos/ -o out/")
         prepare(self.root)
 
-    @_temporary_file()
-    def _listed(self, sources: list[str]) -> int:
-        """List photos, each once, and return their number.
+    @_sqlite_errors()
+    def _list_photos(self, sources: list[str]) -> int:
+        """Write each photo once into the table `photos`, and return the number of photos.
 
         Raise InputError if two photos would write one file.
         """
         folder = self.root
-        while not (is_url(folder) or os.path.isdir(folder)):  # a new folder is like its parent
+        # An output folder that does not exist yet will ignore case if its parent folder does.
+        while not (is_url(folder) or os.path.isdir(folder)):
             folder = os.path.dirname(folder)
         key_of = str.casefold if not is_url(folder) and folds_case(folder) else str
 
         def rows() -> Iterator[tuple[bytes, bytes]]:
             for path, name in photos_of(sources):
                 output = name + (".svgz" if self.options.svg.gzip else ".svg")
-                parts = PARTS_OF.split(key_of(output))
+                parts = PATH_SEPARATOR.split(key_of(output))
                 if not {"", ".", ".."}.isdisjoint(parts) or parts[0] == STATE or ":" in parts[0]:
                     needed = f"in the output folder and outside of its {STATE}"
                     raise refusal("output", needed, f"{output}, of {path}", "another folder")
@@ -163,11 +164,8 @@ class Batch:
         return self._db.execute("SELECT count(*) FROM photos").fetchone()[0]
 
     def run(self, client: Client | None = None) -> Generator[PhotoRecord]:
-        """Yield the record of each photo, then write the table.
-
-        Workers start only if a photo remains to be done.
-        """
-        with _temporary_file():
+        """Yield all records, then write the tables. Workers start only if a photo is unfinished."""
+        with _sqlite_errors():
             yield from self._done_before()
             yield from self._done_now(client)
             self.finish()
@@ -176,16 +174,16 @@ class Batch:
         self._db.execute("INSERT INTO records VALUES (?)", (pickle.dumps(record),))
         return record
 
-    @_temporary_file()
+    @_sqlite_errors()
     def finish(self) -> None:
-        """Write the tables of all photos that are finished so far."""
+        """Write the tables of all photos finished so far, and set `tables` to their paths."""
         records = self._db.execute("SELECT record FROM records")
         self.tables = write_table(self.root, (pickle.loads(record) for (record,) in records))
 
     def _done_before(self) -> Iterator[PhotoRecord]:
         for row, photo in self._db.execute("SELECT rowid, photo FROM photos"):
             source, output = pickle.loads(photo)
-            # Only local files are checked here. Workers check stores, so that waits overlap.
+            # Workers check photos and outputs in stores, so that the waits for stores overlap.
             is_local = not (is_url(source) or is_url(self.root))
             if is_local and (record := finished_record(self._spec, (source, output))):
                 self._db.execute("DELETE FROM photos WHERE rowid = ?", (row,))
@@ -200,11 +198,11 @@ class Batch:
             engine = _on_this_machine(self.options, self.batch.workers, count)
         else:
             engine = _on_cluster(self.options, self.batch.scheduler, client)
-        size = 1 + 10 * (count // _SINGLE)  # photos in a job, so a million photos are 5000 jobs
+        size = 1 + 10 * (count // _SINGLE)  # photos in a job; a million photos are 5000 jobs
         rows = self._db.execute("SELECT photo FROM photos")
         jobs = iter(lambda: [pickle.loads(photo) for (photo,) in rows.fetchmany(size)], [])
-        suspects: list[Photo] = []  # photos to try once more, singly, as their worker died
-        # Without a memory limit no photo is reduced, because files must not depend on free memory.
+        suspects: list[Photo] = []  # photos of jobs whose worker died; each is retried once, alone
+        # Without max_memory no photo is reduced, because files must not depend on free memory.
         may_reduce = self.options.run.max_memory is not None
         with engine as (submit, width, died, options):
             spec = replace(self._spec, options=options, may_reduce=may_reduce)
@@ -223,23 +221,23 @@ class Batch:
 
 @contextmanager
 def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iterator[_Engine]:
-    """Yield processes of this machine for a number of photos.
+    """Compile the kernels, and yield worker processes of this machine.
 
-    By default, the number of processes times the threads of each is the number of cores. Together
-    the processes need at most the memory that a single run may take, by the estimate for a usual
-    run.
+    If `workers` is None, the number of processes is limited by the cores, by the number of photos,
+    and by the memory that a single run may take, which the processes share. The memory that each
+    process needs is estimated for a usual photo.
     """
     from gauss2svg.pipeline.budgets import load_of  # loads numba, which takes a while
     from gauss2svg.pipeline.run import compile_kernels, thread_count
 
     compile_kernels(options.fit.blend)
-    usual = Header(4000, 3000, has_alpha=False)  # the size of a camera's photo
+    usual = Header(4000, 3000, has_alpha=False)  # 12 megapixels, as from a camera
     cores, needed = thread_count(None), load_of(Plan(options), usual).bytes
     threads, memory = options.run.threads, options.run.max_memory
-    needed = max(needed, allowed(memory) if memory else 0)
-    workers = workers or max(1, min(cores // (threads or 1), allowed(None) // needed, photos))
-    share = allowed(None) // workers
-    memory, threads = allowed(memory or share), threads or max(1, cores // workers)
+    needed = max(needed, memory_limit(memory) if memory else 0)
+    workers = workers or max(1, min(cores // (threads or 1), memory_limit(None) // needed, photos))
+    share = memory_limit(None) // workers
+    memory, threads = memory_limit(memory or share), threads or max(1, cores // workers)
     with Pool(workers, int(max(share, memory) / MEMORY_SHARE)) as pool:
         job_options = options.changed(threads=threads, max_memory=memory)
         # Two jobs for each process: one runs, one waits.
@@ -248,7 +246,7 @@ def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iter
 
 @contextmanager
 def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterator[_Engine]:
-    """Yield the workers of a Dask cluster. Raise ClusterError if it does not answer."""
+    """Connect to a Dask cluster, and yield its workers. Raise ClusterError if that fails."""
     try:
         from distributed import Client, KilledWorker
     except ImportError as error:
@@ -260,7 +258,7 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
 
             def width() -> int:
                 threads: Any = connected.nthreads()
-                if set(threads.values()) - {1}:  # one thread of a process may use numba's kernels
+                if set(threads.values()) - {1}:  # only one thread of a process may use kernels
                     got, advice = quoted(threads), "dask worker --nthreads 1"
                     raise ClusterError(f"threads of workers must be 1; got {got}. Try {advice}")
                 return max(1, 2 * len(threads))  # two jobs for each worker: one runs, one waits

@@ -1,4 +1,4 @@
-"""Placeholders of many photos, in one file or in a file each. Unchanged placeholders are kept."""
+"""Placeholders of many photos, in one file or in a file for each. Unchanged entries are kept."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from gauss2svg.pipeline.placeholder import (
 )
 from gauss2svg.version import __version__
 
-# Beginning of a line of HTML, with the address of the photo.
+# Pattern of the start of a photo's line in HTML. Its group is the photo's address.
 _LINE = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
-# Suffixes and types of the files beside a photo that a <picture> offers before the photo, in order.
+# Suffix -> media type of the files beside a photo that a <picture> offers too, best first.
 _SOURCES = {".avif": "image/avif", ".webp": "image/webp"}
 
 
@@ -54,14 +54,14 @@ class PlaceholderOptions(OptionGroup):
 class PlaceholderList:
     """Placeholders of photos, and the entries that an earlier run has written.
 
-    photos     the given photos, each once
-    copies     number of photos that were given again
-    made       placeholders of this run
-    unchanged  number of photos whose entry has the same photo, options and version
+    photos     the photos, each once
+    copies     number of paths that repeat a photo
+    new        placeholders made in this run, by photo
+    unchanged  number of photos whose entry was made from equal bytes, options and version
     failures   a line for each photo that failed
-    Raise InputError for an output that is a photo or any file other than a list of placeholders,
-    because replacing that file would lose its content. Raise OutputError for an output that cannot
-    be written.
+    Raise InputError if the output is a photo, or an existing file that is no list of placeholders,
+    because its content would be lost. Raise OutputError if the output cannot be written. The
+    output's folder is created.
     """
 
     def __init__(self, paths: list[str], output: str, options: PlaceholderOptions) -> None:
@@ -70,7 +70,7 @@ class PlaceholderList:
         self._made_by = f"gauss2svg {__version__}, {options.max_bytes} bytes of {options.bytes_of}"
         self.photos = listed_photos(paths)
         self.copies = len(paths) - len(self.photos)
-        self.made: dict[ListedPhoto, Placeholder] = {}
+        self.new: dict[ListedPhoto, Placeholder] = {}
         self.failures: list[str] = []
         self.unchanged = 0
         if options.format == "picture":
@@ -90,7 +90,7 @@ class PlaceholderList:
         self._entries = {key: before.get(key) for key in keys}
 
     def add(self, photo: ListedPhoto) -> None:
-        """Make the placeholder of a photo, unless its entry is unchanged."""
+        """Make a photo's placeholder unless its entry is unchanged, or else add to `failures`."""
         key, options = self._key(photo), self._options
         metadata = (self._entries[key] or {}).get("metadata", {}) if self._is_json else {}
         if photo.problem is not None:
@@ -104,41 +104,41 @@ class PlaceholderList:
                 line = str(error).replace("max_bytes must", "--max-bytes must")
                 self.failures.append(f"failed: {photo.name}: {line}")
             else:
-                self.made[photo], self._entries[key] = one, self._entry(photo, one)
+                self.new[photo], self._entries[key] = one, self._entry(photo, one)
 
     @property
     def count(self) -> int:
-        """Number of placeholders that are made or unchanged."""
-        return len(self.made) + self.unchanged
+        """Number of photos whose placeholder is new or unchanged."""
+        return len(self.new) + self.unchanged
 
     @property
     def kept(self) -> int:
-        """Number of entries of an earlier run that are kept for photos that failed now."""
+        """Number of entries of an earlier run that are kept because their photos failed now."""
         return sum(entry is not None for entry in self._entries.values()) - self.count
 
     def files(self) -> dict[str, bytes]:
-        """Return the contents of the files to write, by name.
+        """Return {file name: content} for the files to write.
 
-        A list that would not change is left out, because writing makes servers reload pages.
+        A list that would not change is left out, because some servers would reload their pages.
         """
         entries = {key: entry for key, entry in self._entries.items() if entry is not None}
         if self._options.format == "svg":
             return {name: svg.encode() for name, svg in entries.items()}
         if self._is_json:
-            for photo in self.photos:  # a photo's name depends on the names of the others
+            for photo in self.photos:  # other photos may have changed this photo's name
                 if entry := entries.get(self._key(photo)):
                     entry["metadata"]["filename"] = photo.file
-            listed = entries if self._options.format == "object" else [*entries.values()]
-            text = json.dumps(listed, indent=2) + "\n"
+            contents = entries if self._options.format == "object" else [*entries.values()]
+            text = json.dumps(contents, indent=2) + "\n"
         else:
             text = "".join(f"{line}\n" for line in entries.values())
         is_same = text.encode() == self._data and Path(self._output).is_file()
         return {} if is_same else {self._output: text.encode()}
 
     def _key(self, photo: ListedPhoto) -> str:
-        """Return the name of a photo's own SVG, or the photo's path relative to the root.
+        """Return the key of a photo's entry: the name of its SVG, or its path relative to the root.
 
-        In HTML the path is percent-encoded as a URL.
+        In HTML that path is percent-encoded as a URL.
         """
         if self._options.format == "svg":
             is_stream = self._output == STANDARD_STREAM
@@ -166,7 +166,7 @@ class PlaceholderList:
         return record
 
     def _read(self) -> tuple[bytes, dict[str, Any]]:
-        """Return the present content of the output, and its entries by the keys of their photos."""
+        """Return the present content of the output, and {key of a photo: its entry}."""
         output, form = self._output, self._options.format
         if form == "svg" or output == STANDARD_STREAM or not Path(output).is_file():
             return b"", {}
@@ -180,10 +180,10 @@ class PlaceholderList:
                 entries = records.values() if isinstance(records, dict) else records
                 return data, {entry["metadata"]["path"]: entry for entry in entries}
             lines = [line for line in data.decode().split("\n") if line.strip()]
-            found = {match[1]: line for line in lines if (match := _LINE.match(line))}
-            if not lines or len(found) < len(lines):
+            lines_by_key = {match[1]: line for line in lines if (match := _LINE.match(line))}
+            if not lines or len(lines_by_key) < len(lines):
                 raise ValueError("not lines of <img>")
-            return data, found
+            return data, lines_by_key
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             needed = f"a file of placeholders in {form}, or none yet"
             got = f"{output}, which has something else or is damaged"
@@ -191,7 +191,7 @@ class PlaceholderList:
 
 
 def _sources(photo: ListedPhoto) -> dict[Path, str]:
-    """Return the media types of files beside a photo that a browser should prefer, best first."""
+    """Return {file: media type} of the files beside a photo that browsers should prefer to it."""
     own = Path(photo.path)
     better = takewhile(lambda suffix: suffix != own.suffix.lower(), _SOURCES)
     files = {own.with_suffix(end): _SOURCES[end] for end in better if photo.problem is None}
@@ -199,5 +199,5 @@ def _sources(photo: ListedPhoto) -> dict[Path, str]:
 
 
 def _url(path: str) -> str:
-    """Return a path as a URL, with its names percent-encoded as bytes."""
+    """Return a path as a URL, with its bytes percent-encoded."""
     return quote(os.fsencode(path))

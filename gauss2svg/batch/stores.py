@@ -1,4 +1,4 @@
-"""Functions that read and write local files as well as files of fsspec's stores."""
+"""Functions that read and write files, both local ones and those in fsspec's stores."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from typing import Any
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, refusal
 from gauss2svg.files import check_writable, make_folder, reason_of, replace, write_whole
 
-STATE = "gauss2svg-batch"  # folder in the output folder for the table and unfinished files
+STATE = "gauss2svg-batch"  # folder in the output folder: table, options, unfinished files
 PARTS = f"{STATE}/parts"  # folder of unfinished files
-PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # separator of a path's parts
+PATH_SEPARATOR = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # separates folders in a path
 # Protocols of stores that never show a file half written.
 _WHOLE_PUT = "s3, s3a, gs, gcs, az, abfs, abfss, oss, oci, memory"
 
 
 class _Local:
-    """Local files, with those functions of fsspec's file systems that this package uses."""
+    """Local files, with the functions of fsspec's file systems that this package calls."""
 
     open = staticmethod(open)
     put_file = staticmethod(replace)
@@ -34,7 +34,7 @@ class _Local:
         return Path(path).read_bytes()
 
     def ukey(self, path: str) -> str:
-        """Return the size and date of a file. They change if its content changes."""
+        """Return the size and the time of the last change of a file, as text."""
         status = os.stat(path)
         return f"{status.st_size} {status.st_mtime_ns}"
 
@@ -48,10 +48,10 @@ def is_url(path: str) -> bool:
 
 
 @contextmanager
-def reached(
+def file_system_of(
     name: str, verb: str = "read", kind: type[Gauss2SvgError] = InputError
 ) -> Iterator[tuple[Any, str]]:
-    """Yield the file system of a name and the path in it. Turn errors inside into a `kind`."""
+    """Yield (file system, path in it) of a path or URL. Raise an error in the block as a `kind`."""
     advice = "the path or the URL of a photo, a folder, a glob or a list"
     try:
         if is_url(name):
@@ -60,7 +60,7 @@ def reached(
 
             advice = "another URL, or the same command again"
             fs, path = url_to_fs(name)
-            # fsspec's cache of listings would hold a million names, and hide files written since.
+            # fsspec's cache of listings would hold a million names, and hide files written later.
             fs.dircache.use_listings_cache = False
             yield fs, path
         else:
@@ -72,14 +72,14 @@ def reached(
 
 
 def write(root: str, name: str, data: bytes, sync: bool = True) -> None:
-    """Write a file of a folder, whole or not at all. Raise OutputError.
+    """Write the file `name` of the folder `root`, whole or not at all. Raise OutputError.
 
-    Without `sync`, a power cut may leave an empty file. The folder of unfinished files is not
-    created here, so a machine that does not see the output folder of the run writes nothing.
+    Without `sync`, a power cut may leave an empty file. The folder PARTS is not created here, so a
+    worker on a machine without the output folder of the run fails, and writes no file.
     """
     target = f"{root}/{name}"
     if is_url(target):
-        with reached(target, "write", OutputError) as (fs, path):
+        with file_system_of(target, "write", OutputError) as (fs, path):
             fs.pipe_file(path, data)
         return
     make_folder(Path(target).parent)
@@ -87,7 +87,7 @@ def write(root: str, name: str, data: bytes, sync: bool = True) -> None:
 
 
 def prepare(root: str) -> None:
-    """Create a folder, and remove the unfinished files of runs that were killed.
+    """Create the output folder `root`, and remove the unfinished files of killed runs.
 
     Raise OutputError if the folder cannot be written, and InputError for a store on which others
     could see a file half written.
@@ -101,7 +101,7 @@ def prepare(root: str) -> None:
     make_folder(parts)
     check_writable(parts / "writable")
     for part in parts.iterdir():
-        with suppress(OSError):  # another run removes the part too, or another user owns it
-            # A live worker renames its part within moments, so a part a minute old is left over.
+        with suppress(OSError):  # another run has removed the part, or another user owns it
+            # A live worker soon renames its part. A part a minute old is from a killed run.
             if part.stat().st_mtime < time.time() - 60:
                 shutil.rmtree(part) if part.is_dir() else part.unlink()

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from gauss2svg.batch.stores import PARTS, STATE, is_url, reached
+from gauss2svg.batch.stores import PARTS, STATE, file_system_of, is_url
 from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.errors import OutputError
 
@@ -25,11 +25,11 @@ class Summary:
 
     def __init__(self) -> None:
         self.total = self.done = self.skipped = self.failed = 0
-        self._failures: list[str] = []  # lines on the first five failures
+        self._failures: list[str] = []  # lines about the first five failures
         self._begun = time.monotonic()
 
     def add(self, record: PhotoRecord) -> None:
-        """Count a photo."""
+        """Count the photo of a record."""
         self.total += 1
         self.done += not (record.error or record.skipped)
         self.skipped += record.skipped
@@ -37,8 +37,8 @@ class Summary:
         if record.error and len(self._failures) < 5:
             self._failures.append(f"failed: {record.input}: {record.error}")
 
-    def state(self, count: int) -> str:
-        """Return the speed, the failures and the time left for `count` photos in all, as text."""
+    def progress_text(self, count: int) -> str:
+        """Return text with the speed, failures and remaining time of a batch of `count` photos."""
         rate = (self.done + self.failed) / max(time.monotonic() - self._begun, 0.2)
         left = timedelta(seconds=round((count - self.total) / rate)) if rate else "unknown time"
         return f"{rate:.3g} photos/s, {self.failed:,} failed, {left} left"
@@ -52,19 +52,19 @@ class Summary:
 
 
 def as_cell(value: Any) -> Any:
-    """Return a value for a CSV. Text that a spreadsheet would take for a formula gets a ' first."""
+    """Return a value as a CSV cell. Text that begins like a formula gets a leading apostrophe."""
     if not isinstance(value, str):
         return value
-    # File names may have bytes that are no valid Unicode.
+    # File names may have bytes that are not valid Unicode.
     text = value if value.isascii() else value.encode(errors="backslashreplace").decode()
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
-    """Write the records of photos as CSV, and as Parquet if pyarrow is there. Return the paths."""
+    """Write the records as CSV, and as Parquet if pyarrow is installed. Return the paths."""
     parts = None if is_url(root) else f"{root}/{PARTS}"
     with (
-        reached(f"{root}/{TABLE}", "write", OutputError) as (fs, _),
+        file_system_of(f"{root}/{TABLE}", "write", OutputError) as (fs, _),
         tempfile.TemporaryDirectory(dir=parts) as folder,
     ):
         with open(f"{folder}/table.csv", "w", newline="", encoding="utf-8") as stream:

@@ -1,7 +1,7 @@
 """Vectorise a photo of a batch: write its SVG by the usual pipeline, and its mark.
 
-The mark is a JSON file beside the SVG with the record of the photo. A later run skips the photo if
-the mark shows that the SVG would become the same again.
+The mark is a JSON file beside the SVG. It has the record of the photo. A later run skips the photo
+if the mark shows that the SVG would not change.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from functools import cache, partial
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
-from gauss2svg.batch.stores import is_url, reached, write
+from gauss2svg.batch.stores import file_system_of, is_url, write
 from gauss2svg.errors import ClusterError, Gauss2SvgError, OutputError, error_line, refusal
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
@@ -28,32 +28,32 @@ from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
 MARK = ".gauss2svg.json"  # suffix that makes a mark's name from an SVG's name
-_OF_REPORT = {
+_REPORT_KEYS = {
     "width", "height", "gaussians", "psnr_svg", "ssim_svg", "ssimulacra2_svg", "flip_svg",
     "paint_ms", "stop_reason",
 }  # fmt: skip
-# Errors that prevent one name from being written, although the folder's other files can be.
-_OF_ITS_NAME = {errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EINVAL}
+# errno values of writes that fail because of the file's name. Other files can be written.
+_FILE_NAME_ERRNOS = {errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EINVAL}
 
 
 class PhotoRecord(NamedTuple):
-    """The result of a photo.
+    """The record of a photo: its SVG in numbers, or an error.
 
     input                 path or URL of the photo
     output                name of the SVG, relative to the output folder
-    options               identity of the version and the options
+    options               hash of the version and the options: BatchSpec.identity
     stamp                 size and date of the photo, or its version in a store. "" after an error
     width, height         size of the photo in px
     gaussians, bytes      number of Gaussians and bytes of the SVG
     psnr_svg              PSNR of the SVG in dB, None if it is infinite
     seconds, cpu_seconds  time in seconds that the photo took, and the CPU time of its worker
-    error                 reason why there is no SVG, on one line. None if it is written
-    unreached             targets that were missed
+    error                 reason why there is no SVG, on one line. None if the SVG is written
+    unreached             a line for each target that was missed, such as a PSNR
     ssim_svg              SSIM of the SVG, -1..1
     ssimulacra2_svg, flip_svg  SSIMULACRA2 and FLIP of the SVG with RunOptions.scores, else None
     paint_ms              estimated time in ms that a browser takes to paint the SVG
     stop_reason           reason why the fit ended, as in the report
-    error_code            class of the error, such as InputError, or WorkerDied. None without error
+    error_code            class of the error, such as InputError, or WorkerDied. None if no error
     skipped               True if an earlier run wrote the SVG
     """
 
@@ -94,10 +94,10 @@ class BatchSpec:
 
     options     options of each vectorisation
     root        output folder, or its URL
-    versions    versions that workers must have
+    versions    versions of packages that workers must have
     identity    hash of the version and of the options on which an SVG depends
-    may_reduce  whether a photo is fitted smaller if memory is short. Otherwise it fails
-    run         random name of this run. Marks of the run contain it
+    may_reduce  whether a photo is fitted at a smaller size if memory is short. Otherwise it fails
+    run         random name of this run, which its marks contain
     """
 
     options: Options
@@ -113,16 +113,16 @@ def stamp_of(source: str) -> str:
 
     Raise InputError if the photo cannot be read.
     """
-    with reached(source) as (fs, path):
+    with file_system_of(source) as (fs, path):
         return fs.ukey(path)
 
 
 def finished_record(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
     """Return the record in a photo's mark, or None if the photo must be vectorised (again)."""
-    # An error means that there is no mark, or a file of another origin.
-    with suppress(Gauss2SvgError), reached(f"{spec.root}/{photo[1]}") as (fs, path):
+    # An error in the block means that there is no mark, or one that a batch did not write.
+    with suppress(Gauss2SvgError), file_system_of(f"{spec.root}/{photo[1]}") as (fs, path):
         mark = json.loads(fs.cat_file(path + MARK))
-        # A mark of this run is that of a worker that died before it answered. The photo is done.
+        # If this run wrote the mark, the worker died after it. The photo is done, not skipped.
         is_old = mark.pop("run") != spec.run
         record = PhotoRecord(**mark)
         expected = (*photo, spec.identity, stamp_of(photo[0]))
@@ -132,22 +132,25 @@ def finished_record(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
 
 
 def work(spec: BatchSpec, photos: Sequence[Photo]) -> list[PhotoRecord]:
-    """Vectorise photos and return their records. Raise OutputError if no output can be written."""
+    """Vectorise the unfinished photos, and return the records of all photos of a job.
+
+    Raise OutputError if no file can be written, and ClusterError for other versions of packages.
+    """
     if (installed := versions()) != spec.versions:
         advice = "installing the same there"
         raise ClusterError(f"workers must have {spec.versions}; got {installed}. Try {advice}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # nobody would read the warnings of decoders
-        return [finished_record(spec, photo) or vectorized(spec, photo) for photo in photos]
+        return [finished_record(spec, photo) or vectorize_photo(spec, photo) for photo in photos]
 
 
-def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
-    """Write the SVG of a photo, then the mark, and return the photo's record."""
+def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
+    """Write a photo's SVG, then its mark. Return its record, with an error if that failed."""
     begun, cpu_begun = time.perf_counter(), time.process_time()
     try:
         stamp = stamp_of(photo[0])
         record = PhotoRecord(
-            *photo, spec.identity, stamp, **_written(spec, photo),
+            *photo, spec.identity, stamp, **_write_svg(spec, photo),
             seconds=round(time.perf_counter() - begun, 3),
             cpu_seconds=round(time.process_time() - cpu_begun, 3),
         )  # fmt: skip
@@ -156,8 +159,8 @@ def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
         return record
     except Exception as error:  # a bug here or in a library must not stop the other photos
         cause = error.__cause__
-        is_of_name = getattr(cause, "errno", None) in _OF_ITS_NAME
-        # A rename has failed: on Windows the path is too long, or the old file is open.
+        is_of_name = getattr(cause, "errno", None) in _FILE_NAME_ERRNOS
+        # A failed rename has filename2: on Windows, if a path is too long or the old file is open.
         if sys.platform == "win32":
             is_of_name = is_of_name or getattr(cause, "filename2", None) is not None
         if isinstance(error, OutputError) and not is_of_name:
@@ -170,7 +173,7 @@ def vectorized(spec: BatchSpec, photo: Photo) -> PhotoRecord:
         return PhotoRecord(*photo, spec.identity, error=error_line(line), error_code=code)
 
 
-def _written(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
+def _write_svg(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
     """Write the SVG of a photo, and return entries of its record."""
     options, (source, output) = spec.options, photo
     target = f"{spec.root}/{output}"
@@ -178,15 +181,15 @@ def _written(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
         raise refusal("output", "a file of its own", f"{target}, the photo", "another folder")
     image: Any = source
     if is_url(source):
-        with reached(source) as (fs, path):
+        with file_system_of(source) as (fs, path):
             image = fs.cat_file(path)
     result = vectorize_by(options, image, may_reduce=spec.may_reduce)
     data = file_bytes(result.svg, options.svg.gzip)
-    with reached(target) as (fs, path):
-        # If the content is the same, a run was killed after it wrote the SVG, before the mark.
+    with file_system_of(target) as (fs, path):
+        # An SVG with this content and no mark is of a run that was killed between writing the two.
         may_write = fs.exists(path + MARK) or not fs.exists(path) or fs.cat_file(path) == data
     if not may_write:
         raise refusal("output", "a new file, or one of a batch", target, "another folder")
     write(spec.root, output, data)
-    entries = {name: result.report[name] for name in _OF_REPORT}
+    entries = {name: result.report[name] for name in _REPORT_KEYS}
     return entries | {"bytes": len(data), "unreached": result.report["unreached"]}

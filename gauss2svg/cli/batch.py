@@ -60,7 +60,7 @@ def batch_command(
     from gauss2svg.batch.table import Summary
 
     if log == "json":
-        files.standard_stream(sys.stdout, "output")  # refuse a closed stream before the first run
+        files.standard_stream(sys.stdout, "output")  # refuse a closed stream at once
     job = Batch(photos, output, Options(**vars(parsed)), batch)
     summary, count = Summary(), job.count
     try:
@@ -73,7 +73,7 @@ def batch_command(
                 summary.add(record)
                 if log == "json":
                     files.write_output(json.dumps(record._asdict()).encode() + b"\n")
-                update(summary.state(count), summary.total, count)
+                update(summary.progress_text(count), summary.total, count)
     except KeyboardInterrupt:
         job.finish()
         say(f"see {', '.join(job.tables)}")

@@ -19,7 +19,7 @@ from gauss2svg.cli.terminal import (
     drop_output,
     handling,
     hold_closed_descriptors,
-    ignore,
+    ignore_signals,
     print_utf8,
     say,
     status_of,
@@ -32,14 +32,14 @@ from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
 
-_WIDTH = 79  # most characters in a line, so that no terminal breaks the line elsewhere
-# The packages that decode, fit and measure. Renderers have a line of their own.
+_WIDTH = 79  # number of characters to which --version wraps lines; few terminals are narrower
+# Packages whose versions --version prints, besides those of the renderers.
 _PACKAGES = (
     "numpy", "scipy", "numba", "scikit-image", "pillow", "pyvips", "pi-heif", "svgwrite", "torch",
     "ssimulacra2", "flip-evaluator",
 )  # fmt: skip
 _HELP_ALL = "--help-all"
-# Command lines that need only the options of the short help. The program answers them sooner.
+# Command lines for which the parser needs only the options of the short help. They answer sooner.
 _SHORT_LINES = ([], ["--help"], ["-h"], ["--version"])
 
 
@@ -62,7 +62,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
             negative=(), show_default=lambda value: None if value is False or value == "" else value
         ),
         group_commands=Group("Commands, each with its own --help", sort_key=9),
-        suppress_keyboard_interrupt=False,  # main handles it and reports on the files
+        suppress_keyboard_interrupt=False,  # main handles it, and reports on the files
         result_action="return_value",
         config=(read_options_file, refuse_options),
     )
@@ -88,20 +88,20 @@ def main(arguments: list[str] | None = None) -> int:
          PSNR below --min-psnr
     2    an error, printed as one line on standard error
     130  ended by Ctrl-C, even if the best result so far was written
-    143  ended by SIGTERM, even if the best result so far was written
+    143  ended by SIGTERM or Ctrl-Break, even if the best result so far was written
     """
     hold_closed_descriptors()
-    # Standard error has only lines of the program: warnings and logs of libraries are silenced.
+    # Warnings and logs of libraries are silenced: standard error is for lines of the program.
     warnings.filterwarnings("ignore", module="PIL|distributed")
-    logging.getLogger().addHandler(logging.NullHandler())  # instead of Python's last resort
-    logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)  # it has its own handler
+    logging.getLogger().addHandler(logging.NullHandler())  # else Python prints the logs
+    logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)  # its own handler prints
     words = sys.argv[1:] if arguments is None else arguments
     try:
         app = build_app(everything=_HELP_ALL in words, short=list(words) in _SHORT_LINES)
         with handling():
             status = app(words or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:
-        return _refuse(_with_dashes(_in_our_words(error), words))
+        return _refuse(_with_dashes(_error_line(error), words))
     except Gauss2SvgError as error:
         return _refuse(_with_dashes(str(error), words))
     except MemoryError as error:
@@ -110,7 +110,7 @@ def main(arguments: list[str] | None = None) -> int:
         drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except (KeyboardInterrupt, SystemError) as error:
-        # A Ctrl-C inside a kernel arrives wrapped in numba's SystemError.
+        # After a Ctrl-C inside a kernel, numba raises a SystemError with a KeyboardInterrupt in it.
         causes = error, error.__cause__, error.__context__
         interrupt = next((cause for cause in causes if isinstance(cause, KeyboardInterrupt)), None)
         if interrupt is None:
@@ -124,19 +124,19 @@ def run() -> None:
     """Run the command and exit with its status."""
     print_utf8()
     status = main()
-    ignore()
-    # If a KeyboardInterrupt leaves a string that exec() runs, `python -m` later ends itself by
-    # SIGINT, even if the interrupt was caught. numba runs such strings when it compiles. Running an
-    # empty string prevents that end.
+    ignore_signals()
+    # If a Ctrl-C interrupts code that exec() runs from a string, as numba does when it compiles,
+    # `python -m` finally ends by SIGINT, even if the KeyboardInterrupt was caught. Running an empty
+    # string in exec() prevents that end.
     exec("")
     sys.exit(status)
 
 
 def _versions() -> str:
-    """Return the versions of the program, its packages and its renderers, and the machine.
+    """Return the lines of --version: versions of the program, renderers, packages, and the machine.
 
-    A fault report needs these lines. A package is imported only while its version is read, because
-    the reported fault may be a package that cannot be imported.
+    Users copy these lines into fault reports. If a renderer cannot be loaded, the lines say why,
+    because that may be the fault.
     """
     import platform
     import textwrap
@@ -156,7 +156,7 @@ def _versions() -> str:
 
 
 def _or_reason(name: str, describe: Callable[[str], str]) -> str:
-    """Return describe(name), or the name and the reason why it failed, without advice."""
+    """Return describe(name). If it fails, return the name and the error without its advice."""
     try:
         return describe(name)
     except Exception as error:  # a package that is missing or broken may raise anything
@@ -176,7 +176,7 @@ def _renderer(name: str) -> str:
     return renderer_version(name)
 
 
-def _in_our_words(error: CycloptsError) -> str:
+def _error_line(error: CycloptsError) -> str:
     """Return the error line for a command line that the parser refuses."""
     command = " ".join(("gauss2svg", *(error.command_chain or ())))
     advice = f"Try {command} {'--help' if error.command_chain else _HELP_ALL}"
@@ -185,7 +185,7 @@ def _in_our_words(error: CycloptsError) -> str:
         name = name.lstrip("-").upper() if error.argument.field_info.is_positional else name
         return f"{name} must be given{' with a value' * bool(error.keyword)}; got none. {advice}"
     if isinstance(error, cyclopts.ValidationError) and error.argument is not None:
-        # The parser lets pydantic check values if some package has imported pydantic.
+        # If some package has imported pydantic, pydantic checks values and words these errors.
         name, annotation = error.argument.name.lstrip("-"), error.argument.field_info.annotation
         try:
             field_of(name.replace("-", "_"), annotation).parsed(error.argument.tokens[0].value)
@@ -203,9 +203,9 @@ def _in_our_words(error: CycloptsError) -> str:
 
 
 def _with_dashes(line: str, words: Sequence[str]) -> str:
-    """Return an error line with --max-bytes instead of max_bytes, if it begins with an option.
+    """Return an error line, with --max-bytes for max_bytes if it begins with the name of an option.
 
-    words  command line, whose options are names too: some belong to a single command
+    words  command line. Its options count too, because OPTIONS lacks those of single commands
     """
     typed = {word.partition("=")[0][2:].replace("-", "_") for word in words if word[:2] == "--"}
     names = typed | set(OPTIONS)

@@ -25,7 +25,7 @@ Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor s
 
 
 def read_options_file(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Add the options of the TOML file that --options names. The command line overrides them.
+    """Add the options of the TOML file that --options names to `arguments`, which override them.
 
     The parser calls this. Raise InputError if the file is not TOML or has an invalid option.
     """
@@ -49,8 +49,8 @@ def read_options_file(app: App, commands: tuple[str, ...], arguments: ArgumentCo
 def refuse_options(_app: App, _commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Raise InputError for a file name that was probably meant as an option.
 
-    A parameter that accepts - for a standard stream also accepts a misspelt option, such as
-    --treads, and the option after it, as in -o --quiet. The parser calls this.
+    A parameter whose value may be -, for a standard stream, takes any word with a dash as its
+    value: a misspelt --treads, or --quiet after -o. The parser calls this.
     """
     files = [one for one in arguments if one.parameter.allow_leading_hyphen]
     for keyword, name in [(token.keyword, token.value) for one in files for token in one.tokens]:
@@ -60,7 +60,7 @@ def refuse_options(_app: App, _commands: tuple[str, ...], arguments: ArgumentCol
             got = f"{name}, which reads like an option"
             raise refusal("file", "a name that does not begin with -", got, f"./{name}")
         options = [option for one in arguments for option in one.names]
-        # With a lower cutoff --colors would be close to --scores.
+        # With a lower cutoff the advice for --colors would be --scores.
         close = [*get_close_matches(name, options, 1, cutoff=0.8), "--help"][0]
         advice = f"{close}, or ./{name} for a file of that name"
         raise refusal(name, "an option", "an unknown one", advice)
@@ -72,19 +72,18 @@ def words(text: str) -> list[str]:
 
 
 def options_of(groups: Mapping[str, Group]) -> type[Options]:
-    """Return a class for the parser that has the given groups of `Options` as fields.
+    """Return a class for the parser whose fields are some groups of `Options`.
 
-    groups  for each key of GROUPS, the title under which the help lists its options
+    groups  {key in GROUPS: title in the help} of these groups
     `Options(**vars(parsed))` turns an instance into `Options`, with defaults for missing groups.
     """
     fields = []
     for key, group in groups.items():
-        # The group densify has a flag that is on by default. --no-NAME turns it off.
+        # The group densify has a flag that is on by default, so it needs a --no-NAME.
         negatable: dict[str, Any] = {"negative_bool": "no-", "negative": None}
         parameter = Parameter(name="*", group=group, **(negatable if key == "densify" else {}))
         default = dataclasses.field(default=GROUPS[key]())
         fields.append((key, Annotated[GROUPS[key], parameter], default))
-    # Without this module's name the class would be in `types`, and the parser would take the class
-    # for a builtin.
+    # Else the class would be in the module `types`, and the parser would take it for a builtin.
     namespace = {"__module__": __name__}
     return dataclasses.make_dataclass("ParsedOptions", fields, namespace=namespace, kw_only=True)

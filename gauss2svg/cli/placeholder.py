@@ -37,53 +37,53 @@ def placeholder_command(
 
     """
     paths = local_photos(photos)
-    listed = PlaceholderList(paths, output, options)
+    entries = PlaceholderList(paths, output, options)
     with counting_bar(quiet) as update:
         try:
-            for done, photo in enumerate(listed.photos):
-                update(photo.name, done, len(listed.photos))
-                listed.add(photo)
-        except BaseException:  # a signal inside a kernel arrives as another exception
-            _write_so_far(listed, output)
+            for done, photo in enumerate(entries.photos):
+                update(photo.name, done, len(entries.photos))
+                entries.add(photo)
+        except BaseException:  # an interrupted kernel raises numba's SystemError
+            _write_so_far(entries, output)
             raise
-    kept = listed.kept if listed.count else 0
-    if listed.count:
-        _write(listed, output)
-    if listed.copies:
-        say(f"{listed.copies} of {len(paths)} photos were given more than once")
-    for photo, placeholder in listed.made.items():
+    kept = entries.kept if entries.count else 0
+    if entries.count:
+        _write(entries, output)
+    if entries.copies:
+        say(f"{entries.copies} of {len(paths)} photos were given more than once")
+    for photo, placeholder in entries.new.items():
         if not placeholder.gaussians:
             say(f"{photo.name}: it has no Gaussians, because none fits or none is needed")
-    for line in listed.failures:
+    for line in entries.failures:
         say(line)
     if not quiet:
         where = f" in {'standard output' if output == STANDARD_STREAM else output}"
-        unchanged = f", {listed.unchanged} of them unchanged" if listed.unchanged else ""
+        unchanged = f", {entries.unchanged} of them unchanged" if entries.unchanged else ""
         say(
-            f"{listed.count} placeholder{'s' * (listed.count != 1)}{where * bool(listed.count)}"
-            f"{unchanged}; {len(listed.failures)} failed"
-            f"{'' if listed.count else ', and nothing was written'}"
+            f"{entries.count} placeholder{'s' * (entries.count != 1)}{where * bool(entries.count)}"
+            f"{unchanged}; {len(entries.failures)} failed"
+            f"{'' if entries.count else ', and nothing was written'}"
             + (f"; {kept} of them kept from before" if kept else "")
         )
-    return STATUS_SOME_FAILED if listed.failures else 0
+    return STATUS_SOME_FAILED if entries.failures else 0
 
 
-def _write(listed: PlaceholderList, output: str) -> None:
-    files = listed.files()
+def _write(entries: PlaceholderList, output: str) -> None:
+    files = entries.files()
     if output == STANDARD_STREAM:
         write_output(files[output])
     else:
         write_all_atomically(files)
 
 
-def _write_so_far(listed: PlaceholderList, output: str) -> None:
-    """Write the finished placeholders, but not to standard output, where they would look final."""
-    for line in listed.failures:
+def _write_so_far(entries: PlaceholderList, output: str) -> None:
+    """Print the failures, and write the finished placeholders, but never to standard output."""
+    for line in entries.failures:
         say(line)
-    if listed.made and output != STANDARD_STREAM:
+    if entries.new and output != STANDARD_STREAM:
         try:
-            _write(listed, output)
-            share = f"{len(listed.made)} of {len(listed.photos)} placeholders"
+            _write(entries, output)
+            share = f"{len(entries.new)} of {len(entries.photos)} placeholders"
             say(f"wrote what was made so far: {share}")
         except Gauss2SvgError as error:
             say(str(error))

@@ -9,13 +9,12 @@ from rich.table import Table
 from rich.text import Text
 
 from gauss2svg.errors import on_one_line
-from gauss2svg.measure import ON_REQUEST, TARGETS
+from gauss2svg.measure import ON_REQUEST, TARGETS, decibels
 from gauss2svg.measure.paint import HEAVY_MS
-from gauss2svg.pipeline.report import decibels
 from gauss2svg.pipeline.run import COMPILED_S
 from gauss2svg.svg import MINIMAL, RESPONSIVE
 
-# Text that follows the number of shapes, for each stop_reason of the report.
+# stop_reason of a report -> text that the summary prints after the number of shapes.
 _STOPPED = {
     "iterations": "all {iterations} optimiser steps are done",
     "gaussians": "as many as you asked for",
@@ -27,7 +26,7 @@ _STOPPED = {
     "time_limit": "the time limit is reached",
     "interrupted": "interrupted",
 }
-# Texts that replace those above if the run has a limit and no preset.
+# Texts that replace those of _STOPPED if the run has a limit and no preset.
 _NOTHING_TO_GAIN = {
     "gain": "more would bring it no closer, even if you enlarge it",
     "enough": "more would make no visible difference",
@@ -35,12 +34,12 @@ _NOTHING_TO_GAIN = {
 }
 _SCALE = " (30 is soft, 35 good, 40 hard to tell apart)"
 _SCALE_OF_INKS = " (few inks are far in dB: judge by eye)"
-_FEW = 60  # number of shapes below which one more is much of the file
-_MOST_TAGS = 6  # number of tags of a checked SVG that are listed, the most frequent first
+_FEW = 60  # number of shapes below which one more shape needs a large part of the file
+_MOST_TAGS = 6  # number of tags that print_check lists, the most frequent first
 
 
 def print_summary(report: dict[str, Any], output: str) -> None:
-    """Print the file, its size, how closely it matches the photo, and the time of the run."""
+    """Print the name and size of the file, how closely it matches the photo, and the run's time."""
     r = report
     measured = r["measured_width"], r["measured_height"]
     at = "" if measured == (r["width"], r["height"]) else f", at {measured[0]}x{measured[1]} px"
@@ -79,7 +78,7 @@ def print_check(report: dict[str, Any], svg: str) -> None:
 
 
 def _compilation(seconds: float) -> str:
-    """Return the seconds of compiling kernels, as text, or "" if nothing was compiled."""
+    """Return text on the time that compiling kernels took, or "" if at most COMPILED_S."""
     from gauss2svg.kernel_cache import are_kept
 
     if seconds <= COMPILED_S:
@@ -89,7 +88,7 @@ def _compilation(seconds: float) -> str:
 
 
 def _enlarged(report: dict[str, Any]) -> str:
-    """Return the scores against the reference, or "" if there is none."""
+    """Return the scores of the enlarged SVG against the reference, or "" without a reference."""
     scale = report["reference_scale"]
     if scale is None:
         return ""
@@ -107,7 +106,7 @@ def _size(report: dict[str, Any]) -> str:
 
 
 def _shown_width(report: dict[str, Any]) -> str:
-    """Return the width at which the picture is shown, or "" if --size is not given."""
+    """Return text on the width at which a page shows the picture, or "" without --size."""
     size = report["size"]
     if size is None:
         return ""
@@ -115,8 +114,8 @@ def _shown_width(report: dict[str, Any]) -> str:
 
 
 def _scores(report: dict[str, Any]) -> str:
-    """Return the perceptual scores of the report, and the reason why one is missing."""
-    scores = [score for score in ON_REQUEST if score.has(report[score.key])]
+    """Return the perceptual scores of a report, and the reasons why scores are missing."""
+    scores = [score for score in ON_REQUEST if score.can_show(report[score.key])]
     text = ", ".join(f"{score.name} {score.text(report[score.key])}" for score in scores)
     return "; ".join(filter(None, [text, *report["scores_missing"]]))
 
@@ -134,7 +133,7 @@ def _stop_text(report: dict[str, Any]) -> str:
 
 
 def _page(report: dict[str, Any]) -> str:
-    """Return the time that a browser takes to paint the file, or "" if it is not noticeable."""
+    """Return text on the time that a browser takes to paint the file, or "" below HEAVY_MS."""
     paint_ms = report["paint_ms"]
     if paint_ms is None or paint_ms < HEAVY_MS:
         return ""
@@ -146,7 +145,7 @@ def _page(report: dict[str, Any]) -> str:
 
 
 def _transparency(report: dict[str, Any]) -> str:
-    """Return the PSNR of a transparent photo over white, over black and of alpha, or ""."""
+    """Return the PSNR over white, over black and of alpha, or "" for an opaque photo."""
     if not report["transparent"]:
         return ""
     white, black, alpha = (decibels(report[f"psnr_svg{over}"]) for over in ("", "_black", "_alpha"))

@@ -1,8 +1,8 @@
-"""Signals, the standard streams, which may be closed or break, and messages of commands.
+"""Signals, standard streams (which may be closed or break) and messages of commands.
 
-Ctrl-C, SIGTERM and Ctrl-Break: the first signal ends the fit, and the command writes the best
-result so far. The second signal quits. A signal before the fit quits too, because there is nothing
-to write yet. A first signal after the fit lets the command write and measure the result. Files are
+The first Ctrl-C, SIGTERM or Ctrl-Break ends the fit, and the command writes the best result so far.
+The second signal quits. A signal before the fit quits too, because there is nothing to write yet.
+If the first signal comes after the fit, the command still measures and writes the result. Files are
 whole or untouched.
 """
 
@@ -30,8 +30,8 @@ _ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit a
 
 SIGNALS: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM)  # signals that end a command
 if sys.platform == "win32":
-    # Windows sends SIGBREAK for Ctrl-Break and when a console is closed. On Windows no program
-    # sends SIGTERM to another.
+    # Windows sends SIGBREAK for Ctrl-Break and when a console is closed. Programs of Windows do
+    # not send each other SIGTERM.
     SIGNALS += (signal.SIGBREAK,)
 
 
@@ -40,21 +40,21 @@ class Terminated(KeyboardInterrupt):
 
 
 class Interruption:
-    """A signal that asks a fit to end. Its handler is `receive`, to be set by `handling`."""
+    """The signal that asks a fit to end, if one has come. Pass `receive` to `handling`."""
 
     def __init__(self) -> None:
         self.signal: int | None = None
         self._has_fitted = False
 
-    def asked(self) -> bool:
+    def should_stop(self) -> bool:
         """Return whether the fit should end. `vectorize` calls it as `stop` after every step."""
         if not self._has_fitted:
-            processes.pending()  # raise for an earlier signal, because there is nothing to write
+            processes.pending()  # quit after an earlier signal: there is nothing to write yet
         self._has_fitted = True
         return self.signal is not None
 
     def receive(self, number: int, _frame: FrameType | None) -> None:
-        """Handle a signal: note the first one after the fit began, and quit at any other."""
+        """Handle a signal: note the first one of a fit. Quit at a second one, or before the fit."""
         is_first, self.signal = self.signal is None, number
         if not self._has_fitted:
             _quit_before_fit(number)
@@ -64,26 +64,26 @@ class Interruption:
 
 
 def _write_line(line: bytes) -> None:
-    # The signal may have interrupted print(), so print() must not be called here.
+    # The signal may have interrupted print(), which must not be called again inside itself.
     with suppress(OSError):
         os.write(2, line)
 
 
 def status_of(number: int) -> int:
-    """Return the exit status after a signal: 130 for SIGINT, and 143 for the others."""
+    """Return the exit status after a signal: 130 for SIGINT, and 143 for the other SIGNALS."""
     return 128 + (signal.SIGINT if number == signal.SIGINT else signal.SIGTERM)
 
 
 def raise_for(number: int, _frame: FrameType | None = None) -> None:
-    """Handle a signal: raise KeyboardInterrupt for SIGINT, and Terminated for the others."""
+    """Raise KeyboardInterrupt for SIGINT, or else Terminated. Let `pending` raise it again."""
     processes.pending = partial(raise_for, number)
     raise KeyboardInterrupt if number == signal.SIGINT else Terminated
 
 
 def exit_for(number: int, _frame: FrameType | None = None) -> None:
-    """Handle a signal: end the process at once, with one line on standard error and no cleaning.
+    """Handle a signal: print a line on standard error, and end the process without cleaning up.
 
-    An exception could be lost in a callback of a C library, or end an import half-way.
+    An exception instead could get lost in a callback of a C library, or end an import half-way.
     """
     _write_line((_SHOW_CURSOR if os.isatty(2) else b"") + _QUITTING)
     os._exit(status_of(number))
@@ -93,21 +93,21 @@ _quit_before_fit: Callable[[int], None] = raise_for
 
 
 def exit_before_fits() -> None:
-    """Let signals end the process at once, until a fit or another command runs."""
+    """Let signals end the process at once, until the main fit or another command begins."""
     global _quit_before_fit
     _quit_before_fit = exit_for
-    _set(dict.fromkeys(SIGNALS, exit_for))
+    _set_handlers(dict.fromkeys(SIGNALS, exit_for))
 
 
 @contextmanager
 def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> Iterator[None]:
-    """Set a handler of SIGNALS inside the `with` block, if this is the main thread.
+    """Let `handler` handle SIGNALS inside the `with` block, if this is the main thread.
 
     If a callback of a C library or a __del__ swallows the exception of `raise_for`, it is raised
-    again, at the latest when the block ends, and Python prints no "Exception ignored".
+    again, at the latest when the block ends. Python's "Exception ignored" is not printed.
     """
     is_main = threading.current_thread() is threading.main_thread()
-    before = _set(dict.fromkeys(SIGNALS, handler)) if is_main else {}
+    before = _set_handlers(dict.fromkeys(SIGNALS, handler)) if is_main else {}
     print_swallowed = sys.unraisablehook
 
     def print_others(swallowed: Any) -> None:
@@ -117,26 +117,26 @@ def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> It
     if is_main:
         sys.unraisablehook = print_others
     try:
-        processes.pending()  # raise for a signal that came before
+        processes.pending()  # raise the exception of an earlier signal
         yield
         processes.pending()
     finally:
-        _set(before)
+        _set_handlers(before)
         if is_main:
             sys.unraisablehook = print_swallowed
         processes.pending = processes.nothing
 
 
-def ignore() -> None:
+def ignore_signals() -> None:
     """Ignore signals from now on, because the exit status of the command is decided."""
-    _set(dict.fromkeys(SIGNALS, signal.SIG_IGN))
+    _set_handlers(dict.fromkeys(SIGNALS, signal.SIG_IGN))
 
 
-def _set(handlers: Mapping[int, Any]) -> dict[int, Any]:
-    """Set handlers of signals, and return the handlers that they replace.
+def _set_handlers(handlers: Mapping[int, Any]) -> dict[int, Any]:
+    """Set a handler for each signal, and return the handlers that are replaced.
 
-    Signals that are ignored stay ignored, as under nohup, or in the background of a shell without
-    job control.
+    A signal that this process ignores stays ignored, as under nohup, or in the background of a
+    shell without job control.
     """
     before = {number: signal.getsignal(number) for number in handlers}
     for number, handler in handlers.items():
@@ -145,7 +145,7 @@ def _set(handlers: Mapping[int, Any]) -> dict[int, Any]:
     return before
 
 
-_LINE_S = 60.0  # seconds between two lines of progress in a log, so that a night has hundreds
+_LINE_S = 60.0  # seconds between two lines of progress in a log, which then has hundreds a night
 
 
 def say(line: str) -> None:
@@ -156,28 +156,28 @@ def say(line: str) -> None:
 def hold_closed_descriptors() -> None:
     """Open the null device for each closed standard descriptor.
 
-    Otherwise the next file that is opened would get its number, and messages of libraries would go
-    into that file. sys.stdin and sys.stdout stay None, which files.standard_stream detects.
+    Otherwise the next file that is opened would get that descriptor, and messages of libraries
+    would go into it. sys.stdin and sys.stdout stay None, which files.standard_stream detects.
     sys.stderr becomes the null device, because print(file=None) would write to standard output.
     """
     for descriptor in (0, 1, 2):
         try:
             os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # the new descriptor has the lowest free number
+            os.open(os.devnull, os.O_RDWR)  # the lowest free number, which is `descriptor`
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (it stays open until the process ends)
 
 
 def print_utf8() -> None:
-    """Encode prints to a pipe or a file as UTF-8, which on Windows is not the default."""
+    """Encode what is printed to a pipe or a file as UTF-8, which is not the default on Windows."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and not stream.isatty():
             stream.reconfigure(encoding="utf-8", errors=stream.errors)
 
 
 def drop_output() -> None:
-    """Discard the rest of a broken standard output, because Python would fail again at exit."""
+    """Discard what is still buffered for a broken standard output, or Python would fail at exit."""
     if sys.stdout is None:
         return
     try:
@@ -191,12 +191,12 @@ def drop_output() -> None:
 def counting_bar(
     quiet: bool, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield update(current step, finished steps, total steps), which shows the progress.
+    """Yield update(current step, finished steps, total steps), which shows a progress bar.
 
-    If standard error is no terminal, a line a minute replaces the bar.
+    If standard error is not a terminal, `update` prints a line a minute instead.
 
     quiet  whether to show nothing
-    clock  returns seconds
+    clock  function that returns the time in seconds
     """
     from gauss2svg.pipeline.progress_display import terminal_bar
 

@@ -31,7 +31,7 @@ from gauss2svg.scene.inks import MOST_INKS
 if TYPE_CHECKING:
     from gauss2svg.pipeline.vectorize import Result
 
-_PROGRAM_START_S = time.perf_counter()  # a time limit counts from here
+_PROGRAM_START_S = time.perf_counter()  # start of the time that --time-limit limits
 
 _EXAMPLES = (
     "gauss2svg photo.jpg -o out.svg                       # adapts to the picture",
@@ -42,8 +42,8 @@ HELP = "Turn a picture into an SVG of soft shapes, and measure how closely it ma
     "  \n".join(_EXAMPLES)  # two trailing spaces keep the line break in Markdown
 )
 _SIGNATURE = b"written by gauss2svg"  # text in the description of every SVG that gauss2svg writes
-_SIGNATURE_WITHIN = 65536  # bytes at the start of a file in which the signature stands
-# The suffix that each option for a file requires.
+_SIGNATURE_WITHIN = 65536  # bytes at the start of a file in which the signature is searched
+# Option for an output file -> suffix that the file must have.
 _SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
 _SUFFIXES |= {"save_scene": ".npz"}
 _FORMATS_NAMED = 6  # number of photo formats that the help names
@@ -91,7 +91,7 @@ class OutputFiles:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MakerFiles(OptionGroup):
+class PlatesAndPens(OptionGroup):
     """Options for files that printers and plotters take."""
 
     separations: Path | None = None
@@ -104,8 +104,8 @@ class MakerFiles(OptionGroup):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Files(MakerFiles, OutputFiles, InputFiles):
-    """All files beside the photo and the SVG."""
+class Files(PlatesAndPens, OutputFiles, InputFiles):
+    """Options for all files beside the photo and the SVG."""
 
     def plates(self, count: int) -> list[Path]:
         """Return the paths of the first `count` plates, or none without --separations."""
@@ -116,10 +116,10 @@ class Files(MakerFiles, OutputFiles, InputFiles):
 
 
 def vectorize_command(everything: bool, short: bool = False) -> Callable[..., int]:
-    """Return the command as a function with a parameter for each group of options.
+    """Return the main command as a function with a parameter for each group of options.
 
     everything  whether its help shows all groups, and not only the first
-    short       whether it takes only the first group, which is quicker to build
+    short       whether it has only the first group, which is quicker to build
     """
     groups = {
         key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
@@ -127,7 +127,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
     }
     files_group = Group("Output files", sort_key=0.5)
     inputs_group = Group("Input files", sort_key=0.7, show=everything)
-    makers_group = Group("Plates and pens", sort_key=2.5, show=everything)
+    plates_group = Group("Plates and pens", sort_key=2.5, show=everything)
     parsed = options_of(groups)
     defaults = parsed()
 
@@ -139,14 +139,14 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
             OutputFiles, Parameter(name="*", group=files_group)
         ] = OutputFiles(),
         input_files: Annotated[InputFiles, Parameter(name="*", group=inputs_group)] = InputFiles(),
-        maker_files: Annotated[MakerFiles, Parameter(name="*", group=makers_group)] = MakerFiles(),
+        plates: Annotated[PlatesAndPens, Parameter(name="*", group=plates_group)] = PlatesAndPens(),
     ) -> int:
         photos = expanded(photo)
-        if len(photos) != 1:
+        if len(photos) != 1 or os.path.isdir(photos[0]):
             got = brief(", ".join(photos)) if photos else "none"
-            advice = "gauss2svg batch for several" if photos else "gauss2svg --help"
+            advice = "gauss2svg batch PHOTOS -o FOLDER" if photos else "gauss2svg --help"
             raise refusal("the photo", "one file", got, advice)
-        extras = Files(**vars(output_files), **vars(input_files), **vars(maker_files))
+        extras = Files(**vars(output_files), **vars(input_files), **vars(plates))
         return _run(photos[0], output, Options(**vars(options)), extras)
 
     command.__doc__ = HELP + _PARAMETERS
@@ -160,7 +160,7 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
             output = _default_output(photo, extras.overwrite)
         options = _checked(photo, output, options, extras)
         result = _result(photo, output, options, extras, interruption)
-        lines = [*result.report["unreached"]] if extras.quiet else []  # shown even if quiet
+        lines = [*result.report["unreached"]] if extras.quiet else []  # else the summary shows them
         lines += _write(result, output, extras)
         written_to = "standard output" if output == STANDARD_STREAM else output
         if not extras.quiet:
@@ -181,8 +181,8 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
 def _default_output(photo: str, overwrite: bool) -> str:
     """Return the name of the SVG beside a photo: photo.svg for photo.jpg.
 
-    Raise InputError if the name is the photo's own. Also raise it if the file exists and gauss2svg
-    did not write it, unless overwrite is True.
+    Raise InputError if the photo is standard input or has that name itself. Also raise it if the
+    file exists and gauss2svg did not write it, unless `overwrite` is True.
     """
     if photo == STANDARD_STREAM:
         advice = "-o out.svg, or -o - for standard output"
@@ -204,15 +204,15 @@ def _default_output(photo: str, overwrite: bool) -> str:
 def _checked(photo: str, output: str, options: Options, extras: Files) -> Options:
     """Return the options, with gzip on for an output that ends in .svgz.
 
-    Raise InputError if the options exclude a file, or if a file's suffix is wrong. Raise
-    OutputError if a file cannot be written.
+    Raise InputError if an output file does not go with the options, is an input, or has a wrong
+    suffix. Raise OutputError if a file cannot be written.
     """
     from gauss2svg.svg.file import check_suffix, check_svg_name, is_svgz
 
     for name, rule, advice in _exclusions(output, options, extras):
         raise InputError(f"{name} must {rule}. Try {advice}")
     if extras.separations is not None:
-        files.check_writable(extras.separations)  # refuse a folder, because plates need a file name
+        files.check_writable(extras.separations)  # refuse a folder: plates need a file name
     paths = {name: path for name in _SUFFIXES if (path := getattr(extras, name)) is not None}
     targets = [] if output == STANDARD_STREAM else [Path(output)]
     targets += [path for name, path in paths.items() if name != "separations"]
@@ -232,7 +232,7 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
 
 
 def _exclusions(output: str, options: Options, extras: Files) -> Iterator[tuple[str, str, str]]:
-    """Yield the name of an option for files, the rule that it breaks, and what to try."""
+    """Yield (name, broken rule, advice) for each option for files that breaks a rule."""
     if not output:
         yield "--output", "be the name of a file; got ''", "-o out.svg"
     if extras.outline is not None and options.written_blend == ADD:
@@ -255,17 +255,17 @@ def _result(
 
     source = files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
     if output == STANDARD_STREAM:
-        files.standard_stream(sys.stdout, "output")  # refuse a closed stream before the fit
+        files.standard_stream(sys.stdout, "output")  # refuse a closed stream at once
     started = _PROGRAM_START_S if options.goal.time_limit is not None else None
     with watched(not extras.quiet) as progress:
         return vectorize_by(
-            options, source, focus=extras.focus, progress=progress, stop=interruption.asked,
+            options, source, focus=extras.focus, progress=progress, stop=interruption.should_stop,
             started=started,
         )  # fmt: skip
 
 
 def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
-    """Write all files, and yield lines that explain the outlines and the plates."""
+    """Write all files, and yield lines of text that explain the outlines and the plates."""
     from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])

@@ -15,7 +15,7 @@ from gauss2svg.measure import NONE, PSNR, SPACE, Score
 
 
 def whole(value: float | None) -> str:
-    """Return a whole number with a space between thousands."""
+    """Return a number as text, rounded to a whole one, with spaces between thousands."""
     return NONE if value is None else f"{round(value):,}".replace(",", SPACE)
 
 
@@ -59,7 +59,7 @@ def machine_text(machine: Mapping[str, Any]) -> str:
 
 
 class Cost(NamedTuple):
-    """A cost in a chart: its key in a record, its unit "bytes" or "seconds", its axis title."""
+    """A cost for charts: its key in a record, its unit ("bytes" or "seconds"), its axis title."""
 
     key: str
     unit: str
@@ -75,10 +75,10 @@ COSTS = (
     Cost("total_s", "seconds", "time, photo to measured SVG"),
 )
 _MARGIN = 1.25  # factor by which the cost axis extends beyond the outermost points
-_MOST_DECADES = 2.5  # a cost axis of more decades has ticks at powers of ten only
+_MOST_DECADES = 2.5  # number of decades above which a cost axis has ticks at powers of ten only
 
 
-# Positions of the axes of a chart, in user units. A narrow chart has fewer ticks.
+# Size of a chart and positions of its axes, in user units. A narrow chart has fewer ticks.
 WIDE = Frame(width=720, height=440, left=52, right=700, top=34, bottom=394, is_narrow=False)
 NARROW = Frame(width=340, height=270, left=42, right=326, top=30, bottom=226, is_narrow=True)
 
@@ -89,8 +89,8 @@ def scatter(
     """Return the chart of a score over the logarithm of a cost, as data for chart.jinja.
 
     points  mappings with cost (> 0), score (None if the PSNR is infinite), series (index that
-            decides colour and shape), group (a line joins its points; None for no line), text
-            (tooltip), and perhaps href (address that a click opens)
+            decides colour and shape), group (a line joins the points of a group; None for no
+            line), text (tooltip), and perhaps href (address that a click opens)
 
     The chart has its frame, the titles of its axes, ticks as (position, text), and the points with
     positions x and y. Points of exact SVGs, whose PSNR is infinite, lie in a row at the top, at
@@ -106,7 +106,7 @@ def scatter(
     some_equal = None in scores
     step = _step(max(finite) - min(finite), axis.least_step)
     bottom = math.floor(min(finite) / step) * step
-    # The highest mark stays clear of the frame.
+    # The axis ends at least a fifth of a step above the highest point.
     top = math.ceil((max(finite) + step / 5) / step) * step
     ceiling = top + step if some_equal else top
 
@@ -133,7 +133,7 @@ def scatter(
 
 
 def template_environment(*packages: str) -> Environment:
-    """Return the templates of charts and of further packages. They escape text."""
+    """Return a Jinja environment that escapes text, with templates of this and other packages."""
     loader = ChoiceLoader([PackageLoader(name) for name in ("gauss2svg.compare", *packages)])
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     environment.trim_blocks = environment.lstrip_blocks = True
@@ -143,13 +143,13 @@ def template_environment(*packages: str) -> Environment:
 
 
 def _step(span: float, least: float) -> float:
-    """Return the distance of ticks: `least` times the first of 1, 2, 5, 10, .. with <= 6 steps."""
+    """Return the distance of ticks: the first of 1, 2, 5, 10, .. x `least` with <= 6 in `span`."""
     steps = (least * factor * 10**power for power in count() for factor in (1, 2, 5))
     return next(step for step in steps if span / step <= 6)
 
 
 def _ticks(low: float, high: float, is_narrow: bool) -> list[float]:
-    """Return ticks: 1, 2 and 5 of each power of ten, fewer on a long axis, more on a short one."""
+    """Return the ticks of a cost axis: 1, 2, 5, 10, 20, .., fewer if it is long, more if short."""
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
 
     def between(*steps: float) -> list[float]:

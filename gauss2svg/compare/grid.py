@@ -1,4 +1,4 @@
-"""The grid of photos and variants: finished runs keep their records, and missing ones are run.
+"""The grid of photos and variants: records of finished runs are kept, and missing runs are made.
 
 The benchmark and galleries are reports on a grid. When a run ends, its record is appended to a file
 as a line of JSON.
@@ -34,7 +34,7 @@ from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
 @cache
 def code_digest() -> str:
-    """Return the SHA-256 of the package's source files. If the code changes, runs are repeated."""
+    """Return the SHA-256 of the package's source files. If it changes, all runs are made again."""
     package = Path(__file__).parent.parent
     sources = sorted(package.rglob("*.py"))
     parts = (str(path.relative_to(package)).encode() + path.read_bytes() for path in sources)
@@ -43,11 +43,11 @@ def code_digest() -> str:
 
 @dataclass(eq=False)
 class Task:
-    """A run of a photo in a variant.
+    """A run of a photo in a variant, or the preparation of a photo for a gallery.
 
-    variant       None for the preparation of the photo
+    variant       variant of the run; None for a preparation
     parameters    values of the request other than the photo and the variant
-    dependencies  values that change the result, apart from photo, variant, code, renderer, scores
+    dependencies  values on which the result depends, besides those that are part of every key
     columns       further columns of the record
     file          file that the task writes in its own folder, or None. The task is finished only if
                   this file exists.
@@ -62,20 +62,20 @@ class Task:
 
     @property
     def request(self) -> dict[str, Any]:
-        """Argument of the function that makes the record."""
+        """Argument for the function that makes the record."""
         variant = self.variant
         tool = {"tool": variant.tool, "settings": dict(variant.settings)} if variant else {}
         return {"source": self.photo.path, **tool, **self.parameters}
 
     @cached_property
     def key(self) -> str:
-        """Hash of everything that the record depends on, without paths."""
+        """Hash of everything that the record depends on. Paths are not part of it."""
         software = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
         parts = [self.photo.digest, *software, self.variant, *self.dependencies]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
     def record(self, answer: Mapping[str, Any]) -> Row:
-        """Return the record: photo, variant, date, machine, and the answer of the function."""
+        """Return the record: photo, variant, date, machine, and the items of `answer`."""
         return {
             "key": self.key,
             **(self.variant.columns if self.variant else {}),
@@ -89,7 +89,7 @@ class Task:
 
 
 class Progress(NamedTuple):
-    """Progress of a grid: finished runs, all runs, SVGs kept from before, names of current runs."""
+    """Progress of a grid: finished tasks, all tasks, kept runs, names of the current tasks."""
 
     done: int
     total: int
@@ -102,8 +102,8 @@ class Grid:
 
     path     file of all records
     records  record of each task, in the order of the tasks. A record is empty until its task has
-             ended, and has a line "error" if the task failed.
-    kept     number of files that were made before and are still valid
+             ended, and has a text "error" if the task failed.
+    kept     number of runs whose records from before are still valid
     total    number of tasks that will have a record
     """
 
@@ -119,7 +119,7 @@ class Grid:
             row = rows_before.get(task.columns.get("folder", task.key), {"key": ""})
             is_whole = "error" not in row and (task.file is None or task.file.exists())
             if is_whole and row["key"] == task.key:
-                self.records[task] = row | {"image": task.photo.name}  # the photo may be renamed
+                self.records[task] = row | {"image": task.photo.name}  # it may have a new name
         self.kept = sum(1 for task, row in self.records.items() if row and task.variant)
 
     def has_succeeded(self, task: Task) -> bool:
@@ -129,7 +129,7 @@ class Grid:
     def run(
         self, tasks: Iterable[Task], pool: Pool, make: Callable[[Mapping[str, Any]], Row]
     ) -> Iterator[Row]:
-        """Call `make` in the processes of a pool for each missing record, and yield the records.
+        """Make each missing record by `make` in a process of `pool`, save it, and yield it.
 
         Raise OutputError if no other record can be made, for example because the disk is full.
         """
@@ -138,7 +138,7 @@ class Grid:
             self._now.append(task)
             self._report()
             if task.file is not None and task.file.exists():
-                # This run replaces an old file, whose record is wrong from now on.
+                # The old record of this file is wrong from now on, also after an interruption.
                 add_row(self._path, task.record({"error": "it was interrupted"}))
             return pool.submit(record_or_error, make, task.request)
 
@@ -164,10 +164,10 @@ class Grid:
 
 
 def rows_in(path: Path) -> dict[str, Row]:
-    """Return the rows of a file of JSON lines, each by its folder, or by its key without a folder.
+    """Return {folder of a row, or else its key: row} for a file of JSON lines.
 
-    The last row of a folder or key counts. Damaged lines are left out, and so are rows without a
-    key. Raise InputError if the file cannot be read.
+    The last row of a folder or key counts. Damaged lines and rows without a key are left out. Raise
+    InputError if the file cannot be read.
     """
     rows: dict[str, Row] = {}
     if path.exists():
@@ -212,7 +212,7 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
 
 
 def output_folder(directory: str | os.PathLike[str], outputs: Iterable[str]) -> Path:
-    """Return a folder, created if missing. Raise OutputError if an output cannot be written."""
+    """Create a folder if missing. Return it, or raise OutputError if an output is not writable."""
     folder = Path(file_name("directory", directory, "the name of a folder, such as . for this one"))
     make_folder(folder)
     for name in outputs:

@@ -46,10 +46,10 @@ def _output(command: list[str]) -> str:
 
 
 class Peer(NamedTuple):
-    """Another tool.
+    """A tool other than gauss2svg.
 
-    prepare   imports the tool, reads the PNG, and returns a function that writes the file. Only the
-              time of that function is measured.
+    prepare   function that imports the tool, reads the PNG, and returns a second function, which
+              writes the file. Only the time of the second function is measured.
     suffix    suffix of the file. An .svg is rasterised for its scores. Others are read as images.
     settings  sets of keyword arguments of `prepare`. The benchmark tries all, a gallery the first
     version   returns the installed version, or None if the tool is not installed
@@ -79,7 +79,7 @@ _VTRACER1_STYLES: dict[str, dict[str, Any]] = {
         "clustering": "watershed", "watershed_detail": 512, "optimize": 2, "path_precision": 1,
     },
 }  # fmt: skip
-_ISOLATED = "-I"  # option that hides the packages of PYTHONPATH from the other Python
+_ISOLATED = "-I"  # option of the other Python, which then ignores PYTHONPATH
 _SAY_VERSION = (
     "import importlib.metadata, vtracer\n"
     "vtracer.Config; print(importlib.metadata.version('vtracer'))"
@@ -134,13 +134,13 @@ _SPLATTHIS: dict[str, dict[str, Any]] = {
     "default": {
         "max_splats": 2000, "stages": [200, 150, 100, 50], "quality_profile": "max-fidelity",
     },
-    # At 160 px a run took 125 CPU seconds. Larger images would only time out.
+    # The image is reduced to `side` px, because at 160 px a run took 125 CPU seconds.
     "fast": {"max_splats": 500, "stages": [60, 40], "quality_profile": "fast", "side": 128},
 }  # fmt: skip
 
 
 def _primitive_version() -> str | None:
-    """Return the first digits of the binary's hash, because it reports no version."""
+    """Return the first digits of the program's hash, because it reports no version."""
     path = shutil.which("primitive")
     return path and hashlib.sha256(Path(path).read_bytes()).hexdigest()[:8]
 
@@ -167,7 +167,7 @@ def _swag(png: Path, output: Path, quality: str) -> Conversion:
             words = ["--quality", quality, "--max-edge", "0", "--background", "keep"]
             words += ["--workers", "1", "--no-measure", "--quiet"]
             _output(["swag", str(png), "--out", folder, *words])
-            for drawing in Path(folder).glob("*.svg"):  # another program of this name writes none
+            for drawing in Path(folder).glob("*.svg"):  # another program named swag writes none
                 shutil.move(drawing, output)
 
     return convert
@@ -193,29 +193,29 @@ def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Conversi
 
 
 def _avif_version() -> str | None:
-    """Return the version of the codec, or None if Pillow was built without it."""
+    """Return the version of the AVIF codec, or None if Pillow was built without it."""
     from PIL import features
 
     return features.version("avif")
 
 
-def _each(name: str, values: Iterable[Any]) -> tuple[dict[str, Any], ...]:
+def _settings(name: str, values: Iterable[Any]) -> tuple[dict[str, Any], ...]:
     return tuple({name: value} for value in values)
 
 
-_QUALITIES = _each("quality", (10, 30, 60, 90))
+_QUALITIES = _settings("quality", (10, 30, 60, 90))
 
 
 PEERS: dict[str, Peer] = {
-    "vtracer": Peer(_vtracer, ".svg", _each("style", _VTRACER), partial(_version, "vtracer")),
+    "vtracer": Peer(_vtracer, ".svg", _settings("style", _VTRACER), partial(_version, "vtracer")),
     "splatthis": Peer(
-        _splatthis, ".svg", _each("style", _SPLATTHIS), partial(_version, "splatthis")
+        _splatthis, ".svg", _settings("style", _SPLATTHIS), partial(_version, "splatthis")
     ),
-    "primitive": Peer(_primitive, ".svg", _each("shapes", (100, 500)), _primitive_version),
-    "vtracer1": Peer(_vtracer1, ".svg", _each("style", _VTRACER1_STYLES), _vtracer1_version),
-    "swag": Peer(_swag, ".svg", _each("quality", ("fast", "balanced")), _swag_version),
+    "primitive": Peer(_primitive, ".svg", _settings("shapes", (100, 500)), _primitive_version),
+    "vtracer1": Peer(_vtracer1, ".svg", _settings("style", _VTRACER1_STYLES), _vtracer1_version),
+    "swag": Peer(_swag, ".svg", _settings("quality", ("fast", "balanced")), _swag_version),
     "neroued": Peer(
-        _neroued, ".svg", _each("pipeline", ("V2",)), partial(_version, "neroued-vectorizer")
+        _neroued, ".svg", _settings("pipeline", ("V2",)), partial(_version, "neroued-vectorizer")
     ),
     "jpeg": Peer(partial(_pillow, "JPEG"), ".jpg", _QUALITIES),
     "webp": Peer(partial(_pillow, "WEBP"), ".webp", _QUALITIES),

@@ -17,14 +17,14 @@ import psutil
 from gauss2svg.errors import Gauss2SvgError, OutputError, error_line, on_one_line
 
 Row = dict[str, Any]
-TOOL = "gauss2svg"  # value of "tool" in rows that are not a peer's
+TOOL = "gauss2svg"  # value of "tool" in rows of gauss2svg itself
 
 
 def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:
     """Return the record that a function makes, or {"error": one line} if it raises an exception.
 
-    So a request that fails does not stop the others. The record also has "fatal" if no other
-    request can succeed, for example because the disk is full. Infinities and NaN become None.
+    So a task that fails does not stop the others. The record also has "fatal" after an OutputError,
+    because no other task can succeed, for example if the disk is full. Infinities become None.
     """
     try:
         return json_safe(make(*arguments))
@@ -43,13 +43,13 @@ def json_safe(value: Any) -> Any:
 
 
 def start_watch() -> Callable[[], dict[str, Any]]:
-    """Start a watch, and return a function that returns the cost since the start.
+    """Start a watch, and return a function that returns the costs since the start.
 
     total_s      wall-clock seconds
     cpu_s        CPU seconds of this process and its children
     other_cpu_s  CPU seconds of all other programs. If these programs occupy the cores, threads that
                  wait for each other take much longer.
-    peak_bytes   peak memory of this process or a child that it waited for; None if unknown
+    peak_bytes   peak memory of this process or an ended child since it began; None if unknown
     """
     start = _seconds()
 
@@ -81,7 +81,7 @@ def _peak_bytes() -> int | None:
     unit = 1 if sys.platform == "darwin" else 1024
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * unit
     if peak := _from_proc("self/status", "VmHWM").removesuffix(" kB"):
-        return max(int(peak) * 1024, children)  # ru_maxrss includes the parent's peak on Linux
+        return max(int(peak) * 1024, children)  # Linux adds the parent's peak to ru_maxrss
     return max(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit, children)
 
 
@@ -94,7 +94,7 @@ def machine() -> dict[str, Any]:
 
 
 def _from_proc(file: str, name: str) -> str:
-    """Return the first value of a name in a file of /proc, or "" if there is none."""
+    """Return the first value after "name:" in a file of /proc, or "" if there is none."""
     try:
         text = Path("/proc", file).read_text(encoding="utf-8")
     except OSError:

@@ -36,13 +36,13 @@ from gauss2svg.pool import Pool
 from gauss2svg.processes import held_bytes
 
 Request = Mapping[str, Any]
-# Keys of a report that are also in a record of the benchmark: _OF_A_FIT for gauss2svg alone,
-# _OF_A_FILE for all tools.
-_OF_A_FIT = (
+# Keys of a report that are also in a record of the benchmark: _FIT_KEYS for gauss2svg alone,
+# _FILE_KEYS for all tools.
+_FIT_KEYS = (
     "fit_width", "fit_height", "gaussians", "iterations", "rounds", "stop_reason", "threads",
     "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
 )  # fmt: skip
-_OF_A_FILE = (
+_FILE_KEYS = (
     "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
     "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
 )  # fmt: skip
@@ -50,7 +50,7 @@ _OF_A_FILE = (
 PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"
 PICTURE, SCENE, REPORT = "picture.svg", "scene.npz", "report.json"
 OUTLINES, ERRORS = "outlines.svg", "errors.png"
-SIDE = 74  # px, side of a crop. Enlarged 3x, five crops fit on a laptop, more than one on a phone
+SIDE = 74  # px, side of a crop. Enlarged 3x, five fit side by side on the screen of a laptop
 _THUMBNAIL_PX = 320  # longest side of a thumbnail
 
 
@@ -59,8 +59,8 @@ class Run(NamedTuple):
 
     data    bytes of the file, an SVG or a raster image
     report  measurements, in the form in which the command line writes them
-    raster  pixels of the file, from which the scores were computed
-    photo   pixels of the photo that the file was compared with, in the same size
+    raster  pixels of the drawn file, from which the scores were computed
+    photo   pixels of the photo, in the same size, with which `raster` was compared
     cost    total_s, cpu_s, other_cpu_s and peak_bytes, and for gauss2svg also warmup_s
     result  result of gauss2svg; None for other tools
     """
@@ -80,7 +80,7 @@ def run(request: Request) -> Run:
              max_pixels), peer_timeout (s), and perhaps reference (a path and a scale)
     Raise Gauss2SvgError if no file is made, or if it cannot be measured.
     """
-    return _own(request) if request["tool"] == TOOL else _by_peer(request)
+    return _by_gauss2svg(request) if request["tool"] == TOOL else _by_peer(request)
 
 
 def measure_alone(request: Request) -> dict[str, Any]:
@@ -95,7 +95,7 @@ def measure_alone(request: Request) -> dict[str, Any]:
 def measure_run(request: Request) -> dict[str, Any]:
     """Return the benchmark's record of a run that is made in this process."""
     finished, is_own = run(request), request["tool"] == TOOL
-    names = _OF_A_FILE + _OF_A_FIT * is_own
+    names = _FILE_KEYS + _FIT_KEYS * is_own
     used = {name: finished.report[name] for name in AXES if is_own and name in finished.report}
     return {
         "used": request["settings"] | used,
@@ -114,11 +114,11 @@ def in_own_process(function: Callable[..., Any], *arguments: Any, timeout_s: flo
         return pool.submit(record_or_error, function, *arguments, timeout=timeout_s).result()
 
 
-# Warm up once in a process for all runs with the same settings. Their time excludes the warm-up.
+# A process warms up once for all its runs with the same settings. Their time excludes the warm-up.
 _warm_up_once = cache(lambda options_json: warm_up(json.loads(options_json)))
 
 
-def _own(request: Request) -> Run:
+def _by_gauss2svg(request: Request) -> Run:
     apply_constants(request["settings"])
     settings = options_in(request["settings"])
     options = Options.from_flat({**settings, **request["options"], "full_size": True})
@@ -138,7 +138,7 @@ def _own(request: Request) -> Run:
 
 
 def _by_peer(request: Request) -> Run:
-    """Return the run of another tool, which gets the photo over white."""
+    """Return the run of another tool, which is given the photo over white."""
     tool, settings, limit_s = (request[name] for name in ("tool", "settings", "peer_timeout"))
     most = request["options"]["max_pixels"]
     photo = load_image(request["source"], matte=WHITE, max_pixels=most).pixels
@@ -175,7 +175,7 @@ def _measured_image(
 
 
 def make_photo(request: Request) -> dict[str, Any]:
-    """Write the photo, lossless and without metadata, and its thumbnail. Return the record.
+    """Write a photo as lossless WebP of at most photo_size, and its thumbnail. Return the record.
 
     request  source, folder, photo_size, and options with max_pixels
     Raise InputError if the photo cannot be read, and OutputError if a file cannot be written.
@@ -189,14 +189,14 @@ def make_photo(request: Request) -> dict[str, Any]:
 
 
 def make_svg(request: Request) -> dict[str, Any]:
-    """Write an SVG of a photo, its report, thumbnail and error map. Return the record.
+    """Write an SVG of a photo, and the files of a gallery that belong to it. Return the record.
 
-    request  folder, photo_size, page_photo (path of the photo of the page), and what `run` needs
+    request  folder, photo_size, page_photo (path of the page's photo), and all that `run` needs
     Raise Gauss2SvgError if the SVG cannot be made.
     """
     header = header_of(request["source"], max_pixels=request["options"]["max_pixels"])
-    # The page's photo, which is reduced and has 8 bits, replaces a photo larger than photo_size.
-    # Any other photo is read as the command line reads it.
+    # If the photo is larger than photo_size, the page's photo is read, which is reduced and has 8
+    # bits. Otherwise the photo is read as the command line reads it.
     if header and max(header.width, header.height) > request["photo_size"]:
         request = {**request, "source": request["page_photo"]}
     finished = run(request)
@@ -220,7 +220,7 @@ def make_svg(request: Request) -> dict[str, Any]:
 
 
 def rounds_of(svg: str) -> list[list[int]]:
-    """Return [number of the round, shapes up to it] for each round of an SVG of gauss2svg."""
+    """Return [number of a round, number of shapes up to its end] for each round of an SVG."""
     rounds: list[list[int]] = []
     shapes = 0
     for group in svg.split('<g id="round-')[1:]:
@@ -239,13 +239,13 @@ def crops_of(
     A window has the x and y of its top left corner, its width and height (all in px), and its PSNR
     (dB).
     """
-    from scipy.ndimage import uniform_filter  # imported here, because it takes a third of a second
+    from scipy.ndimage import uniform_filter  # its import takes a third of a second
 
     height, width = image.shape[:2]
     down, across = min(side, height), min(side, width)
     squared = (np.subtract(image, other, dtype=np.float64) ** 2).mean(axis=2)
     means = uniform_filter(squared, (down, across))  # pyright: ignore[reportArgumentType]
-    means = means[down // 2 :, across // 2 :]  # so that an index is a window's top left corner
+    means = means[down // 2 :, across // 2 :]  # now an index is a window's top left corner
     means = means[: height - down + 1, : width - across + 1]
     crops = {}
     for kind, distance in (("worst", -means), ("typical", np.abs(means - np.median(means)))):

@@ -1,7 +1,7 @@
 """The benchmark: every photo is run with every setting, and tables and plots show the results.
 
 Runs are made one at a time, each in its own process. A table has a row for each setting, with means
-over the photos: cost, scores, and the distance below the Pareto fronts. Plots are SVGs, of each
+over the photos: cost, scores, and the distance below the Pareto fronts. Two plots (SVG) show each
 score over CPU seconds and over gzipped bytes.
 """
 
@@ -39,9 +39,9 @@ _MEANS = (
     *(axis.key for axis in SCORES), "psnr_svg_enlarged", "psnr_model", "cpu_s", "total_s",
     "svg_bytes", "svgz_bytes", "gaussians",
 )  # fmt: skip
-# Costs of each Pareto front. The key is part of the name of a column, such as below_both_dB.
+# Name of a Pareto front in columns such as below_both_dB -> keys of the costs of that front.
 _BELOW = {"seconds": ("cpu_s",), "bytes": ("svgz_bytes",), "both": ("cpu_s", "svgz_bytes")}
-# Columns of the table: heading, key, format, factor.
+# Columns of the table in summary.md: heading, key in a row, format, factor.
 _COLUMNS = (
     *((axis.title, axis.key, axis.form, 1) for axis in SCORES),
     ("PSNR enlarged, dB", "psnr_svg_enlarged", ".2f", 1),
@@ -54,12 +54,12 @@ _COLUMNS = (
 )
 _COSTS = (
     Cost("cpu_s", "seconds", "CPU seconds, after a warm-up"),
-    # A web server sends gzipped bytes. gzip does not make a raster image smaller.
+    # Web servers send SVGs gzipped. Raster images do not become smaller by gzip.
     Cost("svgz_bytes", "bytes", "bytes, gzipped"),
 )
 _LEAST_COST = 1e-4  # smallest cost in a plot, because a logarithmic axis has no 0
 NAMES = tuple(f"{axis.slug}_{cost.unit}.svg" for axis in SCORES for cost in _COSTS)
-_MOST_SERIES = 8  # most settings without a preset that have a name and a colour each
+_MOST_SERIES = 8  # number of settings without a preset above which they share one colour in plots
 
 
 def summarise(rows: Iterable[Row], images: int) -> list[Row]:
@@ -69,9 +69,9 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     images  number of photos
 
     Values are means over the photos. A mean is None if one of its values is None, such as an
-    infinite PSNR. peak_bytes is the maximum. below_*_dB compares with the best setting of gauss2svg
-    that costs no more, in CPU seconds, in gzipped bytes, or in both: how far the mean PSNR is below
-    the PSNR of that setting. It is None for peers, which have no front.
+    infinite PSNR. peak_bytes is the maximum. below_*_dB is how far the mean PSNR is below that of
+    the best setting of gauss2svg that costs no more: in CPU seconds, in gzipped bytes, or in both.
+    It is None for peers, which have no front, and if the mean PSNR is None.
     """
     finished = (row for row in rows if "error" not in row)
     summary = []
@@ -87,7 +87,7 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
             **{f"below_{word}_dB": None for word in _BELOW},
         }
         summary += [mean] * (len(runs) == images)
-    # If one result is exact, the mean PSNR is infinite and cannot be compared.
+    # A mean PSNR of None, which includes an infinite one, cannot be compared.
     own = [row for row in summary if row["tool"] == TOOL and row["psnr_svg"] is not None]
     for row in own:
         row |= {f"below_{word}_dB": below(row, own, PSNR, *costs) for word, costs in _BELOW.items()}
@@ -95,7 +95,7 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
 
 
 def below(row: Row, rows: Iterable[Row], axis: Score, *costs: str) -> float:
-    """Return how far (>= 0) a row's score is below the best score of the rows that cost no more."""
+    """Return how far (>= 0) the score of `row` is below the best in `rows` that cost no more."""
     affordable = [other for other in rows if all(other[cost] <= row[cost] for cost in costs)]
     return max(axis.sign * (other[axis.key] - row[axis.key]) for other in affordable)
 
@@ -104,9 +104,9 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
     """Return the plots as SVG text, by file name.
 
     A plot leaves out settings without a finite score. A score that no setting has gets no plot.
-    Each tool and each preset is a series. So is each other setting, unless there are more than
-    _MOST_SERIES. A line joins the Pareto front of gauss2svg. The tooltip of a point has its label
-    and its numbers.
+    Each tool and each preset is a series. The other settings are a series each, or together one if
+    they are more than _MOST_SERIES. A line joins the Pareto front of gauss2svg. The tooltip of a
+    point has its label and its numbers.
     """
     others = [row["label"] for row in summary if row["tool"] == TOOL and not row["preset"]]
     names = {row["label"]: row["label" if row["tool"] == TOOL else "tool"] for row in summary}
@@ -175,7 +175,7 @@ def run_bench(
     """
     Field("seed", int, 0, 2**63 - 1).checked(seed)
     thread_count(threads)
-    # System calls accept a timeout of at most 24 days.
+    # System calls refuse a timeout of more than 24 days.
     Field("peer_timeout", float, 1e-3, 1e6).checked(peer_timeout)
     Field("reference_scale", float, 1e-3, 1000.0).checked(reference_scale)
     others, absent = peer_variants(peers)
@@ -183,13 +183,13 @@ def run_bench(
     photos = listed_photos(images, "images")
     for photo in photos:
         load_image(photo.path)  # report a bad photo now, not after hours of runs
-    sources = {} if references is None else _sources(photos, Path(references))
+    sources = {} if references is None else _references(photos, Path(references))
     versions = {"gauss2svg": __version__, "python": platform.python_version()}
 
     options = {"seed": seed, "threads": threads, "max_pixels": DEFAULT_MAX_PIXELS}
 
     def task_of(photo: ListedPhoto, variant: Variant) -> Task:
-        # Other tools are given neither seed nor threads.
+        # Other tools take neither a seed nor a number of threads.
         dependencies = [seed, threads] if variant.is_own else []
         parameters = {"options": options, "peer_timeout": peer_timeout}
         if source := sources.get(photo):
@@ -204,10 +204,10 @@ def run_bench(
     with Pool(1) as pool:
         for _ in grid.run(plan, pool, measure_alone):
             _write_tables(folder, grid, absent)
-    return _write_tables(folder, grid, absent)  # the loop writes nothing if all runs are kept
+    return _write_tables(folder, grid, absent)  # the loop is empty if all runs are kept
 
 
-def _sources(photos: Sequence[ListedPhoto], folder: Path) -> dict[ListedPhoto, Path]:
+def _references(photos: Sequence[ListedPhoto], folder: Path) -> dict[ListedPhoto, Path]:
     """Return the path of each photo's reference. Raise InputError if one is missing."""
     sources = {photo: folder / f"{Path(photo.path).stem}.svg" for photo in photos}
     for source in sources.values():

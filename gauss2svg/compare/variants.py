@@ -1,8 +1,8 @@
 """The variants of a comparison: presets, numbers of Gaussians, other tools, and axes.
 
-An axis is an option of `vectorize`, or a constant of a module as MODULE.NAME:
-`--axis pipeline.limits.FULL=0.97,0.985` varies FULL of
-gauss2svg.pipeline.limits. The benchmark runs every combination of the axes' values.
+An axis is an option of `vectorize`, or a constant of a module as MODULE.NAME. For example,
+`--axis pipeline.limits.FULL=0.97,0.985` varies FULL of gauss2svg.pipeline.limits. The benchmark
+runs every combination of the axes' values.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Settings = tuple[tuple[str, Any], ...]  # names and values, sorted by name
 class Variant(NamedTuple):
     """A way to make a file of a photo.
 
-    settings  options of `vectorize` or of another tool and their values, sorted by name
+    settings  (name, value) of options of gauss2svg or of another tool, sorted by name
     tool      "gauss2svg" or the name of a peer
     version   version of the tool
     """
@@ -45,7 +45,7 @@ class Variant(NamedTuple):
 
     @property
     def preset(self) -> str | None:
-        """Preset of a variant that sets nothing else, or None."""
+        """Preset, if the variant sets only this, or None."""
         only = dict(self.settings) if self.is_own and len(self.settings) == 1 else {}
         return only.get("quality")
 
@@ -81,8 +81,8 @@ def peer_variants(
     """Return variants of other tools, each once, and the names of tools that are not installed.
 
     texts   "vtracer" for all settings of the tool, or "vtracer:detailed" for one of them
-    most    maximum number of settings that "vtracer" stands for; None for all
-    suffix  suffix of the files that a tool must write to be accepted; "" for any
+    most    number of settings, from the first, that "vtracer" stands for; None for all
+    suffix  suffix, such as ".svg", of the files that accepted tools write; "" accepts all tools
     Raise InputError for any other text.
     """
     by_text: dict[str, list[Variant]] = {}
@@ -128,7 +128,7 @@ def variants_of(
 
 
 def main_variant(variants: Sequence[Variant]) -> Variant:
-    """Return the variant that pages show first: the default preset, else gauss2svg's middle one."""
+    """Return the variant that pages show first: the default preset, or else a middle variant."""
     own = [variant for variant in variants if variant.is_own] or variants
     return next((v for v in own if v.preset == DEFAULT_PRESET), own[len(own) // 2])
 
@@ -150,18 +150,18 @@ AXES: dict[str, Field] = {
     or field.name in ("renderer", "max_size")
 }
 
-# Values of an axis that is named without values: only those that need no program or extra renderer.
+# Values for --axis NAME without values, for options of which some values need other programs.
 _USUAL = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
 
-# Settings without any axis: the presets, then counts and iterations with the default preset. They
-# take about a minute for a photo of half a megapixel on two cores.
+# Settings of the benchmark if no axis is given: the presets, then counts and iterations with the
+# default preset. They take about a minute for a photo of half a megapixel on two cores.
 DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
     {"quality": tuple(PRESETS)},
     {"gaussians": (500, 2000, 8000), "iterations": (100, 300)},
 )
 
 
-# Range of values for a constant of a module, by its type.
+# Type of a module's constant -> range of the values that an axis may set.
 _CONSTANTS = {int: (0, 2**63 - 1), float: (-1e300, 1e300)}
 
 
@@ -171,7 +171,7 @@ def options_in(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def apply_constants(settings: Mapping[str, Any]) -> None:
-    """Set constants of modules to the values among the settings.
+    """Set the constants of modules that are among the settings.
 
     The values stay, so this process must make no other run. A value has no effect if its constant
     is compiled into kernels, is the default value of a parameter, or is imported by name.
@@ -184,8 +184,8 @@ def apply_constants(settings: Mapping[str, Any]) -> None:
 def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     """Return the values of each axis, from texts such as NAME or NAME=v1,v2 of a command line.
 
-    A value with commas, such as a list of inks, stands alone, or between semicolons. An axis that
-    is repeated has the values of all texts. Raise InputError for an unknown axis.
+    A value that contains commas, such as a list of inks, must be the only one, or be separated from
+    others by semicolons. Texts of one axis add their values. Raise InputError for an unknown axis.
     """
     axes: dict[str, tuple[Any, ...]] = {}
     for text in texts:
@@ -223,14 +223,14 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
         try:
             Plan(Options.from_flat(options_in(dict(settings))))
         except Gauss2SvgError as error:
-            # The error names options, --NAME VALUE. An axis has = between its name and its value.
+            # The error has options in the form --NAME VALUE. Axes have the form --axis NAME=VALUE.
             line = re.sub(r"(--[\w-]+) (?!and\b|or\b|without\b)(?=\w)", r"\1=", str(error))
             raise InputError(f"axes: {line.replace('--', '--axis ')}") from error
     return list(combinations)
 
 
 def _axis(name: str) -> Field:
-    """Return the field of an option or of a constant. Raise InputError for any other name."""
+    """Return the Field of an option or of a constant. Raise InputError for any other name."""
     if name in AXES:
         return AXES[name]
     module, _, constant = name.rpartition(".")

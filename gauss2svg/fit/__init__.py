@@ -1,6 +1,6 @@
-"""The fit, which turns pixels into a scene: its options, progress and result.
+"""Options, progress and result of a fit, which turns pixels into a scene.
 
-The help needs the options without NumPy, so this module imports only the schedule of the fit.
+--help reads the options without NumPy, so this module imports nothing that needs NumPy.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ DEFAULT_LOSS = "mse"
 # Falloffs. GAUSSIAN: beta is 1, as in the paper. ADAPTIVE: each shape learns its beta. CRISP: sharp
 # rims, for inks.
 GAUSSIAN, ADAPTIVE, CRISP = "gaussian", "adaptive", "crisp"
-MOST_GAUSSIANS = 10_000_000  # limit of a fit. Their optimiser state, 253 bytes each, takes 2.5 GB
+MOST_GAUSSIANS = 10_000_000  # largest number in a fit. Their state takes 2.5 GB, 253 bytes each
 
 
 def has_ssim(loss: str) -> bool:
@@ -38,7 +38,7 @@ def has_ssim(loss: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(OptionGroup):
-    """Options of the model and of the optimiser, as a caller of vectorize gives them."""
+    """Options of the model and of the optimiser, as they are passed to vectorize."""
 
     iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
     """Number of optimiser steps. The default depends on the preset."""
@@ -81,7 +81,7 @@ class FitOptions(OptionGroup):
 
     @property
     def tuned(self) -> Tune:
-        """Value of tune or its default, which is PSNR for inks (docs/decisions/inks.md)."""
+        """Value of tune. Its default is PERCEPTUAL, or PSNR for inks (docs/decisions/inks.md)."""
         return self.tune or (PERCEPTUAL if self.inks is None else PSNR)
 
     @property
@@ -91,7 +91,7 @@ class FitOptions(OptionGroup):
 
     @property
     def shaped(self) -> str:
-        """Value of falloff or its default, but CRISP for inks."""
+        """CRISP for inks, else the value of falloff or its default."""
         if self.inks is not None:
             return CRISP
         return self.falloff or (GAUSSIAN if self.blend == ADD else ADAPTIVE)
@@ -99,7 +99,7 @@ class FitOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class DensifyOptions(OptionGroup):
-    """Options of adding and relocating Gaussians during the fit."""
+    """Options for adding and relocating Gaussians during the fit."""
 
     init: Literal["selective", "error", "random", "live"] = "selective"
     """Where new Gaussians are placed. selective: on the largest areas of error. error: at random,
@@ -122,18 +122,18 @@ class DensifyOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class FitConfig:
-    """Settings of `fit`: two groups of options, and numbers from the run's preset and limits.
+    """Settings of `fit`: two groups of options, and values from the run's preset and limits.
 
     gaussians   number of Gaussians, >= 0. If it is 0, a policy decides, or the scene has none
-    iterations  number of optimiser steps, >= 1; None: until the deadline
-    reduce      whether few Gaussians are first fitted on reduced targets, which is faster
-    extend      whether a fit takes twice the iterations if most are on reduced targets
+    iterations  number of optimiser steps, >= 1; None: only the deadline ends the fit
+    reduce      whether the early steps of few Gaussians run on reduced targets, which is faster
+    extend      whether the iterations are doubled if most of them run on reduced targets
     opaque      whether all opacities stay 1, which makes files shorter
-    sparse      whether relocations are at least schedule.RELOCATE_SHARE of the steps apart. Fits of
-                many steps need that
-    enlarged    ratio of the target's size to a second size, 1 for none. The last steps of such a
-                fit reduce the error at both sizes, because ellipses that fit an edge at one size
-                may overlap visibly at the other
+    relocate_rarely  whether at least schedule.RELOCATE_SHARE of the steps lie between relocations,
+                as fits of many steps need
+    enlarged    factor by which the picture was enlarged before the fit; 1: not enlarged. The last
+                steps reduce the error at the enlarged and at the original size, because ellipses
+                that fit an edge at one size may overlap visibly at the other
     """
 
     gaussians: int = 5000
@@ -143,7 +143,7 @@ class FitConfig:
     reduce: bool = True
     extend: bool = False
     opaque: bool = False
-    sparse: bool = False
+    relocate_rarely: bool = False
     enlarged: int = 1
 
     def __post_init__(self) -> None:
@@ -162,7 +162,7 @@ class FitConfig:
         return totals(densify.schedule, self.gaussians, self.iterations, densify.per_round)
 
     def steps(self, width: int, height: int) -> int | None:
-        """Return the number of steps for a picture of this size; None means until the deadline."""
+        """Return the number of steps for a picture of this size; None: only the deadline counts."""
         if self.iterations is None or not (self.extend and self.reduce and self.gaussians):
             return self.iterations
         start = schedule.GROWTH_SHARE
@@ -170,7 +170,7 @@ class FitConfig:
         return self.iterations * (schedule.EXTENDED if is_reduced else 1)
 
     def _exclusions(self) -> Iterator[tuple[str, str, str, str]]:
-        """Yield the name of an option, what it must do, its value, and what to try instead."""
+        """Yield for each conflict an option's name, what it must be or do, its value, advice."""
         fit, densify = self.fit, self.densify
         if fit.blend == ADD and fit.falloff not in (None, GAUSSIAN):
             needed = f"be {GAUSSIAN} with additive blending"
@@ -195,7 +195,7 @@ class FitConfig:
 class FitProgress:
     """Progress of a fit: counts so far, PSNR of the model in dB, seconds elapsed and remaining.
 
-    psnr   against the photo at the size of the step, also in inks
+    psnr   against the photo even in a fit to inks, at the size of the step's target
     done   progress in 0..1, by iterations or by the clock
     scene  returns the Gaussians so far on the working canvas; must be called before the next step
     """
@@ -215,10 +215,10 @@ class FitResult:
     """A fitted scene on the working canvas, with the costs of the fit.
 
     cpu_s        CPU seconds of all threads
-    pixel_pairs  pixel-Gaussian pairs of all optimiser steps, forward and backward counted once
+    pixel_pairs  number of pixel-Gaussian pairs in all steps, each counted once in a step
     stop_reason  one of gauss2svg.fit.session.STOP_REASONS
     rollbacks    number of times that the fit diverged and was rolled back to its best state
-    rate         final learning-rate multiplier
+    rate         final factor of the learning rates, without their scheduled decay
     """
 
     scene: Scene

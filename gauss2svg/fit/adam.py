@@ -1,12 +1,12 @@
-"""Adam steps in each Gaussian's own frame, and a guard that makes them smaller.
+"""Adam steps in each Gaussian's own frame, and a guard against steps that are too large.
 
-The shape is stepped in whitened coordinates, x = mean + L z, where L is the Cholesky factor of the
-covariance:
+Mean and shape are stepped in whitened coordinates, x = mean + L z, where L is the Cholesky factor
+of the covariance:
 
     mean <- mean + L t,    L <- cholesky of L exp(2 A) L^T,  A symmetric,
 
-so that a step means the same for a large, a small and a thin Gaussian. With the kernels' moments m
-of h (gauss2svg.render.kernels) the gradients are
+so that a step means the same for a large, a small and a thin Gaussian. The kernels return moments m
+of h (gauss2svg.render.kernels), from which the gradients follow:
 
     dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
     dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g,
@@ -14,14 +14,14 @@ of h (gauss2svg.render.kernels) the gradients are
 
 Sizes, ratios and exponents are stepped as logarithms, and opacities as logits. rho follows from L,
 and no step can make the covariance indefinite. The rim of a crisp shape is about sigma / beta wide,
-so steps of mean and shape are multiplied by beta^-0.35. Without this, drawings with plain ellipses
-diverge (docs/decisions/divergence.md). Colours are clipped to 0..1. The gradient at a bound is that
-of the image, so the first step that points inward moves the colour again. Steps of colours as
-logits, whose gradient vanishes at the bounds, are no better (docs/decisions/adam.md).
+so steps of mean and shape are multiplied by beta^-0.35. Without this factor, drawings with plain
+ellipses diverge (docs/decisions/divergence.md). Colours are clipped to 0..1. A colour at a bound
+moves again with the first step that points inward. Colours as logits would be no better, because
+the gradient of a logit vanishes at the bounds (docs/decisions/adam.md).
 
 If a fit diverges, the guard takes it back to its best state. The fit then continues in smaller
-steps. Detailed photos do not need the guard. Smooth images and images of few pixels do, because a
-single step can undo nearly all progress (docs/decisions/divergence.md).
+steps. Detailed photos do not need the guard. Smooth images and images of few pixels do, because in
+them a single step can undo nearly all progress (docs/decisions/divergence.md).
 """
 
 from __future__ import annotations
@@ -45,28 +45,28 @@ from gauss2svg.scene.scene import PARAMETERS, STEPPED
 
 _Column = NDArray[np.float64]  # (n,), one number for each Gaussian
 
-# Learning rates by parameter, in the frame above: mean and sigma in shares of the Gaussian's own
-# sigma, opacity in logits, colour in 0..1. A parameter of rate 0 is not stepped.
+# Learning rates by name of the parameter. Units are the Gaussian's own sigma for mean and sigma,
+# logits for opacity, and 0..1 for colour. A parameter of rate 0 is not stepped.
 Rates = Mapping[str, float]
 RATES: Rates = {parameter.name: parameter.rate for parameter in PARAMETERS if parameter.rate}
 
 FIRST_DECAY = 0.9  # decay of Adam's first moment (docs/decisions/adam.md)
 SECOND_DECAY = 0.95  # decay of Adam's second moment (docs/decisions/adam.md)
-# Power of beta by which steps of mean and shape are multiplied, because the rim of a crisp shape
-# is narrow (docs/decisions/divergence.md).
+# Steps of mean and shape are multiplied by beta to this power, because the rim of a crisp shape is
+# narrow (docs/decisions/divergence.md).
 STEP_BY_BETA = -0.35
 # Largest ratio of major to minor axis. Thinner needles streak across flat areas
 # (docs/decisions/fit.md).
 MOST_ASPECT = 30.0
-# px of the working image, least width of a rim, from 0.9 to 0.1, across the minor axis. Renderers
-# sample sharper rims differently (docs/decisions/fit.md).
+# px of the working image, least distance along the minor axis in which a rim falls from 0.9 to 0.1.
+# Renderers differ in how they sample sharper rims (docs/decisions/fit.md).
 LEAST_RIM = 0.5
 
-# px, least semi-axis. Below 0.3 px every SVG renderer loses mass (docs/decisions/renderers.md).
+# px, least semi-axis. Below 0.3 px every renderer draws too little (docs/decisions/renderers.md).
 LEAST_SIGMA = 0.35
-# Logit of opaque and additive Gaussians, whose opacity is not stepped. It stands for nearly 1.
+# Opacity logit of opaque and additive Gaussians, an opacity of nearly 1. It is not stepped.
 OPAQUE_LOGIT = 12.0
-# Start of new Gaussians, and bounds of additive blending (docs/decisions/fit.md).
+# docs/decisions/fit.md has the figures for the next three constants.
 INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new alpha-composited Gaussian
 SIGNED_COLOR_RATE = 0.025  # learning rate of signed colours
 MOST_SIGNED_COLOR = 0.5  # largest absolute value of a channel of a signed colour in the fit
@@ -78,8 +78,8 @@ class Blending:
 
     rates                    learning rates by parameter
     initial_opacity_logit    logit of a new Gaussian's opacity
-    least_color, most_color  bounds of each channel. Signed colours are bounded, because the partial
-                             sums of a file must fit into 8 bits
+    least_color, most_color  bounds of each colour channel. Those of signed colours are narrow,
+                             because a file holds partial sums in 8 bits
     """
 
     rates: Rates
@@ -93,7 +93,7 @@ class Blending:
 
     @cached_property
     def sharing(self) -> Blending:
-        """Settings with rates of 0 for the shared parameters, because SharedColors steps them."""
+        """Settings with rates of 0 for shared parameters. SharedColors steps colours instead."""
         return self.without(*(p.name for p in PARAMETERS if p.shared))
 
 
@@ -113,10 +113,10 @@ def blending_of(options: FitOptions, opaque: bool = False) -> Blending:
     return blending if options.learned_falloff else blending.without("beta")
 
 
-# Term of the divisor that keeps a step finite if the gradient has always been 0. It is added before
-# the bias correction.
+# Added to the root of Adam's second moment before the bias correction, so that a step is finite
+# even if the gradient has always been 0.
 EPSILON = 1e-12
-# Number of Gaussians that are stepped at a time, so that their arrays stay in the cache.
+# Number of Gaussians that are stepped at a time. Their arrays stay in the cache of the CPU.
 _BLOCK = 4096
 
 
@@ -125,9 +125,9 @@ def gradients(
 ) -> NDArray[np.float64]:
     """Return the gradients (n, STEPS) of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta.
 
-    moments  (n, MOMENTS) in this order
-    price    decrease of the loss that a unit of ln beta must bring. It is added to the gradient of
-             ln beta
+    moments  (n, MOMENTS) from gauss2svg.render.kernels, in the order of the gradients
+    price    decrease of the loss that each unit of ln beta must bring. It is added to the gradient
+             of ln beta
     """
     gradient = moments.copy()
     gradient[:, COLUMNS["opacity"]] *= 1 - splats.opacity[:, None]
@@ -143,17 +143,17 @@ def step(
     most_sigma: float,
     rate: float = 1.0,
 ) -> bool:
-    """Move every Gaussian of the state by one Adam step, in place; return whether all are finite.
+    """Take an Adam step with every Gaussian of the state, in place. Return whether all were finite.
 
     most_sigma  largest major axis, px of the working image
     rate        factor of all learning rates
 
-    A Gaussian with a parameter that would not be finite stays as it is, and its moments are reset.
+    A Gaussian whose step would not be finite stays as it is. Its moments and age become 0.
     """
     columns = [*GEOMETRY, *(p.name for p, _ in STEPPED for _ in range(p.width))]
     sizes = rate * np.array([blending.rates[name] for name in columns])
     finite = True
-    with np.errstate(all="ignore"):  # a later test finds numbers that are not finite
+    with np.errstate(all="ignore"):  # _step_block finds numbers that are not finite
         for begin in range(0, len(state), _BLOCK):
             block = slice(begin, begin + _BLOCK)
             finite &= _step_block(state, block, gradient[block], sizes, blending, most_sigma)
@@ -214,7 +214,7 @@ def _directions(
     gradient: NDArray[np.float64],
     sizes: NDArray[np.float64],
 ) -> list[_Column]:
-    """Return Adam's step of each parameter. Update moments and ages in place.
+    """Return Adam's step for each column of the gradient. Update moments and ages in place.
 
     One factor for each Gaussian corrects the bias of both moments, as "Adam: A Method for
     Stochastic Optimization" (Kingma and Ba, 2015) suggests at the end of its section 2.
@@ -238,8 +238,8 @@ def _directions(
 def _stretched(
     l11: _Column, l21: _Column, l22: _Column, a: _Column, c: _Column, b: _Column, most_sigma: float
 ) -> tuple[_Column, _Column, _Column, _Column]:
-    """Return l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], within limits, and the minor axis."""
-    # exp(A) to second order. L exp(A) gives a valid covariance however large the error is.
+    """Return l11, l21, l22 and minor axis of L exp(A), A = [[a, c], [c, b]], with axes clipped."""
+    # e is exp(A) to second order, and F = L e. F F^T is a covariance however large the error is.
     e11 = 1 + a + 0.5 * (a * a + c * c)
     e12 = c + 0.5 * c * (a + b)
     e22 = 1 + b + 0.5 * (b * b + c * c)
@@ -248,7 +248,7 @@ def _stretched(
     xx = f11 * f11 + f12 * f12
     xy = f11 * f21 + f12 * f22
     yy = f21 * f21 + f22 * f22
-    # singular values of F by their sum and difference, which is stable
+    # the singular values of F follow from their sum and difference, which is stable
     axis_sum = np.sqrt(np.square(f11 + f22) + np.square(f21 - f12))
     axis_difference = np.sqrt(np.square(f11 - f22) + np.square(f21 + f12))
     major, minor = 0.5 * (axis_sum + axis_difference), 0.5 * np.abs(axis_sum - axis_difference)
@@ -268,71 +268,67 @@ def _stretched(
     return root, xy / root, l22, new_minor
 
 
-# Limits of divergence (docs/decisions/divergence.md).
-NEGLIGIBLE = 1e-5  # mean squared error under which a fit cannot diverge: 50 dB
-# A loss has diverged above this multiple of the least one since the last change, relocation or
-# rollback.
+# Losses that count as diverged (docs/decisions/divergence.md).
+NEGLIGIBLE = 1e-5  # mean squared error (50 dB) under which no step counts as diverged
+# multiple of the least loss since a change, relocation or rollback above which a loss has diverged
 DIVERGED = 2.0
-STALLED = 1.5  # a loss has stalled above this multiple of the least one
-STALLED_STEPS = 25  # a stalled loss has diverged so many steps after the least one
-# A stage returns to its best state if its last loss is above this multiple of its least one.
-WORSE_AT_END = 1.2
-CEILING = 0.5  # the rate grows again up to this share of the diverged rate
-CEILING_AGAIN = 0.1  # the same share if the loss diverges again within AGAIN steps
-AGAIN = 3  # a divergence after fewer accepted steps than this is a repeated one
-# Share of the ceiling at which steps begin after a rollback. They grow to the ceiling, so one bad
-# step among many good ones costs little.
+STALLED = 1.5  # multiple of the least loss above which a loss has stalled
+STALLED_STEPS = 25  # steps after the least loss from which on a stalled loss has diverged
+WORSE_AT_END = 1.2  # multiple of the least loss above which the last loss of a stage has diverged
+# Learning rates after a rollback (docs/decisions/divergence.md). The rate grows up to a ceiling.
+CEILING_SHARE = 0.5  # new ceiling, as a share of the rate that diverged
+CEILING_SHARE_AGAIN = 0.1  # CEILING_SHARE if the fit diverges again within AGAIN steps
+AGAIN = 3  # number of steps since a rollback below which a fit diverges "again"
+# Share of the ceiling with which the rate begins after a rollback. It grows to the ceiling, so one
+# bad step among many good ones costs little.
 LOWERED = 0.5
 GROWTH = 1.1  # factor by which each step raises the rate, up to the ceiling
-GENTLE = 0.25  # share of the ceiling at which a finished fit continues
+GENTLE = 0.25  # share of the ceiling with which a finished fit continues
 
 _Backup = TypeVar("_Backup")
 
 
 class DivergenceGuard(Generic[_Backup]):
-    """A guard against divergence.
-
-    It keeps a fit's best state since the fit's problem last changed, and the share of the learning
-    rate that is in use.
+    """A guard against divergence. It keeps a fit's best state, and lowers its learning rate.
 
     learning_rate  FitOptions.learning_rate
-    rate           share of learning_rate that is in use
+    rate           present factor of learning_rate, up to 1
     rollbacks      number of rollbacks
-    best           state of least loss; None before the first step
+    best           state of least loss since the last reset; None before the first step
     least          loss of that state
     """
 
     def __init__(self, learning_rate: float = 1.0) -> None:
-        self._usual = min(1 / learning_rate, 1.0)  # rate of the default learning rate
+        self._usual = min(1 / learning_rate, 1.0)  # rate at which steps have their default size
         self.rate = self._ceiling = 1.0
         self.rollbacks = 0
-        self._accepted = 0  # steps since the last rollback
+        self._steps_since_rollback = 0
         self.reset()
 
     def reset(self) -> None:
-        """Forget the best state, because the problem has changed, and let steps grow again."""
-        self._ceiling = max(self._ceiling, min(self._ceiling / CEILING, self._usual))
+        """Forget the best state after a change of the problem, and raise the rate's ceiling."""
+        self._ceiling = max(self._ceiling, min(self._ceiling / CEILING_SHARE, self._usual))
         self.best: _Backup | None = None
         self.least = self._recent_least = math.inf
         self._steps_since_best = 0
 
     def begin_gently(self) -> None:
-        """Continue with small steps that grow. Full steps would undo a nearly exact drawing."""
+        """Lower the rate, which grows again. Full steps would undo a nearly exact drawing."""
         self.rate = min(self.rate, GENTLE * self._ceiling)
 
-    def relocated(self) -> None:
-        """Allow a larger loss after a relocation."""
+    def allow_rise(self) -> None:
+        """Forget the recent least loss, because a relocation may raise the loss."""
         self._recent_least = math.inf
 
     def accepts(self, loss: float, error: float, backup: Callable[[], _Backup]) -> bool:
-        """Return whether a state of this loss and mean squared error is sound. Back up the best.
+        """Return whether a fit with this loss and mean squared error has not diverged.
 
-        backup  returns a copy of the state
+        If so, raise the rate, and keep the copy from backup() if the state is the best one.
         """
         if not math.isfinite(loss):
             return False
         self._steps_since_best += 1
-        self._accepted += 1
+        self._steps_since_rollback += 1
         stalled = loss > STALLED * self.least and self._steps_since_best > STALLED_STEPS
         if error > NEGLIGIBLE and (loss > DIVERGED * self._recent_least or stalled):
             return False
@@ -345,23 +341,23 @@ class DivergenceGuard(Generic[_Backup]):
     def ends_worse(self, loss: float, tolerant: bool) -> bool:
         """Return whether a stage that ends at this loss should return to its best state.
 
-        tolerant: whether a loss up to a fifth above the least one is accepted.
-        A larger loss counts as another rollback if steps were too large before.
+        tolerant: whether a loss up to WORSE_AT_END times the least one is accepted.
+        A larger loss counts as a rollback if learning_rate is above 1 or there was one before.
         """
         diverged = not loss <= WORSE_AT_END * self.least
         if diverged and (self._usual < 1 or self.rollbacks > 0):
             self.roll_back()
         if tolerant:
             return diverged
-        return not loss <= self.least * (1 + 1e-6)  # a sum in another order is rounded differently
+        return not loss <= self.least * (1 + 1e-6)  # sums in another order differ by rounding
 
     def roll_back(self) -> None:
         """Count a rollback, and lower the rate and its ceiling."""
         self.rollbacks += 1
-        again = self._accepted < AGAIN
-        share = CEILING_AGAIN if again and self.rollbacks > 1 else CEILING
-        # A rate far above the usual one goes back half of the way, on a logarithmic scale.
+        again = self._steps_since_rollback < AGAIN
+        share = CEILING_SHARE_AGAIN if again and self.rollbacks > 1 else CEILING_SHARE
+        # sqrt: a rate far above the usual one goes half of the way to it, on a logarithmic scale.
         self._ceiling = min(self.rate * share, math.sqrt(self.rate * self._usual))
-        self._accepted = 0
+        self._steps_since_rollback = 0
         self.rate = self._ceiling * LOWERED
         self._recent_least, self._steps_since_best = math.inf, 0

@@ -1,11 +1,11 @@
 """Colours that shapes share: a file's colours, which are stepped, and inks, which are fixed.
 
 Each colour of a file takes Adam steps by the summed gradient of its shapes, and shapes may change
-to another colour. Both win back part of what a palette costs (docs/decisions/adam.md).
+to another colour. This wins back part of the PSNR that a palette costs (docs/decisions/adam.md).
 
-In inks, shapes are opaque and crisp, each in one of a few fixed colours. The target is the picture
-with the nearest ink at each pixel. The picture itself has colours between the inks, and with it as
-the target, shapes thinner than a pixel would make halftones. Shapes are placed where another ink
+In a fit to inks, shapes are opaque and crisp, each in one of a few fixed colours. The target is the
+picture with the nearest ink at each pixel. If the target were the picture itself, shapes thinner
+than a pixel would make halftones of colours between the inks. Shapes are placed where another ink
 would lower the error, and repeatedly change to the ink of least error (docs/decisions/inks.md).
 """
 
@@ -27,14 +27,15 @@ from gauss2svg.scene.scene import STEPPED
 from gauss2svg.svg.forms import LEAST_PLAIN_BETA
 from gauss2svg.without_scipy import nearest_entry
 
-# Factor of ln beta in distances, where colours in 0..1 have the factor 1. It is so large that
-# exponents never change.
+# Factor of ln beta in the distance between pairs of a colour and an exponent. Colours in 0..1 have
+# the factor 1, so a shape never changes to a pair with another exponent.
 _FIXED_DISTANCE = 100.0
 
-# Adam's learning rate of colours. Rates of 0.002 to 0.015 change the PSNR by less than 0.01 dB
-# (docs/decisions/palette.md).
+# Adam's learning rate of shared colours. Rates of 0.002 to 0.015 change the PSNR by less than
+# 0.01 dB (docs/decisions/palette.md).
 COLOR_RATE = 0.006
-# px, least mass of a shape that may change its colour or ink (docs/decisions/palette.md).
+# A shape may change its colour or ink if the sum of its squared weights in pixels is above this
+# (docs/decisions/palette.md).
 LEAST_MASS = 1e-3
 
 
@@ -42,7 +43,7 @@ LEAST_MASS = 1e-3
 class SharedColors:
     """The k distinct pairs of a colour and an exponent in a state, and the pair of each shape.
 
-    In general these are combinations of all shared parameters (Parameter.shared).
+    In general, a pair combines the values of all shared parameters (Parameter.shared).
 
     color   (k, 3) colours
     fixed   (k, m) raw values of the other shared parameters, which never change
@@ -73,7 +74,7 @@ class SharedColors:
         )  # fmt: skip
 
     def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:
-        """Take one Adam step of the colours, and give them to the shapes of the state.
+        """Take one Adam step of the colours, and write the new colours to the state's shapes.
 
         The gradient (n, STEPS) is summed over each entry's shapes. rate multiplies COLOR_RATE.
         Arrays are replaced, not changed in place, so that a shallow copy keeps its colours.
@@ -91,7 +92,7 @@ class SharedColors:
         self.assign(state, self.entry)
 
     def assign(self, state: State, entry: NDArray[Any]) -> None:
-        """Give every shape of the state the colour of its entry (n,)."""
+        """Set the entry (n,) of each shape, and write the colours of these entries to the state."""
         self.entry = entry
         state.color = self.color[entry]
 
@@ -102,11 +103,11 @@ class SharedColors:
     def best(
         self, state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
     ) -> NDArray[Any]:
-        """Return the entries (n,) that would give each shape the least error at its own exponent.
+        """Return for each shape the entry (n,) of least error among those with its exponent.
 
-        If a colour alone changes by d, half the squared error changes by g d + mass d^2 / 2. g is
-        its gradient, columns COLOR of gradient (n, ...), and mass (n,) is the sum of the shape's
-        squared weights. So the best colour is color - g / mass.
+        If only one shape's colour changes by d, half the squared error changes by
+        g d + mass d^2 / 2. g is the shape's row of the columns COLOR of gradient (n, ...), and
+        mass (n,) is the sum of its squared weights. So its best colour is color - g / mass.
         """
         divisor = np.maximum(mass, LEAST_MASS)[:, None]
         change = np.where(mass[:, None] > LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
@@ -122,12 +123,12 @@ def _fixed_values(state: State) -> NDArray[np.float64]:
     return np.column_stack([getattr(state, name) for name in raw])
 
 
-# px, width from 0.9 to 0.1 of a rim across the minor axis, if shapes of inks had a falloff. They
-# cover pixels instead, but their exponents set how far steps go.
+# px, distance along the minor axis in which the rim of a shape in inks falls from 0.9 to 0.1. Files
+# draw such shapes without a falloff, but the exponents set how far steps go.
 _RIM_PX = 0.7
 _MOST_BETA = 128.0
 _NEIGHBOURS = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]
-_BAND = 32_768  # pixels at a time, of some 300 bytes each (docs/decisions/memory.md)
+_BAND = 32_768  # pixels of a band; work on a pixel takes 300 bytes (docs/decisions/memory.md)
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class Inks:
     color: NDArray[np.float64]
 
     def background(self, target: Target) -> NDArray[np.float64]:
-        """Return the ink (3,) that is nearest to most visible pixels of a target."""
+        """Return the ink (3,) that is the nearest ink at more visible pixels than any other."""
         entry = self._entries(np.moveaxis(target.source_color, 0, -1))
         if target.visible is not None:
             entry = entry[target.visible]
@@ -146,8 +147,8 @@ class Inks:
     def inked(self, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the picture (h, w, 3) or (h, w, 4) with the nearest ink q at each pixel.
 
-        If a neighbour has another ink c, the pixel has the colour between q and c that is nearest
-        to the picture's, as in antialiased edges.
+        If the ink of a neighbouring pixel is another ink c, the pixel gets the colour between q and
+        c that is nearest to its colour in the picture, as in antialiased edges.
         """
         picture = pixels.copy()
         around = np.pad(self._entries(pixels[:, :, :3]), 1, mode="edge")
@@ -159,7 +160,7 @@ class Inks:
     def _between(
         self, color: NDArray[np.float64], around: NDArray[np.uint8]
     ) -> NDArray[np.float64]:
-        """Return `inked` for colours (h, w, 3). around (h + 2, w + 2): their inks and a border."""
+        """Return `inked` of colours (h, w, 3), from the indices (h + 2, w + 2) of their inks."""
         height, width = color.shape[:2]
         entry = around[1:-1, 1:-1]
         own = self.color[entry]
@@ -192,8 +193,8 @@ class Inks:
     def reducible(self, target: Target, rendered: NDArray[np.floating]) -> NDArray[np.floating]:
         """Return a picture that differs from the target by the error that inks can reduce.
 
-        For a target p, a render r and the closest ink q, the target minus the picture has the
-        direction of q - r and the length sqrt(|p - r|^2 - |p - q|^2).
+        At a pixel with target p, render r and the ink q closest to p, the target minus the picture
+        has the direction of q - r and the length sqrt(|p - r|^2 - |p - q|^2).
         """
         picture = np.empty_like(target.planar)
         for rows in _bands(target.height, target.width):
@@ -204,7 +205,7 @@ class Inks:
     def _reducible_error(
         self, planar: NDArray[np.floating], rendered: NDArray[np.floating]
     ) -> NDArray[np.floating]:
-        """Return planar minus the picture of `reducible`. Both arguments are (3 or 6, h, w)."""
+        """Return planar minus the picture of `reducible`, from planar and render (3 or 6, h, w)."""
         views = len(planar) // 3
         least = np.full(planar.shape[1:], np.inf, np.float32)
         toward = np.zeros_like(planar)
@@ -229,12 +230,12 @@ class Inks:
         return np.where(mass[:, None] > LEAST_MASS, self.nearest(best), state.color)
 
     def assign(self, state: State, entry: NDArray[Any]) -> None:
-        """Give every shape of the state its ink (n, 3)."""
+        """Write an ink (n, 3) to each shape of the state."""
         state.color = entry
 
     @staticmethod
-    def crisp(factor: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return ln (n,) of the exponents of crisp rims, for Cholesky factors (n, 3) in px."""
+    def crisp_raw_betas(factor: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the ln beta (n,) for rims of about _RIM_PX, from Cholesky factors (n, 3) in px."""
         l11, l21, l22 = factor.T
         axis_sum, axis_difference = np.hypot(l11 + l22, l21), np.hypot(l11 - l22, l21)
         minor = np.maximum(0.5 * (axis_sum - axis_difference), 1e-9)
@@ -248,19 +249,20 @@ def _bands(height: int, width: int) -> Iterator[slice]:
         yield slice(first, min(first + step, height))
 
 
-# Colours by least squares (docs/decisions/small.md).
-BOUNDED_SWEEPS = 20  # sweeps over all colours that keep them within their bounds
-ROUNDED_SWEEPS = 3  # sweeps over all colours that round them
-DAMPING = 1e-6  # times (diagonal + its maximum), added for nearly hidden shapes
+# Constants of solved_colors (docs/decisions/small.md).
+BOUNDED_SWEEPS = 20  # sweeps that solve for the colours one by one within 0..1
+ROUNDED_SWEEPS = 3  # last sweeps, which also round the colours one by one
+DAMPING = 1e-6  # share of the diagonal, and of its maximum, that is added for nearly hidden shapes
 
 
 def solved_colors(
     products: NDArray[np.float64], sums: NDArray[np.float64], levels: int
 ) -> NDArray[np.float64]:
-    """Return (k, 3) colours in 0..1, multiples of 1 / levels, that solve the normal equations.
+    """Return colours (k, 3) in 0..1, multiples of 1 / levels, that nearly solve normal equations.
 
-    The equations are first solved without bounds, then colour by colour within bounds. In the end
-    the colours are rounded one by one. Those rounded later make up for earlier rounding errors.
+    The equations are products @ colors = sums. They are first solved without bounds, then colour by
+    colour within bounds. In the end the colours are rounded one by one. A colour that is rounded
+    later makes up for earlier rounding errors.
     """
     diagonal = np.maximum(np.diag(products), 1e-9)
     damped = products + DAMPING * np.diag(diagonal + diagonal.max())

@@ -46,9 +46,9 @@ def convert_additive(
     """Convert an additive scene to the same number of alpha-composited shapes.
 
     Every renderer draws such shapes. They are fitted to pixels (h, w, 3) float32 in 0..1, by
-    default to the render of the scene (gauss2svg.fit.population). The count and the schedule of
-    config are not used. Raise InputError unless the scene is additive and config.fit.blend is
-    "over".
+    default to the render of the scene. The module gauss2svg.fit.population describes the method.
+    config.gaussians and config.densify are not used. Raise InputError unless the scene is additive
+    and config.fit.blend is "over".
     """
     config = dataclasses.replace(
         config or FitConfig(), gaussians=len(scene), densify=DensifyOptions()

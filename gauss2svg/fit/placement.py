@@ -1,7 +1,7 @@
-"""Placement of new Gaussians: position, size and direction (docs/decisions/placement.md).
+"""Placement of new Gaussians: position, size, direction, colour (docs/decisions/placement.md).
 
-A kernel here finds connected components, because scikit-image takes a third of a second to import
-(docs/decisions/start.md).
+A kernel of this module finds connected components, because scikit-image would take a third of a
+second to import (docs/decisions/start.md).
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from gauss2svg.without_scipy import smoothed
 
 _PIXEL_VARIANCE = 1 / 12  # px^2, variance of positions within a pixel
 
-# Start of new Gaussians (docs/decisions/placement.md).
-INITIAL_SIGMA = 0.3  # sigma of a Gaussian placed by error, as a share of the spacing
-FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian; its value hardly matters
-LEAST_SIGMA = 0.8  # px, least sigma of a new Gaussian
-LEAST_MINOR = 0.6  # px, least minor axis of a new Gaussian
-# A Gaussian placed by error is up to e^ELONGATION times longer along an edge, and as much narrower.
+# docs/decisions/placement.md has the figures for these constants.
+INITIAL_SIGMA = 0.3  # sigma of a Gaussian placed by error, as a share of _Placer's spacing
+FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian with a learned falloff. The value hardly matters
+LEAST_SIGMA = 0.8  # px, least sigma of a new Gaussian before it is stretched
+LEAST_MINOR = 0.6  # px, least minor axis of a new Gaussian on a component
+# A Gaussian placed by error is up to e^ELONGATION times longer along an edge and narrower across.
 ELONGATION = 0.5
-REJECTED_SHARE = 0.2  # residuals under this share of the largest are left out
+REJECTED_SHARE = 0.2  # residuals below this share of the largest belong to no component
 BINS = 8  # bins of equal width into which residuals are quantised, as in LIVE
-# Largest aspect of a component's new Gaussian. Round Gaussians lose PSNR, most of all on drawings.
+# Largest aspect of a new Gaussian on a component. Round ones cost PSNR, most of all in drawings.
 MOST_FIRST_ASPECT = 6.0
-# Largest surplus of alpha at a pixel that is not covered too much. More Gaussians cannot repair it.
+# Surplus of alpha above which a pixel is covered too much. More Gaussians cannot repair this.
 TOO_COVERED = 0.03
 COVERED_WEIGHT = 0.3  # weight of the residual at a pixel that is covered too much
 
@@ -39,7 +39,7 @@ COVERED_WEIGHT = 0.3  # weight of the residual at a pixel that is covered too mu
 class NewGaussians(NamedTuple):
     """n Gaussians to add: mean (n, 2), Cholesky factor (n, 3), color (n, 3); float64.
 
-    color is that of the target, or that of the residual with additive blending.
+    color is taken from the target, or from the residual with additive blending.
     """
 
     mean: NDArray[np.float64]
@@ -68,14 +68,13 @@ def place(
     rng: np.random.Generator,
     additive: bool = False,
 ) -> NewGaussians:
-    """Place `count` new Gaussians for a scene that then has `total`.
+    """Return `count` new Gaussians for a scene that will then have `total`.
 
     placement  one of DensifyOptions.init
-    rendered   the scene so far, like target.planar
+    rendered   render of the scene so far, with the shape of target.planar
     additive   whether new Gaussians have the residual's colours, not the target's
-    No Gaussian is placed on invisible pixels of a target with alpha.
+    Invisible pixels of a target with alpha have no residual, and "random" skips them.
     """
-    # px, radius of a disc with a Gaussian's share of the area
     spacing = float(np.sqrt(target.width * target.height / (max(total, 1) * np.pi)))
     placer = _Placer(target, rendered, spacing, rng, additive)
     if placement == "selective":
@@ -88,8 +87,8 @@ def place(
 class _Placer:
     """Placement of Gaussians by the residual of a render.
 
-    spacing is the radius in px of a disc with a Gaussian's share of the area. The residual is
-    multiplied by the square root of the target's visible weight.
+    spacing is the radius in px of a disc of the picture's area / number of Gaussians. The residual
+    is multiplied by the square root of target.visible_weight.
     """
 
     def __init__(
@@ -105,7 +104,7 @@ class _Placer:
         if target.visible is not None:
             self._residual *= target.visible
             over_white, over_black = self._residual[:3], self._residual[3:]
-            surplus = (over_white - over_black).mean(axis=0)  # alpha beyond the target's
+            surplus = (over_white - over_black).mean(axis=0)  # render's minus target's alpha
             too_covered = surplus > TOO_COVERED
             self._residual *= np.where(too_covered, COVERED_WEIGHT, 1.0)
         self._color = self._residual if additive else target.source_color
@@ -115,7 +114,7 @@ class _Placer:
         self._rng = rng
 
     def by_error(self, count: int) -> NewGaussians:
-        """Return Gaussians by stratified sampling of the weighted squared residual."""
+        """Return Gaussians at pixels sampled in proportion to the smoothed squared residual."""
         error = np.square(self._residual).sum(axis=0)
         smooth = smoothed(error, min(max(0.5 * self._spacing, 0.5), 4.0))
         if self._target.visible is not None:
@@ -135,9 +134,10 @@ class _Placer:
     def by_component(self, count: int) -> NewGaussians:
         """Return a Gaussian on each of the largest components of the quantised residual.
 
-        `by_error` fills up to `count`. Components are as in LIVE. A Gaussian has its component's
-        mean colour, and direction and aspect by the component's second moments. With
-        sigma = sqrt(A / pi) / 2 it has the variance of a disc of the component's area A.
+        If components are fewer than `count`, `by_error` places the rest. Components are as in LIVE.
+        A Gaussian has the mean colour of its component, and a direction and an aspect from the
+        component's second moments. Its sigma sqrt(A / pi) / 2 is that of a disc of the component's
+        area A.
         """
         parts = self._components(count)
         if parts is None:
@@ -157,14 +157,15 @@ class _Placer:
         return gaussians.filled_up(self.by_error, count)
 
     def as_in_live(self, count: int) -> NewGaussians:
-        """Return Gaussians as in the paper: sigma = sqrt(A / (r s^2)), rho = 0, the rest at random.
+        """Return Gaussians on components as in the paper. `at_random` places the rest of `count`.
 
-        A Gaussian has the colour at its component's centre of mass.
+        On a component of area A px^2, a Gaussian has sigma = sqrt(A / 7) px, rho = 0, and the
+        colour at the centre of mass.
         """
         parts = self._components(count)
         if parts is None:
             return self.at_random(count)
-        # s samples of the paper's kernel span -5..5. A unit is s / 10 px, so s cancels; r is 0.07.
+        # The paper has sigma = sqrt(A / (r s^2)), r = 0.07, in units of s / 10 px: s cancels.
         sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), LEAST_SIGMA)
         center = parts.center()
         x, y = np.round(center).astype(np.intp).T
@@ -174,7 +175,7 @@ class _Placer:
         )
 
     def at_random(self, count: int) -> NewGaussians:
-        """Return Gaussians on any visible pixels, with sigma up to the spacing and |rho| < 0.95."""
+        """Return Gaussians on random visible pixels, with sigma up to spacing and |rho| < 0.95."""
         target, rng = self._target, self._rng
         mean = rng.random((count, 2)) * [target.width, target.height]
         if target.visible is not None:
@@ -193,8 +194,8 @@ class _Placer:
     def _components(self, count: int) -> _Components | None:
         """Return the largest components, at most `count`; None if the residual is 0 everywhere.
 
-        The absolute residual is summed over channels. Small values are rejected, and the others are
-        quantised into bins of equal width between 0 and the largest.
+        The absolute residual is summed over channels. Small sums are rejected, and the other sums
+        are quantised into bins of equal width between 0 and the largest sum.
         """
         difference = np.abs(self._residual).sum(axis=0)
         largest = float(difference.max())
@@ -204,7 +205,7 @@ class _Placer:
         bins[difference < REJECTED_SHARE * largest] = 0
         components = components_of(bins).ravel()
         area = np.bincount(components)
-        area[0] = 0  # the rejected pixels
+        area[0] = 0  # number 0 is that of rejected pixels
         order = np.argsort(-area, kind="stable")[: min(count, len(area) - 1)]
         rank = np.full(components.max() + 1, -1)
         rank[order] = np.arange(len(order))
@@ -216,7 +217,7 @@ class _Placer:
 
 @dataclass(frozen=True)
 class _Components:
-    """k connected components: area (k,) in px, pixels x, y (p,), and each pixel's component."""
+    """k components: area (k,) in px^2; for their p pixels x, y (p,) and component rank (p,)."""
 
     area: NDArray[np.intp]
     rank: NDArray[np.intp]
@@ -232,7 +233,7 @@ class _Components:
         return np.stack([self.means(self.x), self.means(self.y)], axis=1)
 
     def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the central second moments xx, xy, yy (k,) in px^2, with the extent of pixels."""
+        """Return the central second moments xx, xy, yy (k,) in px^2, with pixels as squares."""
         x, y = self.x, self.y
         mx, my = self.center().T
         xx = self.means(x * x) - mx * mx + _PIXEL_VARIANCE
@@ -243,7 +244,7 @@ class _Components:
 def _oriented(
     major: NDArray[np.floating], minor: NDArray[np.floating], angle_rad: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Return the Cholesky factors (n, 3) of ellipses with these semi-axes and directions."""
+    """Return the Cholesky factors (n, 3) of ellipses, from semi-axes and the major's direction."""
     co, si = np.cos(angle_rad, dtype=np.float64), np.sin(angle_rad, dtype=np.float64)
     l11 = np.hypot(co * major, si * minor)
     l21 = co * si * (np.square(major) - np.square(minor)) / l11
@@ -252,13 +253,13 @@ def _oriented(
 
 @cached(nogil=True)
 def components_of(levels):  # numba kernel
-    """Return the number (h, w) of each pixel's component in levels (h, w).
+    """Return for each pixel of levels (h, w) the number (h, w) of its component.
 
     A component's pixels have one level and touch along sides or at corners. Components are numbered
     from 1 in the order of their first pixels, row by row. Pixels of level 0 have number 0.
     """
     height, width = levels.shape
-    # Union-find: for each pixel an earlier pixel of its component, or itself.
+    # Union-find: for each pixel an earlier pixel of its component, or the pixel itself.
     parent = np.zeros(height * width, np.int64)
     for y in range(height):
         for x in range(width):
@@ -267,7 +268,7 @@ def components_of(levels):  # numba kernel
                 continue
             at = y * width + x
             root = at
-            for k in range(4):  # the pixel on the left, and three above
+            for k in range(4):  # the neighbour on the left, and three above
                 ny, nx = (y, x - 1) if k == 0 else (y - 1, x + k - 2)
                 if ny < 0 or nx < 0 or nx >= width or levels[ny, nx] != level:
                     continue

@@ -1,8 +1,8 @@
 """The Gaussians of a fit on the current target, and how they are added, relocated and pruned.
 
-An additive fit is converted to an alpha-composited one, which every renderer draws. An additive
-scene has no order and no opacity. Its Gaussians are composited largest first, each in the target's
-colour at its mean, and another fit begins with them. They keep their position, size and direction
+An alpha-composited fit can begin with an additive scene, so that every renderer draws the result.
+Additive Gaussians have no order and no opacity. The fit begins with the largest at the bottom, each
+in the target's colour at its mean, and keeps their position, size and direction at first
 (docs/decisions/fit.md).
 """
 
@@ -29,17 +29,17 @@ from gauss2svg.scene import ADD, PLAIN, SOFT, Scene
 from gauss2svg.scene.inks import ink_colors, inks_of
 from gauss2svg.scene.scene import LEAST_RAW_BETA
 
-# Least opacity. Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off
-# (docs/decisions/renderers.md).
+# Least opacity of a finished fit. Fainter shapes vanish on 8-bit canvases, or renderers draw them
+# with errors of 10 to 60 % (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
-RELOCATED = 0.08  # share of the Gaussians that are relocated at a time (docs/decisions/fit.md)
-# A unit of ln beta must lower the loss by this share of a Gaussian's mean loss. So shapes that gain
-# nothing stay Gaussians (docs/decisions/fit.md).
+RELOCATED = 0.08  # share of the Gaussians that a relocation moves (docs/decisions/fit.md)
+# Each unit of ln beta must lower the loss by this share of the mean loss per Gaussian. So a shape
+# stays a Gaussian if another exponent gains nothing (docs/decisions/fit.md).
 BETA_PRICE = 0.06
-# Smallest opacity that is raised to 1, which saves bytes (docs/decisions/fit.md).
+# Opacity above which a shape becomes opaque, which saves bytes (docs/decisions/fit.md).
 OPAQUE_FROM = 0.953
 
-AsWritten = Callable[[Scene, float], Scene]
+AsWritten = Callable[[Scene, float], Scene]  # scene and its PSNR (dB) -> scene of its file
 Backup = tuple[State, SharedColors | None]
 
 
@@ -47,8 +47,8 @@ class Population:
     """The Gaussians of a fit, in px of the current target, and how they change.
 
     pixels   (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
-    targets  targets of these pixels, if a caller has them already
-    shared   colours that shapes share in the last steps, else None
+    targets  TargetPyramid of these pixels if the caller has one
+    shared   colours that shapes share in the last steps; None before these steps
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Population:
         self._photo = self._pyramid = targets or TargetPyramid(pixels, config.fit.tuned)
         self.inks: Inks | None = None
         if config.fit.inks is not None:
-            inks: Any = config.fit.inks  # checked by check_inks
+            inks: Any = config.fit.inks  # check_inks has checked them
             self.inks = Inks(ink_colors(inks_of(pixels, inks)))
             focus = self._photo.focus
             self._pyramid = TargetPyramid(
@@ -74,10 +74,10 @@ class Population:
             )
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
-        # The background is rounded to 8 bits as in the file, so that the fit makes up for that.
+        # The background is rounded to 8 bits as in the file, so that the fit corrects the rounding.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
         if has_alpha(pixels):
-            self.background = np.ones(3)  # white, which the file leaves out
+            self.background = np.ones(3)  # white; the file has no background
         elif self.inks is not None:
             self.background = self.inks.background(self.target)
 
@@ -89,7 +89,7 @@ class Population:
         return self.state.splats(self.background, self.config.fit.blend)
 
     def rendered(self) -> NDArray[np.floating]:
-        """Render the Gaussians like the current target."""
+        """Return the render of the Gaussians, in the shape of target.planar."""
         return self.target.rendered(self.splats())
 
     def scene(self) -> Scene:
@@ -98,7 +98,7 @@ class Population:
         scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
             scene = scene.replace(transparent=True)
-        if self.inks is not None:  # the logits stand for nearly 1
+        if self.inks is not None:  # the logits give only nearly 1
             scene = scene.replace(opacity=np.ones(len(scene)))
         height, width = self._pyramid.pixels.shape[:2]
         if (width, height) == size:
@@ -109,11 +109,11 @@ class Population:
         """Return the PSNR in dB against the photo at full size, even if the target is reduced."""
         photo = self._photo.reduced(1)
         factors = photo.width / self.target.width, photo.height / self.target.height
-        state = self._crisp(self.state.scaled(*factors))
+        state = self._with_crisp_rims(self.state.scaled(*factors))
         return psnr_of(photo.error(state.splats(self.background, self.config.fit.blend)))
 
     def error_of(self, evaluated: LossAndGradient) -> float:
-        """Return the mean squared error of a step against the photo, not against its inks."""
+        """Return the mean squared error of evaluated renders against the photo, not its inks."""
         if self.inks is None:
             return evaluated.error
         return self._photo.reduced(self.reduction).error_of(evaluated.rendered)
@@ -121,7 +121,7 @@ class Population:
     def evaluate(self, splats: Splats, at_both_sizes: bool = False) -> LossAndGradient:
         """Return the loss and its gradient.
 
-        at_both_sizes: whether to average them over the enlarged picture and its original size.
+        at_both_sizes: whether to average both over the enlarged and the original picture.
         """
         options, times = self.config.fit, self.config.enlarged
         evaluated = self.target.evaluate(splats, options.loss, options.ssim_weight)
@@ -129,7 +129,7 @@ class Population:
             return evaluated
         splats = self.state.scaled(1 / times, 1 / times).splats(self.background, options.blend)
         own = self._pyramid.reduced(times).evaluate(splats, options.loss, options.ssim_weight)
-        # Gradients are in each shape's own frame, so that they add up over sizes.
+        # Gradients are in each shape's own frame, so those of both sizes can be added.
         return evaluated._replace(
             loss=(evaluated.loss + times**2 * own.loss) / 2,
             moments=(evaluated.moments + times**2 * own.moments) / 2,
@@ -141,11 +141,11 @@ class Population:
         return self.state.copy(), copy(self.shared)
 
     def restore(self, backup: Backup) -> None:
-        """Restore the state that backup() returned."""
+        """Restore the state and the shared colours that backup() returned."""
         self.state, self.shared = backup[0].copy(), copy(backup[1])
 
     def step(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> bool:
-        """Take one optimiser step with all rates times `rate`. Return whether all is finite."""
+        """Take an Adam step; `rate` multiplies learning rates. Return whether all were finite."""
         share = evaluated.loss / max(len(self), 1)
         gradient = adam.gradients(evaluated.moments, splats, BETA_PRICE * share)
         most_sigma = float(max(self.target.width, self.target.height))
@@ -153,11 +153,11 @@ class Population:
         finite = adam.step(self.state, gradient, blending, most_sigma, rate)
         if finite and self.shared is not None:
             self.shared.step(self.state, gradient, rate)
-        self._crisp(self.state)
+        self._with_crisp_rims(self.state)
         return finite
 
     def reduce_to(self, factor: int, scale_moments: bool = False) -> None:
-        """Change to the target of 1 / factor the width and height.
+        """Change to the target of 1 / factor of the width and height. Scale the Gaussians.
 
         scale_moments: whether Adam's moments are scaled like gradients, which are sums over pixels.
         Scaling pays only in refinement (docs/decisions/few.md).
@@ -168,20 +168,20 @@ class Population:
         before, self.target = self.target, self._pyramid.reduced(factor)
         self.reduction = factor
         factors = self.target.width / before.width, self.target.height / before.height
-        self.state = state = self._crisp(self.state.scaled(*factors))
+        self.state = state = self._with_crisp_rims(self.state.scaled(*factors))
         state.adam_m, state.adam_v = state.adam_m * area, state.adam_v * area**2
 
     def reduction_of_round(self, total: int) -> int:
-        """Return the factor by which a round up to `total` Gaussians reduces the target."""
+        """Return the factor by which the target is reduced in a round up to `total` Gaussians."""
         height, width = self._pyramid.pixels.shape[:2]
         if self.config.enlarged > 1:
             return enlarged_reduction(0.0, width, height)
         return reduction(total, width, height) if self.config.reduce else 1
 
     def reduction_at(self, done: float) -> int:
-        """Return the factor by which refinement reduces the target at progress `done`.
+        """Return the factor by which the target is reduced at progress `done` of refinement.
 
-        The factor is 1 if the count adapts, because errors at full size decide the count.
+        It is 1 if config.gaussians is 0. A policy then decides the count by errors at full size.
         """
         if self.config.enlarged > 1:
             return enlarged_reduction(done, *self._pyramid.pixels.shape[1::-1])
@@ -191,12 +191,12 @@ class Population:
         return refinement_reduction(done, len(self), width, height)
 
     def adopt(self, scene: Scene) -> None:
-        """Begin with the Gaussians of an additive scene, alpha-composited."""
+        """Replace the Gaussians by those of an additive scene, alpha-composited."""
         self.state = composited(scene, self.target, self.config.fit)
         self.round_index = int(self.state.round_index.max(initial=0))
 
     def densify_or_prune(self, count: int) -> None:
-        """Change the count: add Gaussians where the error is, or remove the least useful."""
+        """Add Gaussians where the error is, or remove the least useful, until there are `count`."""
         surplus = len(self) - count
         if surplus > 0:
             _, cost = self.target.removal_cost(self.splats())
@@ -214,13 +214,13 @@ class Population:
             return False
         keep = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
         self.state = self.state.select(keep)
-        if self.config.fit.blend == ADD:  # removing all may cost more than the sum of their costs
+        if self.config.fit.blend == ADD:  # removing several may cost more than the sum of costs
             rendered = self.rendered()
         self._add(rendered, count, total)
         return True
 
     def prune(self, least: float) -> None:
-        """Remove the Gaussians that each gain less than `least` dB."""
+        """Remove each Gaussian whose removal costs at most `least` dB of weighted PSNR."""
         if least == -math.inf or not len(self):
             return
         rendered, cost = self.target.removal_cost(self.splats())
@@ -230,9 +230,9 @@ class Population:
         self.state = self.state.select(cost[:, 0] > least_cost)
 
     def prune_invisible(self) -> None:
-        """Remove Gaussians that renderers would not draw: too faint, or off the canvas.
+        """Remove Gaussians that do not show: too faint, covered, or off the canvas.
 
-        On a target with alpha, also remove haze, which is Gaussians that raise the error.
+        On a target with alpha, also remove haze: Gaussians that do not lower the error.
         """
         splats = self.splats()
         _, cost = self.target.removal_cost(splats)
@@ -242,15 +242,15 @@ class Population:
         self.state = self.state.select(keep)
 
     def quantize(self, as_written: AsWritten, psnr: float) -> None:
-        """Take the exponents and colours of the file. From here on colours are shared."""
+        """Set exponents and colours to the file's, and high opacities to 1. Share the colours."""
         least = math.log(OPAQUE_FROM / (1 - OPAQUE_FROM))
         self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT
-        self.state = self._crisp(self.state.quantized(as_written(self.scene(), psnr)))
+        self.state = self._with_crisp_rims(self.state.quantized(as_written(self.scene(), psnr)))
         if self.inks is None:
             self.shared = SharedColors.of(self.state, self.blending)
 
     def soften(self) -> None:
-        """Let exponents be learned again after `quantize` has fixed them."""
+        """After `quantize`, let exponents be learned again, and let files draw shapes softly."""
         if self.config.fit.learned_falloff:
             self.state.raw_beta = np.maximum(self.state.raw_beta, LEAST_RAW_BETA)
             self.state.drawn[:] = SOFT
@@ -275,10 +275,10 @@ class Population:
                 return
         choices.assign(self.state, current)
 
-    def _crisp(self, state: State) -> State:
-        """Return a state whose geometry has changed. In inks its rims are made crisp again."""
+    def _with_crisp_rims(self, state: State) -> State:
+        """In a fit to inks, set the exponents of crisp rims in the state. Return the state."""
         if self.inks is not None:
-            state.raw_beta = self.inks.crisp(state.factor)
+            state.raw_beta = self.inks.crisp_raw_betas(state.factor)
         return state
 
     def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
@@ -300,7 +300,7 @@ class Population:
         )  # fmt: skip
         if self.inks is not None:
             added.drawn[:] = PLAIN
-        self.state = self._crisp(self.state.append(added))
+        self.state = self._with_crisp_rims(self.state.append(added))
 
     def _overlap(self, new: NewGaussians) -> NDArray[np.float64]:
         """Return the sum (n,) of all new falloffs at each new mean, at least 1.
@@ -318,7 +318,7 @@ class Population:
 def composited(scene: Scene, target: Target, options: FitOptions) -> State:
     """Return the initial state of an alpha-composited fit to target, from an additive scene.
 
-    options are those of the fit. New rounds, with the largest Gaussians first, replace the scene's
+    options: those of the fit. New rounds, with the largest Gaussians first, replace the scene's
     rounds. Gaussians whose mean lies on an invisible pixel of the target are left out.
     """
     height, width = target.height, target.width

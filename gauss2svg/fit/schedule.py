@@ -1,6 +1,6 @@
 """The schedule of a fit: rounds of growth, reduced sizes, learning rates, and progress.
 
-Progress is by iterations or by the wall clock, whichever is further.
+Progress is measured both by iterations and by the wall clock. The larger value counts.
 """
 
 from __future__ import annotations
@@ -10,37 +10,37 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-LARGEST_REDUCTION = 8
-# px, longest side of an enlarged target that is never reduced (docs/decisions/enlarged.md).
+LARGEST_REDUCTION = 8  # largest factor by which growth divides width and height
+# px, longest side up to which an enlarged target is never reduced (docs/decisions/enlarged.md).
 LARGEST_UNREDUCED = 640
 
-# Events of a fit. Progress is in 0..1 (docs/decisions/fit.md).
-ROUNDS = 6  # rounds of growth. 4 to 20 rounds change the PSNR by less than 0.1 dB
+# Constants of a fit's schedule (docs/decisions/fit.md). Progress is in 0..1.
+ROUNDS = 6  # number of rounds of growth. 4 to 20 rounds change the PSNR by less than 0.1 dB
 GROWTH_SHARE = 0.3  # progress at which all Gaussians have been added
 DECAY_START = 0.75  # progress at which the learning rate begins to decay by a cosine
 LAST_RATE = 0.02  # share of the learning rate that is left at the end
-# Progress at which exponents and colours become those of the file. Earlier is worse.
+# Progress at which exponents and colours become those of the file. A lower value is worse.
 QUANTIZED_FROM = 0.85
-# Fewest pixels per Gaussian on a reduced target. Reducing saves a fifth of pixel-Gaussian pairs at
-# no loss of PSNR.
+# Fewest pixels per Gaussian on a reduced target. Reduced targets save a fifth of the pixel-Gaussian
+# pairs at no loss of PSNR.
 PIXELS_PER_GAUSSIAN = 36
 SMALLEST_SIDE = 32  # px, shortest side that a reduced target may have in growth
-# Refinement of few Gaussians, six constants (docs/decisions/few.md). Full size from this progress
-# on.
-FULL_FROM = 0.55
-HALF_FROM = 0.45  # before this progress width and height are divided by four, then by two
-# px, shortest side that a reduced target may have in refinement. On smaller ones a step costs no
-# less.
+# The constants down to EXTENDED are for few Gaussians, which are first refined on reduced targets
+# (docs/decisions/few.md).
+FULL_FROM = 0.55  # progress from which targets have their full size
+HALF_FROM = 0.45  # progress from which targets have half the width and height (earlier: a fourth)
+# px, shortest side that a reduced target may have in refinement. Steps on smaller targets take no
+# less time.
 SMALLEST_REFINED_SIDE = 128
-REDUCED_STEPS = 0.72  # share of the steps of refinement that reduced targets take
-# Share of refinement's time that reduced targets take if time ends the fit
+REDUCED_STEPS = 0.72  # share of refinement's steps that are on reduced targets
+# Share of refinement's time that steps on reduced targets take if a deadline ends the fit
 # (docs/decisions/time.md).
 REDUCED_TIME = 0.4
-EXTENDED = 2  # factor of a preset's steps if most are on reduced targets
+EXTENDED = 2  # factor by which a preset's steps are multiplied if most are on reduced targets
 RELOCATE_FROM = 0.2  # progress at which relocation begins
 RELOCATE_UNTIL = 0.75  # progress at which relocation ends
 RELOCATE_EVERY = 10  # steps between relocations
-# Fewest steps between two relocations of a long fit, as a share of its steps
+# Least number of steps between two relocations of a long fit, as a share of its steps
 # (docs/decisions/time.md).
 RELOCATE_SHARE = 0.05
 
@@ -54,7 +54,7 @@ def totals(
                one round
     per_round  if given, >= 1: as in the paper, round i = 0, 1, .. adds min(2^i, per_round) if the
                schedule is exponential, and per_round if it is linear
-    Without per_round there are at most as many rounds as iterations.
+    Without per_round there are at most ROUNDS rounds, and at most as many as iterations.
     """
     if per_round is not None:
         return _totals_by_round(schedule, gaussians, per_round)
@@ -77,7 +77,7 @@ def _totals_by_round(schedule: str, gaussians: int, per_round: int) -> list[int]
 
 
 def reduction(gaussians: int, width: int, height: int) -> int:
-    """Return the factor by which a round of `gaussians` divides width and height."""
+    """Return the divisor of a target's sides in a round that ends with `gaussians` Gaussians."""
     factor = 1
     while (
         factor < LARGEST_REDUCTION
@@ -89,10 +89,10 @@ def reduction(gaussians: int, width: int, height: int) -> int:
 
 
 def refinement_reduction(done: float, gaussians: int, width: int, height: int) -> int:
-    """Return the factor by which refinement at progress `done` in 0..1 divides width and height.
+    """Return the divisor of a target's width and height in refinement at progress `done` in 0..1.
 
-    The factor is 4 before HALF_FROM and 2 before FULL_FROM. It is less if a Gaussian would have
-    fewer than PIXELS_PER_GAUSSIAN pixels, or the picture a side below SMALLEST_REFINED_SIDE.
+    It is 4 before HALF_FROM, 2 before FULL_FROM and then 1. It is less if a Gaussian would have
+    fewer than PIXELS_PER_GAUSSIAN pixels, or the target a side below SMALLEST_REFINED_SIDE.
     """
     factor = 1
     for until in (FULL_FROM, HALF_FROM):
@@ -104,7 +104,7 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
 
 
 def enlarged_reduction(done: float, width: int, height: int) -> int:
-    """Return the factor by which a fit to an enlarged picture divides width and height.
+    """Return the divisor of a target's width and height in a fit to an enlarged picture.
 
     All but the last steps run at half the size if a side is longer than LARGEST_UNREDUCED.
     """
@@ -112,19 +112,19 @@ def enlarged_reduction(done: float, width: int, height: int) -> int:
     return 2 if is_large and done < QUANTIZED_FROM else 1
 
 
-def relocates(done: float, iteration: int, sparsely: bool = False) -> bool:
+def relocates(done: float, iteration: int, rarely: bool = False) -> bool:
     """Return whether Gaussians are relocated before this step, at progress `done` in 0..1.
 
-    sparsely  whether relocations are at least RELOCATE_SHARE of the steps apart
+    rarely  whether at least RELOCATE_SHARE of the steps lie between relocations
     """
     every = RELOCATE_EVERY
-    if sparsely and done > RELOCATE_FROM:
+    if rarely and done > RELOCATE_FROM:
         every = max(every, int(RELOCATE_SHARE * iteration / done))
     return RELOCATE_FROM < done < RELOCATE_UNTIL and iteration % every == 0
 
 
 def rate(done: float) -> float:
-    """Return the factor, in 0.02..1, of the learning rate at progress `done` in 0..1."""
+    """Return the factor (LAST_RATE..1) of the learning rate at progress `done` in 0..1."""
     start = DECAY_START
     if done < start:
         return 1.0
@@ -132,8 +132,8 @@ def rate(done: float) -> float:
     return max(LAST_RATE, fall)
 
 
-# Most steps in a round of growth of a fit that is limited only by time. The rest of the time
-# is better spent once all Gaussians exist (docs/decisions/time.md).
+# Largest number of steps in a round of growth if only time limits the fit. The rest of the time is
+# better spent once all Gaussians exist (docs/decisions/time.md).
 MOST_STEPS_A_ROUND = 30
 
 
@@ -143,7 +143,7 @@ class Clock:
     iterations        number of steps in both stages, or None for as many as the time allows
     rounds            largest number of rounds of growth
     deadline          returns the end of the fit in s of time.perf_counter(), or None
-    round_iterations  number of steps in each round; None: GROWTH_SHARE of iterations in all rounds
+    round_iterations  number of steps in each round; None: rounds share GROWTH_SHARE of iterations
     stop              polled at every step; the fit ends once it returns True
     """
 
@@ -166,7 +166,7 @@ class Clock:
 
     @property
     def elapsed_s(self) -> float:
-        """Wall-clock seconds since the start of the fit, without pauses in this refinement."""
+        """Wall-clock seconds since the start of the fit, without pauses since begin_refinement."""
         return time.perf_counter() - self._started_s - self._paused_s
 
     @property
@@ -194,9 +194,9 @@ class Clock:
         return GROWTH_SHARE * min((index + 1) / self._rounds, 1.0)
 
     def begin_refinement(self, steps: int | None, progress: float, reduced: bool = False) -> None:
-        """Begin refinement, in which `steps` iterations or the time left take `progress` to 1.
+        """Begin refinement at `progress`. It ends after `steps` iterations or at the deadline.
 
-        reduced: whether the first steps run on reduced pictures. Most of the steps then do.
+        reduced: whether its first steps, which are the majority, run on reduced pictures.
         """
         self._start, self._reduced = progress, reduced
         self._paused_s = 0.0  # earlier pauses no longer delay the end
@@ -204,13 +204,13 @@ class Clock:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Stop the clock inside the context, which delays the end of the fit."""
+        """Stop the clock during the `with` block, which delays the end of the fit."""
         started_s = time.perf_counter()
         yield
         self._paused_s += time.perf_counter() - started_s
 
     def refinement_progress(self) -> float:
-        """Return the progress of the fit during refinement; 1 ends it."""
+        """Return the progress during refinement, 1 at its end. Update `out_of_time`."""
         if self.stopped:
             return 1.0
         by_steps = 0.0
@@ -220,7 +220,7 @@ class Clock:
         if not self._reduced:
             self.out_of_time = by_time > by_steps
             return self._start + (1 - self._start) * min(max(by_steps, by_time), 1.0)
-        # Steps on reduced pictures are many, and take little of the time.
+        # REDUCED_STEPS of the steps run on reduced pictures, in REDUCED_TIME of the time.
         until = FULL_FROM
         steps, seconds = (
             self._start + (until - self._start) * share / reduced

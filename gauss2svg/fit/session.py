@@ -2,14 +2,15 @@
 
     progress           event
     0 to 0.3           rounds, each of which begins with new Gaussians
+    0.2 to 0.75        useless Gaussians move to where the error is large, every few steps
     0.45, 0.55         a larger target, for few Gaussians
-    0.45, 0.55, 0.65   another count, where it adapts
+    0.45, 0.55, 0.65   another count, if the policy wants it
     0.75               Gaussians that gain too little are pruned
     0.85               exponents and colours become those of the file
     0.855 to 0.935     shapes exchange their colours
 
-Each event changes the problem or the state, so losses before it do not compare to losses after it.
-`FitSession` returns to the best state before an event, and resets its guard after it.
+A loss before a change of target, count or exponents cannot be compared to a loss after it. So
+`FitSession` restores the best state just before such an event, and resets its guard just after it.
 """
 
 from __future__ import annotations
@@ -37,29 +38,29 @@ from gauss2svg.scene import Scene
 # Largest mean squared error at which no step is taken. At this error, 120 dB, no pixel of a million
 # is off by half a level, but Adam would still take full steps.
 EXACT = 1e-12
-# Progress at which shapes may exchange their colours. Later, hardly any would.
+# Progress at which shapes may exchange their colours. After the last, hardly any would do so.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
-INKS_EXCHANGED_EVERY = 20  # steps between exchanges. 10 are no better (docs/decisions/inks.md)
+INKS_EXCHANGED_EVERY = 20  # steps. 10 give no better fits to inks (docs/decisions/inks.md)
 # Progress at which a fit resumes after its count has changed. Some relocation and the decay of the
 # learning rate follow.
 RESUME_AT = 0.6
-# Number of last steps over which the PSNR that a policy sees in refinement is averaged. The error
+# In refinement, a policy sees the PSNR of the mean error of this many last steps, because the error
 # of a single step scatters.
 STEPS_AVERAGED = 5
 
 # Reasons why a fit ended. iterations: all steps are done. gaussians: the count is 0. gain: another
 # round would gain less than the preset asks for. enough: the preset's PSNR is reached. cap: the
 # largest number of Gaussians is reached. interrupted: the caller stopped the fit. max_bytes,
-# time_limit: the option of this name ended growth. Runs add the names of target scores.
+# time_limit: the option of this name ended growth. A run that meets a target reports that option.
 STOP_REASONS = (
     "iterations", "gaussians", "gain", "enough", "cap", "max_bytes", "time_limit", "interrupted",
 )  # fmt: skip
-ADJUST_AT = (0.45, 0.55, 0.65)  # progress of refinement at which a count may change
+ADJUST_AT = (0.45, 0.55, 0.65)  # progress in refinement at which a policy may change the count
 
 
 @dataclass
 class Snapshot:
-    """A fit as its policy sees it. Snapshots are equal if count and done are.
+    """A fit as its policy sees it. Snapshots are equal if they have the same count and done.
 
     count    number of Gaussians
     done     progress in 0..1
@@ -81,11 +82,14 @@ class Snapshot:
 
 
 class DensificationPolicy:
-    """A policy that decides the number of Gaussians. This one follows the config and its schedule.
+    """A policy that decides the number of Gaussians. This base class follows FitConfig.totals.
 
     rounds       approximate number of rounds of growth
     stop_reason  reason why growth ended, one of STOP_REASONS. Valid once growth has ended
+    least_gain   gain in dB below which a Gaussian is pruned before the last steps
     """
+
+    least_gain = -math.inf
 
     def __init__(self, config: FitConfig) -> None:
         self._totals = config.totals
@@ -93,20 +97,16 @@ class DensificationPolicy:
         self.stop_reason = "iterations" if config.gaussians else "gaussians"
 
     def grow(self, now: Snapshot) -> int:
-        """Return the number of Gaussians after the next round; the present number ends growth."""
+        """Return the number of Gaussians after the next round, or the present one to end growth."""
         return next((total for total in self._totals if total > now.count), now.count)
 
     def adjust(self, now: Snapshot) -> int:
         """Return the number of Gaussians from now on. Called in refinement, at ADJUST_AT."""
         return now.count
 
-    def most(self, now: Snapshot) -> int:
+    def max_count(self, now: Snapshot) -> int:
         """Return the largest number of Gaussians to write. Called before the last steps."""
         return now.count
-
-    def least_gain(self) -> float:
-        """Return the gain in dB below which a Gaussian is pruned before the last steps."""
-        return -math.inf
 
 
 @dataclass(frozen=True)
@@ -119,16 +119,16 @@ class Event:
 
 
 class FitSession:
-    """A fit of a picture, which can be refined again after a change of its count.
+    """A fit of a picture. After a change of its number of Gaussians it can be refined again.
 
     pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
-    policy      decides the number of Gaussians; None: it is that of config
+    policy      decides the number of Gaussians; None: the base class, which follows config
     deadline    returns the end of the fit in s of time.perf_counter(), or None
     progress    called after every iteration, in this thread
     as_written  maps a scene and its PSNR in dB to the scene with the exponents and colours of its
-                file; called before the last steps, which make up for the loss
+                file; called before the last steps, which make up for the change
     stop        polled before every step; True ends the fit with its present state
-    targets     targets of these pixels and this tune, if a caller has them already
+    targets     TargetPyramid of these pixels for config.fit.tuned, if the caller has one
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class FitSession:
 
     @property
     def psnr(self) -> float:
-        """PSNR in dB of the last steps, or of the state if its target is reduced."""
+        """PSNR in dB of the last steps, or of the state at full size if its target is reduced."""
         if not self._errors or self.population.reduction > 1:
             return self.population.psnr()
         return psnr_of(float(np.mean(self._errors)))
@@ -183,7 +183,7 @@ class FitSession:
             self._refine(steps, schedule.GROWTH_SHARE, [*adjustments, pruning])
 
     def resize(self, count: int, iterations: int) -> None:
-        """Change the number of Gaussians of a finished fit, and refine the fit again."""
+        """Change the number of Gaussians of a finished fit, and refine it by `iterations` steps."""
         with self._timed():
             self.population.densify_or_prune(count)
             self.population.soften()
@@ -245,7 +245,7 @@ class FitSession:
     def _refine(
         self, steps: int | None, start: float, events: Iterable[Event], gently: bool = False
     ) -> None:
-        """Take steps from progress `start` to 1, with `events` and the events of every refinement.
+        """Step from progress `start` to 1. Do `events` and those of every refinement on the way.
 
         steps   number of iterations; None for as many as the time allows
         gently  whether the first steps are small
@@ -268,7 +268,7 @@ class FitSession:
             self._done = done
             due = [event for event in remaining if event.at <= done]
             remaining = [event for event in remaining if event.at > done]
-            for do in dict.fromkeys(event.do for event in due):  # each action once
+            for do in dict.fromkeys(event.do for event in due):  # one action may be due twice
                 do()
             self._step(done)
         self._done = 1.0
@@ -280,13 +280,13 @@ class FitSession:
 
     @contextmanager
     def _changing(self, tolerant: bool = True) -> Iterator[None]:
-        """Return to the best state before a change of the problem; reset the guard after it."""
+        """Restore the best state before the `with` block changes the fit, reset the guard after."""
         self._restore_best(tolerant)
         yield
         self.guard.reset()
 
     def _change_size(self) -> None:
-        """Change the target to the size for the present progress."""
+        """Change the target to its size at the present progress."""
         factor = self.population.reduction_at(self._done)
         if factor != self.population.reduction:
             with self._changing():
@@ -301,15 +301,15 @@ class FitSession:
 
     def _prune(self) -> None:
         with self._changing():
-            self.population.prune(self.policy.least_gain())
+            self.population.prune(self.policy.least_gain)
 
     def _quantize(self) -> None:
-        """Take the exponents of the file for good, and share colours from here on.
+        """Remove the least useful Gaussians beyond the number that may be written, then quantise.
 
-        Before that, remove the least useful Gaussians beyond the number that may be written.
+        From here on, exponents stay those of the file, and shapes share the colours of the file.
         """
         with self._changing(tolerant=False):
-            self.prune_to(self.policy.most(self._snapshot()))
+            self.prune_to(self.policy.max_count(self._snapshot()))
             if self._as_written is not None and len(self.state):
                 with self.clock.paused():
                     self.population.quantize(self._as_written, self.psnr)
@@ -322,15 +322,15 @@ class FitSession:
         return Snapshot(len(self.state), self._done, lambda: self.psnr, self.population.scene)
 
     def _restore_best(self, tolerant: bool = False) -> None:
-        """Return to the best state of a stage that ends worse.
+        """Restore the best state of a stage if the stage ends worse.
 
-        tolerant: whether a somewhat worse end is accepted, because recent relocations may still
-        pay.
+        tolerant: whether an end that is worse by less than WORSE_AT_END is accepted, because recent
+        relocations may still pay.
         """
         population, best = self.population, self.guard.best
         if not len(population) or best is None:
             return
-        # The loss without its gradient takes a third of the time.
+        # A loss without its gradient takes a third of the time.
         if self.config.fit.loss == DEFAULT_LOSS and self.config.enlarged == 1:
             loss = population.target.loss(population.splats())
         else:
@@ -339,12 +339,12 @@ class FitSession:
             population.restore(best)
 
     def _step(self, done: float) -> None:
-        """Relocate if this is due, then take one optimiser step or roll back."""
+        """Relocate or exchange inks if due, take a step or roll back, and report progress."""
         population, guard = self.population, self.guard
-        is_due = schedule.relocates(done, self.clock.iteration, self.config.sparse)
+        is_due = schedule.relocates(done, self.clock.iteration, self.config.relocate_rarely)
         is_due = is_due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
         if is_due and self.config.densify.relocate and population.relocate():
-            guard.relocated()
+            guard.allow_rise()
         if self.clock.iteration % INKS_EXCHANGED_EVERY == 0:
             population.exchange(population.inks)
         splats = population.splats()
@@ -377,7 +377,7 @@ class FitSession:
 
     @contextmanager
     def _timed(self) -> Iterator[None]:
-        """Add the context's wall-clock seconds and CPU seconds, of all threads, to the costs."""
+        """Add the wall-clock seconds and the CPU seconds of the `with` block to the costs."""
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         yield
         self.wall_s += time.perf_counter() - wall_s

@@ -1,4 +1,4 @@
-"""The optimiser's state: raw parameters of the Gaussians in working pixels, and Adam's moments."""
+"""The optimiser's state: raw parameters of Gaussians in px of the target, and Adam's moments."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.scene import STEPPED
 
-FARTHEST = 1e9  # px, bound of a shape's position plus its size, well within the domain of scenes
-# Columns of gradients and of Adam's moments. The first five are two shifts along the whitened axes
-# and three changes of shape, which step mean, sigma and rho. The columns of STEPPED follow.
+FARTHEST = 1e9  # px, bound of |x| + |y| + size of a shape, within the domain of scenes
+# Parameters of the first five columns of gradients and of Adam's moments: two shifts along the
+# whitened axes, and A11, A12, A22 (gauss2svg.fit.adam). The columns of STEPPED follow.
 GEOMETRY = ("mean", "mean", "sigma", "rho", "sigma")
 _ENDS = np.cumsum([len(GEOMETRY), *(p.width for p, _ in STEPPED)]).tolist()
 COLUMNS = {
     p.name: slice(end - p.width, end) for (p, _), end in zip(STEPPED, _ENDS[1:], strict=True)
 }
-STEPS = _ENDS[-1]
+STEPS = _ENDS[-1]  # number of all columns
 COLOR = COLUMNS["color"]
 
 
 @dataclass
 class State:
-    """n raw Gaussians, bottom first; float64.
+    """Raw parameters of n Gaussians, bottom first; float64 by default.
 
     mean         (n, 2) px
     factor       (n, 3) entries l11, l21, l22 of the covariance's Cholesky factor, px
@@ -60,9 +60,9 @@ class State:
         round_index: int,
         **raw: NDArray[np.float64],
     ) -> State:
-        """Return new Gaussians of one round, with moments of 0.
+        """Return new Gaussians of one round, with Adam's moments of 0.
 
-        raw has raw arrays by name. Other parameters start at gauss2svg.scene.scene.Raw.first.
+        raw: arrays by the names of fields. Parameters without an array start at their Raw.first.
         """
         count = len(mean)
         for parameter, raw_form in STEPPED:
@@ -88,7 +88,7 @@ class State:
         return State(**{name: array.copy() for name, array in vars(self).items()})
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:
-        """Return the Gaussians that a mask or index picks. Rounds must not decrease."""
+        """Return the Gaussians that a mask or index picks. An index must keep rounds in order."""
         return State(**{name: array[index] for name, array in vars(self).items()})
 
     def append(self, new: State) -> State:
@@ -97,7 +97,7 @@ class State:
         return State(**{n: np.concatenate([a, new_arrays[n]]) for n, a in vars(self).items()})
 
     def quantized(self, scene: Scene) -> State:
-        """Return the state with a scene's shapes and shared parameters, with moments of 0."""
+        """Return the state with factor, drawn, shared values of a scene. Shared moments are 0."""
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         adam_m, adam_v = self.adam_m.copy(), self.adam_v.copy()
         shared = {}
@@ -126,7 +126,7 @@ class State:
         return {p.name: raw.activated(getattr(self, raw.name)) for p, raw in STEPPED}
 
     def splats(self, background: NDArray[np.float64], blend: str = OVER) -> Splats:
-        """Return the activated Gaussians as the kernels read them."""
+        """Return the Gaussians, with activated values, as the kernels read them."""
         sigma, rho, whitening = _activate(self.factor)
         return splats_from(
             self.mean,
@@ -142,7 +142,7 @@ class State:
     def scene(
         self, background: NDArray[np.float64], width: float, height: float, blend: str = OVER
     ) -> Scene:
-        """Return the activated Gaussians as a scene."""
+        """Return the Gaussians as a scene, with activated values clipped to its domain."""
         sigma, rho, _ = _activate(self.factor)
         activated = self._activated()
         clipped: dict[str, Any] = {

@@ -1,13 +1,13 @@
 """The image to fit: colours and edges, and the loss of Gaussians against it.
 
 The weight w of a pixel says how much an error there counts. Tuned for perception, w is
-(1 + min(v, m) / c^2)^-g divided by its mean, where v is the local variance of luma, and m is a
-hundred times its median, clipped to .025 and .04. An error hides in texture and shows on smooth
-areas, as in visual masking (Daly, "The Visible Differences Predictor", 1993). The crisp edges of
-drawings, where half of the picture is flat, still count. Tuned for PSNR, w is 1, and up to 1 + FLAT
-on flat areas. A streak of two levels is visible there, but hardly changes the squared error.
-docs/decisions/perceptual.md has the gains of both. A mask of where detail matters multiplies w, and
-all errors and losses are means by its weight (docs/decisions/focus.md).
+(1 + min(v, m) / c^2)^-g divided by its mean over the picture. v is the local variance of luma. m is
+a hundred times the median of v, clipped to .025 and .04. An error hides in texture and shows on
+smooth areas, as in visual masking (Daly, "The Visible Differences Predictor", 1993). Because of m,
+crisp edges still count in drawings, which are half flat. Tuned for PSNR, w is 1, or up to 1 + FLAT
+on flat areas, where a streak of two levels is visible but hardly changes the squared error.
+docs/decisions/perceptual.md has the gains of both weights. A mask of where detail matters
+multiplies w, and all errors and losses are means by its weight (docs/decisions/focus.md).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from gauss2svg.render.cpu import (
 )
 from gauss2svg.without_scipy import smoothed
 
-# Bounds of the opacity of new Gaussians on a target with alpha.
+# Bounds of the opacity with which a Gaussian begins on a target with alpha.
 LEAST_OPACITY = 0.02
 MOST_OPACITY = 0.98
 
@@ -42,8 +42,8 @@ class LossAndGradient(NamedTuple):
 
     loss      sum over all values, weighted by Target.focus; for "mse" half the squared error
     error     mean squared error, weighted by Target.focus
-    moments   (n, MOMENTS) of the gradient (gauss2svg.render.kernels). For "mse" it is the gradient
-              of half the squared error weighted by Target.weight, not of `loss`
+    moments   (n, MOMENTS) of a gradient (gauss2svg.render.kernels). With "mse" this is the gradient
+              of half the sum of squared errors weighted by Target.weight, not of `loss`
     pairs     number of pixel-Gaussian pairs that were evaluated
     rendered  renders (3, h, w), one for each of the target's backdrops
     """
@@ -55,8 +55,8 @@ class LossAndGradient(NamedTuple):
     rendered: tuple[NDArray[np.floating], ...]
 
 
-def _over(splats: Splats, backdrop: float | None) -> Splats:
-    """Return the Gaussians over a backdrop of a grey level, or unchanged if it is None."""
+def _on_backdrop(splats: Splats, backdrop: float | None) -> Splats:
+    """Return the splats on a backdrop of a grey level, or unchanged if `backdrop` is None."""
     return splats if backdrop is None else splats._replace(background=np.full(3, backdrop))
 
 
@@ -65,12 +65,13 @@ class Target:
 
     color (3, h, w) is float32 or float64, and kernels compute in its dtype. alpha (h, w) is None if
     the image is opaque. An image with alpha is fitted over a white and a black backdrop at once.
-    The two determine it over every other backdrop b, because Gaussians over b are C + T_end b, with
-    C = sum w_k c_k and the transmittance T_end. The kernels run once for each backdrop.
+    The two renders determine the one over any other backdrop b, because Gaussians over b are
+    C + T_end b, with C = sum w_k c_k and the transmittance T_end. The kernels run once for each
+    backdrop.
 
-    planar        (3, h, w), or (6, h, w) over both backdrops: image that the loss compares
+    planar        (3, h, w), or (6, h, w) over both backdrops: image with which renders are compared
     source_color  (3, h, w) colours for new Gaussians, taken from the nearest visible pixel
-    visible       (h, w) whether alpha is above zero; None if the image is opaque
+    visible       (h, w) whether alpha is at least half of 1/255; None if the image is opaque
     focus         (h, w) weight of errors by the mask, of mean 1; None without a mask
     weight        (h, w) weight of the squared error, by pixel_weight and the mask
     """
@@ -133,8 +134,8 @@ class Target:
     def opacity_logits(self, mean: NDArray[np.float64], usual_logit: float) -> NDArray[np.float64]:
         """Return logits (n,) of the initial opacities of Gaussians with means (n, 2).
 
-        The opacity is that of usual_logit times the target's alpha, so that Gaussians do not begin
-        by covering a translucent target (docs/decisions/placement.md).
+        The opacity of usual_logit is multiplied by the target's alpha, so that Gaussians do not
+        begin by covering a translucent target too much (docs/decisions/placement.md).
         """
         if self._alpha is None:
             return np.full(len(mean), usual_logit)
@@ -146,9 +147,9 @@ class Target:
         return logit(opacity.astype(np.float64))
 
     def rendered(self, splats: Splats) -> NDArray[np.floating]:
-        """Return the render of the Gaussians, with the shape of planar."""
+        """Return the render of the Gaussians, in the shape of `planar`."""
         real, size = self.planar.dtype.type, (self.height, self.width)
-        return _joined([render_planar(_over(splats, b), *size, real) for _, b in self._views])
+        return _join([render_planar(_on_backdrop(splats, b), *size, real) for _, b in self._views])
 
     def error(self, splats: Splats) -> float:
         """Return the mean squared error of the Gaussians against the target."""
@@ -173,34 +174,38 @@ class Target:
         """Return the loss and its gradient. `loss` is a name as in FitOptions.loss."""
         parts: list[LossAndGradient] = []
         for planar, backdrop in self._views:
-            over = _over(splats, backdrop)
-            image, squares, moments, rows = squared_error(over, planar, self.weight)
+            on_backdrop = _on_backdrop(splats, backdrop)
+            image, squares, moments, rows = squared_error(on_backdrop, planar, self.weight)
             if self.focus is not None:
                 squares = self._mean_square(image, planar) * planar.size
             value = 0.5 * squares
             if loss != DEFAULT_LOSS:
                 mean, gradient = image_gradient(loss, image, planar, ssim_weight, self.focus)
-                value, moments = mean * planar.size, moments_of_gradient(over, gradient)
-            # Kernels count rows of pairs, of 16 px each.
+                value, moments = mean * planar.size, moments_of_gradient(on_backdrop, gradient)
+            # squared_error counts rows of 16 px, and a row is 16 pixel-Gaussian pairs.
             error = squares / planar.size / len(self._views)
             parts.append(LossAndGradient(value, error, moments, rows * 16, (image,)))
         return LossAndGradient(*(reduce(add, values) for values in zip(*parts, strict=True)))
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
-        """Return the weighted sum of squared differences, and moments of half its gradient."""
-        parts = [squared_error(_over(splats, b), planar, self.weight) for planar, b in self._views]
-        rendered = _joined([part[0] for part in parts])
+        """Return the weighted sum of squared errors, and the moments of half the sum's gradient."""
+        parts = [
+            squared_error(_on_backdrop(splats, b), planar, self.weight) for planar, b in self._views
+        ]
+        rendered = _join([part[0] for part in parts])
         return self.weighted_squares(rendered), reduce(add, (part[2] for part in parts))
 
     def weighted_squares(self, rendered: NDArray[np.floating]) -> float:
-        """Return the weighted sum of squared differences of a render with the shape of planar."""
+        """Return the weighted sum of squared errors of a render in the shape of `planar`."""
         squares = np.square(rendered - self.planar) * self.weight
         return float(np.sum(squares, dtype=np.float64))
 
     def removal_cost(self, splats: Splats) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
-        """Return the render, like planar, and costs (n, 2) as gauss2svg.render.cpu defines them."""
-        parts = [removal_cost(_over(splats, b), planar, self.weight) for planar, b in self._views]
-        return _joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
+        """Return the render in the shape of `planar`, and (n, 2) costs and masses (render.cpu)."""
+        parts = [
+            removal_cost(_on_backdrop(splats, b), planar, self.weight) for planar, b in self._views
+        ]
+        return _join([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 
 def target_of(
@@ -211,7 +216,7 @@ def target_of(
     return Target(planar[:3], tune, planar[3] if has_alpha(pixels) else None, focus)
 
 
-def _joined(images: list[NDArray[np.floating]]) -> NDArray[np.floating]:
+def _join(images: list[NDArray[np.floating]]) -> NDArray[np.floating]:
     return images[0] if len(images) == 1 else np.concatenate(images)
 
 
@@ -227,12 +232,12 @@ def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[
 
 
 class TargetPyramid:
-    """Targets of reduced size of an image (h, w, 3) or (h, w, 4).
+    """Targets of an image (h, w, 3) or (h, w, 4) at reduced sizes.
 
-    tune       that of Target
+    tune       as in FitOptions
     dtype      np.float32 or np.float64, in which the kernels compute; float64 takes twice the time
                and gains no PSNR (docs/decisions/numbers.md)
-    transform  maps a reduced image to the picture that is to be drawn; None for the image itself
+    transform  maps a reduced image to the picture to fit; None: the reduced image is fitted
     focus      mask of where detail matters
     """
 
@@ -251,7 +256,7 @@ class TargetPyramid:
         self._targets: dict[int, Target] = {}
 
     def reduced(self, factor: int) -> Target:
-        """Return the target at 1 / factor of the width and height. It is computed only once."""
+        """Return the target at 1 / factor of width and height. Each is computed only once."""
         if factor not in self._targets:
             height, width = self.pixels.shape[:2]
             size = max(1, height // factor), max(1, width // factor)
@@ -262,20 +267,20 @@ class TargetPyramid:
         return self._targets[factor]
 
 
-# Contrast masking and flat areas, by the module's formulas (docs/decisions/perceptual.md).
+# Constants of pixel_weight. c, g and m are those of the module (docs/decisions/perceptual.md).
 CONTRAST = 0.03  # c: standard deviation of luma, in 0..1, above which errors are masked
-EXPONENT = 0.5  # g: how fast the weight falls with the variance
-TIMES_MEDIAN = 100.0  # m is this multiple of the median variance
+EXPONENT = 0.5  # g: power by which the weight falls with the variance
+TIMES_MEDIAN = 100.0  # m is this multiple of the picture's median variance
 LEAST_BOUND = 0.025  # least value of m
 MOST_BOUND = 0.04  # largest value of m
-WINDOW = 2.0  # px, sigma of the window of the variance
-FLAT = 8.0  # weight of a flat area in addition to the 1 of other areas (docs/decisions/metrics.md)
+WINDOW = 2.0  # px, sigma of the window in which the variance is computed
+FLAT = 8.0  # weight that a flat area has in addition to 1 (docs/decisions/metrics.md)
 FLAT_GRADIENT = 0.02  # gradient of luma per px below which an area is flat: 5 levels of 255
-FLAT_REACH = 4.0  # px, sigma of the window in which the gradient is averaged
+FLAT_REACH = 4.0  # px, sigma of the window in which the squared gradient is averaged
 
 
 def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.floating]:
-    """Return weights (h, w) > 0 of a picture from its views (3, h, w) in 0..1 over backdrops."""
+    """Return the weights (h, w) > 0 of errors, from a picture's views (3, h, w) over backdrops."""
     lumas = [view.mean(axis=0) for view in views]
     if tune == PSNR:
         energy = reduce(add, map(_gradient_energy, lumas)) / len(lumas)
@@ -309,8 +314,8 @@ def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
     return np.maximum(smoothed(luma * luma, WINDOW) - mean * mean, 0)
 
 
-# Weight of 1 - SSIM against the pixel term, as in "3D Gaussian Splatting for
-# Real-Time Radiance Field Rendering" (Kerbl et al., 2023).
+# Default weight of 1 - SSIM in a loss, as in "3D Gaussian Splatting for Real-Time Radiance Field
+# Rendering" (Kerbl et al., 2023).
 SSIM_WEIGHT = 0.2
 
 # Functions that map the difference between a value and its target to the loss and its derivative.
@@ -354,11 +359,11 @@ def structural_similarity(
     target: NDArray[np.floating],
     focus: NDArray[np.floating] | None = None,
 ) -> tuple[float, NDArray[np.floating]]:
-    """Return the mean SSIM of planes (h, w) in 0..1, and h w times its gradient in `image`.
+    """Return the mean SSIM of two planes (h, w), and h w times its gradient with respect to image.
 
-    focus (h, w) weighs the windows by their centres; None for 1.
+    focus (h, w) is the weight of each window by its centre; None for 1.
 
-    With a, b, p, s and q the blurred image x, target t, x^2, t^2 and x t, a window has
+    Let x be image, t target, and a, b, p, s, q the blurred x, t, x^2, t^2, x t. A window then has
 
         SSIM = A1 A2 / (B1 B2),  A1 = 2 a b + C1,        A2 = 2 (q - a b) + C2,
                                  B1 = a^2 + b^2 + C1,    B2 = p - a^2 + s - b^2 + C2.

@@ -1,7 +1,7 @@
-"""Measure how closely an SVG matches a photo: the scores, one entry each, and options of `check`.
+"""Scores that say how closely an SVG matches a photo, and the options of `check`.
 
-The targets, search and report of a run read the entries. So do the benchmark, the charts and tables
-of galleries, and the studio. The help imports this module, so it does not import NumPy.
+The targets, the search and the report of a run read SCORES, and so do the benchmark, the galleries
+and the studio. The help imports this module, so this module does not import NumPy.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from gauss2svg.options import OptionGroup, Renderer, byte_size
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 
 SPACE = "\N{NARROW NO-BREAK SPACE}"
-NONE = "\N{EN DASH}"  # mark in tables of a value that was not measured
+NONE = "\N{EN DASH}"  # text in tables in place of a value that was not measured
 
 
 @dataclass(frozen=True, kw_only=True)
 class Search:
     """The tolerances of a search for a target, in units of the score.
 
-    tolerance   shortfall at which the target still counts as reached
-    over        excess over the target at which a correction aims
-    too_little  least shortfall at which Gaussians are added
-    too_good    least excess at which Gaussians are removed
-    slope       gain per doubling of the Gaussians, until it is measured. None means the slope of
-                the growth, which sees the PSNR of the model and aims at the target itself
+    tolerance   largest shortfall at which the target counts as reached
+    margin      excess over the target that a correction of the count aims at
+    too_little  shortfall beyond which Gaussians are added
+    too_good    excess beyond which Gaussians are removed
+    slope       expected gain of the score if the number of Gaussians doubles. None for PSNR: its
+                gain is measured while the fit grows
     slopes      smallest and largest plausible slope
     """
 
     tolerance: float
-    over: float
+    margin: float
     too_little: float
     too_good: float
     slope: float | None
@@ -47,22 +47,22 @@ class Search:
 class Score:
     """A score of an SVG against its photo.
 
-    slug         name in file names and addresses, in a report and in the option target_SLUG
+    slug         name in file names, addresses and reports, and in the option target_SLUG
     name         name in texts
-    defined_in   module of gauss2svg.measure with the function SLUG(raster, photo) of two pictures
-                 (h, w, 3) float32 in 0..1
+    defined_in   module of gauss2svg.measure that defines the function SLUG(raster, photo). Both
+                 pictures are (h, w, 3) float32 in 0..1
     form, unit   format and unit of a value in tables and tooltips
-    least_step   smallest step between two ticks of the axis
-    best         value of equal pictures, beyond which there is no tick. None means infinite, in dB
+    least_step   smallest step between two ticks of a chart's axis
+    best         score of two equal pictures. The axis has no tick beyond. None: infinite
     title        title of the axis
     about        explanation of the score in galleries
-    falls        whether lower values are better. The axis is then upside down
-    always       whether every run measures the score. Otherwise it is measured on request
+    lower_wins   whether lower values are better. The axis is then upside down
+    always       whether every run measures the score. If not, it is measured on request
     module       Python module that the score needs, or ""
-    package      name of the package of that module on PyPI, or ""
-    least_side   least side of a picture, in px
-    pixel_bytes  memory in bytes per pixel: the measured number and a tenth more
-    search       tolerances of the option target_SLUG. None means that the score is no target
+    package      package on PyPI that contains this module, or ""
+    least_side   least width and height in px of a picture that can have this score
+    pixel_bytes  bytes per pixel to measure the score, with a margin of a tenth or more
+    search       tolerances of the option target_SLUG. None: the score cannot be a target
     """
 
     slug: str
@@ -74,7 +74,7 @@ class Score:
     title: str = ""
     about: str = ""
     unit: str = ""
-    falls: bool = False
+    lower_wins: bool = False
     always: bool = False
     module: str = ""
     package: str = ""
@@ -97,8 +97,8 @@ class Score:
 
     @property
     def sign(self) -> int:
-        """Factor that makes larger values better."""
-        return -1 if self.falls else 1
+        """Factor that makes the better of two values the larger one."""
+        return -1 if self.lower_wins else 1
 
     @property
     def digits(self) -> int:
@@ -117,14 +117,14 @@ class Score:
 
     def worst(self, values: Iterable[float]) -> float:
         """Return the worst of some values."""
-        return max(values) if self.falls else min(values)
+        return max(values) if self.lower_wins else min(values)
 
-    def has(self, value: float | None) -> bool:
-        """Return whether a report's value can be shown. In dB, None stands for equal pictures."""
+    def can_show(self, value: float | None) -> bool:
+        """Return whether a value can be shown. For PSNR None can: it means equal pictures."""
         return value is not None or self.best is None
 
     def text(self, value: float | None) -> str:
-        """Return a value with its unit. None is "equal" for PSNR, which is infinite, else NONE."""
+        """Return a value with its unit. For None, return "equal" for PSNR, else NONE."""
         if value is None:
             return "equal" if self.best is None else NONE
         return f"{value:{self.form}}" + (SPACE + self.unit if self.unit else "")
@@ -142,7 +142,7 @@ PSNR = Score(
     always=True,
     # docs/decisions/numbers.md has the measurements for the tolerances of all scores.
     search=Search(
-        tolerance=0.05, over=0.12, too_little=0.02, too_good=0.35, slope=None, slopes=(1.5, 12.0)
+        tolerance=0.05, margin=0.12, too_little=0.02, too_good=0.35, slope=None, slopes=(1.5, 12.0)
     ),
 )
 SSIM = Score(
@@ -160,10 +160,10 @@ SSIMULACRA2 = Score(
     best=100.0,
     module="ssimulacra2",
     package="ssimulacra2",
-    least_side=225,  # px, which leaves 8 px at the smallest scale, a thirty-second of the size
-    pixel_bytes=560,  # measured, as for FLIP, in docs/decisions/metrics.md
+    least_side=225,  # px. At the smallest scale, a thirty-second of the size, 8 px are left
+    pixel_bytes=560,  # docs/decisions/metrics.md has the measurements for this and for FLIP
     search=Search(
-        tolerance=0.3, over=0.8, too_little=0.2, too_good=2.5, slope=18.0, slopes=(4.0, 60.0)
+        tolerance=0.3, margin=0.8, too_little=0.2, too_good=2.5, slope=18.0, slopes=(4.0, 60.0)
     ),
 )
 FLIP = Score(
@@ -176,7 +176,7 @@ FLIP = Score(
     form=".4f",
     least_step=0.01,
     best=0.0,
-    falls=True,
+    lower_wins=True,
     module="flip_evaluator",
     package="flip-evaluator",
     pixel_bytes=150,
@@ -193,9 +193,9 @@ class ScoresMissingError(InputError, ImportError):
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of a raster on request. With alpha, each is the worse of over white and over black.
+    """Requested scores of a raster. With alpha, each is the worse of its values on white and black.
 
-    values   scores by slug. Each is an attribute as well, which is None if it is not measured
+    values   scores by slug. Each slug is also an attribute, None if that score is not measured
     missing  one line for each reason why a score is None
     """
 
@@ -209,13 +209,13 @@ class Scores:
 
     @property
     def report(self) -> dict[str, Any]:
-        """Scores by the keys of a report."""
+        """Entries of a report: the requested scores by their keys, and `scores_missing`."""
         scores = {score.key: self.values.get(score.slug) for score in ON_REQUEST}
         return {**scores, "scores_missing": list(self.missing)}
 
 
 def packages_missing() -> tuple[str, ...]:
-    """Return one line on the scores whose packages are not installed, or no line."""
+    """Return one line that names the scores without an installed package, () if there are none."""
     names = [score.name for score in ON_REQUEST if not score.is_installed]
     return (_not_installed(names),) if names else ()
 
@@ -226,9 +226,9 @@ def _not_installed(names: Sequence[str]) -> str:
 
 
 def require_packages(score: Score | None = None) -> None:
-    """Raise ScoresMissingError unless the package of a score is installed.
+    """Raise ScoresMissingError unless the package of `score` is installed.
 
-    Without a score, the package of any score is enough, because FLIP has no package for the newest
+    If `score` is None, one installed package is enough, because FLIP has no package for the newest
     Python.
     """
     scores = [each for each in ON_REQUEST if each.module] if score is None else [score]
@@ -237,14 +237,14 @@ def require_packages(score: Score | None = None) -> None:
 
 
 def packages() -> dict[str, str]:
-    """Return the versions of the installed packages, by their names on PyPI."""
+    """Return the versions of the installed packages of scores, by the packages' names on PyPI."""
     from importlib.metadata import version  # slow to import, and the help does not need it
 
     return {s.package: version(s.package) for s in ON_REQUEST if s.package and s.is_installed}
 
 
 def color_name(name: str, value: Any) -> str:
-    """Return a colour. Raise InputError with the option's name if `matte_color` refuses it."""
+    """Return the colour `value`. Raise InputError with the option `name` if it is no colour."""
     from gauss2svg.photo.pixels import matte_color  # imports NumPy, which the help does not need
 
     matte_color(value, name)
@@ -253,7 +253,7 @@ def color_name(name: str, value: Any) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOptions(OptionGroup):
-    """Options of measuring an SVG."""
+    """Options of `check`."""
 
     renderer: Renderer = "resvg"
     """Renderer that rasterises the SVG. resvg comes with gauss2svg, cairo needs the system library
@@ -282,3 +282,8 @@ class CheckOptions(OptionGroup):
 
     reference_scale: Annotated[float | None, Interval(gt=0, le=MOST_PIXELS)] = None
     """Factor by which the SVG is enlarged to compare it with --reference. The default is 4."""
+
+
+def decibels(value: float | None) -> str:
+    """Return a PSNR (dB) of a report as text. None stands for equal images."""
+    return "equal" if value is None else f"{value:.2f} dB"

@@ -35,16 +35,16 @@ from gauss2svg.svg.file import (
 from gauss2svg.svg.untrusted import Survey
 
 REFERENCE_SCALE = 4.0
-# Elements that change a web page and not the raster. gauss2svg.raster refuses animation in
-# browsers, so they never draw animation here.
+# Elements that change a web page, but not the raster. Browsers would draw animations, so
+# gauss2svg.raster refuses files with animations if the renderer is a browser.
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
 
 
 class Enlarged(NamedTuple):
-    """Scores over white of an enlarged SVG against the source of its photo.
+    """Scores of an enlarged SVG against the larger source of its photo, both over white.
 
-    scale          width and height as a multiple of the photo's
-    width, height  px
+    scale          factor from the photo's size to the size of the comparison
+    width, height  size of the comparison in px
     psnr           dB, infinite if equal
     ssim           -1..1, None under 3 px a side
     """
@@ -69,13 +69,13 @@ class CheckResult:
     svgz_bytes     bytes of the file, gzipped at level 9
     survey         counts of the SVG's elements
     frame          the SVG's own size
-    renderer       name and version
+    renderer       name and version of the renderer
     raster, photo  (h, w, 3) float32 in 0..1: the SVG's raster, and the photo as it was compared.
                    (h, w, 4) if the photo has alpha
     notes          remarks on the comparison
-    scores         SSIMULACRA2 and FLIP, the worse of those over white and over black
-    psnr_black     dB over black, None if the photo is opaque
-    psnr_alpha     dB of alpha, None if the photo is opaque
+    scores         SSIMULACRA2 and FLIP. With alpha, each is the worse over white and over black
+    psnr_black     PSNR over black in dB, None if the photo is opaque
+    psnr_alpha     PSNR of the alpha channel in dB, None if the photo is opaque
     enlarged       scores against the reference, None without a reference
     """
 
@@ -99,7 +99,7 @@ class CheckResult:
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """Scores and counts, ready for JSON. docs/reference/report.md explains the keys."""
+        """Scores and counts for JSON. docs/reference/report.md explains the keys."""
         height, width = self.photo.shape[:2]
         enlarged = self.enlarged
         return {
@@ -149,23 +149,23 @@ def check(
 ) -> CheckResult:
     """Rasterise an SVG at the size of a photo, or max_size, and measure how closely it matches.
 
-    Both are compared over white. If the photo has alpha, they are compared over black too, and so
-    are the alpha channels. SSIMULACRA2 and FLIP need the extra gauss2svg[scores].
+    The two are compared over white. If the photo has alpha, they are also compared over black, and
+    their alpha channels too. SSIMULACRA2 and FLIP need the extra gauss2svg[scores].
 
-    photo          any image that `vectorize` takes
+    photo          any image that `vectorize` accepts
     svg            a path, text that begins with <, bytes or a binary file, gzipped or not
-    reference      source of the photo, which the SVG is compared with too: an SVG as for svg, or a
-                   picture of at least reference_scale times the photo's px a side
+    reference      larger source of the photo, with which the SVG is also compared: an SVG, or a
+                   picture of at least reference_scale times the photo's width and height
     options        fields of gauss2svg.measure.CheckOptions:
       renderer         one of RENDERERS
       max_svg_bytes    limit of the SVG's size, gunzipped: 256000000, "256M"
-      max_elements     limit of its elements, >= 1
+      max_elements     limit of the SVG's number of elements, >= 1
       draw_timeout     time limit of the drawing in s, > 0
-      max_pixels       limit of the photo's px, as in `vectorize`
+      max_pixels       limit of the photo's number of px, as in `vectorize`
       max_size         longest side in px to which a larger photo is reduced first
       matte            colour, such as white or #fa0, over which the photo is composited first.
                        Without it, the photo's alpha is compared
-      reference_scale  multiple of the photo's size at which the reference is compared, > 0. None: 4
+      reference_scale  factor from the photo's size to that of the second comparison, > 0. None: 4
 
     The SVG is not trusted. Entities, references to anything outside the file, and files beyond the
     limits are refused. A separate process draws the SVG. On Linux its memory is limited.
@@ -183,26 +183,26 @@ def check(
         advice = "--reference with the photo's source"
         raise refusal("reference", "given for reference_scale", "none", advice)
     picture = load_image(photo, max_pixels=asked.max_pixels, matte=matte, needed=asked.max_size)
-    wanted, size = pixels_of(picture), (picture.width, picture.height)
+    pixels, size = pixels_of(picture), (picture.width, picture.height)
     data, text = read_source(svg, int(asked.max_svg_bytes))
     larger, scale = None, asked.reference_scale or REFERENCE_SCALE
     if reference is not None:
         larger = enlarged(text, reference, size, scale, asked, WHITE if matte is None else matte)
-    surveyed, frame, sized = sized_svg(text, *size, asked.renderer, asked.max_elements)
-    raster = draw(sized, *size, asked.renderer, asked.draw_timeout, wanted.shape[2])
+    surveyed, frame, sized_text = sized_svg(text, *size, asked.renderer, asked.max_elements)
+    raster = draw(sized_text, *size, asked.renderer, asked.draw_timeout, pixels.shape[2])
     is_measurable = min(size) >= metrics.LEAST_SIDE_FOR_MS_SSIM
     return CheckResult(
-        **{name.replace("_svg", ""): v for name, v in measure_pixels(raster, wanted).items()},
-        ms_ssim=metrics.ms_ssim(over(raster), over(wanted)) if is_measurable else None,
+        **{name.replace("_svg", ""): v for name, v in measure_pixels(raster, pixels).items()},
+        ms_ssim=metrics.ms_ssim(over(raster), over(pixels)) if is_measurable else None,
         svg_bytes=len(data),
         svgz_bytes=len(gzip.compress(data, compresslevel=9, mtime=0)),
         survey=surveyed,
         frame=frame,
         renderer=renderer,
         raster=raster,
-        photo=wanted,
+        photo=pixels,
         notes=tuple(_notes(surveyed, frame, picture, asked.renderer)),
-        scores=perceptual_scores(raster, wanted),
+        scores=perceptual_scores(raster, pixels),
         enlarged=larger,
     )
 
@@ -215,9 +215,9 @@ def enlarged(
     options: CheckOptions = CheckOptions(),
     matte: float | tuple[float, float, float] = WHITE,
 ) -> Enlarged:
-    """Compare an SVG's text with the source of its photo, at `scale` times the photo's size.
+    """Draw the SVG `text` at `scale` times the photo's size, and compare it with the reference.
 
-    reference  source of the photo: an SVG, or a picture of at least that size, which is reduced
+    reference  source of the photo: an SVG, or a picture of at least the enlarged size
     size       width and height of the photo in px
     matte      colour in 0..1 over which a transparent source is composited
 
@@ -230,13 +230,13 @@ def enlarged(
         raise refusal("photo times reference_scale", needed, shown, advice)
 
     def drawn_over(svg: str, color: float | tuple[float, float, float]) -> NDArray[np.float32]:
-        sized = sized_svg(svg, width, height, options.renderer, options.max_elements)[2]
-        channels = 3 if color == WHITE else 4  # browsers draw over white twice as fast
-        raster = draw(sized, width, height, options.renderer, options.draw_timeout, channels)
+        sized_text = sized_svg(svg, width, height, options.renderer, options.max_elements)[2]
+        channels = 3 if color == WHITE else 4  # browsers draw twice as fast without alpha
+        raster = draw(sized_text, width, height, options.renderer, options.draw_timeout, channels)
         return over(raster, color)
 
     if _is_svg(reference):
-        drawn = drawn_over(read_source(reference, int(options.max_svg_bytes))[1], matte)
+        reference_pixels = drawn_over(read_source(reference, int(options.max_svg_bytes))[1], matte)
     else:
         picture = load_image(reference, max_pixels=options.max_pixels)
         if picture.width < width or picture.height < height:
@@ -244,13 +244,13 @@ def enlarged(
             needed = f"at least {shown} px, {scale:g} times the photo's"
             got, advice = f"{picture.width}x{picture.height}", f"--reference-scale {most:.3g}"
             raise refusal("size of the reference", needed, got, f"an SVG, or {advice}")
-        drawn = shrunk(over(pixels_of(picture), matte), height, width)
-    measured = measure_pixels(drawn_over(text, WHITE), drawn)
+        reference_pixels = shrunk(over(pixels_of(picture), matte), height, width)
+    measured = measure_pixels(drawn_over(text, WHITE), reference_pixels)
     return Enlarged(float(scale), width, height, measured["psnr_svg"], measured["ssim_svg"])
 
 
 def _is_svg(source: ImageSource | SvgSource) -> bool:
-    """Return whether a source is an SVG, not a picture, by its first characters or its suffix."""
+    """Return whether a source is an SVG, not a picture, by its first bytes or its suffix."""
     if isinstance(source, bytes):
         return source.lstrip(BLANKS.encode()).startswith((b"<", b"\x1f\x8b"))
     if not isinstance(source, (str, os.PathLike)):
@@ -262,7 +262,7 @@ def _is_svg(source: ImageSource | SvgSource) -> bool:
 def sized_svg(
     text: str, width: int, height: int, renderer: str, most_elements: int
 ) -> tuple[Survey, Frame, str]:
-    """Return the survey and the frame of an untrusted SVG, and its text for width x height px.
+    """Return the survey and the frame of an untrusted SVG, and its text stretched to a size in px.
 
     Raise InputError and RendererError as `check` does.
     """
@@ -270,8 +270,8 @@ def sized_svg(
     surveyed = Survey(text, most_elements)
     frame = frame_of(surveyed.root)
     refuse_unsupported(text, renderer)
-    sized = stretched(text, width, height, " ".join(f"{v!r}" for v in frame.view_box))
-    return surveyed, frame, sized
+    sized_text = stretched(text, width, height, " ".join(f"{v!r}" for v in frame.view_box))
+    return surveyed, frame, sized_text
 
 
 def _finite(psnr: float | None) -> float | None:

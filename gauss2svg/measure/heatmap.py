@@ -1,4 +1,4 @@
-"""Error maps of two images, on one fixed scale so that maps can be compared."""
+"""Error maps of two images. They have one fixed scale, so that maps can be compared."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _COLORS = np.array(
         0xD04545, 0xE35933, 0xF1711F, 0xF98C0A, 0xFCAA0F, 0xF9C932, 0xF2E865, 0xFCFFA4,
     ]
 )[:, None] >> (16, 8, 0) & 0xFF  # fmt: skip
-_BAR, _TEXT = 10, 12  # heights in px of the legend's colours and of its labels
+_BAR, _TEXT = 10, 12  # px, heights of the legend's bar of colours and of its labels
 _SCALE = f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
 
 
@@ -30,7 +30,7 @@ def errors(image: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[
 
 
 def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image.Image:
-    """Return the map of `heatmap` without its legend, in whole levels and with 65 colours."""
+    """Return the map of `heatmap` without its legend, in 65 colours for errors of 0..64 levels."""
     levels = np.minimum(np.round(errors(image, other)), MOST).astype(np.uint8)
     picture = Image.fromarray(levels, "P")
     picture.putpalette(colors_of(np.arange(MOST + 1.0)).tobytes())
@@ -38,7 +38,7 @@ def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image
 
 
 def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Return colours (..., 3) of errors (...) in levels of 255. Errors over 64 look like 64."""
+    """Return the colours (..., 3) of errors (...) in levels of 255. Above MOST it is the last."""
     position = np.clip(levels, 0, MOST) * ((len(_COLORS) - 1) / MOST)
     low = np.minimum(position.astype(np.intp), len(_COLORS) - 2)
     weight = (position - low)[..., None]
@@ -46,7 +46,7 @@ def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 
 def legend() -> list[str]:
-    """Return colours as #rrggbb at even steps, from no error to MOST."""
+    """Return nine colours as #rrggbb, at even steps from no error to MOST."""
     return ["#" + bytes(color).hex() for color in colors_of(np.linspace(0, MOST, 9))]
 
 

@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError
 from gauss2svg.without_scipy import smoothed
 
-LEVELS = 255  # levels of an 8-bit channel, the unit of reported differences
+LEVELS = 255  # largest level of an 8-bit channel; reported differences are in levels
 LEAST_SIDE_FOR_SSIM = 3  # px
-LEAST_SIDE_FOR_MS_SSIM = 176  # px, which leaves 11 px for a window at a sixteenth of the size
-_SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # weights of MS-SSIM in its paper
-# Gaussian window of SSIM: its taps, its sigma in px, and the number of sigmas at which it is cut.
+LEAST_SIDE_FOR_MS_SSIM = 176  # px. At a sixteenth of the size, one window of 11 px fits
+_SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # weights of scales in MS-SSIM's paper
+# Gaussian window of SSIM: its side in px, its sigma in px, and the number of sigmas it extends to.
 _FULL_WINDOW, _SIGMA, _CUT = 11, 1.5, 3.5
 _K1, _K2 = 0.01, 0.03  # constants of SSIM
 # K1 for which the luminance term of SSIM is 1, so that only contrast times structure is left.
 _NO_LUMINANCE = 1e6
-_BAND = 256  # rows of windows that are computed at a time
-_BAND_VALUES = 65536  # differences that are computed at a time, in the processor's cache
-_FLAT = 0.02  # smallest steep step from a pixel to the next, in 0..1: five levels
-_AWAY = 4  # px, least distance from a flat pixel to a steep step
+_BAND = 256  # rows of windows that SSIM computes at a time
+_BAND_VALUES = 65536  # differences that `_mean` computes at a time; they fit into the CPU's cache
+_STEEP = 0.02  # least difference in 0..1 of neighbouring pixels that is a steep step: five levels
+_FLAT_DISTANCE = 4  # number of px on each side of a flat pixel without a steep step
 
 
 def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
@@ -51,7 +51,7 @@ def _mean(
     image: NDArray[np.floating],
     other: NDArray[np.floating],
 ) -> float:
-    """Return the mean of a difference of both images, summed in float64."""
+    """Return the mean of `difference` over pixels and channels, summed in float64."""
     total = math.fsum(
         row
         for a, b in _bands(image, other)
@@ -82,7 +82,7 @@ def psnr(
 ) -> float:
     """Return the peak signal-to-noise ratio in dB: -10 log10(mean squared error).
 
-    The PSNR of equal images is infinite. weight is as in `mean_squared_error`.
+    It is infinite for equal images. weight is as in `mean_squared_error`.
     """
     error = mean_squared_error(image, other, weight)
     return -10 * math.log10(error) if error > 0 else math.inf
@@ -94,15 +94,15 @@ def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     It is the mean of (2 m_a m_b + C1) (2 s_ab + C2) / ((m_a^2 + m_b^2 + C1) (s_aa + s_bb + C2))
     over all windows inside the image, with means m and covariances s under a Gaussian window of
     sigma 1.5 px.
-    Source: Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment", 2004. The numbers are
-    scikit-image's. An image under 11 px a side has no full window, so the largest odd box that fits
-    is used, of at least LEAST_SIDE_FOR_SSIM px.
+    Source: Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment", 2004. scikit-image gives
+    the same numbers. If a side is under 11 px, the windows are the largest odd boxes that fit. An
+    image needs at least LEAST_SIDE_FOR_SSIM px a side.
     """
     check_shapes(image, other)
     height, width, channels = image.shape
     side = min(height, width)
     box = None if side >= _FULL_WINDOW else side - 1 + side % 2
-    # Computed in float32, like photos and rasters: half the memory of float64.
+    # float32, like photos and rasters, takes half the memory of float64.
     planes = ((image[:, :, c], other[:, :, c]) for c in range(channels))
     return math.fsum(_similarity(a, b, np.float32, box=box) for a, b in planes) / channels
 
@@ -112,13 +112,13 @@ def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
 
     It is the product of cs_j^w_j over five scales, w = .0448 .2856 .3001 .2363 .1333. Each scale
     averages the scale before over blocks of 2x2 px. An odd last row or column counts twice. cs_j
-    is the mean of contrast times structure over the windows inside the image, and at scale five the
-    mean of luminance times both. Window and constants are those of SSIM. Source: Wang, Simoncelli
+    is the mean of contrast times structure over the windows inside the image. At scale five, it is
+    the mean SSIM. The windows and constants are those of SSIM. Source: Wang, Simoncelli
     and Bovik, "Multi-scale structural similarity for image quality assessment", 2003, and their
-    implementation. A scale with a negative mean, as of a negative film, counts as 0, because a
-    fractional power of the mean is not a real number.
+    implementation. A negative cs_j, as between a photo and its negative, counts as 0, because its
+    fractional power is not a real number.
 
-    An image has at least LEAST_SIDE_FOR_MS_SSIM px a side, so that a window fits at scale five.
+    An image needs at least LEAST_SIDE_FOR_MS_SSIM px a side, so that a window fits at scale five.
     """
     check_shapes(image, other)
     channels = []
@@ -156,7 +156,7 @@ def _similarity(
 
 
 def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K1) -> float:
-    """Return scikit-image's mean SSIM over Gaussian windows, without importing scikit-image."""
+    """Return the mean SSIM over Gaussian windows, as scikit-image does but without its import."""
     mean_x, mean_y, xx, yy, xy = (
         smoothed(plane, _SIGMA, _CUT) for plane in (x, y, x * x, y * y, x * y)
     )
@@ -169,8 +169,8 @@ def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K
 
 
 def _in_boxes(x: NDArray[np.floating], y: NDArray[np.floating], side: int) -> float:
-    """Return scikit-image's mean SSIM over boxes of `side` px inside the image."""
-    from skimage.metrics import structural_similarity  # takes 0.3 s, and is seldom needed
+    """Return the mean SSIM over boxes of `side` px inside the image, by scikit-image."""
+    from skimage.metrics import structural_similarity  # the import takes 0.3 s
 
     mean: Any = structural_similarity(
         x, y, data_range=1.0, use_sample_covariance=False, win_size=side
@@ -197,21 +197,21 @@ def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
     """Return the mean error of the worst thousandth of flat pixels, in levels of 255.
 
-    The mean shows streaks across paper or a flat colour, which squared error hardly shows. A pixel
-    is flat if the reference has no step of 0.02 or more within 4 px. The worst channel sets a
-    pixel's error. The mean grows with the height, length and number of streaks
-    (docs/decisions/metrics.md). It is NaN if no pixel is flat.
+    It grows with the height, length and number of streaks across paper or a flat colour, which
+    hardly change the squared error (docs/decisions/metrics.md). A pixel is flat if the reference
+    has no step of 0.02 or more within 4 px. A pixel's error is that of its worst channel.
+    Return NaN if no pixel is flat.
     """
     from scipy.ndimage import maximum_filter
 
     check_shapes(image, reference)
     steep = np.zeros(reference.shape[:2], bool)
     for axis in (0, 1):  # both sides of a step are steep
-        steps = np.abs(np.diff(reference, axis=axis)).max(axis=2, initial=0) >= _FLAT
+        steps = np.abs(np.diff(reference, axis=axis)).max(axis=2, initial=0) >= _STEEP
         lead = (slice(None),) * axis
         steep[(*lead, slice(1, None))] |= steps
         steep[(*lead, slice(-1))] |= steps
-    flat = np.logical_not(maximum_filter(steep, size=2 * _AWAY + 1))
+    flat = np.logical_not(maximum_filter(steep, size=2 * _FLAT_DISTANCE + 1))
     errors = np.abs(np.subtract(image[flat], reference[flat], dtype=np.float64)).max(axis=1)
     if not errors.size:
         return math.nan

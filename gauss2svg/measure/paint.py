@@ -10,8 +10,8 @@ from gauss2svg.scene.scene import narrowing_of
 from gauss2svg.svg import Document
 from gauss2svg.svg.file import pixels_of
 
-# Milliseconds to paint a shape and to paint a million pixels, with gradients and with masks
-# (docs/benchmarks/paint.md).
+# Milliseconds that a browser takes for each shape, and for each million pixels: if soft shapes are
+# drawn by gradients, and by masks (docs/benchmarks/paint.md).
 _BY_GRADIENTS, _BY_MASKS = np.array([0.03, 20.0]), np.array([0.9, 52.0])
 # ms, least paint time of a heavy file. A tenth of a second seems immediate to people
 # (Miller, "Response time in man-computer conversational transactions", 1968).
@@ -20,9 +20,10 @@ WIDEST_SHOWN = 1600.0  # px, about the greatest width at which pages show a pict
 
 
 def drawn_pixels(scene: Scene) -> float:
-    """Return the pixels that a renderer blends at the scene's size: the sum of all ellipses' areas.
+    """Return the number of pixels that a renderer blends at the scene's size.
 
-    The area of an ellipse is multiplied by the share of its bounding box that is on the canvas.
+    It is the sum of all ellipses' areas in px^2, each times the share of the ellipse's bounding box
+    that is on the canvas.
     """
     half = cut_radius(scene.beta)[:, None] * scene.sigma
     size = np.array([scene.width, scene.height])
@@ -39,9 +40,10 @@ def shown_width(document: Document, scene: Scene) -> float:
 def paint_ms(scene: Scene, svg: str, width: float) -> float | None:
     """Return the estimated CPU milliseconds of a browser's first paint and of each repaint.
 
-    They are a n + b drawn_pixels (width / scene.width)^2 / 1e6, with width in px. a and b depend on
-    how the file draws soft shapes, and were measured in Chromium without a GPU. Other machines may
-    be several times faster or slower. Return None for a file with filters, which were not measured.
+    The time of n shapes is a n + b drawn_pixels (width / scene.width)^2 / 1e6. `width` is in px. a
+    and b depend on how the file draws soft shapes, and were measured in Chromium without a GPU.
+    Other machines may be several times faster or slower. Return None for a file with filters, which
+    were not measured.
     """
     if "<filter" in svg:
         return None

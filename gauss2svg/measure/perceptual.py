@@ -2,7 +2,7 @@
 
 SSIMULACRA2 (package ssimulacra2) and FLIP (package flip-evaluator) are nearer to what people see
 than PSNR and SSIM. Each takes about a second for half a megapixel (docs/decisions/metrics.md). Both
-see 8 bits a channel, as their command lines do. FLIP runs in a process of
+get pictures of 8 bits a channel, as their command lines do. FLIP runs in a process of its own,
 `python -m gauss2svg.measure.perceptual`.
 """
 
@@ -27,7 +27,7 @@ from gauss2svg.measure import (
     packages_missing,
 )
 from gauss2svg.measure.metrics import LEVELS, check_shapes
-from gauss2svg.measure.roundtrip import measured
+from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.photo import DEFAULT_MAX_PIXELS
 from gauss2svg.processes import MEMORY_SHARE, free_bytes, module_command, python_environment, run
 
@@ -40,11 +40,11 @@ def perceptual_scores(
 ) -> Scores:
     """Return the requested scores of a raster against its photo, (h, w, 3) or (h, w, 4) in 0..1.
 
-    spare  bytes of memory that may be taken. None means MEMORY_SHARE of the free memory
-    known  scores that are measured already, by slug
+    spare  bytes of memory that each score may take. None means MEMORY_SHARE of the free memory
+    known  scores by slug that are already measured
 
-    A score is None, with a line that says why, if its package is not installed or fails, if the
-    picture is too small or too large for it, or if measuring would take more memory than `spare`.
+    A score is None if its package is not installed or fails, if the picture is too small or too
+    large for it, or if measuring it would take more than `spare`. `missing` then says why.
     Raise InputError for pictures that differ in shape.
     """
     check_shapes(raster, photo)
@@ -53,19 +53,19 @@ def perceptual_scores(
     for score in ON_REQUEST:
         if score.slug in values or not score.is_installed:
             continue
-        lacking = _lacking(score, photo.shape[0], photo.shape[1], spare)
+        obstacle = _obstacle(score, photo.shape[0], photo.shape[1], spare)
         try:
-            if not lacking:
-                values[score.slug] = measured(score, raster, photo)
+            if not obstacle:
+                values[score.slug] = score_of(score, raster, photo)
         except (ChildProcessError, InputError) as error:
-            lacking = str(error)
-        if lacking:
-            missing.append(f"{score.name} is not measured: {lacking}")
+            obstacle = str(error)
+        if obstacle:
+            missing.append(f"{score.name} is not measured: {obstacle}")
     return Scores(values, tuple(missing))
 
 
-def _lacking(score: Score, height: int, width: int, spare: int) -> str:
-    """Return why a score cannot measure a picture of this size in `spare` bytes, or ""."""
+def _obstacle(score: Score, height: int, width: int, spare: int) -> str:
+    """Return why a picture of this size cannot be measured in `spare` bytes, "" if it can."""
     needed = score.pixel_bytes * height * width
     if min(height, width) < score.least_side:
         return f"it needs at least {score.least_side} px a side"
@@ -80,11 +80,11 @@ def _lacking(score: Score, height: int, width: int, spare: int) -> str:
 def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
     """Return SSIMULACRA2 of an image against its photo, (h, w, 3) in 0..1. 100 if they are equal.
 
-    It is 100 - 10 s^0.63, where s is a cubic polynomial of the weighted sum of 108 means: of errors
-    of structure, of edges that the photo lacks and of lost edges, each in three channels of XYB, at
-    six scales, by the 1-norm and the 4-norm. The weights were fitted to opinions of compressed
-    photos: 30 is low quality, 50 medium, 70 high, 90 visually lossless. Poor pictures are below 0.
-    The order of the arguments matters. Source: Jon Sneyers,
+    It is 100 - 10 s^0.63, where s is a cubic polynomial of a weighted sum of 108 means: for each of
+    three channels of XYB and six scales, the 1-norm and the 4-norm of three errors, which are in
+    structure, added edges and lost edges. The weights were fitted to people's opinions of
+    compressed photos: 30 is low quality, 50 medium, 70 high, 90 visually lossless. Poor pictures
+    are below 0. The order of the arguments matters. Source: Jon Sneyers,
     https://github.com/cloudinary/ssimulacra2, in the package ssimulacra2.
 
     Raise InputError if a side is under 225 px: the smallest scale is then left out, and the
@@ -101,7 +101,7 @@ def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> flo
         from ssimulacra2 import compute_ssimulacra2
     except ImportError as error:
         raise ScoresMissingError(f"SSIMULACRA2 cannot be imported: {error}. {ADVICE}") from error
-    # The package reads files. Here they are in memory.
+    # The package reads files, which may be in memory.
     return float(compute_ssimulacra2(_as_file(photo), _as_file(image)))
 
 
@@ -110,11 +110,11 @@ def flip(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
 
     A pixel's FLIP is dE_c^(1 - dE_f). dE_c is the HyAB distance in a Hunt-adjusted L*a*b* after
     filters of contrast sensitivity, and dE_f the difference of edges and points. Both are in 0..1,
-    at 67 pixels per degree, the package's default (0.7 m from a display of 3840 px in 0.7 m).
+    at the package's 67 pixels per degree (a display of 3840 px in 0.7 m, seen from 0.7 m).
     Source: Andersson, Nilsson, Akenine-Moller, Oskarsson, Astrom and Fairchild, "FLIP: A Difference
     Evaluator for Alternating Images", 2020, in the package flip-evaluator.
 
-    Raise ChildProcessError if its process fails, as it does if the package is not installed.
+    Raise ChildProcessError if FLIP's process fails, as it does if the package is not installed.
     """
     height, width = photo.shape[:2]
     # FLIP gets a new process, because its OpenMP hangs in a fork of a process that has used OpenMP.

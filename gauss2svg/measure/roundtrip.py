@@ -24,9 +24,9 @@ class RoundTrip:
     psnr_svg, ssim_svg, largest_error_svg, bias_svg           raster against the photo
     psnr_roundtrip, largest_error_roundtrip, bias_roundtrip   raster against the model
 
-    All of them are over white. ssim_svg is None for images under 3 px a side. psnr_model_black and
-    psnr_svg_black are over black. psnr_model_alpha and psnr_svg_alpha compare the alpha channels.
-    The last four are None if the photo is opaque. raster is (h, w, 3), or (h, w, 4) with alpha.
+    These are over white. ssim_svg is None for images under 3 px a side. psnr_model_black and
+    psnr_svg_black are over black, psnr_model_alpha and psnr_svg_alpha compare the alpha channels.
+    These four are None if the photo is opaque. raster is (h, w, 3), or (h, w, 4) with alpha.
     """
 
     raster: NDArray[np.float32]
@@ -46,12 +46,6 @@ class RoundTrip:
     psnr_svg_black: float | None = None
     psnr_svg_alpha: float | None = None
 
-    @property
-    def psnr_lowest(self) -> float:
-        """PSNR of the SVG over white or over black, whichever is lower."""
-        black = self.psnr_svg_black
-        return self.psnr_svg if black is None else min(self.psnr_svg, black)
-
 
 def round_trip(
     svg: str,
@@ -63,14 +57,14 @@ def round_trip(
 ) -> RoundTrip:
     """Rasterise the SVG of a scene and compare it with the photo (h, w, 3 or 4) and the scene.
 
-    covering is as in `gauss2svg.render.render`. raster is the SVG's if a caller has it already. All
-    three are compared at the size of the photo, whatever the canvas of the scene is. Raise
+    covering is as in `gauss2svg.render.render`. Without `raster`, the SVG is rasterised. The SVG
+    and the scene are drawn at the size of the photo, whatever the canvas of the scene is. Raise
     RendererError if the renderer cannot draw the SVG.
     """
     height, width = photo.shape[:2]
     raster = rasterize_like(svg, photo, renderer) if raster is None else raster
     over_white = over(raster)
-    # The exact composite lies in 0..1, but float32 may round beyond that.
+    # The exact composite lies in 0..1, but float32 may exceed it by rounding.
     model = render(scene, width, height, covering=covering)
     np.clip(model, 0, 1, out=model)
     model_black, model_alpha = None, None
@@ -96,7 +90,7 @@ def round_trip(
 def model_psnr(
     scene: Scene, picture: NDArray[np.float32], weight: NDArray[np.float32] | None = None
 ) -> float:
-    """Return a scene's PSNR in dB against an image, over both backdrops if the image has alpha."""
+    """Return a scene's PSNR in dB against an image, over white and black if the image has alpha."""
     return metrics.psnr(_model(scene, picture), stacked(picture), weight)
 
 
@@ -106,7 +100,7 @@ def model_error(
     covering: bool = False,
     weight: NDArray[np.float32] | None = None,
 ) -> float:
-    """Return the mean squared error of a scene, over both backdrops if the image has alpha.
+    """Return the mean squared error of a scene, over white and black if the image has alpha.
 
     covering is as in `gauss2svg.render.render`, and weight as in `metrics.mean_squared_error`.
     """
@@ -124,19 +118,19 @@ def raster_error(
     renderer: str,
     weight: NDArray[np.float32] | None = None,
 ) -> float:
-    """Return the mean squared error of a file's raster, over both backdrops if there is alpha."""
+    """Return the mean squared error of a file's raster, over white and black if there is alpha."""
     raster = rasterize_like(svg, picture, renderer)
     return metrics.mean_squared_error(stacked(raster), stacked(picture), weight)
 
 
-def measured(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
-    """Return a raster's score. With alpha, it is the worse of over white and over black."""
+def score_of(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
+    """Return a raster's score. With alpha, it is the worse of the scores over white and black."""
     pairs = zip(views(raster), views(photo), strict=True)
     return score.worst([score.function(*pair) for pair in pairs])
 
 
 def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:
-    """Return the fields of RoundTrip that depend only on a raster and a photo of its shape."""
+    """Return the fields of RoundTrip that compare a raster with a photo of the same shape."""
     raster_white, photo_white = over(raster), over(photo)
     measurable = min(photo.shape[:2]) >= metrics.LEAST_SIDE_FOR_SSIM
     black, alpha = _psnr_with_alpha(raster, photo)
@@ -153,7 +147,7 @@ def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> d
 def _psnr_with_alpha(
     image: NDArray[np.float32], photo: NDArray[np.float32]
 ) -> tuple[float | None, float | None]:
-    """Return the PSNR over black and that of alpha. Both are None if the photo is opaque."""
+    """Return the PSNR over black and the PSNR of alpha. Both are None if the photo is opaque."""
     if not has_alpha(photo):
         return None, None
     over_black = metrics.psnr(over(image, BLACK), over(photo, BLACK))

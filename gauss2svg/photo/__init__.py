@@ -1,9 +1,9 @@
 """Photo files: open, decode, turn upright and convert to sRGB.
 
-This module has the formats, one entry each, and the limits of the number of pixels.
+This module lists the formats, and has the limits on the number of pixels.
 
-Batches, the studio, the help and the documentation take their lists from here. This module loads
-no decoder, so that the help stays fast.
+Batches, the studio, the help and the documentation take their lists of formats from here. This
+module loads no decoder, so that the help stays fast.
 """
 
 from __future__ import annotations
@@ -11,23 +11,23 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-# Pillow's own limit (Image.MAX_IMAGE_PIXELS), a quarter of a GiB at three bytes per pixel.
+# Default limit of a photo's pixels. It is Pillow's (MAX_IMAGE_PIXELS), 256 MiB at 3 bytes a pixel.
 DEFAULT_MAX_PIXELS = 89_478_485
-# Pillow's decoders refuse any file above twice its limit. Larger images are not rasterised either.
+# Highest limit that a user can set: Pillow refuses more pixels. It is also the limit of rasters.
 MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
-PREFIX_BYTES = 64  # length of the start of a file that identifies its format
+PREFIX_BYTES = 64  # bytes at the start of a file that suffice to identify its format
 
 LIBVIPS, PILLOW = "gauss2svg.photo.by_libvips:opened", "gauss2svg.photo.by_pillow:opened"
 LIBHEIF = "gauss2svg.photo.by_heif:opened"
-OF_PILLOW = "gauss2svg.photo.by_pillow:of_image"  # opens an image of Pillow
+OF_PILLOW = "gauss2svg.photo.by_pillow:of_image"  # function that reads a PIL image
 
 
 @dataclass(frozen=True)
 class Format:
-    """A format that can be read.
+    """A file format of photos.
 
-    name      name in texts
-    suffixes  suffixes of the files in a folder that count as photos
+    name      name in messages and help
+    suffixes  suffixes of file names by which a folder is searched for photos
     start     regular expression for a file's first bytes
     decoder   function that opens the file, as module:name
     loader    operation of libvips or plugin of Pillow that the decoder calls
@@ -47,7 +47,7 @@ FORMATS = {
         Format("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", LIBVIPS, "pngload"),
         Format("WebP", (".webp",), rb"RIFF.{4}WEBP", LIBVIPS, "webpload"),
         Format("TIFF", (".tif", ".tiff"), rb"II[\x2a\x2b]\0|MM\0[\x2a\x2b]", LIBVIPS, "tiffload"),
-        # AVIF is the major brand, or a compatible one beside a general major brand.
+        # An AVIF has the brand avif or avis, either as major brand or after a general one (mif1).
         Format("AVIF", (".avif",), rb".{4}ftyp(avi[fs]|m[is]f1(.{4})+?avi[fs])", LIBVIPS,
                "heifload"),
         Format("HEIC", (".heic", ".heif", ".hif"), rb".{4}ftyp(he[iv][cxms]|m[is]f1)", LIBHEIF),
@@ -62,9 +62,9 @@ FORMATS = {
 SUFFIXES = tuple(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
 
 _RAW = rb"II\*\0....CR|II[RU][\0SO]|MMOR|IIU\0|FUJIFILM"
-# First bytes of other files that users give instead of a photo, with the words for an error.
+# Patterns for the first bytes of files that are no photos, and the words for them in errors.
 _OTHERS = (
-    (_RAW, "a camera's raw file"),  # decoders would read only its small preview
+    (_RAW, "a camera's raw file"),  # decoders would read only the small preview in it
     (rb"%PDF", "a PDF"),
     (rb"%!PS|\xc5\xd0\xd3\xc6", "a PostScript file"),
     (rb"gimp xcf", "a GIMP file"),
@@ -81,7 +81,7 @@ _OTHERS = (
 
 
 def format_of(start: bytes) -> Format | str:
-    """Return the format of a file by its first PREFIX_BYTES, or a phrase for any other file."""
+    """Return a file's format by its first PREFIX_BYTES, or words like "a PDF" if it has none."""
     if not start:
         return "an empty file"
     if not re.match(_RAW, start, re.DOTALL):

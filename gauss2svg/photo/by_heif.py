@@ -10,17 +10,17 @@ import numpy as np
 import pi_heif
 import pyvips
 
-from gauss2svg.photo.load import Stored
+from gauss2svg.photo.load import StoredImage
 from gauss2svg.photo.srgb import ColorSpace
 
-# References to metadata, which is not used. pi-heif 1.4 may crash on metadata.
+# Pattern of references to metadata, which `opened` removes: pi-heif 1.4 may crash on metadata.
 _METADATA = re.compile(rb"(\0\0..)cdsc", re.DOTALL)
-_REDUCED_BYTES = 10  # memory (bytes) per pixel and 8 bits of depth while a photo is reduced
-pi_heif.options.DECODE_THREADS = 1  # more threads would not obey --threads
+_REDUCED_BYTES = 10  # memory (bytes) per pixel while a photo is reduced, for each byte of a sample
+pi_heif.options.DECODE_THREADS = 1  # more threads would exceed the limit of --threads
 
 
-def opened(file: bytes, _loader: str) -> Stored:
-    """Read the header of the primary image. libheif turns and crops it."""
+def opened(file: bytes, _loader: str) -> StoredImage:
+    """Read the header of the primary image, which libheif rotates and crops as the file says."""
     file = _METADATA.sub(rb"\1free", file)
     heif = pi_heif.open_heif(io.BytesIO(file), convert_hdr_to_8bit=False, hdr_to_16bit=False)
     if not len(heif):
@@ -31,14 +31,14 @@ def opened(file: bytes, _loader: str) -> Stored:
     def picture(_scale: int) -> Any:
         array, max_level = np.asarray(heif), (1 << depth) - 1
         picture = pyvips.Image.new_from_array(array)
-        if heif.premultiplied_alpha:  # lossy compression may leave a colour larger than its alpha
+        if heif.premultiplied_alpha:  # lossy compression may make a colour larger than its alpha
             array = np.minimum(array, array[..., -1:])
             picture = pyvips.Image.new_from_array(array).unpremultiply(max_alpha=max_level)
         return picture if picture.format == "uchar" else picture / max_level
 
     colors = 3 if kind.upper().startswith("RGB") else 1
     alpha = colors if heif.has_alpha else None
-    stored = Stored(*heif.size, colors, alpha, picture, _REDUCED_BYTES * -(-depth // 8))
+    stored = StoredImage(*heif.size, colors, alpha, picture, _REDUCED_BYTES * -(-depth // 8))
     if profile := heif.info.get("icc_profile"):
         stored.space = ColorSpace(profile)
     elif nclx := heif.info.get("nclx_profile"):

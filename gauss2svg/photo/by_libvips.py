@@ -18,48 +18,47 @@ from PIL.ExifTags import Base
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from gauss2svg.photo import libvips
-from gauss2svg.photo.load import Stored
+from gauss2svg.photo.load import StoredImage
 from gauss2svg.photo.srgb import CMYK_CHANNELS, UNUSABLE, ColorSpace
 
-# Number of colour channels by libvips' interpretation. Others have 3.
+# Number of colour channels by `interpretation` of libvips. Interpretations not listed have 3.
 _COLORS = {"b-w": 1, "grey16": 1, "cmyk": CMYK_CHANNELS}
-_MAX_EXTRA = 4  # most extra samples per pixel, because hostile files have thousands
+_MAX_EXTRA = 4  # largest number of samples per pixel beside colours. Hostile files have thousands
 _END_OF_IMAGE = b"\xff\xd9"
 _NCLX = re.compile(rb"colrnclx(..)(..)", re.DOTALL)
 _AV1 = re.compile(rb"av1C..(.)", re.DOTALL)
-_MAX_PROFILE = 1 << 24  # bytes of a PNG's ICC profile when decompressed
-# Values of a TIFF's tags PhotometricInterpretation, Compression (2 to 4 are faxes),
-# PlanarConfiguration and SampleFormat.
-_INKS, _YCBCR, _LAB = 5, 6, 8
-_OLD_JPEG, _JPEG, _LZMA, _ZSTD = 6, 7, 34925, 50000
-_SEPARATE, _FLOAT = 2, 3
+_MAX_PROFILE = 1 << 24  # largest size (bytes) of a PNG's ICC profile when decompressed
+# Values of the TIFF tags that are named after them.
+_INKS, _YCBCR, _LAB = 5, 6, 8  # PhotometricInterpretation
+_OLD_JPEG, _JPEG, _LZMA, _ZSTD = 6, 7, 34925, 50000  # Compression
+_SEPARATE, _FLOAT = 2, 3  # PlanarConfiguration, SampleFormat
 
 
-def opened(file: bytes, loader: str) -> Stored:
+def opened(file: bytes, loader: str) -> StoredImage:
     """Read the header of a file by a loader of libvips."""
     tags = _tiff_tags(file) if loader == "tiffload" else {}
     if problem := _misread(tags):
         raise ValueError(problem)
-    # libheif does not expand greys of 16..235.
-    is_narrow = loader == "heifload" and (av1 := _AV1.search(file)) and av1[1][0] & 0x10
-    if is_narrow or _needs_pillow(tags):
-        from gauss2svg.photo import by_pillow  # few files need it
+    # Pillow reads grey AVIFs, because libheif does not expand grey levels of 16..235 to 0..255.
+    is_grey_avif = loader == "heifload" and (av1 := _AV1.search(file)) and av1[1][0] & 0x10
+    if is_grey_avif or _needs_pillow(tags):
+        from gauss2svg.photo import by_pillow  # few files need this module
 
-        return by_pillow.opened(file, "Avif" if is_narrow else "Tiff")
-    # libtiff only warns of broken tiles and faxes, so its warnings count as errors for them. It
-    # also warns of a strip without a length, but such a strip can be read.
+        return by_pillow.opened(file, "Avif" if is_grey_avif else "Tiff")
+    # libtiff only warns of broken tiles and broken faxes (compressions 2 to 4), so its warnings on
+    # such files are errors. But a strip of length 0, of which libtiff warns too, can be read.
     is_strict = (Base.TileWidth in tags or tags.get(Base.Compression) in (2, 3, 4)) and (
         0 not in _numbers(tags, Base.StripByteCounts)
     )
 
     def image(**options: int) -> Any:
         load = getattr(pyvips.Image, f"{loader}_buffer")
-        if loader == "tiffload":  # libtiff refuses by default to allocate 50 MB at once
+        if loader == "tiffload":  # libtiff refuses to allocate over 50 MB at once by default
             options["unlimited"] = True
         picture = load(
             file, access="sequential", fail_on="warning" if is_strict else "error", **options
         )
-        if loader == "heifload" and picture.format == "ushort":  # the upper bits hold the sample
+        if loader == "heifload" and picture.format == "ushort":  # samples are in the high bits
             bits = picture.get("bits-per-sample")
             return picture / ((1 << bits) - 1 << 16 - bits)
         if tags.get(Base.PhotometricInterpretation) == 0 and picture.format == "float":
@@ -69,7 +68,7 @@ def opened(file: bytes, loader: str) -> Stored:
     def picture(scale: int) -> Any:
         if scale == 1:
             return image()
-        # libvips rounds the size down. Repeating the last row and column rounds it up.
+        # libvips rounds the reduced size down. Repeating the last row and column rounds it up.
         size = -(-header.width // scale), -(-header.height // scale)
         return image(shrink=scale).embed(0, 0, *size, extend="copy")
 
@@ -82,20 +81,20 @@ def opened(file: bytes, loader: str) -> Stored:
     fields = {name: header.get(name) for name in names if header.get_typeof(name)}
     alpha = colors if header.hasalpha() else None
     size = header.width, header.height
-    stored = Stored(*size, colors, alpha, picture, _reduced_bytes(loader, header))
+    stored = StoredImage(*size, colors, alpha, picture, _reduced_bytes(loader, header))
     stored.density = header.xres * 25.4, header.yres * 25.4
-    # libvips does not read the resolution of a WebP, and says 1 px per mm.
+    # libvips does not read the resolution of a WebP, and reports 1 px per mm.
     stored.is_per_inch = "resolution-unit" in fields and header.xres != 1.0
     stored.orientation = fields.get("orientation", 1)
     stored.space = ColorSpace(fields.get("icc-profile-data"))
     stored.note_frames(fields.get("n-pages", 1), "pages" if loader == "tiffload" else "frames")
-    # Warnings on a PNG make no notes: they concern chunks that `_add_chunks` reads.
-    stored.notes_warnings = loader in ("jpegload", "tiffload")
+    # Warnings about a PNG are not reported: they concern chunks that `_add_chunks` reads.
+    stored.reports_warning = loader in ("jpegload", "tiffload")
     if loader == "jpegload":
         stored.scales = (1, 2, 4, 8)
         sides = re.escape(struct.pack(">HH", *size[::-1]))
-        # Find the last frame of this size, because a preview in the EXIF data is a JPEG that has
-        # an end marker too.
+        # Look for the end marker after the last frame header of this size. A preview in the EXIF
+        # data is a JPEG with an end marker of its own.
         frame = re.match(rb".*\xff[\xc0-\xcf].{3}" + sides, file, re.DOTALL)
         if frame and file.find(_END_OF_IMAGE, frame.end()) == -1:
             file += _END_OF_IMAGE
@@ -115,15 +114,15 @@ def opened(file: bytes, loader: str) -> Stored:
 
 
 def _reduced_bytes(loader: str, image: Any) -> int:
-    """Return the bytes per pixel that reducing a photo takes (docs/decisions/memory.md)."""
+    """Return the memory (bytes) per pixel while a photo is reduced (docs/decisions/memory.md)."""
     size = image.bands * np.dtype(libvips.TYPES[image.format]).itemsize
     if loader == "jpegload":
         return 3 * size if image.get("jpeg-multiscan") else 3
     return {"pngload": size + 2, "webpload": 14, "tiffload": 3 * size}.get(loader, 5 * size + 1)
 
 
-def _add_chunks(stored: Stored, file: bytes) -> None:
-    """Add facts that libvips does not report, from the chunks of a PNG before its pixels."""
+def _add_chunks(stored: StoredImage, file: bytes) -> None:
+    """Add facts to `stored` that libvips does not report, from the chunks before a PNG's pixels."""
     chunks: dict[bytes, bytes] = {}
     offset = 8
     while (kind := file[offset + 4 : offset + 8]) not in (b"", b"IDAT"):
@@ -149,7 +148,7 @@ def _add_chunks(stored: Stored, file: bytes) -> None:
 
 
 def _tiff_tags(file: bytes) -> dict[int, Any]:
-    """Return the tags of the first page. Return {} if they cannot be read; libtiff then decides."""
+    """Return the tags of a TIFF's first page, or {} if they are broken, which libtiff reports."""
     try:
         directory = ImageFileDirectory_v2(file[: 16 if b"+" in file[2:4] else 8])
         stream = io.BytesIO(file)
@@ -166,7 +165,7 @@ def _numbers(tags: dict[int, Any], tag: int) -> tuple[int, ...]:
 
 
 def _needs_pillow(tags: dict[int, Any]) -> bool:
-    """Return whether Pillow reads a TIFF that libvips does not: one of up to 8 bits a sample."""
+    """Return whether a TIFF with these tags needs Pillow, which reads it up to 8 bits a sample."""
     return max(_numbers(tags, Base.BitsPerSample), default=1) <= 8 and (
         tags.get(Base.PhotometricInterpretation) == _LAB
         or tags.get(Base.Compression) in (_OLD_JPEG, _LZMA, _ZSTD)
@@ -175,7 +174,7 @@ def _needs_pillow(tags: dict[int, Any]) -> bool:
 
 
 def _misread(tags: dict[int, Any]) -> str:
-    """Return why a TIFF with these tags would be read as a wrong picture, or ""."""
+    """Return why libvips would read a wrong picture from a TIFF with these tags, or ""."""
     if tags.get(Base.NewSubfileType) == 1 or Base.DNGVersion in tags:
         return "it is a camera's raw file, or begins with a preview"
     if 0 in _numbers(tags, Base.StripOffsets) + _numbers(tags, Base.TileOffsets):

@@ -16,11 +16,11 @@ import pyvips
 from numpy.typing import NDArray
 
 TYPES = {"uchar": np.uint8, "ushort": np.uint16, "float": np.float32}
-_ROWS = 4  # number of rows that are fetched at once
+_ROWS = 4  # number of rows of a picture that are fetched at once
 
 
-_thread = threading.local()  # its attribute `warnings` has libvips' warnings in this thread
-# One photo at a time, because libvips collects the messages of a warning for the whole process.
+_thread = threading.local()  # its attribute `warnings` lists libvips' warnings in this thread
+# Threads fetch one after the other, because libvips collects messages for the whole process.
 _lock = threading.RLock()
 
 
@@ -32,8 +32,8 @@ def _collect(record: logging.LogRecord) -> bool:
 
 
 logging.getLogger("pyvips").addFilter(_collect)
-logging.getLogger("pyvips").setLevel(logging.WARNING)  # kept even if the root is at ERROR
-pyvips.cache_set_max(0)  # the cache would keep past operations and their photos in memory
+logging.getLogger("pyvips").setLevel(logging.WARNING)  # needed if the root logger is at ERROR
+pyvips.cache_set_max(0)  # the cache would keep earlier photos in memory
 # Block the loaders of other formats, such as SVG and PDF.
 pyvips.operation_block_set("VipsForeignLoad", True)
 for _loader in ("Jpeg", "Png", "Webp", "Tiff", "Heif"):

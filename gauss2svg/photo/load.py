@@ -29,6 +29,7 @@ from gauss2svg.photo import (
 )
 from gauss2svg.photo.libvips import TYPES, samples
 from gauss2svg.photo.pixels import (
+    FOCUS_STRENGTH,
     Focus,
     Header,
     Photo,
@@ -43,34 +44,34 @@ from gauss2svg.photo.pixels import (
 )
 from gauss2svg.photo.srgb import PRIMARIES, TRANSFERS, ColorSpace, in_srgb
 
-SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
-_LEAST_DPI = 1.0  # a resolution of this or less counts as none
+SWAPPED = (5, 6, 7, 8)  # EXIF orientations that exchange width and height
+_LEAST_DPI = 1.0  # px per inch. A resolution of this or less counts as unknown
 _WHITE = 0.5  # least grey in 0..1 of a mask that counts as white
-_SQUARE = 0.01  # largest relative difference of resolutions at which pixels count as square
-# libjpeg decodes a JPEG at least this many times as large as needed, and `resized` does the rest.
-# libjpeg itself leaves out high frequencies, which is a poor filter (docs/decisions/photo.md).
-DRAFT = 3
-_OPAQUE = {"uchar": 255, "ushort": 65535, "float": 1}  # alpha of an opaque sample by its type
-_CUT = "premature end of data segment"  # message of libjpeg, which libvips treats as a warning
+_SQUARE = 0.01  # largest relative difference of dpi across and down at which pixels are square
+# libjpeg decodes a JPEG at least this many times as large as needed, and `resized` reduces it
+# further, because libjpeg's filter removes high frequencies (docs/decisions/photo.md).
+OVERSIZE = 3
+_OPAQUE = {"uchar": 255, "ushort": 65535, "float": 1}  # alpha of an opaque pixel, by sample format
+_TRUNCATED = "premature end of data segment"  # libjpeg's message, only a warning in libvips
 
 
 @dataclass(eq=False)
-class Stored:
+class StoredImage:
     """The first image of a file, as it is stored.
 
-    width, height   size in px
-    colors          number of colour channels: 1 of grey, 3 of RGB, CMYK_CHANNELS of CMYK
-    alpha           index of the alpha channel, or None
-    picture         function that takes one of `scales` and returns a picture of libvips, with
-                    samples of uint8, uint16 or float32 in 0..1
-    reduced_bytes   as in Header
-    scales          factors by which the decoder can make the image smaller
-    space           colour space
-    orientation     1..8 as in EXIF. 1 is upright as stored
-    density         px across and down in one unit of length, as stored. None if the file has none
-    is_per_inch     whether that unit is an inch, and not unknown
-    notes           notes on changes, for the report
-    notes_warnings  whether the decoder's last warning becomes a note
+    width, height    size in px
+    colors           number of colour channels: 1 for grey, 3 for RGB, CMYK_CHANNELS for CMYK
+    alpha            index of the alpha channel, or None
+    picture          function that decodes the image, reduced by one of `scales`, to a picture of
+                     libvips. The samples are uint8, uint16, or float32 in 0..1
+    reduced_bytes    as in Header
+    scales           factors by which the decoder can make the image smaller
+    space            colour space
+    orientation      1..8 as in EXIF. 1 is upright as stored
+    density          px across and down in one unit of length, as stored. None if the file has none
+    is_per_inch      whether the unit of `density` is known to be an inch
+    notes            notes on changes, for the report
+    reports_warning  whether the decoder's last warning becomes a note
     """
 
     width: int
@@ -85,7 +86,7 @@ class Stored:
     density: tuple[float, float] | None = None
     is_per_inch: bool = True
     notes: list[str] = field(default_factory=list)
-    notes_warnings: bool = False
+    reports_warning: bool = False
 
     @property
     def header(self) -> Header:
@@ -113,7 +114,7 @@ class Stored:
         return (across, down) if is_known else None, notes
 
     def set_codes(self, source: str, codes: Sequence[int]) -> None:
-        """Set the colour space by H.273 codes (primaries, transfer). Note unknown codes."""
+        """Set the colour space by H.273 codes (primaries, transfer). Note unsupported codes."""
         primaries, transfer = codes
         chromaticity, gamma = PRIMARIES.get(primaries), TRANSFERS.get(transfer)
         if chromaticity and gamma:
@@ -137,7 +138,7 @@ class Stored:
 
 @contextmanager
 def _refusing(name: str) -> Iterator[None]:
-    """Raise InputError for any exception of a decoder. Hostile bytes can cause any."""
+    """Turn every exception that a hostile file causes, except MemoryError, into InputError."""
     try:
         yield
     except (InputError, MemoryError):
@@ -150,7 +151,7 @@ def _refusing(name: str) -> Iterator[None]:
         ) from error
 
 
-def opened(file: bytes, name: str, max_pixels: int) -> Stored:
+def opened(file: bytes, name: str, max_pixels: int) -> StoredImage:
     """Read the header of an image file.
 
     Raise InputError if it is unsupported, broken, or larger than max_pixels.
@@ -167,18 +168,18 @@ def opened(file: bytes, name: str, max_pixels: int) -> Stored:
     return stored
 
 
-def decoded(stored: Stored, name: str, needed: SizeNeeded | None = None) -> Photo:
-    """Decode an opened image, reduced to the size needed. Raise InputError if it is broken."""
+def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) -> Photo:
+    """Decode an opened image and reduce it to the size needed. Raise InputError if it is broken."""
     size = reduced_size(needed, stored.width, stored.height)
     with _refusing(name):
         pixels, warnings = samples(lambda: _picture(stored, size, name))
-        if any(_CUT in warning for warning in warnings):
-            raise ValueError(_CUT)
+        if any(_TRUNCATED in warning for warning in warnings):
+            raise ValueError(_TRUNCATED)
     if size is not None and pixels.dtype == np.float32:  # the filter may overshoot 0..1
         pixels = pixels.clip(0, 1)
     pixels = unit(pixels, name)
     notes = [*stored.notes]
-    if stored.notes_warnings:
+    if stored.reports_warning:
         notes += (f"decoder warns: {brief(warning)}" for warning in warnings[-1:])
     color, color_notes = in_srgb(pixels[:, :, : stored.colors], stored.space)
     dpi, dpi_notes = stored.resolution()
@@ -193,8 +194,8 @@ def decoded(stored: Stored, name: str, needed: SizeNeeded | None = None) -> Phot
     return Photo(color, stored.upright_size, (*notes, *dpi_notes, *color_notes), dpi, alpha)
 
 
-def _picture(stored: Stored, size: Size | None, name: str) -> Any:
-    """Return a libvips picture of this size, with samples of colour and alpha only."""
+def _picture(stored: StoredImage, size: Size | None, name: str) -> Any:
+    """Return a libvips picture of colour and alpha only, reduced to `size` if that is not None."""
     full = stored.width, stored.height
     scale = max(s for s in stored.scales if s == 1 or (size and _leaves_enough(full, size, s)))
     picture = stored.picture(scale)
@@ -205,13 +206,13 @@ def _picture(stored: Stored, size: Size | None, name: str) -> Any:
         picture = picture[bands[0]].bandjoin([picture[band] for band in bands[1:]])
     if size is None:
         return picture
-    if picture.format == "float":  # samples may be out of range, which `unit` refuses
+    if picture.format == "float":  # `unit` refuses samples outside of 0..1
         picture = pyvips.Image.new_from_array(unit(samples(lambda: picture)[0], name))
     return resized(picture, size, stored.alpha is not None)
 
 
 def resized(picture: Any, size: Size, has_alpha: bool) -> Any:
-    """Return a smaller picture. If it has alpha, its samples are floating-point in 0..1.
+    """Return a libvips picture reduced to `size`. With alpha, its samples become floats in 0..1.
 
     Opaque pictures are reduced by the cubic filter of Catmull and Rom, and others by a triangle
     filter. A filter with negative weights would leave faint rings around edges of alpha
@@ -227,12 +228,12 @@ def resized(picture: Any, size: Size, has_alpha: bool) -> Any:
 
 
 def _leaves_enough(stored: Size, needed: Size, scale: int) -> bool:
-    """Return whether decoding at 1 / `scale` leaves at least DRAFT times the size needed."""
-    return all(scale * DRAFT * small <= side for side, small in zip(stored, needed, strict=True))
+    """Return whether decoding at 1 / `scale` leaves at least OVERSIZE times the size needed."""
+    return all(scale * OVERSIZE * small <= side for side, small in zip(stored, needed, strict=True))
 
 
 def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """Return an array (h, w, ...) turned upright by its orientation (EXIF 2.32, 4.6.4, tag 274)."""
+    """Return an image (h, w, ...) turned upright by its orientation (EXIF 2.32, 4.6.4, tag 274)."""
     if orientation in SWAPPED:
         array = array.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):  # the first row belongs at the bottom
@@ -272,7 +273,7 @@ def load_image(
     """Decode a path, bytes, binary file, PIL image, NumPy array or torch tensor.
 
     max_pixels  largest number of pixels, 1..MOST_PIXELS, checked before decoding
-    matte       sRGB colour in 0..1 over which transparency is composited. None keeps alpha
+    matte       sRGB colour in 0..1 over which a transparent photo is composited. None keeps alpha
     needed      longest side in px that is needed, or a function that returns the needed width and
                 height from the stored ones. A larger photo is reduced to that size while it is
                 decoded, before its profile and orientation are applied. None keeps all pixels
@@ -288,7 +289,7 @@ def load_image(
     return _composited(decoded(stored, name, needed), matte)
 
 
-def load_focus(source: ImageSource, strength: float, photo: Photo, max_pixels: int) -> Focus:
+def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pixels: int) -> Focus:
     """Return the mask of a photo, read like a photo, with its transparent parts black.
 
     Raise InputError if it cannot be read, is not of the photo's proportions, or has one colour.
@@ -298,7 +299,7 @@ def load_focus(source: ImageSource, strength: float, photo: Photo, max_pixels: i
         mask = load_image(source, max_pixels=max_pixels, matte=(0, 0, 0), needed=needed)
     except InputError as error:
         raise InputError(f"focus must be a picture, but {error}") from error
-    (width, height), (across, down) = mask.full, photo.full
+    (width, height), (across, down) = mask.original_size, photo.original_size
     if abs(width * down - height * across) > max(across, down):  # over 1 px of the shorter side
         needed = f"a mask of the photo's proportions, {across}x{down}"
         raise refusal("focus", needed, f"{width}x{height} px", "the photo's size")
@@ -306,19 +307,19 @@ def load_focus(source: ImageSource, strength: float, photo: Photo, max_pixels: i
     if not grey.min() < _WHITE <= grey.max():
         needed = "a mask with white where detail matters, and black elsewhere"
         raise refusal("focus", needed, "one colour", "painting on black with white")
-    return Focus(grey, strength)
+    return Focus(grey, strength or FOCUS_STRENGTH)
 
 
 def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Header | None:
     """Return the header of a source of `load_image`, or None for an array or a tensor.
 
-    Raise InputError as `load_image` does. A file that can be read only once must be `rereadable`.
+    Raise InputError as `load_image` does. Pass an open file through `rereadable` first.
     """
     return None if _is_array(source) else _stored(source, max_pixels)[0].header
 
 
 def reduced(photo: Photo, size: Size) -> Photo:
-    """Return a photo reduced by `alpha.shrunk` to a (width, height) in px, which is no larger."""
+    """Return a photo reduced by `shrunk` to `size`, (width, height) in px, which is not larger."""
     if size == (photo.width, photo.height):
         return photo
     pixels = shrunk(pixels_of(photo), size[1], size[0], sharp=True)
@@ -337,8 +338,8 @@ def _is_array(source: ImageSource) -> bool:
     return isinstance(source, np.ndarray if torch is None else (np.ndarray, torch.Tensor))
 
 
-def _stored(source: ImageSource, max_pixels: int) -> tuple[Stored, str]:
-    """Return a source as Stored, and its name. Raise InputError above max_pixels."""
+def _stored(source: ImageSource, max_pixels: int) -> tuple[StoredImage, str]:
+    """Return a source as StoredImage, and its name in errors. Raise InputError above max_pixels."""
     if isinstance(source, np.ndarray):
         return _of_array(source, "array", max_pixels), "array"
     if _is_array(source):
@@ -353,7 +354,7 @@ def _stored(source: ImageSource, max_pixels: int) -> tuple[Stored, str]:
 
 
 def _file(source: ImageSource) -> tuple[bytes, str]:
-    """Return the bytes of a source that is a file, and its name. Raise InputError for others."""
+    """Return the bytes of a file and its name in errors. Raise InputError for any other source."""
     if isinstance(source, (bytes, bytearray, memoryview)):
         return bytes(source), f"photo of {len(source)} bytes"
     if isinstance(source, (str, os.PathLike)):
@@ -372,7 +373,7 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
             "file object must be open; got a closed one. Try the path of the photo, or a file "
             "that is open"
         )
-    with suppress(AttributeError, OSError):  # a pipe cannot seek, and is read on
+    with suppress(AttributeError, OSError):  # a pipe cannot seek
         source.seek(0)
     data = source.read()
     if not isinstance(data, bytes):
@@ -395,10 +396,10 @@ def _tensor_samples(tensor: Any) -> NDArray[Any]:
         ) from error
 
 
-def _of_array(array: NDArray[Any], name: str, max_pixels: int) -> Stored:
+def _of_array(array: NDArray[Any], name: str, max_pixels: int) -> StoredImage:
     if np.ma.is_masked(array):
         raise InputError(f"{name} must be without masked samples; got some. Try .filled(0)")
-    array = np.asarray(array)  # a subclass may have other operators
+    array = np.asarray(array)  # a subclass may redefine operators
     if array.ndim == 2:
         array = array[:, :, None]
     if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
@@ -411,7 +412,7 @@ def _of_array(array: NDArray[Any], name: str, max_pixels: int) -> Stored:
     samples = array if array.dtype in TYPES.values() else unit(array, name)
     picture = pyvips.Image.new_from_array(np.ascontiguousarray(samples))
     alpha = 3 if channels == 4 else None
-    return Stored(width, height, min(channels, 3), alpha, lambda _scale: picture, None)
+    return StoredImage(width, height, min(channels, 3), alpha, lambda _scale: picture, None)
 
 
 def _composited(photo: Photo, matte: Sequence[float] | None) -> Photo:

@@ -1,9 +1,9 @@
-"""Pictures in memory: a photo and its header, its size, its samples, and its alpha.
+"""Photos in memory: header, size, samples and alpha.
 
 Images are sRGB arrays in 0..1, opaque (h, w, 3) or with straight alpha (h, w, 4). A pixel of colour
-c and alpha A over a background b shows A c + (1 - A) b. The two values over white and over black
-determine c and A. Over any other colour each channel shows a mean of these two. So an image that
-matches a photo over white and over black matches it over every background.
+c and alpha A over a background b shows A c + (1 - A) b. Its values over white and over black
+determine c and A, and its value over any other background is a weighted mean of the two. So an
+image that matches a photo over white and over black matches the photo over every background.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from PIL import Image, ImageColor
 from gauss2svg.errors import InputError, quoted
 
 Size = tuple[int, int]  # width and height in px
-# A function (width, height as stored) that returns the size needed, or the longest side in px.
+# Size needed: its longest side in px, or a function that returns the size from the stored one.
 SizeNeeded = Callable[[int, int], Size] | int
 WHITE, BLACK = 1.0, 0.0
 BACKDROPS = (WHITE, BLACK)
-_AVERAGE_FROM = 2  # smallest factor of reduction at which an area average is as good as a filter
+_AVERAGE_FROM = 2  # smallest factor of reduction for which an average is as good as Lanczos' filter
 _COLOR = re.compile(r"white|black|#(?:[0-9a-f]{3}){1,2}", re.IGNORECASE)
 
 
@@ -43,20 +43,25 @@ class Header:
     has_alpha: bool
     reduced_bytes: int | None = None
 
+    @property
+    def size(self) -> Size:
+        """Width and height in px."""
+        return self.width, self.height
+
 
 @dataclass(frozen=True, eq=False)
 class Photo:
     """A decoded photo.
 
-    pixels  (height, width, 3) float32 sRGB in 0..1, not multiplied by alpha; 0 where alpha is 0
-    full    width and height in px of the upright photo before any reduction
-    notes   conversions made while loading, for the report
-    dpi     px per inch across and down, by the resolution tag. None if the file has none
-    alpha   (height, width) float32 in 0..1. None if every pixel is opaque
+    pixels         (height, width, 3) float32 sRGB in 0..1, not premultiplied. 0 where alpha is 0
+    original_size  width and height in px of the upright photo before any reduction
+    notes          conversions made while loading, for the report
+    dpi            px per inch across and down, by the resolution tag. None if the file has none
+    alpha          (height, width) float32 in 0..1. None if every pixel is opaque
     """
 
     pixels: NDArray[np.float32]
-    full: tuple[int, int]
+    original_size: tuple[int, int]
     notes: tuple[str, ...] = ()
     dpi: tuple[float, float] | None = None
     alpha: NDArray[np.float32] | None = None
@@ -97,9 +102,9 @@ class Focus:
 
 
 def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
-    """Return samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
+    """Return samples (h, w, channels) of uint8, uint16, bool or floats as float32 in 0..1.
 
-    Raise InputError for other types, and for the first sample outside of 0..1.
+    Raise InputError for other types, or if a sample is outside of 0..1.
     """
     array = array.astype(array.dtype.newbyteorder("="), copy=False)
     if array.dtype == np.bool_:
@@ -134,7 +139,7 @@ def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | N
 
 
 def has_alpha(pixels: NDArray[np.floating]) -> bool:
-    """Return whether an image is (h, w, 4), and not (h, w, 3)."""
+    """Return whether an image is (h, w, 4) and not (h, w, 3)."""
     return pixels.shape[2] == 4
 
 
@@ -148,7 +153,7 @@ def pixels_of(photo: Photo) -> NDArray[np.float32]:
 def shrunk(
     pixels: NDArray[np.float32], height: int, width: int, sharp: bool = False
 ) -> NDArray[np.float32]:
-    """Return an image reduced by an area average. Colour is weighted by alpha, black at alpha 0.
+    """Return an image reduced by an area average, in which colours are weighted by alpha.
 
     sharp  use Lanczos' filter if the image is opaque and shrinks by a factor below 2. An average
            would take one pixel in some places and two in others (docs/decisions/photo.md).
@@ -173,7 +178,7 @@ def shrunk(
 def over(
     pixels: NDArray[np.float32], background: float | tuple[float, float, float] = WHITE
 ) -> NDArray[np.float32]:
-    """Return an image (h, w, 3) over a grey or sRGB colour in 0..1. Opaque images are unchanged."""
+    """Return an image (h, w, 3) over a grey or sRGB colour in 0..1. Opaque images stay the same."""
     if not has_alpha(pixels):
         return pixels
     color, alpha = pixels[:, :, :3], alpha_of(pixels)
@@ -181,14 +186,14 @@ def over(
 
 
 def views(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return (views, h, w, 3): the image over each of BACKDROPS, or itself if it is opaque."""
+    """Return views (k, h, w, 3): the image over each of BACKDROPS, or itself if it is opaque."""
     if not has_alpha(pixels):
         return pixels[None]
     return np.stack([over(pixels, level) for level in BACKDROPS])
 
 
 def stacked(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the views one below the other, (views * h, w, 3), for a metric over all of them."""
+    """Return one image (k * h, w, 3) of all `views`, one below the other, for a single metric."""
     return views(pixels).reshape(-1, *pixels.shape[1:2], 3)
 
 
@@ -198,14 +203,14 @@ def alpha_of(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def straight(color: NDArray[np.floating], alpha: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return (h, w, 4) from premultiplied color (h, w, 3) and alpha (h, w), black at alpha 0."""
+    """Return an image (h, w, 4) from premultiplied color and alpha (h, w). Alpha 0 gives black."""
     is_visible = alpha[:, :, None] > 0
     divided = np.divide(color, alpha[:, :, None], out=np.zeros_like(color), where=is_visible)
     return np.dstack([np.clip(divided, 0, 1), np.clip(alpha, 0, 1)]).astype(np.float32)
 
 
 def from_views(white: NDArray[np.floating], black: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return (h, w, 4) from renderings (h, w, 3) over white and black: A = 1 - (white - black)."""
+    """Return an image (h, w, 4) from its views over white and black: A = 1 - (white - black)."""
     return straight(black, np.clip(1 - (white - black).mean(axis=2), 0, 1))
 
 

@@ -14,16 +14,16 @@ from gauss2svg.photo.libvips import samples
 from gauss2svg.photo.pixels import unit
 
 CMYK_CHANNELS = 4
-# Number of channels by an ICC profile's colour space.
+# Number of channels for each colour space of an ICC profile.
 _SPACES = {b"GRAY": 1, b"RGB ": 3, b"CMYK": CMYK_CHANNELS}
 UNUSABLE = "embedded ICC profile unreadable or for another colour space; sRGB assumed"
 _CONVERTED = "converted from its embedded ICC profile to sRGB"
 _NAIVE = "CMYK without a usable ICC profile; converted by the naive formula"
-_SAME = 1 / 255  # largest difference at which a profile counts as sRGB
+_SAME = 1 / 255  # largest difference from sRGB at which a profile counts as sRGB
 _GAMMA = 1 / 2.2  # the gAMA of an sRGB image
 _SAME_GAMMA = 0.01  # largest relative difference at which a gamma counts as _GAMMA
-_LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
-# x and y of white, red, green and blue, for sRGB and for each code of ITU-T H.273, table 2.
+_LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0  # range of usable gammas
+# Chromaticities x, y of white, red, green, blue: of sRGB, and by code in table 2 of ITU-T H.273.
 _SRGB = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
 PRIMARIES = {
     1: _SRGB,
@@ -33,8 +33,8 @@ PRIMARIES = {
     9: (*_SRGB[:2], 0.708, 0.292, 0.17, 0.797, 0.131, 0.046),  # BT.2020
     12: (*_SRGB[:2], 0.68, 0.32, 0.265, 0.69, 0.15, 0.06),  # Display P3
 }
-# gAMA by the code of the transfer curve (ITU-T H.273, table 3). As in browsers, cameras' curves and
-# an unspecified curve count as sRGB, because cameras' curves are made for screens of sRGB.
+# gAMA by the code of the transfer curve (ITU-T H.273, table 3). As in browsers, an unspecified
+# curve counts as sRGB, and so do cameras' curves, which are made for sRGB screens.
 TRANSFERS = dict.fromkeys((1, 2, 6, 13, 14, 15), _GAMMA) | {4: 1 / 2.2, 5: 1 / 2.8, 8: 1.0}
 
 
@@ -70,7 +70,7 @@ def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.f
 
 
 def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32] | None:
-    """Convert color by an ICC profile. Return color itself for sRGB, None for a useless profile."""
+    """Convert color by an ICC profile. Return `color` itself for sRGB, None if it is unusable."""
     channels = _SPACES.get(profile[16:20])
     try:
         if channels == 1 == color.shape[2]:
@@ -94,8 +94,8 @@ def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float3
 def _grey_curve(profile: bytes) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Return 256 grey levels in 0..1, and their sRGB values under an ICC profile.
 
-    With the flag NOOPTIMIZE all levels are converted. By default Little CMS samples only 33 steps,
-    and so does libvips.
+    The flag NOOPTIMIZE makes Little CMS convert every level. By default it interpolates between 33
+    steps, and so does libvips.
     """
     parsed, srgb = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
     levels = Image.fromarray(np.arange(256, dtype=np.uint8)[None])
@@ -105,7 +105,7 @@ def _grey_curve(profile: bytes) -> tuple[NDArray[np.floating], NDArray[np.floati
 
 def _transformed(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32]:
     """Convert color of 3 or 4 channels to RGB in sRGB, with 16 bits a channel."""
-    ImageCms.ImageCmsProfile(io.BytesIO(profile))  # raises if broken; libvips would replace it
+    ImageCms.ImageCmsProfile(io.BytesIO(profile))  # raises for a broken profile, unlike libvips
     levels = np.round(color * np.float32(65535)).astype(np.uint16)
     kind = "cmyk" if color.shape[2] == CMYK_CHANNELS else "rgb16"
     picture = pyvips.Image.new_from_array(levels).copy(interpretation=kind)
@@ -149,9 +149,9 @@ def _srgb_value(light: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] | None:
-    """Return the matrix (3, 3) from linear light of these primaries to sRGB, None if degenerate.
+    """Return the matrix (3, 3) from linear light of these primaries to sRGB, or None if degenerate.
 
-    A factor for each channel turns a white of another colour into sRGB's white.
+    Each row is scaled so that white becomes sRGB's white.
     """
     x, y = np.array(chromaticity, float).reshape(4, 2).T
     if not (y > 0).all() or abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < 1e-4:

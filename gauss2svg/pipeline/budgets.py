@@ -3,14 +3,14 @@
 All of these are known before the fit. The estimate is an upper bound of the process's resident size
 in bytes. For a photo of P px that is measured at M px and fitted at F px, three stages need
 
-    decoding    31 P, or d P + 12 M with d by the format if the photo is reduced while it is decoded
-    fitting     12 M + a F, with a by the loss
+    decoding    31 P, or d P + 12 M if decoding reduces the photo, where d depends on the format
+    fitting     12 M + a F, where a depends on the loss
     measuring   57 M + 36 F
 
-A transparent photo has 70, 28 and 151 instead of 31, 12 and 57, and inks and enlarged drawings add
-to these. The largest stage, the interpreter, the libraries and the shapes are added up and
-multiplied by a margin. benchmarks/memory.py compares the estimate with processes. The estimate
-leaves out other programs that rasterise, and the first compilation of the kernels (105 MB).
+For a transparent photo, 70, 28 and 151 replace 31, 12 and 57. Inks and enlarged drawings need more.
+The estimate is the sum of the largest stage, the interpreter, the libraries and the shapes, times a
+margin, which benchmarks/memory.py compares with processes. The estimate leaves out other programs
+that rasterise, and the first compilation of the kernels (105 MB).
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from gauss2svg.scene import ADD
 
 # Fewest pixels at which a file is measured, if the photo has as many (docs/decisions/photo.md).
 MEASURED_PIXELS = 1_000_000
-# Bytes of a pixel while it is held, decoded and measured: of an opaque photo, and of a photo with
-# alpha (benchmarks/memory.py).
-_BYTES = (12, 31, 57), (28, 70, 151)
+# Bytes of a pixel while it is held, while it is decoded and while it is measured: first for an
+# opaque photo, then for one with alpha (benchmarks/memory.py).
+_PIXEL_BYTES = (12, 31, 57), (28, 70, 151)
 
 
 # Measured bytes of a run (docs/decisions/memory.md).
@@ -42,10 +42,10 @@ BASE = 205e6  # bytes of a run with a photo of a few pixels
 SHAPE = 3000  # bytes of each Gaussian
 FIT = 75  # bytes of each pixel of the fit
 FIT_SSIM = 130  # bytes of each pixel of a fit whose loss has SSIM
-INKS = 34  # bytes added for each pixel of a fit in inks, whose target is not the photo
+INKS = 34  # bytes added for each pixel of a fit in inks, because its target is not the photo
 ENLARGED = 230  # bytes of each pixel of an enlarged drawing
 LARGEST = 1024**2  # largest number of pixels of an enlarged drawing
-HELD = 36  # bytes of each pixel of the fit after it has ended
+HELD = 36  # bytes still held for each pixel of the fit after the fit has ended
 ADDITIVE = 110e6  # bytes for writing an additive scene
 MARGIN = 1.2  # factor for memory that was not measured
 
@@ -53,8 +53,8 @@ MARGIN = 1.2  # factor for memory that was not measured
 def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXELS) -> Size:
     """Return the size in px at which a file is measured.
 
-    It is the fit's size if that has at least `least` pixels. Otherwise it is the photo's size,
-    reduced to about `least` pixels if it has more.
+    It is the fit's size if the fit has at least `least` pixels. Otherwise it is the photo's size,
+    reduced to about `least` pixels if the photo has more.
     """
     if fit[0] * fit[1] >= least or fit == photo:
         return fit
@@ -80,21 +80,16 @@ class Load:
     fit: Size
 
     @property
-    def size(self) -> Size:
-        """Width and height in px of the photo."""
-        return self.photo.width, self.photo.height
-
-    @property
     def measured(self) -> Size:
-        """Width and height in px at which the file is measured. A time limit may reduce them."""
+        """Width and height in px at which the file is measured, smaller with a short time limit."""
         if self.plan.options.run.full_size:
-            return self.size
+            return self.photo.size
         within = pixels_within(self.plan.goal.time_limit or math.inf)
-        return measured_size(self.size, self.fit, min(MEASURED_PIXELS, within))
+        return measured_size(self.photo.size, self.fit, min(MEASURED_PIXELS, within))
 
     @property
     def most_gaussians(self) -> int:
-        """Largest number of Gaussians that the run may have."""
+        """Largest number of Gaussians that the run may use."""
         if self.plan.goal.count is not None:
             return self.plan.goal.count
         caps = [CAP_FOR_TARGET if one.aim else one.preset.cap for one in self.plan.searches()]
@@ -105,10 +100,10 @@ class Load:
         """Estimated upper bound of the run's memory in bytes."""
         plan, options, target = self.plan, self.plan.options, self.plan.goal.target
         fit, kept = math.prod(self.fit), math.prod(self.measured)
-        held, _, measured = _BYTES[self.photo.has_alpha]
+        held, _, measured = _PIXEL_BYTES[self.photo.has_alpha]
         inked = INKS * plan.in_inks
         fitting = held * kept + ((FIT_SSIM if has_ssim(options.fit.loss) else FIT) + inked) * fit
-        if plan.goal.byte_limit is not None and max(self.size) <= LARGEST_ENLARGED:
+        if plan.goal.byte_limit is not None and max(self.photo.size) <= LARGEST_ENLARGED:
             fitting += ENLARGED * min(16 * fit, LARGEST)
         measured = max(measured, held + (target.pixel_bytes if target is not None else 0))
         measuring = measured * kept + (HELD + inked) * fit
@@ -118,19 +113,19 @@ class Load:
 
 
 def _decoding(photo: Header, kept: int) -> int:
-    """Return the bytes that decoding takes if `kept` pixels are kept."""
-    held, decoded, _ = _BYTES[photo.has_alpha]
+    """Return the bytes that decoding takes if it reduces the photo to `kept` pixels."""
+    held, decoded, _ = _PIXEL_BYTES[photo.has_alpha]
     pixels = photo.width * photo.height
     if photo.reduced_bytes is not None and kept < pixels:
         return photo.reduced_bytes * pixels + held * kept
     return decoded * pixels
 
 
-def allowed(max_memory: int | str | None) -> int:
+def memory_limit(max_memory: int | str | None) -> int:
     """Return the bytes of memory that a run may take.
 
-    They are the value of the option, which is a number once it is checked. If it is None, they are
-    MEMORY_SHARE of the sum of the free memory and the process's own.
+    This is `max_memory`, which the option's check has made a number. If None, it is MEMORY_SHARE of
+    the sum of the free memory and the memory that the process holds.
     """
     return int(max_memory or MEMORY_SHARE * (free_bytes() + held_bytes()))
 
@@ -143,15 +138,15 @@ def check_decoding(header: Header, limit: int, is_reduced: bool) -> None:
     kept = 0 if is_reduced else header.width * header.height
     needed = math.ceil(MARGIN * (BASE + _decoding(header, kept)))
     if needed > limit:
-        photo = f"a photo of {_px((header.width, header.height))}"
+        photo = f"a photo of {_px(header.size)}"
         raise _too_little(needed, limit, photo, "a smaller photo")
 
 
 def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[Load, str | None]:
     """Return the load of the largest fit within `limit` bytes, and a note if the fit is reduced.
 
-    asked  whether the size is required and may not be reduced
-    Raise InputError if a required size does not fit, or if no size does.
+    asked  whether the user asked for the fit's size, so that it may not be reduced
+    Raise InputError if this size does not fit, or if no size does.
     """
     if load.bytes <= limit:
         return load, None
@@ -161,7 +156,7 @@ def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[Load, str | Non
         return replace(load, fit=(width, height))
 
     if with_side(1).bytes > limit:
-        work = f"a photo of {_px(load.size)} and up to {load.most_gaussians} Gaussians"
+        work = f"a photo of {_px(load.photo.size)} and up to {load.most_gaussians} Gaussians"
         raise _too_little(with_side(1).bytes, limit, work, "a smaller photo")
     if asked:
         raise _too_little(load.bytes, limit, f"a fit on {_px(load.fit)}", "a smaller --max-size")
@@ -184,9 +179,9 @@ def _megabytes(size: float) -> str:
 
 
 # Size of a fit within a time limit (docs/decisions/time.md).
-PIXELS_PER_SECOND = 150_000  # most pixels of the fit for each second of the limit
-START_S = 0.5  # seconds of the limit allowed for start-up
-LEAST_S = 0.25  # fewest seconds that are assumed to be left after start-up
+PIXELS_PER_SECOND = 150_000  # largest number of pixels of the fit per second of the limit
+START_S = 0.5  # seconds of the limit that start-up may take
+LEAST_S = 0.25  # least number of seconds that are assumed to remain after start-up
 
 
 def pixels_within(time_limit: float) -> float:
@@ -195,7 +190,7 @@ def pixels_within(time_limit: float) -> float:
 
 
 def load_of(plan: Plan, photo: Header) -> Load:
-    """Return the load of a run on a photo, by its options, presets and time limit."""
+    """Return the load of a run. max_size, the presets and the time limit decide the fit's size."""
     given, limit = plan.options.run.max_size, plan.goal.time_limit
     width, height = photo.width, photo.height
     longest = given or max(search.preset.max_size for search in plan.searches())
@@ -205,30 +200,30 @@ def load_of(plan: Plan, photo: Header) -> Load:
     return Load(plan, photo, (max(1, round(width * scale)), max(1, round(height * scale))))
 
 
-STEP = 5e-4  # s of a step of the fit, whatever its size
-STEP_PIXEL = 3.3e-8  # s of a step for each pixel
-STEP_GAUSSIAN = 8e-7  # s of a step for each Gaussian
-GROWING = 0.5  # share of a step's seconds above that a step takes during growth
-SECOND_THREAD = 0.8  # speed that each further thread adds, relative to the first, for pixels
-PRIOR_S = 0.03  # s that count as predicted and taken before the first step
-EXPORT = 0.06  # s of an export: writing, rasterising and measuring
-EXPORT_PIXEL = 1.3e-6  # s of an export for each pixel that is measured
-EXPORT_GAUSSIAN = 5e-5  # s of an export for each Gaussian
-COLORS_GAUSSIAN = 5e-5  # s of finding the colours of the file, for each Gaussian
+STEP = 5e-4  # s that each step of the fit takes
+STEP_PIXEL = 3.3e-8  # s that a step takes for each pixel
+STEP_GAUSSIAN = 8e-7  # s that a step takes for each Gaussian
+GROWING = 0.5  # factor on the seconds of a step during growth
+SECOND_THREAD = 0.8  # share of the first thread's speed on pixels that each further thread adds
+PRIOR_S = 0.03  # s that count as both predicted and taken before the first step
+EXPORT = 0.06  # s that each export (writing, rasterising and measuring) takes
+EXPORT_PIXEL = 1.3e-6  # s that an export takes for each measured pixel
+EXPORT_GAUSSIAN = 5e-5  # s that an export takes for each Gaussian
+COLORS_GAUSSIAN = 5e-5  # s that finding the colours of the file takes for each Gaussian
 STARTS = {"chromium": 2.0, "firefox": 2.0, "inkscape": 2.0}  # s that these programs take to start
-# Steps that a fit should have. Gaussians are added as long as time for so many steps is left,
+# Number of steps that a fit should have. Gaussians are added while time for these steps is left,
 # because a photo gains more from twice the Gaussians than from twice the steps.
 STEPS = 100
-STEPS_OF_DRAWING = 180  # the same for a drawing
+STEPS_OF_DRAWING = 180  # number of steps that a fit to a drawing should have
 # Largest share of the time for the export. If the export needs more, Gaussians are removed.
 MOST_RESERVED = 0.6
-LEAST_FIT_S = 0.15  # fewest s of a fit. A shorter fit hardly makes a picture
-FEWEST = 150  # fewest Gaussians. If the time is too short for them, there are fewer steps
+LEAST_FIT_S = 0.15  # least seconds of a fit. A shorter fit hardly makes a picture
+FEWEST = 150  # least number of Gaussians. If the time is too short, the fit has fewer steps instead
 
 
 @dataclass
 class TimeBudget:
-    """The time left, and how much of it the fit may use.
+    """The time that is left, and the share of it that the fit may use.
 
     deadline  end of the run in s of time.perf_counter(), infinite without a limit
     pixels    number of pixels of the image that the fit runs on
@@ -255,11 +250,11 @@ class TimeBudget:
         self.begin_fit(0)
 
     def begin_fit(self, count: int, share: float = 1.0) -> None:
-        """Begin a fit of about `count` Gaussians. It may take this share of the time."""
+        """Note that a fit of about `count` Gaussians begins, which may take `share` of the time."""
         self._begun, self._share, self._reserved_for = time.perf_counter(), share, count
 
-    def stepped(self, pixels: int, count: int, done: float) -> None:
-        """Note a step with `count` Gaussians on `pixels` pixels, at this progress of the fit.
+    def note_step(self, pixels: int, count: int, done: float) -> None:
+        """Note the end of a step with `count` Gaussians on `pixels` pixels, at progress `done`.
 
         The first step with a new count, or after `most_gaussians`, is ignored, because its time
         includes other work.
@@ -275,10 +270,10 @@ class TimeBudget:
             self._reserved_for = count
 
     def most_gaussians(self, done: float, colors: bool = False) -> float:
-        """Return the largest count that leaves time for the steps after `done` and the export.
+        """Return the largest count, at least FEWEST, for which there is time.
 
-        The count is at least FEWEST.
-        colors  whether the colours of the file must also be found in this time
+        Time is needed for the steps after progress `done`, and for the export.
+        colors  whether time is also needed for finding the colours of the file
         """
         self._last_step = 0.0, -1  # the caller's next work is not part of a step
         steps = self.steps * (1 - done)
@@ -287,21 +282,21 @@ class TimeBudget:
         return max(FEWEST, (left - self._step_s(self.pixels) * steps - self._export_s) / each)
 
     @property
-    def is_over(self) -> bool:
+    def must_export(self) -> bool:
         """Whether writing and measuring a file need all the time that is left."""
         return self._left_s() < self._reserved_s(max(self._reserved_for, FEWEST))
 
     def fit_ends(self) -> float:
         """Return the end of the fit in s of time.perf_counter(), infinite without a limit.
 
-        Finding the colours pauses the fit and delays its end. Time is reserved for that.
+        The time that is reserved after the fit includes finding the colours, which pauses the fit.
         """
         whole = self.deadline - self._begun
         fitting = whole - min(self._reserved_s(self._reserved_for), MOST_RESERVED * whole)
         return self._begun + max(self._share * fitting, LEAST_FIT_S)
 
     def _step_s(self, pixels: int) -> float:
-        """Return the predicted seconds of a step without Gaussians."""
+        """Return the predicted seconds of a step, without those that each Gaussian adds."""
         return STEP + STEP_PIXEL * pixels / (1 + SECOND_THREAD * (self.threads - 1))
 
     def _left_s(self) -> float:

@@ -5,8 +5,8 @@
 
 Take Kodak 20, 768 x 512 px, and a limit of 250 bytes. A file without Gaussians has 98 bytes. The
 other 152 bytes suffice for 3 plain ellipses of about 44 bytes, which are fitted at 96 x 64 px. Each
-fit is written in units of two sizes, with colours of 3 and of 6 digits. The file whose model is
-best is drawn:
+fit is written in units of two sizes, with colours of 3 and of 6 digits. Of these four files, the
+one with the closest model is rasterised:
 
     <svg xmlns=".." viewBox="0 0 66 44"><path fill="#c3b8a0" d="M0 0h66v44H0"/>
     <path fill="#504c34" d="M86 27a93 10-1.8 101 0"/>
@@ -16,7 +16,7 @@ best is drawn:
 A drawing gets ellipses that stay crisp when it is enlarged:
 
     drawing -> up to four fits -> the larger picture that they agree on -> fits of more and more
-    ellipses, until the bytes are used or more ellipses no longer help -> the best of their files
+    ellipses, until the bytes are used or more ellipses no longer help -> the best file
 
 The closer of two files is better (`closeness`). Files are compared at the drawing's own size if the
 difference can be seen there, and enlarged if not. In the second case the counts of the fits do not
@@ -43,67 +43,63 @@ from gauss2svg.measure.roundtrip import model_error, raster_error, round_trip
 from gauss2svg.photo.pixels import has_alpha, shrunk
 from gauss2svg.pipeline import drawings, small_file
 from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
-from gauss2svg.pipeline.palette import with_plain
-from gauss2svg.pipeline.plan import MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES, WHOLE_SIDE, Plan
+from gauss2svg.pipeline.plan import SHAPE_BYTES, SHAPE_GZIPPED_BYTES, WHOLE_SIDE, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.small_file import EXACT_UNDER, SmallFile, closeness, flat_scene
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, covered_radius
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.forms import with_falloffs
+from gauss2svg.svg.forms import with_falloffs, with_plain
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 
 Exponents = tuple[float, ...]  # exponents of soft shapes. Other shapes are plain ellipses
 BytesOf = Callable[[str], int]
 
-# Smallest limits in bytes at which these exponents are worth their definitions.
+# Exponents, each after the smallest limit in bytes at which they are worth their definitions.
 EXPONENTS = (6000, BETA_CLASSES), (2200, (1.0, 3.0)), (0, (3.0,))
 DEFINITION = 5  # number of shapes whose bytes equal those of an exponent's definition
 # Largest plausible ratio of expected to actual bytes of a shape. If it is larger, most shapes were
 # left out of the file.
 SHORTER = 3.0
-SPARE = 1.03  # ratio of fitted shapes to those within the limit. The least useful are left out
+SPARE = 1.03  # number of fitted shapes per shape within the limit. The least useful are left out
 
-# Photos.
+# Constants of searches on photos.
 SIDE_PER_ROOT = 12.0  # longest side of the working picture in px, per square root of the count
-LEAST_SIDE = 96  # px, shortest that the longest side of the working picture may be
-# With a limit below so many bytes, every second fit has only plain ellipses, like cut paper.
-PLAIN_UNDER = 900
-FEW_UP_TO = 60  # up to this many shapes: 3 fits on 2 grids each. Above: 2 fits on 1 grid
-ITERATIONS = 200  # steps of a fit
+LEAST_SIDE = 96  # px, least length of the longest side of the working picture
+PLAIN_UNDER = 900  # limit in bytes below which every second fit has only plain ellipses
+FEW_UP_TO = 60  # number of shapes up to which 3 fits have 2 grids each. Beyond, 2 fits have 1 each
+ITERATIONS = 200  # number of steps of a fit to a photo
 # Placement and learning rate of each fit to a photo.
-_BEGINNINGS = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
+_FITS_OF_PHOTO = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
 
-# Drawings.
+# Constants of searches on drawings.
 LARGE_SIDE = 1024  # px, longest side to which a larger drawing is reduced
-FLAT_SIDE = 384  # the same for a drawing without antialiased edges
+FLAT_SIDE = 384  # px, longest side to which a drawing without antialiased edges is reduced
 ENLARGED_FROM = 2000  # smallest limit in bytes at which a drawing is fitted enlarged
-STEPS = 600  # steps of a fit
-LEAST_FEWER = 12  # fewest shapes of the fits that halve the count
-AGREEING = (150, 300)  # counts of the fits that enlarge a drawing
-AGREEING_LARGE = (300,)  # the same over 256 px, where fits take longer
-OWN_UP_TO = 200  # most shapes for which fits at the drawing's own size are tried too
-FIRST_COUNT, GROWTH = 160, 1.265  # count of the first enlarged fit, and ratio to the next
-MOST_IDLE = 2  # growth ends after so many fits in a row without a better file
-SHARED = 0.1  # share of the squared error that shared colours may add
-# With a limit below so many bytes, grids are coarse, because a digit is much of a shape.
-COARSE_UNDER = 1100
-# Smallest limit in bytes at which numbers are finer and shaded drawings also have soft shapes.
-FINE_FROM = 6000
+STEPS = 600  # number of steps of a fit to a drawing
+LEAST_FEWER = 12  # least number of shapes of a fit that halves the count of the fit before
+AGREEING = (150, 300)  # counts of the fits from which the enlarged drawing is made
+AGREEING_LARGE = (300,)  # counts of these fits to a drawing over 256 px, where fits take longer
+OWN_UP_TO = 200  # number of shapes up to which an enlarged drawing is also fitted at its own size
+FIRST_COUNT, GROWTH = 160, 1.265  # count of the first enlarged fit, and ratio to the next count
+MOST_IDLE = 2  # growth ends after so many fits in a row that give no better file
+SHARED = 0.1  # share of the squared error that may be added so that shapes share colours
+COARSE_UNDER = 1100  # limit in bytes below which grids are coarse, because digits cost much
+FINE_FROM = 6000  # least limit in bytes for fine grids, and for soft shapes in shaded drawings
 COARSE_GRIDS, GRIDS, FINE_GRIDS = (0.8, 1.2, 4.0, 8.0), (4.0, 8.0), (8.0, 16.0)
 SOFT_FROM = 4.0  # px, narrowest rim of a soft shape of a shaded drawing
 
 
 class ByBytes:
-    """A search for the best file within the limit of bytes of a plan.
+    """A search for the best file within a plan's limit of bytes.
 
-    subject     photo and canvas, with the photo reduced further for the fits
-    bytes_of    function that returns the bytes of a file's text. None: bytes of the file itself
+    subject     photo and canvas, with a working picture that the search reduces for its fits
+    bytes_of    function that counts the bytes of an SVG's text. None: those of the written file
     is_drawing  whether the photo is a drawing
     flat        shortest file without Gaussians
-    best        closest file so far, with its raster's error
+    best        closest file so far, with the error of its raster
     fits        results of the fits so far
     Raise InputError if a file without Gaussians exceeds the limit.
     """
@@ -118,20 +114,20 @@ class ByBytes:
         self.subject, self.fits = subject, list[FitResult]()
         flat = [self._file(*flat_scene(subject, digits), digits) for digits in HEX_DIGITS]
         self.flat = min(flat, key=lambda file: file.size)
-        self._left = self._limit - self.flat.size  # bytes left for shapes
-        if self._left < 0:
+        self._shape_bytes = self._limit - self.flat.size  # bytes left for shapes
+        if self._shape_bytes < 0:
             needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
             raise refusal("max_bytes", needed, str(self._limit), str(self.flat.size))
-        self._each: dict[Exponents, float] = {}  # bytes of a shape in the last file, by exponents
+        self._each: dict[Exponents, float] = {}  # bytes per shape of the last file, by exponents
         self._set_up()
         self._large: NDArray[np.float32] | None = None  # the enlarged drawing
-        self._fitted = self._solved = self.subject  # subjects for fits, and for solving colours
+        self._fitted = self._solved = self.subject  # subjects of the fits, and of solving colours
         self._reason = ""  # reason for ending before the limit is full, or ""
-        fitting = [self._drawn(file) for file in flat if file.size <= self._limit]
+        fitting = [self._with_errors(file) for file in flat if file.size <= self._limit]
         self.best = max(fitting, key=closeness)
 
     def _set_up(self) -> None:
-        """Set the size of the working picture, and the numbers of the fits and files."""
+        """Set the working picture, and the fits, counts, exponents, grids and digits to try."""
         photo, canvas, options = self.subject.photo, self.subject.canvas, self._plan.options
         limit = self._plan.uncompressed_limit or self._limit
         learned, self._enlarges = options.fit.learned_falloff, False
@@ -145,10 +141,10 @@ class ByBytes:
             if limit < COARSE_UNDER:
                 self._digits, self._grids = HEX_DIGITS, COARSE_GRIDS
         else:
-            count = self._left / self._expected(exponents)
+            count = self._shape_bytes / self._expected(exponents)
             few = count <= FEW_UP_TO
             side = min(max(SIDE_PER_ROOT * math.sqrt(max(count, 1)), LEAST_SIDE), WHOLE_SIDE)
-            self._beginnings = _BEGINNINGS if few else _BEGINNINGS[:2]
+            self._first_fits = _FITS_OF_PHOTO if few else _FITS_OF_PHOTO[:2]
             self._digits, self._grids = HEX_DIGITS, (0.8, 1.2) if few else (1.0,)
         side = min(side, options.run.max_size or side, max(photo.shape[:2]))
         size = [max(1, round(length * side / max(canvas))) for length in canvas[::-1]]
@@ -161,13 +157,13 @@ class ByBytes:
             if limit < FINE_FROM or not drawings.is_shaded(working):
                 self._exponents = ()
             is_large = self._enlarges and self._count(self._exponents) > OWN_UP_TO
-            self._beginnings = () if is_large else _BEGINNINGS[:2]
+            self._first_fits = () if is_large else _FITS_OF_PHOTO[:2]
         self._alternates = not self.is_drawing and learned and self._limit < PLAIN_UNDER
-        self._starts = len(self._beginnings)  # expected number of fits
-        self._starts += self._enlarges * (5 + len(list(self._ladder())))
+        self._expected_fits = len(self._first_fits)
+        self._expected_fits += self._enlarges * (5 + len(list(self._ladder())))
 
     def run(self) -> Outcome:
-        """Return the best file, measured."""
+        """Search for the best file, and return it measured."""
         plan, subject, best = self._plan, self.subject, self.file()
         self._run.notify("measure", None)
         subject.release()
@@ -179,16 +175,16 @@ class ByBytes:
         )  # fmt: skip
 
     def file(self) -> SmallFile:
-        """Return the best file."""
+        """Search for the best file, and return it."""
         if self.best.error >= EXACT_UNDER and self._most:
-            for k, (init, rate) in enumerate(self._beginnings):
+            for k, (init, rate) in enumerate(self._first_fits):
                 exponents = () if self._alternates and k % 2 == 0 else self._exponents
                 if not self._stop():
-                    self._improves(self._count(exponents), init, exponents, rate)
-            # Fewer may be closer, because edges that meet are drawn less exactly than fitted.
+                    self._fit_and_keep(self._count(exponents), init, exponents, rate)
+            # A file of fewer shapes may be closer, because edges that meet are drawn inexactly.
             fewer = len(self.best.scene) // 2 if self.is_drawing and not self._enlarges else 0
             while fewer >= LEAST_FEWER and not self._stop():
-                fewer = fewer // 2 if self._improves(fewer, "error", self._exponents) else 0
+                fewer = fewer // 2 if self._fit_and_keep(fewer, "error", self._exponents) else 0
             if self._enlarges:
                 self._grow()
         return self.best
@@ -197,8 +193,8 @@ class ByBytes:
         """Fit more and more shapes to the enlarged drawing.
 
         A last fit fills the limit only if differences can still be seen at the drawing's own size.
-        Otherwise chance would decide whether that fit is better. Then a larger limit, which does
-        not try the same count, could end with a worse file.
+        If none can be seen, only chance makes the last fit better. A larger limit, whose last fit
+        has another count, could then end with a worse file.
         """
         large = self._enlarged()
         if large is None:
@@ -208,19 +204,19 @@ class ByBytes:
         solved = shrunk(large.working, height // divisor, width // divisor)
         self._large, self._solved = large.working, dataclasses.replace(large, working=solved)
         self._fitted = large
-        self.best, idle = self._drawn(self.best), 0
-        for count in self._ladder():  # ends by the bytes per shape of the last file
+        self.best, idle = self._with_errors(self.best), 0
+        for count in self._ladder():  # ends if the bytes suffice for no larger count
             if self._stop():
                 return
-            idle = 0 if self._improves(count, "selective", self._exponents) else idle + 1
+            idle = 0 if self._fit_and_keep(count, "selective", self._exponents) else idle + 1
             if idle == MOST_IDLE:
                 self._reason = "gain"
                 return
         if psnr_of(self.best.error) < SEEN_UP_TO and not self._stop():
-            self._improves(self._count(self._exponents), "selective", self._exponents)
+            self._fit_and_keep(self._count(self._exponents), "selective", self._exponents)
 
     def _enlarged(self) -> Subject | None:
-        """Return the enlarged drawing, or None if the search is stopped.
+        """Make the enlarged drawing by several fits. Return it, or None if the search is stopped.
 
         A large or reduced drawing is returned as it is.
         """
@@ -234,13 +230,13 @@ class ByBytes:
             if self._stop():
                 return None
             scene = self._fit(count, init, self._exponents)
-            if not len(self.best.scene):  # so that a search stopped here has shapes
+            if not len(self.best.scene):  # so that a search that is stopped has a file with shapes
                 self._keep(scene, self._exponents)
             renders.append(draw(scene, 4 * width, 4 * height, covering=True))
         return dataclasses.replace(own, working=drawings.agreed(own.working, renders, times))
 
     def _ladder(self) -> Iterator[int]:
-        """Yield the counts of enlarged fits that the limit allows."""
+        """Yield the counts of enlarged fits as far as the last file's bytes per shape allow."""
         count = float(FIRST_COUNT)
         while count <= self._count(self._exponents):
             yield round(count)
@@ -261,37 +257,37 @@ class ByBytes:
         return costs
 
     def _stop(self) -> bool:
-        """Return whether the run is stopped, or out of time after the first fit."""
+        """Return whether the run is stopped or, after the first fit, out of time. Set `_reason`."""
         if self._run.stop():
             self._reason = "interrupted"
-        elif self.fits and self._run.budget.is_over:
+        elif self.fits and self._run.budget.must_export:
             self._reason = "time_limit"
         return bool(self._reason)
 
     def _expected(self, exponents: Exponents) -> float:
-        """Return the bytes per shape to assume before a file has shapes."""
+        """Return the expected bytes per shape, for use before a file has shapes."""
         gzipped = self._plan.counts_gzipped
-        soft, plain, of_drawing = MINIMAL_GZIPPED_BYTES if gzipped else MINIMAL_BYTES
+        soft, plain, of_drawing = SHAPE_GZIPPED_BYTES if gzipped else SHAPE_BYTES
         return of_drawing if self.is_drawing else soft if exponents else plain
 
     def _count(self, exponents: Exponents) -> int:
-        """Return how many shapes to fit for the limit, by their bytes in the last file."""
+        """Return the number of shapes to fit for the limit, by the bytes per shape so far."""
         expected = self._expected(exponents)
         each = self._each.get(exponents, expected)
         if not self.is_drawing:  # leaving out a photo's least useful shapes costs little
             each = min(each, expected)
-        count = SPARE * self._left / each - DEFINITION * len(exponents)
+        count = SPARE * self._shape_bytes / each - DEFINITION * len(exponents)
         return int(min(max(count, 1), self._most))
 
-    def _improves(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> bool:
+    def _fit_and_keep(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> bool:
         """Fit `count` shapes, and return whether their file is the best so far."""
         return self._keep(self._fit(count, init, exponents, rate), exponents)
 
     def _keep(self, scene: Scene, exponents: Exponents) -> bool:
-        """Write a fitted scene, and keep its file if that is the best. Return whether it is."""
+        """Write a fitted scene, and keep the file if it is the best. Return whether it is."""
         file, before = self._written(scene, exponents), self.best
         if file is not None:
-            self.best = max(before, self._drawn(file), key=closeness)
+            self.best = max(before, self._with_errors(file), key=closeness)
         return self.best is not before
 
     def _fit(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> Scene:
@@ -311,9 +307,9 @@ class ByBytes:
         )
 
         def progress(now: FitProgress) -> None:
-            before = min(len(self.fits), self._starts - 1)
-            later_s = (self._starts - 1 - before) * (now.elapsed_s + now.remaining_s)
-            rest_s, done = now.remaining_s + later_s, (before + now.done) / self._starts
+            before = min(len(self.fits), self._expected_fits - 1)
+            later_s = (self._expected_fits - 1 - before) * (now.elapsed_s + now.remaining_s)
+            rest_s, done = now.remaining_s + later_s, (before + now.done) / self._expected_fits
             self._run.notify("fit", dataclasses.replace(now, done=done, remaining_s=rest_s))
 
         session = FitSession(
@@ -337,11 +333,11 @@ class ByBytes:
         return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, SOFT))
 
     def _written(self, fitted: Scene, exponents: Exponents) -> SmallFile | None:
-        """Return the file of a fitted scene with the closest model, or None if no Gaussian is left.
+        """Write a scene by several grids and digits. Return the file with the closest model.
 
-        The least useful Gaussians are left out if the file is too long.
+        Files that are too long lose the least useful Gaussians. Return None if none is left.
         """
-        order = self._solved.by_use(fitted, self._plan.tune, covering=True)
+        order = self._solved.by_usefulness(fitted, self._plan.tune, covering=True)
         best, expected, pixels = None, self._expected(exponents), self._solved.working
         shared, weight = SHARED * self.is_drawing, self._solved.weight(pixels)
         for grid, digits in itertools.product(self._grids, self._digits):
@@ -369,10 +365,10 @@ class ByBytes:
         svg = minimal_svg(scene, unit, digits, self.subject.document)
         return SmallFile(svg, scene, error, self._bytes_of(svg))
 
-    def _drawn(self, file: SmallFile) -> SmallFile:
-        """Return the file with the error of its raster, and that of its enlarged model.
+    def _with_errors(self, file: SmallFile) -> SmallFile:
+        """Return the file with the error of its raster, and with that of its model enlarged.
 
-        The model is rendered, because rasterising the masks of an enlarged file takes seconds.
+        The enlarged file is not rasterised, because its masks would take seconds.
         """
         large, renderer, subject = self._large, self._plan.options.run.renderer, self.subject
         error = raster_error(file.svg, subject.working, renderer, subject.weight(subject.working))
@@ -383,9 +379,9 @@ class ByBytes:
 
 
 def with_few_exponents(scene: Scene, exponents: Exponents, soft_from: float) -> Scene:
-    """Return the scene with each exponent set to the nearest of `exponents` or a plain ellipse's.
+    """Return the scene, each shape with the nearest of `exponents` or as a plain ellipse.
 
-    soft_from  width in px of the narrowest rim that stays soft. A shape with a narrower one becomes
+    soft_from  width in px of the narrowest rim that stays soft. A shape with a narrower rim becomes
                a plain ellipse, which is fitted by how much of each pixel it covers
     """
     classes = np.array([*exponents, BETA_CLASSES[-1]])

@@ -26,7 +26,7 @@ from gauss2svg.scene import ADD
 # Corrections of a count (docs/decisions/monotone.md).
 CORRECTIONS = 5  # largest number of corrections
 CORRECTION_SHARE = 0.25  # share of a fit's iterations that a correction takes
-LEAST_STEPS = 40  # fewest steps of a correction
+LEAST_STEPS = 40  # least number of steps of a correction
 ADDITIVE_SHARE = 0.35  # share of the time that the additive fit before a portable file takes
 
 
@@ -62,9 +62,7 @@ class ByCount:
         best = limits.best(exports)
         limit = plan.goal.byte_limit
         if limit is not None and best.size > limit:
-            best = best.pruned_to(
-                limit, self._exporter.empty_bytes, subject.by_use(best.scene, plan.tune)
-            )
+            best = self._exporter.pruned(best, limit)
         run.notify("measure")
         renderer, raster = plan.options.run.renderer, self._exporter.raster(best.svg)
         measured = round_trip(best.svg, best.scene, subject.photo, renderer, plan.covering, raster)
@@ -72,13 +70,13 @@ class ByCount:
         fitted = session.result().after(additive, reason)
         return Outcome(
             plan, subject, best.scene, best.svg, best.format, fitted, measured, len(exports) - 1,
-            reached=math.nan if plan.aim is None else best.score,
+            aim_score=math.nan if plan.aim is None else best.score,
         )  # fmt: skip
 
     def _fitted(self) -> tuple[FitSession, FitResult | None]:
-        """Run the fit of the first export. Return it, and a portable file's additive fit before it.
+        """Run the first fit. Return it, and the result of the additive fit before a portable file.
 
-        With only a time limit, few Gaussians are fitted on reduced pictures first, which is faster.
+        If only time limits the fit, it is faster: it begins with few Gaussians on reduced pictures.
         """
         plan, limits, run, additive = self._plan, self._limits, self._run, None
         run.stop()
@@ -104,7 +102,7 @@ class ByCount:
 
         def progress(now: FitProgress) -> None:
             target = session.population.target
-            run.budget.stepped(target.width * target.height, now.gaussians, now.done)
+            run.budget.note_step(target.width * target.height, now.gaussians, now.done)
             run.notify(self._phase, now)
             run.stop()
 
@@ -117,6 +115,6 @@ class ByCount:
         return session
 
     def _ended(self, session: FitSession) -> str:
-        """Return the reason why the fit ended before its last step, or "" if it did not."""
+        """Return the reason why the fit ended before its last step, "" if it did not."""
         late = "time_limit" * session.clock.out_of_time
         return "interrupted" if self._run.ended else late

@@ -11,7 +11,6 @@ differently between the pixels. The enlarged picture is what the fits agree on
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +21,9 @@ from gauss2svg.photo.pixels import from_views, has_alpha, views
 Pixels = NDArray[np.float32]  # (h, w, channels), of values in 0..1
 
 # Definition of a flat drawing (docs/decisions/small.md).
-FLAT_SHARE = 0.4  # smallest share of a drawing's pixels that have its most frequent colours
+FLAT_SHARE = 0.4  # least share of a drawing's pixels that have its most frequent colours
 FLAT_COLORS = 4  # number of colours that count as the most frequent
-GENTLE = 0.03  # largest change per px, in 0..1, of a shaded area
+GENTLE = 0.03  # largest change per px, in 0..1, in a shaded area
 SHADED_SHARE = 0.01  # smallest share of shaded pixels of a drawing with shading
 # Largest second difference between neighbours, in 0..1, of a flat or evenly shaded area. It
 # allows for one level of 255 and rounding (docs/decisions/enlarged.md).
@@ -44,10 +43,10 @@ def has_edges(photo: Pixels) -> bool:
     """Return whether a picture is a drawing whose uneven pixels are mostly antialiased edges.
 
     photo  (h, w, 3) or (h, w, 4) float32 in 0..1
-    False for drawings without antialiasing, which have only a few colours, and for photos on a flat
-    ground.
+    Return False for drawings without antialiasing, which have only a few colours, and for photos on
+    a flat ground.
     """
-    if _flat_share(photo[::7, ::13]) < FLAT_SHARE / 2:  # most photos
+    if _flat_share(photo[::7, ::13]) < FLAT_SHARE / 2:  # every 91st pixel rules out most photos
         return False
     return FLAT_SHARE <= _flat_share(photo) < 1 and not _is_textured(photo)
 
@@ -61,7 +60,7 @@ def is_shaded(photo: Pixels) -> bool:
         return False
     down, across = np.gradient(_channels(photo), axis=(0, 1))
     slope = np.hypot(down, across).max(axis=2)
-    # A pixel beside an antialiased edge may be gentle, so its neighbours must be gentle too.
+    # A pixel beside an antialiased edge may change gently, so its neighbours must do so too.
     shaded = (slope > 0) & (_largest(slope, 1) < GENTLE)
     return bool(shaded[1:-1, 1:-1].mean() >= SHADED_SHARE)
 
@@ -77,8 +76,8 @@ def _is_textured(photo: Pixels) -> bool:
     return bool(texture.sum() > TEXTURED_SHARE * uneven.sum())
 
 
-def _largest(values: NDArray[Any], reach: int) -> NDArray[Any]:
-    """Return the largest value (h, w) within `reach` px of each pixel, in a square."""
+def _largest(values: NDArray, reach: int) -> NDArray:
+    """Return the largest value (h, w) in the square that extends `reach` px around each pixel."""
     return np.asarray(Image.fromarray(values).filter(ImageFilter.MaxFilter(2 * reach + 1)))
 
 
@@ -92,7 +91,7 @@ def _flat_share(pixels: Pixels) -> float:
 RASTER_TIMES = 4  # ratio of the renders' size to the picture's
 # px, longest side of a drawing that is fitted enlarged. A larger drawing has enough pixels.
 LARGEST_ENLARGED = 512
-ENLARGED_TWICE_FROM = 256  # px, pictures with a longer side are enlarged 2 times, others 4 times
+ENLARGED_TWICE_FROM = 256  # px. Pictures with a longer side are enlarged 2 times, others 4 times
 LOCAL_SHARE = 0.3  # share of the variance in 3 x 3 px that is added to the renders' variance
 LEAST_VARIANCE = 1e-3  # variance that is added everywhere, of values in 0..1
 CORRECTIONS = 5  # number of corrections. After them, clipping changes few values
@@ -104,7 +103,7 @@ def enlargement(width: int, height: int) -> int:
 
 
 def agreed(picture: Pixels, renders: Sequence[Pixels], times: int) -> Pixels:
-    """Return the picture enlarged, as renders of fits at four times its size agree on it.
+    """Return the picture enlarged, with the detail on which renders at four times its size agree.
 
     x begins as the mean of the renders and is corrected CORRECTIONS times by
 
@@ -114,7 +113,7 @@ def agreed(picture: Pixels, renders: Sequence[Pixels], times: int) -> Pixels:
     + .3 variance of x in 3 x 3 px + .001. Uncertain values move most, as in a Kalman filter.
 
     picture  (h, w, 3) or (h, w, 4) float32 in 0..1
-    renders  one or more of (4 h, 4 w, channels)
+    renders  one or more pictures (4 h, 4 w, channels)
     times    ratio of the result's size to the picture's: 1, 2 or 4
     """
     height, width = picture.shape[:2]
@@ -123,7 +122,7 @@ def agreed(picture: Pixels, renders: Sequence[Pixels], times: int) -> Pixels:
     x = all_.mean(axis=0)
     channels = x.shape[2]
     variance = np.full((*x.shape[:2], 1), LEAST_VARIANCE, np.float32)
-    for k in range(channels):  # one channel at a time, because all at once take 100 MB
+    for k in range(channels):  # one channel at a time, because all at once would take 100 MB
         local = LOCAL_SHARE * _local_variance(x[:, :, k])
         variance[:, :, 0] += (all_[:, :, :, k].var(axis=0) + local) / channels
     del all_
@@ -136,7 +135,7 @@ def agreed(picture: Pixels, renders: Sequence[Pixels], times: int) -> Pixels:
 
 
 def _channels(pixels: Pixels) -> Pixels:
-    """Return (h, w, 3), or (h, w, 6) over both backdrops if there is alpha."""
+    """Return the pixels as (h, w, 3). With alpha, return them over both backdrops as (h, w, 6)."""
     return np.concatenate(views(pixels), axis=2)
 
 
@@ -148,13 +147,13 @@ def _averaged(pixels: Pixels, height: int, width: int) -> Pixels:
 
 
 def _repeated(pixels: Pixels) -> Pixels:
-    """Enlarge pixels to the renders' size by repeating each."""
+    """Return the pixels enlarged to the renders' size by repetition."""
     return pixels.repeat(RASTER_TIMES, axis=0).repeat(RASTER_TIMES, axis=1)
 
 
 def _local_variance(channel: Pixels) -> Pixels:
     """Return the variance (h, w) in the 3 x 3 px around each pixel."""
-    from scipy.ndimage import uniform_filter  # takes a tenth of a second
+    from scipy.ndimage import uniform_filter  # the import takes 0.1 s
 
     mean, squares = (uniform_filter(x, 3, mode="nearest") for x in (channel, np.square(channel)))
     return np.maximum(squares - np.square(mean), 0)

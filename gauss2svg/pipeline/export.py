@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss2svg.fit import PERCEPTUAL
-from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import model_psnr
-from gauss2svg.photo.pixels import has_alpha, stacked
+from gauss2svg.photo.pixels import has_alpha
 from gauss2svg.pipeline.outcome import Subject
-from gauss2svg.pipeline.palette import quantize, with_plain_edges
+from gauss2svg.pipeline.palette import quantize
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import Scene
-from gauss2svg.svg import MINIMAL, Document, SvgFormat
+from gauss2svg.svg import MINIMAL, SvgFormat
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.forms import is_plain
+from gauss2svg.svg.forms import is_plain, with_plain_edges
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
 FILLED = 0.995  # share of a limit of bytes from which a pruned file counts as full
@@ -31,60 +28,31 @@ FILLED = 0.995  # share of a limit of bytes from which a pruned file counts as f
 class Export:
     """A quantised scene on the file's canvas, and its SVG.
 
-    gzipped  whether `size` counts the gzipped file
-    score    score of the rasterised SVG by the plan's aim. Without one it is the PSNR (dB) of the
-             scene against the working image, or that of the rasterised SVG if the plan is covering,
-             because the falloffs of the scene are not those of the fit
+    size   bytes of the file, as a limit counts them
+    score  score of the rasterised SVG by the plan's aim. Without an aim, PSNR (dB) of the fitted
+           scene against the working image. If the plan is covering, PSNR (dB) of the rasterised SVG
+           instead, because its falloffs are not those of the fit. NaN for a pruned file
     """
 
     scene: Scene
     svg: str
     format: SvgFormat
-    document: Document
-    gzipped: bool
+    size: int
     score: float
-
-    @cached_property
-    def size(self) -> int:
-        """Bytes of the file."""
-        return len(file_bytes(self.svg, self.gzipped))
-
-    def pruned_to(self, limit: int, empty: int, order: NDArray[np.intp]) -> Export:
-        """Return a too large export with the first Gaussians of `order`, as many as `limit` allows.
-
-        They are not fitted again. A file without Gaussians has `empty` bytes, and is returned if it
-        is too large.
-        """
-        # Counts and bytes of files within the limit and beyond it.
-        fewer, more = (0, empty), (len(self.scene), self.size)
-        best = None if more[0] else self
-        while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
-            share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
-            count = int(fewer[0] + share * (more[0] - fewer[0]))
-            count = min(max(count, fewer[0] + (best is not None)), more[0] - 1)
-            scene = self.scene.select(np.sort(order[:count]))
-            scene = in_file_order(scene, self.format, self.document)
-            svg = ordered_svg(scene, self.format, self.document)
-            export = dataclasses.replace(self, scene=scene, svg=svg, score=math.nan)
-            if export.size > limit and count:
-                more = count, export.size
-            else:
-                fewer, best = (count, export.size), export
-        return best
 
 
 class Exporter:
-    """A writer of scenes of the working canvas as files of the photo's size, with their scores.
+    """A writer that turns scenes on the working canvas into files for the photo, and scores them.
 
-    The highest PSNR of the scenes of `as_written` chooses the format of files. So the format never
-    becomes coarser, and the sizes of files can be compared.
+    The highest PSNR that `as_written` has noted decides the format of files. So the format never
+    becomes coarser, and the bytes of files can be compared.
     """
 
     def __init__(self, plan: Plan, subject: Subject) -> None:
         self._plan, self._subject = plan, subject
         self._highest_psnr = -math.inf  # dB
         draw = partial(rasterize_like, picture=subject.photo, renderer=plan.options.run.renderer)
-        self.raster = lru_cache(maxsize=1)(draw)  # returns the raster of an SVG like the photo
+        self.raster = lru_cache(maxsize=1)(draw)  # rasterises an SVG at the photo's size
 
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
         """Return the scene on the file's canvas, with the colours and exponents of its file.
@@ -97,31 +65,31 @@ class Exporter:
         plan, subject, (width, height) = self._plan, self._subject, self._subject.canvas
         scaled = scene.scaled(width / scene.width, height / scene.height)
         scaled, weight = scaled.replace(width=width, height=height), None
-        if plan.tune == PERCEPTUAL or subject.focus:  # the weights apply to errors of colours too
+        # The weights of pixels also weight the errors of colours.
+        if plan.tune == PERCEPTUAL or subject.focus:
             weight = subject.targets(plan.tune).reduced(1).visible_weight
         palette, color_error = plan.quantization(len(scene), error)
         return quantize(scaled, plan.options.svg.form, palette, color_error, weight)
 
     def as_written(self, scene: Scene, psnr: float) -> Scene:
-        """Return the scene of `quantized` on the working canvas, for the last steps of a fit."""
+        """Note the PSNR (dB), and return the scene of `quantized` on the working canvas."""
         written = self.quantized(scene, psnr)
         self._highest_psnr = max(self._highest_psnr, psnr)
         return written.scaled(scene.width / written.width, scene.height / written.height)
 
     def bytes_each(self, quantized: Scene, size: float, psnr: float = -math.inf) -> float:
-        """Return the mean bytes of a shape in a file of `size` bytes of shapes like these.
+        """Return the mean bytes of a shape in a file of `size` bytes with shapes like `quantized`.
 
         A minimal file draws up to MOST_MASKED soft shapes under masks, which are short. For each
-        soft shape beyond these, it draws FADING soft shapes by gradients.
+        soft shape beyond these, FADING more get gradients instead of masks.
 
-        psnr  PSNR in dB of a scene whose colours are not yet those of a file
+        psnr  PSNR of the scene in dB, if `as_written` has not noted it
         """
         document, count = self._subject.document, max(len(quantized), 1)
         written = self._plan.format_at(max(psnr, self._highest_psnr))
 
         def each(svg: str) -> float:
-            shapes = len(file_bytes(svg, self._plan.counts_gzipped)) - self.empty_bytes
-            return max(shapes, 1) / count
+            return max(self._size(svg) - self.empty_bytes, 1) / count
 
         if written.markup != MINIMAL:
             return each(write_svg(quantized, written, document))
@@ -140,21 +108,45 @@ class Exporter:
     def empty_bytes(self) -> int:
         """Bytes of a file without Gaussians."""
         empty = Scene(*self._subject.canvas, transparent=has_alpha(self._subject.photo))
-        svg = write_svg(empty, self._plan.format_at(), self._subject.document)
+        return self._size(write_svg(empty, self._plan.format_at(), self._subject.document))
+
+    def _size(self, svg: str) -> int:
         return len(file_bytes(svg, self._plan.counts_gzipped))
 
     def export(self, scene: Scene) -> Export:
-        """Return a scene of the working canvas as it would be written, with its score."""
+        """Return a scene on the working canvas as it would be written, with its score."""
         plan, subject = self._plan, self._subject
         written, document = plan.format_at(self._highest_psnr), subject.document
-        # Colours are in the palette already, except those of ellipses that are no longer plain.
+        # The colours are already those of a palette, except in ellipses that are no longer plain.
         exact = in_file_order(self.quantized(scene, None), written, document)
         svg = ordered_svg(exact, written, document)
         if plan.aim is not None:
             score = plan.aim.score(self.raster(svg), subject.photo)
         elif plan.covering:
-            weight = subject.weight(subject.photo)
-            score = metrics.psnr(stacked(self.raster(svg)), stacked(subject.photo), weight)
+            score = subject.psnr(self.raster(svg))
         else:
             score = model_psnr(scene, subject.working, subject.weight(subject.working))
-        return Export(exact, svg, written, document, plan.counts_gzipped, score)
+        return Export(exact, svg, written, self._size(svg), score)
+
+    def pruned(self, export: Export, limit: int) -> Export:
+        """Return an export with only as many of its most useful Gaussians as `limit` bytes allow.
+
+        The Gaussians are not fitted again. A file without any is returned even if it is too large.
+        """
+        order = self._subject.by_usefulness(export.scene, self._plan.tune)
+        written, document = export.format, self._subject.document
+        # Count and bytes of the largest known file within the limit, and of the smallest beyond it.
+        fewer, more = (0, self.empty_bytes), (len(order), export.size)
+        best = None
+        while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
+            share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
+            count = int(fewer[0] + share * (more[0] - fewer[0]))
+            count = min(max(count, fewer[0] + (best is not None)), max(more[0] - 1, 0))
+            scene = in_file_order(export.scene.select(np.sort(order[:count])), written, document)
+            svg = ordered_svg(scene, written, document)
+            part = Export(scene, svg, written, self._size(svg), math.nan)
+            if part.size > limit and count:
+                more = count, part.size
+            else:
+                fewer, best = (count, part.size), part
+        return best

@@ -21,7 +21,7 @@ from gauss2svg.scene import OVER
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
 
 AUTO = "auto"
-_MOST_DECIBELS = 100.0  # dB. 8-bit images of up to 65 megapixels that differ have less
+_MOST_DECIBELS = 100.0  # dB, at which fewer than one in 100,000 values differ, by one level of 255
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,9 +200,9 @@ class Options:
 
     @classmethod
     def of_call(cls, arguments: Mapping[str, Any]) -> Options:
-        """Return the options of a call of `vectorize` by its arguments: goals, or groups.
+        """Return the options in the arguments of a call of `vectorize`: single goals and groups.
 
-        Raise TypeError if arguments["unknown"] names an option. The message says where it belongs.
+        Raise TypeError if arguments["unknown"] is not empty. For an option, say where it belongs.
         """
         for name in arguments["unknown"]:
             if name not in OPTIONS:
@@ -235,7 +235,7 @@ class Options:
         return dataclasses.replace(self, **new)
 
 
-# Class of each group of Options, by its key.
+# Class of each group of Options, by the group's key.
 GROUPS: dict[str, type[OptionGroup]] = get_type_hints(Options)
 # Key of the group of each option, by the option's name.
 OPTIONS = {field.name: key for key, group in GROUPS.items() for field in fields_of(group)}

@@ -42,7 +42,7 @@ class Subject:
 
     @classmethod
     def of(cls, photo: NDArray[np.float32], canvas: tuple[int, int] | None = None) -> Self:
-        """Return a subject fitted at the photo's size. By default its file has that size too."""
+        """Return a subject that is fitted at the photo's size. The default canvas is that size."""
         return cls(photo, photo, canvas or photo.shape[1::-1])
 
     @property
@@ -51,7 +51,7 @@ class Subject:
         return self.working.shape[1::-1]
 
     def targets(self, tune: Tune) -> TargetPyramid:
-        """Return the working image as targets of a fit. Its weight maps are computed once."""
+        """Return the targets of fits to the working image. They are made once for each `tune`."""
         if tune not in self._targets:
             self._targets[tune] = TargetPyramid(self.working, tune, focus=self.focus)
         return self._targets[tune]
@@ -60,7 +60,11 @@ class Subject:
         """Return the weight (h, w) by the mask of errors against a picture; None without one."""
         return None if self.focus is None else self.focus.weight(*picture.shape[:2])
 
-    def by_use(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
+    def psnr(self, raster: NDArray[np.float32]) -> float:
+        """Return a raster's PSNR (dB) weighted by the mask, over white and black if with alpha."""
+        return metrics.psnr(stacked(raster), stacked(self.photo), self.weight(self.photo))
+
+    def by_usefulness(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
         """Return the indices of a scene's shapes, the most useful first.
 
         The removal of the most useful shape would raise the weighted error against the working
@@ -90,7 +94,7 @@ class Outcome:
     format       format of the file
     corrections  number of changes of the count after the fit
     enlarged     enlarged drawing, with which files are compared too. None for other pictures
-    reached      score of the file by the aim of the run, NaN if it is not measured
+    aim_score    score of the file by the aim of the run, NaN if it is not measured
     """
 
     plan: Plan
@@ -102,21 +106,13 @@ class Outcome:
     measured: RoundTrip
     corrections: int
     enlarged: NDArray[np.float32] | None = None
-    reached: float = math.nan
+    aim_score: float = math.nan
 
     @property
     def size(self) -> int:
         """Bytes of the file, or of the gzipped file if the limit counts gzipped bytes."""
         measured = self.measured
         return measured.svgz_bytes if self.plan.counts_gzipped else measured.svg_bytes
-
-    @property
-    def psnr(self) -> float:
-        """PSNR (dB) of the file over the worse backdrop, or over both, weighted by the mask."""
-        photo, weight = self.subject.photo, self.subject.weight(self.subject.photo)
-        if weight is None:
-            return self.measured.psnr_lowest
-        return metrics.psnr(stacked(self.measured.raster), stacked(photo), weight)
 
 
 def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
@@ -126,26 +122,27 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
     higher PSNR at the measured size wins, but enlarged drawings that reach SEEN_UP_TO dB are
     compared enlarged.
 
-    The search ends at an outcome that meets the aim within the limit or was interrupted. It also
-    ends at an enlarged drawing of at least SEEN_UP_TO dB, because only its shapes stay crisp.
+    No search follows an outcome that meets the aim within the limit or was interrupted. None
+    follows an enlarged drawing of at least SEEN_UP_TO dB, because only its shapes stay crisp.
     """
     aim, limit = plan.aim, plan.goal.byte_limit or math.inf
     outcomes, is_met = list[Outcome](), False
     for last in searched:
-        if aim is not None and math.isnan(last.reached):
-            reached = aim.score(last.measured.raster, last.subject.photo)
-            last = dataclasses.replace(last, reached=reached)
+        if aim is not None and math.isnan(last.aim_score):
+            aim_score = aim.score(last.measured.raster, last.subject.photo)
+            last = dataclasses.replace(last, aim_score=aim_score)
         outcomes.append(last)
-        is_met = aim is not None and aim.reached(last.reached) and last.size <= limit
-        is_close = last.enlarged is not None and last.psnr >= SEEN_UP_TO
+        psnr = last.subject.psnr(last.measured.raster)
+        is_met = aim is not None and aim.is_met_by(last.aim_score) and last.size <= limit
+        is_close = last.enlarged is not None and psnr >= SEEN_UP_TO
         if is_met or is_close or last.fitted.stop_reason == "interrupted":
             break
     large = next((outcome.enlarged for outcome in outcomes if outcome.enlarged is not None), None)
 
     def closeness(outcome: Outcome) -> tuple[float, float]:
-        psnr = outcome.psnr
+        psnr = outcome.subject.psnr(outcome.measured.raster)
         if aim is not None:
-            return outcome.size <= limit, outcome.reached
+            return outcome.size <= limit, outcome.aim_score
         if large is None or len(outcomes) == 1:
             return psnr, 0.0
         weight, renderer = outcome.subject.weight(large), plan.options.run.renderer

@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import quoted, refusal, required
 from gauss2svg.render.weights import visible_mass
-from gauss2svg.scene import ADD, PLAIN, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, covered_radius, nearest_class
-from gauss2svg.svg.forms import GRADIENT, drawn_beta, drawn_blurs, is_plain, snapped, with_falloffs
+from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
+from gauss2svg.svg.forms import GRADIENT, drawn_blurs, is_plain, snapped, with_falloffs
 from gauss2svg.without_scipy import nearest_entry
 
-# Search for a palette (docs/decisions/palette.md).
+# Constants of the search for a palette (docs/decisions/palette.md).
 ITERATIONS = 6  # iterations of Lloyd's algorithm. Twice as many gain under 2 %
 # Splitting ends at this multiple of the allowed error. Lloyd's iterations then remove about a tenth
 # of the error.
 SPARE = 1.12
-LESS = 0.94  # factor by which that multiple shrinks if Lloyd's iterations remove less than a tenth
+LESS = 0.94  # factor on SPARE each time that the error is still too large after Lloyd's iterations
 LEAST_AIM = 0.1  # multiple of the allowed error below which the search gives up
-# Weight of ln beta relative to colours in 0..1. It is the best for photos and nearly the best at
-# few bytes.
+# Weight of ln beta relative to colours in 0..1. It is the best weight for photos, and nearly the
+# best for files of few bytes.
 BETA_WEIGHT = 0.1
 Rows = NDArray[np.float64]
 
@@ -35,19 +35,20 @@ Rows = NDArray[np.float64]
 def best_palette(
     color: Rows, beta: Rows, weight: Rows, count: int, allowed: float = 0.0
 ) -> tuple[Rows, Rows, NDArray[np.intp]]:
-    """Return a palette of at most `count` pairs of a colour and an exponent.
+    """Choose a palette of at most `count` pairs of a colour and an exponent.
 
-    The result has the colours (k, 3) in 0..1 of its entries, their exponents (k,), and the index
-    (n,) of each shape's entry.
+    Return the colours (k, 3) in 0..1 of its entries, their exponents (k,), and the index (n,) of
+    each shape's entry.
 
     Weighted k-means on color (n, 3) in 0..1 and BETA_WEIGHT ln beta (n,) minimises
 
         sum weight |difference|^2.
 
     The colour part of this sum is the squared error of the image if weight (n,) >= 0 is the visible
-    mass of each shape. Colours are rounded to 8 bits and exponents to BETA_CLASSES. If there are no
-    more than `count` pairs, all are kept. If `allowed` > 0, about the fewest entries that keep the
-    sum under `allowed` are used. The result is deterministic, because clusters begin by splitting.
+    mass of each shape. Colours are rounded to 8 bits and exponents to BETA_CLASSES. If `allowed` is
+    0, all pairs are kept if they are at most `count`. If it is larger, about the fewest entries
+    that keep the sum under it are used. The result is deterministic, because the
+    first clusters come from repeated splits.
     """
     features = np.column_stack([color, BETA_WEIGHT * np.log(_class_of(beta))])
     entries, entry = few_entries(features, weight, count, allowed, _rounded)
@@ -59,7 +60,7 @@ def few_entries(
 ) -> tuple[Rows, NDArray[np.intp]]:
     """Return at most `count` entries (k, d) for features (n, d), and the entry (n,) of each.
 
-    allowed  weighted squared error that may be added to use fewer entries; 0: none
+    allowed  weighted squared error that may be added so that there are fewer entries. 0: none
     rounded  function that rounds features to values that a file can have
     """
     kept, entry_kept = np.unique(rounded(features), axis=0, return_inverse=True)
@@ -83,7 +84,7 @@ def few_entries(
         return entries, nearest_entry(entries, features)[1]
 
     if distinct <= count and loss(*exact) > allowed:
-        return exact  # rounding alone loses more
+        return exact  # rounding alone loses more than is allowed
     most, aim = min(count, distinct), allowed * SPARE
     while True:
         means, left = _split(features, weight, most, aim)
@@ -110,7 +111,7 @@ def _split(features: Rows, weight: Rows, count: int, aim: float) -> tuple[Rows, 
     """Return the means (k, d) of k <= count clusters, and the squared error that is left.
 
     The cluster with the largest error is cut at its mean, across its direction of largest variance,
-    until the error is at most `aim` (Wan, Wong and Prusinkiewicz, "An algorithm for
+    until the total error is at most `aim` (Wan, Wong and Prusinkiewicz, "An algorithm for
     multidimensional data clustering", 1988).
     """
 
@@ -136,13 +137,6 @@ def _split(features: Rows, weight: Rows, count: int, aim: float) -> tuple[Rows, 
     return np.array([mean for _, _, _, mean, _ in heap]), left
 
 
-# Shapes of a drawing that count as crisp (docs/decisions/enlarged.md).
-RIM = 1.5  # widest crisp rim in px, from .9 to .1 of the opacity across the minor axis
-# Least distance in px from the middle of a crisp shape to its rim. A thinner shape does not look
-# crisp, and is closer to the picture as it was fitted.
-HALF = 1.0
-
-
 def quantize(
     scene: Scene,
     form: str = GRADIENT,
@@ -154,13 +148,13 @@ def quantize(
 
     form         form of the shapes in the file, "gradient" or "blur"
     palette      largest number of gradients, one for each colour and exponent. If some shapes are
-                 blurred, it shrinks by their share. 0: no limit
+                 blurred, this number shrinks by their share. 0: no limit
     color_error  mean squared error that fewer gradients may add. 0: gradients up to the limit
     weight       (h, w) weight of each pixel's error, of any size and mean 1. None: 1 everywhere
 
     Plain ellipses and blurred discs need no gradient and keep their colour, rounded to 8 bits. In
     an additive scene only colours are quantised, and they are not rounded. Raise InputError for an
-    additive scene in another form than gradients.
+    additive scene if the form is not "gradient".
     """
     additive, exact = required(scene, "scene", Scene).blend == ADD, scene
     if additive and form != GRADIENT:
@@ -181,26 +175,3 @@ def quantize(
     beta, color = scene.beta.copy(), scene.color.copy()
     color[shaded], beta[shaded] = colors[entry], exponents[entry]
     return with_falloffs(exact, beta).replace(color=color, drawn=scene.drawn)
-
-
-def with_plain_edges(scene: Scene) -> Scene:
-    """Return the scene with its crisp shapes as plain ellipses.
-
-    Shapes keep their contour at half the opacity. If a fit goes on, a plain ellipse counts by how
-    much of each pixel it covers.
-    """
-    minor = scene.ellipse_axes[0][:, 1]
-    crisp = RIM_WIDTH * minor < RIM * scene.beta
-    plain = is_plain(scene) | (crisp & (minor * covered_radius(scene.beta) > HALF))
-    return with_plain(scene, plain).replace(drawn=np.where(plain, PLAIN, scene.drawn))
-
-
-def with_plain(scene: Scene, plain: NDArray[np.bool_], beta: Rows | None = None) -> Scene:
-    """Return the scene with exponents `beta`, and with some shapes as plain ellipses.
-
-    plain  (n,) whether a shape gets the exponent that a plain ellipse draws
-    beta   (n,) exponents of the other shapes, by default those of the scene
-    """
-    beta = (scene.beta if beta is None else beta).copy()
-    beta[plain] = drawn_beta(scene, plain)
-    return with_falloffs(scene, beta)

@@ -27,8 +27,8 @@ from gauss2svg.svg.element import hex_color
 DEFAULT_BYTES = 1000
 # Attributes of Placeholder whose bytes may be limited.
 Counted = Literal["svg", "inline", "data_uri", "data_uri_base64"]
-# px, longest side to which the photo is reduced while it is read. The working picture, which is
-# made from that, has at most 384 px.
+# px, longest side to which the photo is reduced while it is read. It is then reduced further, to
+# the working picture of at most 384 px.
 _LONGEST_SIDE = 640
 # Characters that browsers accept unescaped in a data URI. % and # have a meaning in URIs, and "
 # would end the attribute or the url("") that holds the URI (docs/decisions/small.md).
@@ -58,7 +58,7 @@ class Placeholder:
 
     @property
     def inline(self) -> str:
-        """SVG for a page's own markup, with ids of its own. It is 50 to 90 bytes longer."""
+        """SVG to paste into a page, with ids of its own that make it 50 to 90 bytes longer."""
         own = "g" + hashlib.sha256(self.svg.encode()).hexdigest()[:5]
         return _IDS.sub(own, self.svg)
 
@@ -96,12 +96,12 @@ class Placeholder:
     def snippet(self, source: str, alt: str = "") -> str:
         """Return an HTML <img> of the photo with the placeholder behind it.
 
-        source  URL of the photo, escaped as URLs are
+        source  URL of the photo, percent-encoded where needed
         alt     description of the photo, for readers who do not see it
 
-        Its width and height reserve the photo's space, and it is no wider than its container. A
-        photo with alpha would show the placeholder behind it. So an onload attribute removes the
-        placeholder.
+        Width and height of the <img> reserve the photo's space, and the <img> is no wider than its
+        container. Through a loaded photo with alpha the placeholder would be visible, so an onload
+        attribute removes the placeholder.
         """
         color = "" if self.transparent else f"{self.color} "
         style = f'max-width:100%;height:auto;background:{color}url("{self.data_uri}") 0 0/100% 100%'
@@ -111,9 +111,9 @@ class Placeholder:
         return f'<img {shown} {size} style="{_in_attribute(style)}"{gone}>'
 
     def picture(self, source: str, others: Mapping[str, str], alt: str = "") -> str:
-        """Return an HTML <picture> around the `snippet`, with other files that a browser may take.
+        """Return an HTML <picture> of the `snippet` and of other files that a browser may load.
 
-        others  media types of the other files of the photo by URL, the best first:
+        others  media types of the other files of the photo, by their URLs, the best file first:
                 {"a.avif": "image/avif"}
         """
         sources = ""
@@ -123,7 +123,7 @@ class Placeholder:
 
 
 def _in_attribute(text: str) -> str:
-    """Escape the value of an HTML attribute in double quotes, which may contain < and >."""
+    """Escape text for an HTML attribute in double quotes. There < and > need no escape."""
     return text.replace("&", "&amp;").replace('"', "&quot;")
 
 
@@ -137,7 +137,7 @@ def placeholder(
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Placeholder:
-    """Return the best SVG of a photo within max_bytes, such as 1000 or "1k".
+    """Return a photo's placeholder, the best SVG within max_bytes, such as 1000 or "1k".
 
     image                path, bytes, binary file, PIL image, numpy array or torch tensor
     bytes_of             attribute of the placeholder that max_bytes limits, such as "data_uri"
@@ -159,10 +159,10 @@ def placeholder(
         photo = run.read(image, needed=_LONGEST_SIDE)
         pixels = pixels_of(photo)
         with run.compiled():
-            found = ByBytes(plan, Subject.of(pixels, photo.full), run, count).file()
+            found = ByBytes(plan, Subject.of(pixels, photo.original_size), run, count).file()
     mean = shrunk(pixels, 1, 1)[0, 0, :3]  # mean of the visible pixels
     color = hex_color(np.round(255 * mean).astype(np.intp))
-    return Placeholder(found.svg, *photo.full, color, len(found.scene), has_alpha(pixels))
+    return Placeholder(found.svg, *photo.original_size, color, len(found.scene), has_alpha(pixels))
 
 
 def check_bytes(name: str, value: Any) -> int:

@@ -10,51 +10,49 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, RendererError, quoted, refusal
+from gauss2svg.errors import InputError, RendererError, quoted
 from gauss2svg.fit import DEFAULT_LOSS, MOST_GAUSSIANS, PSNR, DensifyOptions, FitConfig, Tune
 from gauss2svg.measure import Score, Search, require_packages
-from gauss2svg.measure.roundtrip import measured
-from gauss2svg.photo.pixels import Photo
+from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.pipeline.drawings import has_edges
 from gauss2svg.pipeline.options import AUTO, Goal, Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import inks_of
-from gauss2svg.svg import EDITABLE, INKS, MINIMAL, ROUNDS, StopCount, SvgFormat
+from gauss2svg.svg import EDITABLE, INKS, MINIMAL, ROUNDS, Markup, StopCount, SvgFormat
 from gauss2svg.svg.forms import GRADIENT
 
 # Bounds of the Gaussians and pixels of a run.
-MOST_GAUSSIANS_A_SECOND = 5000  # most Gaussians a second of a limit (docs/decisions/time.md)
-PIXELS_EACH = 30  # px of the fit for each shape within a limit (docs/decisions/time.md)
+MOST_GAUSSIANS_A_SECOND = 5000  # largest count per second of a limit (docs/decisions/time.md)
+PIXELS_EACH_IN_LIMIT = 30  # px of the fit per shape in a limit of bytes (docs/decisions/time.md)
 LEAST_CAP = 150  # least cap on Gaussians, however small the limit (docs/decisions/time.md)
 
-# Bytes of a Gaussian in editable markup.
+# Bytes of a Gaussian, in editable markup if no other is named.
 USUAL_BYTES = 120  # bytes of an ellipse and its share of the palette (docs/decisions/numbers.md)
 GZIPPED_SHARE = 0.17  # share of the bytes that gzip leaves (docs/decisions/numbers.md)
 BYTES_IN_LIMIT = 100  # bytes of an ellipse in a file that fills a limit (docs/decisions/time.md)
-LEAST_BYTES_IN_LIMIT = 60  # fewest bytes of such an ellipse
+LEAST_BYTES_IN_LIMIT = 60  # least bytes of an ellipse in a file that fills a limit
 BYTES_IN_INKS = 60  # bytes of an ellipse of one of a few inks (docs/decisions/inks.md)
-LEAST_BYTES_IN_INKS = 20  # fewest bytes of such an ellipse, in minimal markup
-# Bytes in minimal markup of a soft shape, a plain ellipse and a shape of a drawing, before and
-# after gzip (docs/decisions/small.md).
-MINIMAL_BYTES, MINIMAL_GZIPPED_BYTES = (62, 44, 36), (22, 20, 18)
+LEAST_BYTES_IN_INKS = 20  # least bytes of an ellipse of an ink, in minimal markup
+# Bytes that a soft shape, a plain ellipse and a shape of a drawing take in minimal markup, before
+# and after gzip (docs/decisions/small.md).
+SHAPE_BYTES, SHAPE_GZIPPED_BYTES = (62, 44, 36), (22, 20, 18)
 
 
 @dataclass(frozen=True)
 class Preset:
     """The numbers of a preset, in the order of the table below.
 
-    gain        dB that a kilobyte of the file must gain for growth to continue
+    gain        dB that one more kilobyte of the file must gain for growth to continue
     stop_psnr   PSNR (dB) at which growth stops
     cap         largest number of Gaussians
     color_loss  PSNR (dB) that the palette may cost if the count adapts. The last steps of the fit
                 regain some of it. 0: all colours are written
-    colors      palette entries per Gaussian if the count is given. 0: all colours are written
+    colors      palette entries per Gaussian if the user gives the count. 0: all colours are written
     iterations  number of optimiser steps
     max_size    longest side in px of the image that the fit runs on
     stops       number of stops of a gradient
@@ -86,16 +84,16 @@ PRESETS = {
 DEFAULT_PRESET = "balanced"
 
 CAP_FOR_TARGET = 50000  # largest number of Gaussians for a target, whatever the preset
-# PSNR (dB) above which more Gaussians do not show. An error of half a level of 255 has 54.1 dB.
+# PSNR (dB) above which more Gaussians are invisible. An error of half a level of 255 has 54.1 dB.
 INDISTINGUISHABLE = 54.0
 # PSNR (dB) of the model above which rounding the raster to 8 bits hides the gain of more Gaussians.
 NOTHING_TO_GAIN = 58.0
-# Least PSNR (dB) at which a budget of seconds, or of bytes, uses the finer numbers of a preset.
+# Presets and least PSNRs (dB) at which a budget of seconds, or of bytes, has their finer numbers.
 FINE_FROM, FINE_BYTES_FROM = (("max", 46.0), ("high", 40.0)), (("high", 44.0),)
 
 
 def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = False) -> Preset:
-    """Return the numbers of a budget of bytes before gzip, of seconds or of both.
+    """Return the preset for a budget of bytes before gzip, of seconds or of both.
 
     inks  whether the shapes are opaque ellipses of a few inks
     """
@@ -106,33 +104,31 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
     if max_bytes is not None:
         least = LEAST_BYTES_IN_INKS if inks else LEAST_BYTES_IN_LIMIT
         caps.append(max_bytes // least)
-        square = math.sqrt(PIXELS_EACH * max_bytes / BYTES_IN_LIMIT)
+        square = math.sqrt(PIXELS_EACH_IN_LIMIT * max_bytes / BYTES_IN_LIMIT)
         side = round(min(max(square, usual.max_size), finest.max_size))
     cap = max(LEAST_CAP, min(caps))
     return dataclasses.replace(usual, gain=0.0, stop_psnr=NOTHING_TO_GAIN, cap=cap, max_size=side)
 
 
-Markup = Literal["editable", "minimal"]
-
-# Bytes of the largest placeholder. With a target, auto markup is minimal up to this limit.
+# Bytes of the largest placeholder. With a target, auto markup is minimal up to this byte limit.
 MINIMAL_UP_TO = 20_000
 
 
-# Limits, in bytes before gzip, at which each search runs (docs/decisions/markup.md).
-# Largest limit of a search by bytes on a photo that the search has to reduce.
+# Bytes before gzip that decide which searches run (docs/decisions/markup.md).
+# Largest limit for a search by bytes, if the photo has over WHOLE_SIDE px a side and no edges.
 BY_BYTES_UP_TO = 30_000
 WHOLE_SIDE = 256  # px, longest side of a photo that a search by bytes does not reduce
 # Smallest limit of a search by count for a minimal file, if there is also a search by bytes.
 MINIMAL_FROM = 8_000
 EDITABLE_FROM = 5_000  # smallest limit of a search for an editable file, if another search runs
 UNASKED_UP_TO = 200_000  # bytes of the largest minimal file that auto markup chooses
-EDITABLE_IS_CLOSER = 1.5  # above this multiple of UNASKED_UP_TO an editable file is always closer
-GZIP = 6  # bytes of a file for each gzipped byte (docs/decisions/minimal.md)
-# Fewest entries of a palette. Fewer would lower the PSNR visibly, even with a thousand Gaussians
-# (docs/decisions/palette.md).
+EDITABLE_IS_CLOSER = 1.5  # multiple of UNASKED_UP_TO above which editable files are always closer
+GZIP = 6  # ratio of a file's bytes before gzip to those after (docs/decisions/minimal.md)
+# Least number of palette entries. Fewer entries lower the PSNR noticeably, even with a thousand
+# Gaussians (docs/decisions/palette.md).
 FEWEST_COLORS = 192
-# Most palette entries within a budget. Their error is below that of 8 bits, and more take long to
-# find (docs/decisions/palette.md).
+# Largest number of palette entries within a budget. Their error is below that of 8 bits, and more
+# entries take long to find (docs/decisions/palette.md).
 MOST_COLORS = 4096
 # dB of PSNR that a palette smaller than allowed may cost if the count is given
 # (docs/decisions/palette.md).
@@ -141,12 +137,13 @@ UNSEEN_COLOR_LOSS = 0.03
 # of foliage would allow eight levels, at which sky and leaves change their hue
 # (docs/decisions/palette.md).
 LARGEST_COLOR_ERROR = 1.6e-4
-# Most steps of a fit that ends by the clock alone. More gain nothing (docs/decisions/time.md).
+# Largest number of steps of a fit that only the clock ends. More steps gain nothing
+# (docs/decisions/time.md).
 MOST_STEPS = 1000
-# Steps in a round of growth of a fit that ends by the clock alone. The rest of the time is better
-# spent once all Gaussians exist (docs/decisions/time.md).
+# Number of steps in a round of growth of a fit that only the clock ends. The rest of the time is
+# better spent once all Gaussians exist (docs/decisions/time.md).
 STEPS_A_ROUND = 6
-# A preset reduces an image little if the longest side is at most this multiple of its max_size.
+# Largest ratio of an image's longest side to max_size at which a preset reduces the image little.
 NEARLY = 1.5
 PRECISION_OF_INKS = 0.1  # px, step of coordinates in a file of inks (docs/decisions/inks.md)
 
@@ -183,7 +180,7 @@ class Plan:
         return self.options.fit.inks is not None
 
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
-        """Return the plan for a photo, with inks chosen from it, or its edges and size noted."""
+        """Return the plan for a photo: its inks are chosen, or its edges and small size noted."""
         fit, svg = self.options.fit, self.options.svg
         if isinstance(fit.inks, int):
             options = self.options.changed(inks=inks_of(pixels, fit.inks))
@@ -210,7 +207,7 @@ class Plan:
 
     @cached_property
     def preset(self) -> Preset:
-        """Preset of the run, or numbers of its budget of bytes or seconds."""
+        """Preset of the run, or that of its budget of bytes or seconds."""
         goal = self.goal
         if self.is_budget:
             return budget_preset(self.uncompressed_limit, goal.time_limit, self.in_inks)
@@ -225,11 +222,6 @@ class Plan:
         return self.goal.is_budget and not self.options.svg.portable
 
     @property
-    def quality(self) -> str | None:
-        """Name of the preset, None for a budget."""
-        return None if self.is_budget else self.goal.quality or DEFAULT_PRESET
-
-    @property
     def uncompressed_limit(self) -> int | None:
         """Limit of bytes before gzip, estimated if the limit counts gzipped bytes."""
         limit = self.goal.byte_limit
@@ -242,7 +234,7 @@ class Plan:
 
     @property
     def tune(self) -> Tune:
-        """Measure that fits are tuned for. The default of a search by bytes is PSNR."""
+        """FitOptions.tune of the fits. The default of a search by bytes is PSNR."""
         return self.options.fit.tune or (PSNR if self.by_bytes else self.options.fit.tuned)
 
     @cached_property
@@ -257,8 +249,8 @@ class Plan:
     def stop_psnr(self) -> float:
         """PSNR (dB) of the model at which growth stops.
 
-        It is the preset's. A limit of bytes asks for the best picture, so with a limit it is at
-        least INDISTINGUISHABLE.
+        It is the preset's. A limit of bytes asks for the best picture, so with such a limit it is
+        at least INDISTINGUISHABLE.
         """
         least = 0.0 if self.goal.byte_limit is None else INDISTINGUISHABLE
         return max(self.preset.stop_psnr, least)
@@ -296,7 +288,7 @@ class Plan:
             fit=dataclasses.replace(options.fit, blend=blend, falloff=falloff),  # pyright: ignore[reportArgumentType]
             densify=densify,
             extend=options.fit.iterations is None and not self.goal.count_adapts,
-            sparse=self.is_budget or self.only_time_limits,
+            relocate_rarely=self.is_budget or self.only_time_limits,
         )
 
     @cached_property
@@ -356,9 +348,9 @@ class Plan:
         return dataclasses.replace(self, options=options, by_bytes=by_bytes)
 
     def format_at(self, psnr: float | None = None) -> SvgFormat:
-        """Return the format for a scene's shapes by its PSNR in dB. Before the fit it is None."""
+        """Return the format for a scene by its PSNR in dB. Before the fit, `psnr` is None."""
         svg, preset = self.options.svg, self.preset
-        if self.is_budget and psnr is not None:  # numbers as fine as this PSNR is worth
+        if self.is_budget and psnr is not None:  # a high PSNR is worth finer numbers
             fine = FINE_FROM if self.goal.byte_limit is None else FINE_BYTES_FROM
             preset = next((PRESETS[name] for name, least in fine if psnr >= least), preset)
         precision = PRECISION_OF_INKS if self.in_inks else preset.precision
@@ -391,7 +383,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Aim:
-    """A target of the rasterised SVG: a score, its value, and how closely a search meets it.
+    """A target of the rasterised SVG: a score, its value, and the tolerances of the search.
 
     The value and all scores are multiplied by the sign of the score, so that larger is better.
     """
@@ -402,15 +394,15 @@ class Aim:
 
     def score(self, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
         """Return the score of a raster against a photo of its shape."""
-        return self.of.sign * measured(self.of, raster, photo)
+        return self.of.sign * score_of(self.of, raster, photo)
 
-    def reached(self, score: float) -> bool:
+    def is_met_by(self, score: float) -> bool:
         """Return whether a score reaches the target, within the tolerance."""
         return score >= self.value - self.search.tolerance
 
 
 def check_together(options: Options) -> None:
-    """Raise InputError if options conflict, or RendererError if the renderer lacks them."""
+    """Raise InputError if options conflict, or RendererError if the renderer cannot draw them."""
     for name, rule, got, advice in _exclusions(options):
         raise InputError(f"{name} must {rule}; got {got}. Try {advice}")
     renderer, svg = options.run.renderer, options.svg
@@ -424,13 +416,6 @@ def check_together(options: Options) -> None:
                 f"renderer must be one of {', '.join(able)} for {what}; got {quoted(renderer)}. "
                 f"Try --renderer {able[0]}{otherwise}"
             )
-
-
-def check_alpha(options: Options, photo: Photo) -> None:
-    """Raise InputError for additive blending of a transparent photo."""
-    if photo.alpha is not None and options.written_blend == ADD:
-        advice = "--matte white, or --portable"
-        raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
 
 
 def needs_editable(options: Options) -> str:

@@ -20,12 +20,13 @@ _PHASES = {
     "measure": "rasterising and measuring the SVG",
 }
 _FITS = {"additive": "fitting additively", "correct": "correcting the number of shapes"}
-# Most frames a second and longest side in px in a notebook, which keeps all messages as text.
+# Largest number of frames per second, and longest side in px of a frame, in a notebook. Notebooks
+# keep all frames as text.
 _FRAMES_A_SECOND, _MOST_SIDE = 4, 400
 
 
 def shown() -> AbstractContextManager[ProgressCallback | None]:
-    """Return a callback that shows a run, None if standard error is no terminal."""
+    """Return a context with a callback that shows a run, or with None if there is no terminal."""
     # If IPython runs, it is imported already. Otherwise it need not be installed.
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return _notebook() if hasattr(shell, "kernel") else _terminal()
@@ -33,7 +34,7 @@ def shown() -> AbstractContextManager[ProgressCallback | None]:
 
 @contextmanager
 def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | None]:
-    """Yield update(text, share), which shows a bar, or None if standard error is no terminal.
+    """Show a bar, and yield update(text, share). Yield None if standard error is no terminal.
 
     share  share of the work that is done, 0..1, or None if it is unknown
     """
@@ -45,7 +46,7 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
     if not console.is_terminal:
         yield None
         return
-    # A file name may contain markup.
+    # A file name may contain brackets, which rich takes as markup.
     shown = TextColumn("{task.description}", markup=False)
     columns = SpinnerColumn(), BarColumn(bar_width=24), TimeElapsedColumn(), shown
     with Bar(*columns, console=console, transient=True) as bar:
@@ -61,7 +62,7 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
 @contextmanager
 def _terminal() -> Iterator[ProgressCallback | None]:
     with terminal_bar("starting") as show:
-        yield None if show is None else lambda progress: show(*_said(progress))
+        yield None if show is None else lambda progress: show(*_text_and_share(progress))
 
 
 @contextmanager
@@ -81,7 +82,7 @@ def _notebook() -> Iterator[ProgressCallback]:
 
     def update(progress: Progress) -> None:
         nonlocal last, newest
-        text, done = _said(progress)
+        text, done = _text_and_share(progress)
         if progress.fit is not None:
             newest = progress.fit
             frame = frames.frame(newest.scene)
@@ -94,13 +95,13 @@ def _notebook() -> Iterator[ProgressCallback]:
     try:
         yield update
     finally:
-        if newest is not None:  # its frame might not have been shown
+        if newest is not None:  # the newest fit may have come too soon for a frame
             last = picture(as_jpeg(newest.scene(), _MOST_SIDE), newest)
         handle.update(display.HTML(last))
 
 
-def _said(progress: Progress) -> tuple[str, float | None]:
-    """Return a text about the run, and the share that is done, 0..1, or None if unknown."""
+def _text_and_share(progress: Progress) -> tuple[str, float | None]:
+    """Return a text about the run, and the share (0..1) that is done, None if unknown."""
     now = progress.fit
     if now is None:
         return _PHASES[progress.phase], None

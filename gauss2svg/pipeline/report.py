@@ -19,10 +19,9 @@ from gauss2svg.measure.paint import paint_ms, shown_width
 from gauss2svg.photo.pixels import Photo, over
 from gauss2svg.pipeline.budgets import measured_size
 from gauss2svg.pipeline.outcome import Outcome
-from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.scene import Scene
-from gauss2svg.scene.inks import ink_name, inks_of_scene
+from gauss2svg.scene.inks import used_inks
 from gauss2svg.svg import MINIMAL
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.version import __version__
@@ -39,9 +38,9 @@ def run_report(
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
     return {
         **options.flat(),
-        "quality": chosen.quality,
+        "quality": None if chosen.is_budget else chosen.goal.quality or DEFAULT_PRESET,
         # Values that the run chose for omitted options.
-        **_sides("", photo.full),
+        **_sides("", photo.original_size),
         **_sides("fit_", subject.size),
         **_sides("measured_", measured.raster.shape[1::-1]),
         "gaussians": count,
@@ -87,19 +86,19 @@ def _sides(prefix: str, size: tuple[int, ...]) -> dict[str, int]:
 def _by_focus(outcome: Outcome) -> dict[str, float | None]:
     """Return the PSNR (dB) of the SVG inside of the mask and outside; None without a mask."""
     subject, raster = outcome.subject, over(outcome.measured.raster)
-    if subject.focus is None:
-        return {"psnr_svg_inside": None, "psnr_svg_outside": None}
-    inside, photo = subject.focus.inside(*raster.shape[:2]), over(subject.photo)
+    inside = None if subject.focus is None else subject.focus.inside(*raster.shape[:2])
+    weights = {"inside": inside, "outside": None if inside is None else 1 - inside}
     return {
-        "psnr_svg_inside": psnr(raster, photo, inside),
-        "psnr_svg_outside": psnr(raster, photo, 1 - inside),
+        f"psnr_svg_{part}": None if weight is None else psnr(raster, over(subject.photo), weight)
+        for part, weight in weights.items()
     }
 
 
 def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
-    """Yield notes on what a user may want to know or change."""
+    """Yield notes on choices of the run that a user may want to know or change."""
     chosen, count, rate = outcome.plan, len(outcome.scene), plan.options.fit.learning_rate
-    usual, size = measured_size(photo.full, outcome.subject.size), (photo.width, photo.height)
+    usual = measured_size(photo.original_size, outcome.subject.size)
+    size = photo.width, photo.height
     if plan.goal.time_limit is not None and size < usual:
         yield f"measured at {photo.width}x{photo.height} px to meet the time limit"
     # After a search by bytes, `unreached` reports that the bytes suffice for no shape.
@@ -126,12 +125,12 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
 def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
     """Yield a line for each target or limit that the outcome misses."""
     goal, aim, limit, reason = plan.goal, plan.aim, plan.goal.time_limit, outcome.fitted.stop_reason
-    if aim is not None and not aim.reached(outcome.reached):
+    if aim is not None and not aim.is_met_by(outcome.aim_score):
         reported = reason not in (aim.of.option, "interrupted")
         ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
         sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
         target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
-        yield f"target of {target} not reached: {sign * outcome.reached:.2f}{unit}{ended}"
+        yield f"target of {target} not reached: {sign * outcome.aim_score:.2f}{unit}{ended}"
     if goal.byte_limit is not None and outcome.size > goal.byte_limit:
         exceeded = f"the file has {outcome.size} even without shapes"
         yield f"limit of {goal.max_bytes} bytes exceeded: {exceeded}"
@@ -140,17 +139,6 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
         yield f"{none}. Try a larger --max-bytes"
     if limit is not None and seconds > 1.05 * limit + 0.25:
         yield f"time limit of {limit:.3g} s exceeded: {seconds:.1f} s. Try a smaller --max-size"
-
-
-def used_inks(scene: Scene, inks: str) -> list[str]:
-    """Return the inks that a scene has, from a list "#rrggbb,#rrggbb,.." of inks."""
-    used = {ink_name(ink) for ink in inks_of_scene(scene)}
-    return [ink for ink in inks.split(",") if ink in used]
-
-
-def decibels(value: float | None) -> str:
-    """Return a PSNR of the report as text. None stands for equal images."""
-    return "equal" if value is None else f"{value:.2f} dB"
 
 
 @cache  # reading the versions from the disk takes as long as a fit of a thumbnail

@@ -1,6 +1,6 @@
 """A run: its progress, threads, memory, photo and kernels.
 
-Kernels are compiled before the fit, so that progress reports it and timings exclude it.
+Kernels are compiled before the fit, so that progress shows the compilation and timings exclude it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gauss2svg.fit.placement import components_of
 from gauss2svg.options import Field
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
 from gauss2svg.photo.pixels import Photo, SizeNeeded, reduced_size
-from gauss2svg.pipeline.budgets import TimeBudget, allowed, check_decoding
+from gauss2svg.pipeline.budgets import TimeBudget, check_decoding, memory_limit
 from gauss2svg.pipeline.options import Progress, ProgressCallback, RunOptions
 from gauss2svg.render.cpu import kernel_lock, splats_of, squared_error
 from gauss2svg.scene import ADD, OVER, Scene
@@ -29,7 +29,7 @@ from gauss2svg.scene import ADD, OVER, Scene
 def watched(
     progress: ProgressCallback | bool | None,
 ) -> AbstractContextManager[ProgressCallback | None]:
-    """Return the callback of a run: `progress`, or for True a callback that shows the run."""
+    """Return a context with a run's callback: `progress`, or for True one that shows the run."""
     if progress is not True:
         return nullcontext(None if progress is False else progress)
     from gauss2svg.pipeline.progress_display import shown  # few calls ask for it
@@ -42,12 +42,12 @@ class Run:
 
     progress    function that is called with a Progress at every step
     stop        function that is polled at every step. True ends the run with the best so far
-    started     start in s of time.perf_counter(). None: now
+    started     start of the run in s of time.perf_counter(). None: now
     threads     number of threads
     most_bytes  memory in bytes that the run may take
     compile_s   seconds spent on compiling or loading kernels so far
     budget      time budget
-    reduced_bytes  reduced_bytes of the opened photo's Header
+    reduced_bytes  Header.reduced_bytes of the photo, None before it is read
     ended       whether the run has been stopped
     Raise InputError for a callback that cannot be called, and for more threads than cores.
     """
@@ -64,7 +64,7 @@ class Run:
             if function is not None and not callable(function):
                 raise refusal(name, "a function", type(function).__name__)
         self.threads = thread_count(options.threads)
-        self.most_bytes = allowed(options.max_memory)
+        self.most_bytes = memory_limit(options.max_memory)
         self.compile_s, self.ended, self.budget = 0.0, False, TimeBudget()
         self.reduced_bytes: int | None = None
         self._stop, self._progress, self._max_pixels = stop, progress, options.max_pixels
@@ -75,16 +75,16 @@ class Run:
             self._progress(Progress(phase, fit))
 
     def stop(self) -> bool:
-        """Return whether the run must end with the best so far."""
+        """Poll `stop`, and return whether the run must end with the best so far."""
         self.ended = self.ended or (self._stop is not None and self._stop())
         return self.ended
 
     def read(
         self, image: ImageSource, needed: SizeNeeded, matte: Sequence[float] | None = None
     ) -> Photo:
-        """Return the photo. needed and matte are those of `load_image`.
+        """Read the photo, and return it. needed and matte are those of `load_image`.
 
-        A photo too large for the memory is refused before it is decoded.
+        A photo that is too large for the memory is refused before it is decoded.
         """
         self.notify("read")
         image = rereadable(image)
@@ -97,9 +97,9 @@ class Run:
 
     @contextmanager
     def compiled(self, blend: str = OVER) -> Iterator[None]:
-        """Compile the kernels of this blend, and let numba use the run's threads inside.
+        """Compile the kernels of this blend, and let numba use the run's threads in the block.
 
-        Runs in several threads wait here for each other.
+        Runs in several threads of a process wait here for each other.
         """
         with kernel_lock:
             before = get_num_threads()
@@ -115,18 +115,18 @@ class Run:
 
     @property
     def first_s(self) -> float:
-        """Seconds of a first compilation, which a time limit does not count, otherwise 0."""
+        """Seconds of a first compilation, which no time limit counts. 0 if nothing was compiled."""
         return self.compile_s if self.compile_s > COMPILED_S else 0.0
 
 
 def thread_count(count: int | None) -> int:
-    """Return the number of threads, by default one for each core. Raise InputError for more."""
+    """Return `count`, or one thread for each core if None. Raise InputError for more threads."""
     most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     return most if count is None else Field("threads", int, 1, most).checked(count)
 
 
-# Kernels that take more seconds than this to load were compiled. Loading from the disk cache takes
-# a fraction of a second.
+# Kernels that took more seconds than this were compiled. Loading them from the disk cache takes a
+# fraction of a second.
 COMPILED_S = 2.0
 
 
@@ -134,8 +134,8 @@ COMPILED_S = 2.0
 def compile_kernels(blend: str = OVER) -> None:
     """Compile every kernel that a run with this blend needs.
 
-    numba caches kernels on disk. The first run on a machine takes a few seconds, later processes a
-    quarter of a second. The first additive run takes some seconds more.
+    numba caches kernels on disk. This takes a few seconds in the first run on a machine, and a
+    quarter of a second in later processes. The first additive run takes some seconds more.
     """
     if blend != OVER:  # a portable file needs the kernels of both blends
         compile_kernels(OVER)

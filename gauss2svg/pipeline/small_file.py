@@ -1,4 +1,4 @@
-"""Files whose every byte is planned: a scene in whole numbers of a coarse unit.
+"""Files in which every byte is planned. Their scenes are in whole numbers of a coarse unit.
 
 shapes -> the most useful ones, in whole units -> colours by least squares, rounded to 3 or 6
 digits -> minimal markup -> fewer shapes until the file is within its limit of bytes
@@ -30,23 +30,22 @@ from gauss2svg.svg.minimal import minimal_rounded, whole_unit
 # dB that twice as many shapes must gain on the enlarged picture. More shapes also follow more of
 # the guesses between the pixels (docs/decisions/enlarged.md).
 LEAST_GAIN = 1.0
-# A file of a smaller mean squared error than that of half an 8-bit level is exact.
+# Mean squared error below which a file is exact: that of half an 8-bit level.
 EXACT_UNDER = (0.5 / 255) ** 2
 
 
 # Unit of a small file's whole numbers (docs/decisions/small.md).
 UNITS_PER_ROOT = 32.0  # units along the longest side of the file, per square root of the count
-# Fewest units along the shortest side. Shapes under half a unit are not drawn.
-ACROSS = 8
-FINER = 10  # largest multiple of the wanted units that whole numbers for both sides may take
+LEAST_ACROSS = 8  # least units along the shortest side. Shapes under half a unit are not drawn
+MOST_FINER = 10  # largest factor on the wanted number of units that may make both sides whole
 
 
 @dataclass(frozen=True, eq=False)
 class SmallFile:
     """A file, the scene that it draws on the photo's canvas, and its error.
 
-    error           mean squared error at the working size: the raster's once the file is drawn,
-                    before that the model's
+    error           mean squared error at the working size: of the raster if the file has been
+                    rasterised, else of the model
     size            bytes of the file, as the limit counts them
     enlarged_error  mean squared error of the model against the enlarged picture, NaN without one
     """
@@ -61,9 +60,9 @@ class SmallFile:
 def closeness(file: SmallFile) -> tuple[float, ...]:
     """Return a sort key that is larger for the closer of two files.
 
-    If there is an enlarged picture, differences at the working size count up to SEEN_UP_TO dB.
-    Files that are equal at the working size are compared enlarged. There twice as many shapes must
-    gain LEAST_GAIN.
+    If there is an enlarged picture, differences at the working size count only up to SEEN_UP_TO dB.
+    If both files reach SEEN_UP_TO, they are compared enlarged, where twice as many shapes must gain
+    LEAST_GAIN dB.
     """
     if math.isnan(file.enlarged_error):
         return -file.error, -file.size
@@ -72,7 +71,7 @@ def closeness(file: SmallFile) -> tuple[float, ...]:
 
 
 def flat_scene(subject: Subject, digits: int) -> tuple[Scene, float]:
-    """Return a scene without Gaussians of a photo's mean colour, and the unit of its file."""
+    """Return a scene without Gaussians, in an opaque photo's mean colour, and its file's unit."""
     transparent, unit = has_alpha(subject.photo), whole_unit(*subject.canvas)
     mean = subject.photo.mean(axis=(0, 1), dtype=np.float64)
     background = np.ones(3) if transparent else mean
@@ -83,14 +82,14 @@ def flat_scene(subject: Subject, digits: int) -> tuple[Scene, float]:
 def unit_of(grid: float, count: int, canvas: Size) -> float:
     """Return the unit in px of a file with `count` shapes. A larger grid makes the unit smaller.
 
-    Both sides are whole numbers of units, so that the file needs no size. They are not if whole
-    sides would take over FINER times the units.
+    Both sides are whole numbers of units, so that the file needs no size, unless this takes more
+    than MOST_FINER times the wanted number of units.
     """
     longest, shortest = max(canvas), min(canvas)
     units = math.ceil(grid * UNITS_PER_ROOT * math.sqrt(max(count, 1)))
-    units = max(units, math.ceil(ACROSS * longest / shortest))
+    units = max(units, math.ceil(LEAST_ACROSS * longest / shortest))
     unit = whole_unit(*canvas, units)
-    return unit if longest / unit <= FINER * units else longest / units
+    return unit if longest / unit <= MOST_FINER * units else longest / units
 
 
 def recolored(
@@ -113,15 +112,14 @@ def recolored(
     scaled = scene.scaled(width / scene.width, height / scene.height)
     weights, products = color_weights(scaled, plain_radius(scaled.beta), height, width)
     targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
-    if weight is not None:  # both sides of each pixel's equation count by its root
+    if weight is not None:  # both sides of each pixel's equation are multiplied by its root
         root = np.sqrt(weight.reshape(-1, 1).astype(np.float64))
         weights, targets = weights.multiply(root.T).tocsr(), [root * target for target in targets]
         products = (weights @ weights.T).toarray()
-    first = 0
-    if has_alpha(pixels):  # the backdrop shows through the shapes, and is known
+    first = int(has_alpha(pixels))  # index of the first weight whose colour is unknown
+    if first:  # the backdrop shows through the shapes, and is known
         through = weights[[0]].toarray().reshape(-1, 1)
         targets = [t - b * through for t, b in zip(targets, BACKDROPS, strict=True)]
-        first = 1
     products = products[first:, first:] * len(targets)
     sums = (weights @ np.sum(targets, axis=0))[first:]  # right-hand sides of the normal equations
     levels = 15 if digits == 3 else 255

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, refusal
 from gauss2svg.files import write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
-from gauss2svg.measure import Scores
+from gauss2svg.measure import Scores, decibels
 from gauss2svg.options import Field, file_name
 from gauss2svg.photo.load import ImageSource, load_focus, reduced
-from gauss2svg.photo.pixels import FOCUS_STRENGTH, Header, Photo, matte_color, pixels_of, shrunk
+from gauss2svg.photo.pixels import Header, Photo, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.budgets import (
     STEPS,
     STEPS_OF_DRAWING,
@@ -30,11 +30,12 @@ from gauss2svg.pipeline.budgets import (
 from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
-from gauss2svg.pipeline.plan import Plan, check_alpha
-from gauss2svg.pipeline.report import decibels, run_report, used_inks
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.run import Run, watched
 from gauss2svg.processes import held_bytes
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene.inks import used_inks
 from gauss2svg.svg import Document
 from gauss2svg.svg.element import LARGEST_NUMBER
 from gauss2svg.svg.file import check_svg_name, file_bytes, image, is_svgz
@@ -86,8 +87,8 @@ class Result:
     def plates(self) -> dict[str, str]:
         """Return the SVG text of each ink's plate, by its #rrggbb (see gauss2svg.plate_svg).
 
-        They are in the order of the inks, without unused inks. Raise InputError if the run has no
-        inks.
+        The plates are in the order of the inks. Unused inks have none. Raise InputError if the run
+        has no inks.
         """
         if self.report["inks"] is None:
             raise InputError("inks must be given for plates; got none. Try FitOptions(inks=6)")
@@ -144,10 +145,10 @@ def vectorize(
               far
 
     With a target, a given number of Gaussians is an upper bound. The first limit that is reached
-    ends the run and is the report's stop_reason. Missed targets are in its `unreached`. The SVG has
-    the photo's width and height even if the fit ran on a smaller image. It is measured, for the
-    report and for targets, at the size of the fit or at 1 megapixel if that is larger. With
-    RunOptions.full_size it is measured at the photo's size.
+    ends the run and is the report's stop_reason. Missed targets are in the report's `unreached`.
+    The SVG has the photo's width and height even if the fit ran on a smaller image. Report and
+    targets measure the SVG at the size of the fit or, if that is larger, at 1 megapixel. With
+    RunOptions.full_size they measure it at the photo's size.
     Raise InputError for invalid input, RendererError for a missing renderer, and TypeError for an
     unknown keyword, with the class to which an option of that name belongs. Calls from several
     threads wait for each other. A forked child may call it too.
@@ -167,7 +168,7 @@ def vectorize_by(
     started: float | None = None,
     may_reduce: bool = True,
 ) -> Result:
-    """Vectorize a photo with all options in one object.
+    """Vectorise a photo with all options in one object.
 
     started     time at which time_limit and total_s begin, in s of time.perf_counter(). None: now
     may_reduce  whether the fit may run on a smaller image if memory is short. If not, short memory
@@ -178,19 +179,15 @@ def vectorize_by(
     run = Run(options.run, progress, stop, started)
     strength = options.fit.focus_strength
     if focus is None and strength is not None:
-        raise refusal(
-            "focus_strength", "given with a mask", f"{strength:g} alone", "--focus mask.png"
-        )
+        raise refusal("focus_strength", "given with a mask", f"{strength:g}", "--focus mask.png")
     photo, load = _read(plan, run, image, may_reduce)
-    mask = None
-    if focus is not None:
-        mask = load_focus(focus, strength or FOCUS_STRENGTH, photo, options.run.max_pixels)
+    mask = None if focus is None else load_focus(focus, strength, photo, options.run.max_pixels)
     measured = reduced(photo, load.measured)
     pixels = working = pixels_of(measured)
     if load.fit != load.measured:
         working = shrunk(pixels_of(photo), *load.fit[::-1], sharp=True)
-    document = plan.options.document.of_photo(*photo.full, photo.dpi)
-    subject = Subject(pixels, working, photo.full, document, mask)
+    document = plan.options.document.of_photo(*photo.original_size, photo.dpi)
+    subject = Subject(pixels, working, photo.original_size, document, mask)
     del photo  # frees the photo's pixels, which may be many
     plan = dataclasses.replace(plan, fit_side=max(load.fit)).for_picture(pixels)
     with run.compiled(plan.options.fit.blend):
@@ -200,7 +197,7 @@ def vectorize_by(
 
 
 def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Load]:
-    """Return the photo, perhaps reduced to load.measured, and the run's load."""
+    """Read and check the photo, perhaps reduced to load.measured. Return it and the run's load."""
     asked = plan.options.run.max_size is not None or not may_reduce
 
     def sizes(width: int, height: int, has_alpha: bool = False) -> tuple[Load, str | None]:
@@ -211,25 +208,27 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     matte = plan.options.svg.matte
     color = None if matte is None else matte_color(matte)
     photo = run.read(image, lambda width, height: sizes(width, height)[0].measured, color)
-    check_alpha(plan.options, photo)
-    load, note = sizes(*photo.full, has_alpha=photo.alpha is not None)
+    if photo.alpha is not None and plan.options.written_blend == ADD:
+        advice = "--matte white, or --portable"
+        raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
+    load, note = sizes(*photo.original_size, has_alpha=photo.alpha is not None)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
-    # A shape extends to at most 5 sides: its sigma is at most 1 side, and it is cut off at 3.
-    side, precision = max(photo.full), plan.format_at().precision
+    # A shape extends to at most 5 sides: its sigma is at most 1 side, and it is cut off at 3 sigma.
+    side, precision = max(photo.original_size), plan.format_at().precision
     if precision < (least := side * 5 / LARGEST_NUMBER):
         raise refusal("precision", f"at least {least:.4f} for {side} px", f"{precision:g}")
     (width, height), score = load.measured, plan.goal.target
     if score is not None and min(width, height) < score.least_side:
         needed = f"at least {score.least_side} px a side where {score.name} is measured"
-        larger = "--full-size, or " if min(photo.full) >= score.least_side else ""
+        larger = "--full-size, or " if min(photo.original_size) >= score.least_side else ""
         advice = f"{larger}another target than --{score.option.replace('_', '-')}"
         raise refusal("the photo", needed, f"{width}x{height} px", advice)
     return photo, load
 
 
 def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
-    """Run the searches of the plan one by one, and yield the outcome of each."""
+    """Start the time budget, run the plan's searches one by one, and yield their outcomes."""
     limit, steps = plan.goal.time_limit, plan.options.fit.iterations
     if limit is not None:
         deadline, renderer = run.started + run.first_s + limit, plan.options.run.renderer
@@ -237,7 +236,7 @@ def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
         pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
         run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps, renderer)
     for one in plan.searches():
-        # Import only the search that runs, because few runs need both.
+        # Only the search that runs is imported, because few runs need both.
         if one.by_bytes:
             from gauss2svg.pipeline.by_bytes import ByBytes as OneSearch
         else:
@@ -250,7 +249,7 @@ def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
     aim, raster, subject = plan.aim, outcome.measured.raster, outcome.subject
     scores = Scores()
     if plan.options.run.scores or (aim is not None and not aim.of.always):
-        known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.reached}
+        known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.aim_score}
         from gauss2svg.measure.perceptual import perceptual_scores  # few runs ask for scores
 
         scores = perceptual_scores(raster, subject.photo, run.most_bytes - held_bytes(), known)
@@ -259,6 +258,6 @@ def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
 
 
 def warm_up(given: Mapping[str, Any]) -> Result:
-    """Load the kernels, and vectorise noise in two iterations with these options, by name."""
+    """Vectorise noise with these options, by name, in two iterations, to load the kernels."""
     noise = np.random.default_rng(0).random((32, 32, 3))
     return vectorize_by(Options.from_flat({**given, "iterations": 2}), noise)

@@ -46,7 +46,7 @@ class Feature(StrEnum):
     """A feature of SVG that some renderers draw wrongly, with its name in errors.
 
     A blur counts as turned if anything in the file is rotated or skewed. Animation counts only if
-    it also runs under prefers-reduced-motion. Otherwise a renderer draws the file as it is written.
+    it also runs under prefers-reduced-motion. Otherwise no renderer shows the animation.
     """
 
     TURNED_BLUR = "a blur of rotated or skewed shapes"
@@ -59,10 +59,10 @@ class Feature(StrEnum):
     MOVING = "animation, drawn at some moment of it"
 
 
-# Features that each renderer draws wrongly, with a remark or "" (docs/decisions/renderers.md).
-# Observed with resvg 0.48, CairoSVG 2.9, Chromium 156, librsvg 2.54, Firefox 153, Inkscape 1.2.
 _NO_FILTERS = "it has no filters but offset, flood and blend"
 _SOME_MOMENT = "it shows some moment of it"
+# Features that each renderer draws wrongly, with a remark or "" (docs/decisions/renderers.md).
+# Observed with resvg 0.48, CairoSVG 2.9, Chromium 156, librsvg 2.54, Firefox 153, Inkscape 1.2.
 CANNOT_DRAW: dict[str, dict[Feature, str]] = {
     "resvg": {Feature.TURNED_BLUR: "20 to 43 levels off", Feature.LIGHTER: ""},
     "cairo": {
@@ -110,7 +110,7 @@ def rasterize_rgba(
 ) -> NDArray[np.float32]:
     """Return the raster of an SVG with straight alpha: (height, width, 4) float32 in 0..1.
 
-    Arguments and errors are those of rasterize. Firefox draws the SVG over white and over black.
+    Arguments and errors are those of rasterize. Firefox draws twice, over white and over black.
     """
     return _drawn(svg, width, height, renderer, clear=True)
 
@@ -161,7 +161,7 @@ def _drawn(svg: str, width: int, height: int, renderer: str, clear: bool) -> NDA
         )
     try:
         text = from_root(svg)
-        expat.ParserCreate().Parse(text, True)  # renderers would draw parts of a broken file
+        expat.ParserCreate().Parse(text, True)  # renderers would draw a part of a broken file
     except (InputError, expat.ExpatError, UnicodeEncodeError) as error:
         raise RendererError(f"cannot draw the SVG: {error}. Try to re-save it") from error
     refuse_unsupported(text, renderer)
@@ -180,18 +180,18 @@ def _checked(name: str) -> str:
     return Field("renderer", words=RENDERERS).checked(name)
 
 
-def _renderer_function(renderer: str, ending: str = "") -> Any:
-    """Return the renderer's function of the same name + `ending`. Without ending, it draws."""
+def _renderer_function(renderer: str, suffix: str = "") -> Any:
+    """Return a renderer's function: NAME, or NAME_version for the suffix "_version"."""
     name = _checked(renderer)
-    return resolve_name(f"gauss2svg.raster.{_MODULES[name]}:{name}{ending}")
+    return resolve_name(f"gauss2svg.raster.{_MODULES[name]}:{name}{suffix}")
 
 
 _GAP = r"(?:\s|/\*(?:[^*]|\*(?!/))*+\*/)*+"  # white space and comments of CSS
-# The start of a value that switches a feature on.
+# Pattern of the text after a property's name if the value switches the property on.
 _ON = rf"""{_GAP}[:=]{_GAP}["']?+{_GAP}(?!none|normal|inherit|initial|unset)"""
 _TAG = r"<(?:[\w.-]+:)?"
 _LINKING = "(?:use|image|pattern|filter|lineargradient|radialgradient)"
-# Words, at least one of which is in any file with the feature, and the feature's pattern.
+# For each feature, a pattern, and words for a quick test: a file with the feature has one of them.
 _SEARCHES = {
     Feature.BLUR: ("blur shadow", r"fegaussianblur|fedropshadow|(?<![\w-])(?:blur|drop-shadow)\("),
     Feature.LIGHTER: ("plus-", rf"mix-blend-mode{_ON}plus-"),
@@ -204,12 +204,12 @@ _SEARCHES = {
         rf"{_TAG}(?:animate|set|discard)|@starting-style|(?<![\w-])animation(?:-name)?{_ON}",
     ),
 }
-# A transform of CSS, or a transform that does more than move and scale.
+# Pattern of a transform in CSS, or of an attribute's transform that does more than move and scale.
 _TURNS = re.compile(
     r"""rotate|skew|[;"'{\s]transform\s*:|matrix\s*+\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])"""
 )
-# Comments, titles and descriptions, which are not drawn. Group 1 is CDATA, which is kept because it
-# may be a style sheet.
+# Comments, titles and descriptions, which are not drawn. Group 1 is CDATA, which `_visible` keeps
+# because it may be a style sheet.
 _TEXTS = re.compile(
     rf"(<!\[cdata\[.*?\]\]>)|<!--.*?(?:-->|\Z)|{_TAG}(?:title|desc)\b[^<>]*>[^<]*", re.DOTALL
 )
@@ -221,7 +221,7 @@ _FOR_MOTION = re.compile(
 
 
 def uses(svg: str, feature: Feature) -> bool:
-    """Return whether an SVG may use a feature. The words in it may have no effect."""
+    """Return whether an SVG may use a feature. Words without an effect count as well."""
     if feature is Feature.TURNED_BLUR:
         return uses(svg, Feature.BLUR) and _TURNS.search(_visible(svg)) is not None
     words, pattern = _SEARCHES[feature]
@@ -234,5 +234,5 @@ def uses(svg: str, feature: Feature) -> bool:
 def _visible(svg: str) -> str:
     """Return the text of an SVG in lower case, without comments, titles and descriptions."""
     text = _TEXTS.sub(lambda match: match[1] or "", svg.lower())
-    # A word could be spelt by character references of XML.
+    # XML can spell a word by character references.
     return re.sub(r"&#x?[\da-f]+;", lambda match: html.unescape(match[0]), text)

@@ -31,7 +31,7 @@ from gauss2svg.raster.programs import DRAWING, html
 
 PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
 # Without the colour profile, colours depend on the machine's screen. Reduced motion shows animated
-# files in their final state. It is a flag because the page's own option does not reach its images.
+# files in their final state. Playwright's own option does not reach the images of a page.
 _FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars", "--force-prefers-reduced-motion")
 _PROGRAMS = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable",
@@ -46,7 +46,7 @@ _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeigh
 
 
 def chromium_version() -> str:
-    """Return the name and version as the program prints them, without starting a browser."""
+    """Return the name and version of Chromium, without starting a browser."""
     _playwright_api()
     path = _program()
     if sys.platform == "win32":
@@ -67,7 +67,7 @@ def _version_beside(path: str) -> str:
 
 
 def chromium(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) of the SVG on a page, as a mean finer than 8 bits."""
+    """Return the pixels (height, width, 4), finer than 8 bits, of the SVG on a page of a colour."""
     try:
         return _browser(os.getpid()).draw(svg, width, height, page)
     except _playwright_api().Error as error:
@@ -109,7 +109,7 @@ def launch_options(flags: Sequence[str] = _FLAGS) -> dict[str, Any]:
 class _Browser:
     """The browser of a process, driven by asyncio in its own thread.
 
-    The caller's thread may already have a running event loop, as in a notebook.
+    The caller's thread cannot drive the browser: in a notebook it already runs an event loop.
     """
 
     def __init__(self) -> None:
@@ -126,7 +126,7 @@ class _Browser:
         return asyncio.run_coroutine_threadsafe(mean, self._loop).result()
 
     def _close(self) -> None:
-        """End the browser within ten seconds, even if it is drawing. Leave it alone in a fork."""
+        """End the browser within ten seconds, even if it draws. A forked process does nothing."""
         if self._playwright is not None and self._thread.is_alive():
             wait([asyncio.run_coroutine_threadsafe(self._playwright.stop(), self._loop)], 10)
 
@@ -153,7 +153,7 @@ class _Browser:
         return straight(total[:, :, :3], total[:, :, 3]) if is_clear else total
 
     async def _context(self, width: int, height: int) -> Any:
-        """Return a new context of the browser. It is offline, so only routes are answered."""
+        """Start the browser if needed. Return a new context that loads only what routes answer."""
         api, view = _playwright_api(), {"width": width, "height": height}
         options: Any = {"viewport": view, "offline": True, "service_workers": "block"}
         if self._browser is not None:
@@ -174,7 +174,7 @@ class _Browser:
         return await self._browser.new_context(**options)
 
 
-# A forked process starts its own, because the browser and its thread belong to the parent.
+# A forked process starts its own browser, because this one and its thread belong to the parent.
 @cache
 def _browser(process_id: int) -> _Browser:
     return _Browser()

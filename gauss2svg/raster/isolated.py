@@ -25,9 +25,9 @@ _BASE_BYTES, _BYTES_PER_PIXEL = 4 << 30, 64
 def draw(
     svg: str, width: int, height: int, renderer: str, timeout_s: float, channels: int = 3
 ) -> NDArray[np.float32]:
-    """Return the raster of an SVG as `rasterize_sized` does, over white for 3 channels.
+    """Return the raster (height, width, channels) of an SVG: 3 channels over white, 4 with alpha.
 
-    Raise RendererError also for a crash, and after timeout_s seconds.
+    Raise RendererError also if the renderer crashes, or takes more than timeout_s seconds.
     """
     words = str(width), str(height), renderer, str(channels)
     try:
@@ -66,7 +66,7 @@ def main() -> int:
         return _refuse(str(error))
     except MemoryError:
         return _refuse(f"{renderer} is out of memory. Try a smaller or simpler SVG")
-    except Exception as error:  # a bug here or in a library; the class of the error hints at it
+    except Exception as error:  # a bug here or in a library. The error's class hints at the bug
         return _refuse(f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}")
     with answer:
         answer.write(np.ascontiguousarray(pixels, np.float32).data)
@@ -77,9 +77,9 @@ def _limit_memory(limit: int) -> None:
     """Limit the memory (bytes) of this process, and of each process that it starts."""
     try:
         import resource
-    except ImportError:  # Windows
+    except ImportError:  # Windows has no such module
         return
-    # RLIMIT_AS would count addresses, and browsers reserve terabytes of addresses.
+    # RLIMIT_AS would limit addresses, of which browsers reserve terabytes.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))

@@ -1,7 +1,7 @@
-"""Renderers that are programs: librsvg, Inkscape and Firefox, and tools that find and run programs.
+"""Renderers that are programs (librsvg, Inkscape, Firefox), and functions to find and run programs.
 
-librsvg, the renderer of GNOME and of many web services, has the program rsvg-convert. Inkscape
-shows an SVG as an editor does. Firefox draws with its own screenshot option, without a window.
+librsvg, the renderer of GNOME and of many web services, is run as rsvg-convert. Inkscape shows an
+SVG as an editor does. Firefox draws with its own screenshot option, without a window.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gauss2svg.errors import RendererError
 from gauss2svg.photo.pixels import from_views
 from gauss2svg.raster import BLACK, CLEAR, WHITE, from_png
 
-TIMEOUT_S = 300  # s, limit for a program. Inkscape takes up to a minute for a large file of blurs
+TIMEOUT_S = 300  # s, time limit of a program. Inkscape takes up to a minute for a file of blurs
 DRAWING = "drawing.svg"
 # Folders in which installers put programs that are not on PATH.
 if sys.platform == "win32":
@@ -35,7 +35,7 @@ else:
 def find(renderer: str, names: Sequence[str], install: str) -> str:
     """Return the path of the first program that is installed. Raise RendererError if none is.
 
-    names    names of programs on PATH, or paths with / in the folders of installers
+    names    names of programs on PATH, or paths (with /) relative to the folders of installers
     install  commands that install the program, for the error
     """
     for name in names:
@@ -66,7 +66,7 @@ def run(
     """Run a command and return its standard output. Raise RendererError if it fails.
 
     task    phrase for the error: "cannot TASK"
-    folder  working folder, which also becomes the home of the program
+    folder  working folder, which is also the program's home folder
     """
     # The user's settings could change the image, and two processes cannot share a profile.
     home = {"INKSCAPE_PROFILE_DIR": str(folder), "HOME": str(folder)} if folder else {}
@@ -83,10 +83,10 @@ def run(
     )
 
 
-def drawn(
+def run_in_folder(
     renderer: str, files: Mapping[str, str], command: Callable[[Path], Sequence[str]]
 ) -> NDArray[np.float32]:
-    """Return the pixels of drawn.png, which a command writes to a new folder that has `files`."""
+    """Run a command in a new folder with `files`, and return the pixels of its drawn.png."""
     with tempfile.TemporaryDirectory(prefix="gauss2svg-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
         for file, text in files.items():
@@ -129,7 +129,7 @@ def _librsvg_program() -> str:
     return find("librsvg", ["rsvg-convert"], "apt-get install librsvg2-bin, brew install librsvg")
 
 
-_MAX_SIDE = 32767  # px, limit of a cairo surface. Beyond it Inkscape writes a white image
+_MAX_SIDE = 32767  # px, largest side of a cairo surface. For more, Inkscape writes a white image
 
 
 def inkscape_version() -> str:
@@ -146,7 +146,7 @@ def inkscape(svg: str, width: int, height: int) -> NDArray[np.float32]:
         )
     export = "--export-type=png", "--export-area-page", "--export-filename=drawn.png"
     size = f"--export-width={width}", f"--export-height={height}"
-    return drawn(
+    return run_in_folder(
         "Inkscape", {DRAWING: svg}, lambda _: [_inkscape_program(), *export, *size, DRAWING]
     )
 
@@ -159,8 +159,8 @@ def _inkscape_program() -> str:
     return find("inkscape", ["inkscape", mac, *windows], install)
 
 
-# Colours are not converted to the screen's profile, and are the same on every graphics card.
-# Animated files are shown in their final state. A proxy that does not exist blocks the network.
+# Settings of Firefox: colours are not converted to the screen's profile, and do not depend on the
+# graphics card. Animated files are in their final state. The nonexistent proxy blocks the network.
 _PREFERENCES = """
 user_pref("gfx.color_management.mode", 0);
 user_pref("gfx.webrender.software", true);
@@ -174,8 +174,8 @@ user_pref("network.proxy.ssl_port", 9);
 """
 # On Windows the program starts another process, and would end before that process ends.
 _WAIT = ["--wait-for-browser"] if sys.platform == "win32" else []
-# Firefox does not report a broken image. So the page removes an image of the wrong size, and with
-# it the row of white pixels that is its lower border.
+# Firefox does not report a broken image. So the page removes an image of the wrong size, together
+# with its lower border, a row of white pixels.
 _SIZE_CHECK = """<style>
 body {{ overflow: hidden }} img {{ background: {color}; border-bottom: 1px solid #fff }}
 </style>
@@ -194,7 +194,7 @@ def firefox_version() -> str:
 
 
 def firefox(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) of the SVG on a page. A clear page takes two rasters."""
+    """Return the pixels (height, width, 4) of the SVG on a page. Draw twice for a clear page."""
     if page == CLEAR:
         return from_views(
             *(firefox(svg, width, height, color)[:, :, :3] for color in (WHITE, BLACK))
@@ -208,8 +208,8 @@ def firefox(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.
         screenshot = "--screenshot", str(folder / "drawn.png"), (folder / "page.html").as_uri()
         return [_firefox_program(), *options, "--profile", str(folder / "profile"), *screenshot]
 
-    pixels = drawn("Firefox", files, command)
-    # all() of no rows is True. The caller refuses a window that is too small.
+    pixels = run_in_folder("Firefox", files, command)
+    # The row below the image is its border. Without that row, the caller refuses the short raster.
     if not pixels[height:].all():
         raise RendererError("Firefox cannot draw the SVG: not a supported image")
     return pixels[:height]

@@ -1,4 +1,4 @@
-"""Renderers of scenes: the fast CPU renderer, frames of a fit, and, with PyTorch, the reference."""
+"""Renderers of scenes: the fast CPU renderer, frames of a fit, and the reference in PyTorch."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def render(
     dtype     np.float32 is mostly within 3e-5 of the formula. np.float64 is mostly within 1e-12
               and takes twice the time. The largest known errors are 1.5e-4 in float32, where 10 000
               equal shapes overlap, and 2.2e-11 in float64, for very thin shapes.
-    covering  whether plain ellipses (scene.drawn) count by the share of each pixel that they cover,
-              without a falloff. SVG renderers draw them so. Small files and drawings are fitted so.
+    covering  whether plain ellipses (scene.drawn) have no falloff, and count by the share of each
+              pixel that they cover, as in SVG renderers and in fits of small files and drawings.
 
     The scene is scaled to the size and sampled at pixel centres. A transparent scene is rendered
-    over its background, which is white by default. gauss2svg.render.reference.render_reference is
-    the slow twin without `covering`. Raise InputError if `scene` is not a Scene, for another dtype,
-    and for a size that is not whole, below one pixel or larger than any photo.
+    over its background, which is white by default. render_reference of gauss2svg.render.reference
+    draws the same slowly, without `covering`. Raise InputError if `scene` is not a Scene, for
+    another dtype, and for a size that is not whole, below one pixel or larger than any photo.
     """
     width, height = output_size(scene, width, height)
     splats = splats_of(scene, (width / scene.width, height / scene.height), covering)
@@ -73,7 +73,7 @@ def render_rgba(
 
 
 def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[int, int]:
-    """Return the width and height in px of a render. A side that is None is the canvas's, rounded.
+    """Return width and height in px of a render. None stands for the rounded side of the canvas.
 
     Raise InputError if `scene` is not a Scene, or if a side is not a whole number of pixels, or if
     there are more pixels than any photo has.
@@ -90,21 +90,23 @@ def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[in
     return across, down
 
 
-MOST_SIDE = 768  # px of a frame's longer side
-# Limits of the cost of frames (docs/decisions/studio.md).
-_MOST_A_SECOND = 15  # most frames a second
-_SHARE = 0.06  # share of a fit's CPU time that its frames may take
+MOST_SIDE = 768  # px, bound of the longer side of a frame
+# Limits on the cost of a fit's frames (docs/decisions/studio.md).
+_MOST_FRAMES_A_SECOND = 15
+_CPU_SHARE = 0.06  # share of a fit's CPU time that its frames may take
 
 
 class FrameMaker:
-    """Maker of a fit's frames. The first frame is due at once, later frames as the limits allow."""
+    """Maker of a fit's frames. The first is due at once, later ones when their cost allows."""
 
-    def __init__(self, most_a_second: float = _MOST_A_SECOND, most_side: int = MOST_SIDE) -> None:
+    def __init__(
+        self, most_a_second: float = _MOST_FRAMES_A_SECOND, most_side: int = MOST_SIDE
+    ) -> None:
         self._between_s, self._most_side = 1 / most_a_second, most_side
         self._due = self._cpu_due = 0.0
 
     def frame(self, scene: Callable[[], Scene]) -> bytes:
-        """Return a JPEG of the scene, or b"" if no frame is due."""
+        """Return a JPEG of the scene that `scene` returns, or b"" if no frame is due."""
         started, cpu_started = time.perf_counter(), time.process_time()
         if started < self._due or cpu_started < self._cpu_due:
             return b""
@@ -112,7 +114,7 @@ class FrameMaker:
         cpu_ended = time.process_time()
         self._due = started + self._between_s
         # The CPU time of this process sets the pace, because other programs do not change it.
-        self._cpu_due = cpu_ended + (cpu_ended - cpu_started) / _SHARE
+        self._cpu_due = cpu_ended + (cpu_ended - cpu_started) / _CPU_SHARE
         return data
 
 

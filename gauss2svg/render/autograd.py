@@ -17,8 +17,8 @@ from gauss2svg.render.cpu import (
 from gauss2svg.render.reference import shapes_of, torch
 from gauss2svg.scene import whitening_of
 
-# Least opacities in the backward pass. An opacity of 0 would lose the falloff, which its gradient
-# needs. Ten thousand shapes of these opacities change a pixel by less than the dtype resolves.
+# Least opacity in the backward pass. The kernels return the gradient of the opacity times the
+# opacity, which is 0 at opacity 0. Ten thousand shapes so faint change no pixel in this dtype.
 _LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
 
 
@@ -39,7 +39,7 @@ class _FastRender(torch.autograd.Function):
         mean, sigma, rho, color, opacity, background, beta = ctx.saved_tensors
         real = _precision(ctx.saved_tensors)
         raised_opacity = opacity.double().clamp(min=_LEAST_OPACITY[real])
-        # The kernels' loop for beta = 1 leaves out what the exponent's gradient needs.
+        # At beta = 1 exactly, the kernels do not compute the gradient of the exponent.
         shifted_beta = beta.double()
         if ctx.needs_input_grad[6]:
             shifted_beta = torch.where(shifted_beta == 1, np.nextafter(1, 2), shifted_beta)
@@ -48,7 +48,7 @@ class _FastRender(torch.autograd.Function):
         gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)
         moments = torch.from_numpy(moments_of_gradient(splats, gradient))
         by_opacity = moments[:, 5] / raised_opacity
-        # All gradients but the opacity's own are proportional to the opacity.
+        # All other gradients are proportional to the opacity, and were computed for the raised one.
         moments *= (opacity.double() / raised_opacity)[:, None]
         gradients = (
             *_by_shape(moments[:, :5], sigma.double(), rho.double()),
@@ -91,7 +91,7 @@ def _by_shape(
 
 
 def _by_background(splats: Splats, gradient: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the background's gradient, from the transmittance: a render of black on white."""
+    """Return the background's gradient. Black shapes rendered on white give the transmittance."""
     if splats.additive:
         return gradient.sum(axis=(1, 2), dtype=np.float64)
     black = splats._replace(
@@ -117,9 +117,9 @@ def fast_composite(
 
     Tensors are on the CPU, of any floating dtype. The image (height, width, 3) is float64 if all of
     them are, else float32. Every tensor gets a gradient, but a second derivative raises torch's
-    error. r^2 / 2 counts as at least 1e-12 in powers, which bounds the gradients of beta < 1: they
-    grow with r^(2 beta - 1) or faster. Raise InputError for values outside the domain
-    (gauss2svg.render.reference.shapes_of).
+    error. In powers of r^2 / 2, the base is at least 1e-12. This bounds the gradients of shapes of
+    beta < 1, which grow with r^(2 beta - 1) or faster. Raise InputError for values outside the
+    domain (gauss2svg.render.reference.shapes_of).
     """
     shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
     return _rendered(shapes, height, width, additive=False)

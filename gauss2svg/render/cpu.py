@@ -3,11 +3,11 @@
 It computes in the dtype of its image, float32 or float64. The kernels for float64 are compiled on
 first use.
 
-Cost is counted in pair rows: one Gaussian on one row of one tile, 16 pixels. Rows of explicit
-lanes (gauss2svg.render.simd) take a fifth of the time of rows that LLVM's vectoriser compiles, and
-half the time of whole tiles (docs/decisions/kernels.md).
+Cost is counted in pair rows: one Gaussian on one row of one tile, 16 pixels. The kernels compute a
+row as explicit lanes (gauss2svg.render.simd). This takes a fifth of the time of LLVM's vectoriser,
+and half the time of loops over whole tiles (docs/decisions/kernels.md).
 
-Shares of the work take tiles in turn. A tile writes only its own pixels and pairs, and pairs are
+Each thread takes a share of the tiles. A tile writes only its own pixels and pairs, and pairs are
 added up Gaussian by Gaussian, so the number of threads changes no bit of any result.
 """
 
@@ -15,7 +15,7 @@ import os
 import threading
 
 # pyright: reportCallIssue=false
-# The intrinsics of simd.py take a typing context that numba passes by itself.
+# numba itself passes typingctx, the first argument of the intrinsics of simd.py.
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -30,9 +30,9 @@ from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs, in_share
 from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
 from gauss2svg.scene.falloff import covered_radius, cut_radius, longer_axes
 
-# Modes of the kernels. RENDER computes the image. SQUARED_ERROR also computes the moments of its
-# squared error's gradient. GIVEN_GRADIENT computes only the moments of a given gradient. REMOVAL
-# computes the image and the cost of removing each Gaussian.
+# Modes of the kernels. RENDER computes the image. SQUARED_ERROR computes the image and the moments
+# of the gradient of its squared error. GIVEN_GRADIENT computes only the moments of a gradient that
+# is passed as `image`. REMOVAL computes the image and the cost of removing each Gaussian.
 RENDER, SQUARED_ERROR, GIVEN_GRADIENT, REMOVAL = range(4)
 
 
@@ -41,7 +41,7 @@ def tile_buffers(most_rows: int, dtype: Any, additive: bool) -> tuple[Any, ...]:
 
     alpha, transmittance, steep, logs  (most_rows * TILE_WIDTH,) see gauss2svg.render.kernels
     color, gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH) see gauss2svg.render.kernels
-    remaining  (TILE_HEIGHT, TILE_WIDTH) transmittance behind all Gaussians; 1 on entry
+    remaining  (TILE_HEIGHT, TILE_WIDTH) transmittance behind all Gaussians; 1 in additive blending
     inside     (TILE_WIDTH,) 1 for columns of the image, 0 beyond its right edge
     columns    (TILE_WIDTH,) float64: 0, 1, ...
     """
@@ -85,7 +85,7 @@ def _errors_of_whole_rows(
 def _errors_of_tile(
     mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
 ):  # fmt: skip
-    """Write a tile's pixels to out and their gradient to gradient; return its squared error."""
+    """Write `out` and `gradient` of a tile as `mode` needs them. Return its squared error."""
     if w == TILE_WIDTH:
         return _errors_of_whole_rows(
             mode, x0, y0, h, color, remaining, background, image, weight, out, gradient
@@ -114,7 +114,7 @@ def _errors_of_tile(
 
 @njit(inline="always")
 def _weights_of_tile(x0, y0, h, w, weight, out):
-    """Write a tile's pixel weights to out, 0 outside the image."""
+    """Write the weights of a tile's pixels to `out`, 0 outside the image."""
     for y in range(TILE_HEIGHT):
         for x in range(TILE_WIDTH):
             out[y, x] = weight[y0 + y, x0 + x] if y < h and x < w else 0.0
@@ -126,12 +126,12 @@ def walk_tiles(
     gaussian, rows, start, order, alpha, transmittance, steep, logs, color, gradient, behind,
     remaining, inside, columns, pair_out, out, loss,
 ):  # fmt: skip
-    """Alpha-composite one share of the tiles, front to back, in one of the four modes.
+    """Blend one share of the tiles, front to back, in a mode. Write to pair_out, out and loss.
 
     background, image, weight, pair_out and out are all float32 or all float64.
     weight (h, w) scales the gradient of SQUARED_ERROR and the costs of REMOVAL. Other modes do not
-    read weight. gaussian to order are fields of gauss2svg.render.tiles.Pairs, and alpha to columns
-    come from tile_buffers.
+    read it. `gaussian` to `order` are fields of gauss2svg.render.tiles.Pairs, and `alpha` to
+    `columns` come from tile_buffers.
     """
     height, width = out.shape[1:]
     tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
@@ -167,7 +167,7 @@ def walk_tiles(
                 for y in range(TILE_HEIGHT):
                     for x in range(TILE_WIDTH):
                         behind[channel, y, x] = background[channel]
-            _weights_of_tile(x0, y0, h, w, weight, color[0])  # color[0] is not read any more
+            _weights_of_tile(x0, y0, h, w, weight, color[0])  # buffer color[0] is free by now
             removal_tile(
                 order, first, end, y0, opacity_color, gaussian, rows,
                 alpha, transmittance, filled, gradient, color[0], behind, pair_out,
@@ -176,7 +176,7 @@ def walk_tiles(
 
 @kernel
 def add_pairs(share, shares, offset, pair_values, totals):
-    """Add the values (p, m) of each Gaussian's pairs to totals (n, m), float64.
+    """Add pair_values (p, m) of a share of the Gaussians to their totals (n, m), float64.
 
     offset (n + 1,): Gaussian i has the pairs offset[i]:offset[i + 1].
     """
@@ -193,7 +193,7 @@ kernel_lock = threading.RLock()
 
 
 def _free_kernel_lock() -> None:
-    """Release the lock in a forked process if its holder is a thread of the parent alone."""
+    """In a forked process, release the lock if another thread of the parent holds it."""
     if kernel_lock.acquire(blocking=False):  # the lock is free, or held by the forking thread
         kernel_lock.release()
     else:
@@ -202,8 +202,8 @@ def _free_kernel_lock() -> None:
 
 if hasattr(os, "register_at_fork"):
     # Threads do not survive a fork, but the locks that they hold stay held. A fit may take minutes,
-    # so the child releases its lock. A compilation takes seconds and changes the state of LLVM, so
-    # the fork waits for its end.
+    # so the child releases the lock of fits. A compilation takes seconds and changes the state of
+    # LLVM, so the fork waits for its end.
     os.register_at_fork(
         before=global_compiler_lock.acquire,
         after_in_parent=global_compiler_lock.release,
@@ -218,13 +218,13 @@ Real = TypeVar("Real", bound=np.floating)  # np.float32 or np.float64
 
 
 class Splats(NamedTuple):
-    """Arrays that the kernels read of n Gaussians, bottom first; all float64.
+    """Arrays of n Gaussians as the kernels read them: float64, bottom first.
 
-    mean (n, 2), sigma (n, 2), rho (n,), radius (n,)  ellipses whose tiles find_pairs lists
+    mean (n, 2), sigma (n, 2), rho (n,), radius (n,)  ellipses, for which find_pairs lists tiles
     shape          (n, 11) mean x, y, whitening w11, w21, w22, beta, radius^2, o11, o21, o22 and the
                    largest share. The last four are 0 unless the shape is a plain ellipse that
-                   covers shares of pixels. It covers at most the largest share of a pixel, and
-                   nothing where (o11 z1, o21 z1 + o22 z2) lies outside the unit disc.
+                   covers shares of pixels. Such an ellipse covers at most the largest share of a
+                   pixel, and nothing where (o11 z1, o21 z1 + o22 z2) is outside the unit disc.
     opacity_color  (n, 4) opacity, r, g, b
     background     (3,)
     additive       whether blending is additive. Opacities and exponents are then not read
@@ -265,8 +265,8 @@ def splats_from(
 ) -> Splats:
     """Return the splats of n Gaussians from the arrays of a scene's parameters.
 
-    whitening (n, 3) is that of gauss2svg.scene.whitening_of. is_plain (n,) says which shapes are
-    plain ellipses that cover shares of pixels; None for no shape.
+    whitening (n, 3) is that of gauss2svg.scene.whitening_of. is_plain (n,) marks plain ellipses,
+    which cover shares of pixels. None marks no shape.
     """
     radius = cut = cut_radius(beta)
     outer = np.zeros((len(mean), 4))
@@ -279,7 +279,7 @@ def splats_from(
         sy = np.hypot(l21, l22)
         sigma = np.where(is_plain[:, None], np.column_stack([l11, sy]), sigma)
         rho, cut = np.where(is_plain, l21 / sy, rho), np.where(is_plain, 1.0, cut)
-        # Factors that map z to coordinates in which the longer ellipse is the unit disc.
+        # o11, o21, o22 map z to coordinates in which the longer ellipse is the unit disc.
         v11, v21, v22 = whitening.T
         factors = np.column_stack([w11 / v11, (w21 - v21 * w22 / v22) / v11, w22 / v22, max_share])
         outer = np.where(is_plain[:, None], factors, 0.0)
@@ -326,12 +326,12 @@ def _visit(
     pair_width: int,
     weight: NDArray[Real] | None = None,
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
-    """Return the image, its squared error, (n, pair_width) sums by Gaussian, and the row count."""
+    """Run the kernels. Return image, squared error, sums (n, pair_width) by Gaussian, pair rows."""
     if image.ndim != 3 or image.shape[0] != 3 or image.dtype not in (np.float32, np.float64):
         raise InputError(
             f"image must be float32 or float64 (3, height, width); got {image.dtype} {image.shape}"
         )
-    # All callers pass one numba type. For read-only arrays the kernels would be compiled again.
+    # numba would compile the kernels again for arrays that are read-only or not contiguous.
     image = np.require(image, requirements=["C", "W"])
     if weight is None:
         is_read = mode in (SQUARED_ERROR, REMOVAL)
@@ -375,18 +375,18 @@ def render_planar(
 def squared_error(
     splats: Splats, target: NDArray[Real], weight: NDArray[Real] | None = None
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
-    """Return the image, its sum of squared errors, moments (n, MOMENTS), and pair rows.
+    """Return the image, its sum of squared errors, moments (n, MOMENTS), and number of pair rows.
 
     target  (3, h, w) float32 or float64, the dtype of the whole computation
     weight  (h, w) > 0, or None for 1
     The sum is not weighted. The moments (gauss2svg.render.kernels) belong to the gradient of
-    L = 1/2 sum weight (rendered - target)^2. A tile's forward and backward passes share one visit.
+    L = 1/2 sum weight (rendered - target)^2. Each tile is visited once, for both passes.
     """
     return _visit(SQUARED_ERROR, splats, target, MOMENTS, weight)
 
 
 def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.float64]:
-    """Return the moments (n, MOMENTS) of any loss from its gradient (3, h, w) in the image."""
+    """Return the moments (n, MOMENTS) that follow from `gradient`, dL/dpixel (3, h, w)."""
     return _visit(GIVEN_GRADIENT, splats, gradient, MOMENTS)[2]
 
 
@@ -396,7 +396,7 @@ def removal_cost(
     """Return the image, and each Gaussian's cost of removal and mass (n, 2).
 
     The cost is the change of sum weight (rendered - target)^2 if the Gaussian is removed, so that
-    the shapes behind it show. A cost is negative if the image would match better. The mass is sum
+    shapes behind it show. It is negative if the image then matches better. The mass is sum
     weight w^2 with w as in gauss2svg.render.kernels; weight is (h, w) > 0, or None for 1.
     """
     image, _, cost, _ = _visit(REMOVAL, splats, target, 2, weight)

@@ -3,21 +3,21 @@
 The buffers are all float32 or all float64, and so is the arithmetic between lanes. shape and
 opacity_color are always float64.
 
-Front to back, pixel by pixel, with T the transmittance in front of Gaussian k:
+Each pixel is blended from front to back. With T_k the transmittance in front of Gaussian k,
 
     alpha_k = opacity_k f(r_k),  w_k = alpha_k T_k,  C = sum w_k c_k + T_end background,
     T_{k+1} = T_k - w_k.
 
 The backward pass walks from back to front and does not divide by 1 - alpha. With g the gradient
-with respect to the pixel and B_k the colour composed behind k,
+with respect to the pixel, and B_k the colour of all that is behind k,
 
     dL/dalpha_k = T_k (g.c_k - g.B_k),  B_{k-1} = B_k + alpha_k (c_k - B_k).
 
 The forward pass leaves alpha_k and T_k in the buffers.
 
 Shapes are evaluated in whitened coordinates z = W (x - mean), r^2 = |z|^2, so that no squared term
-can become negative for thin Gaussians. z1 depends on the column alone, and z2 is one multiply-add.
-The gradients of every parametrisation follow from nine numbers for each pair. They are moments of
+can become negative for thin Gaussians. z1 depends only on the column. z2 takes one multiply-add.
+The gradients of any parameters follow from nine numbers for each pair. Five are moments of
 h = dL/dalpha alpha', where alpha' = alpha + opacity rim / (1 - rim) inside the support:
 
     sum h z1, sum h z2, sum h z1^2, sum h z1 z2, sum h z2^2,
@@ -37,7 +37,7 @@ transmittance, and read no opacities or exponents.
 """
 
 # pyright: reportCallIssue=false
-# The intrinsics of simd.py take a typing context that numba passes by itself.
+# numba itself passes typingctx, the first argument of the intrinsics of simd.py.
 
 from numba import njit
 
@@ -63,24 +63,24 @@ from gauss2svg.scene.falloff import CUT, RIM
 assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
 PLANE = TILE_WIDTH * TILE_HEIGHT
 MOMENTS = 10
-LOGARITHM_FROM = 1e-12  # least r^2 / 2 in powers. Points nearer to the mean get this value
+LOGARITHM_FROM = 1e-12  # least r^2 / 2 of which powers are computed. It replaces smaller values
 
-# Coefficients of exp(u) on -1.125..0, by least squares on Chebyshev nodes with p(0) = 1. The fourth
-# power is exp(-q / 2) for 0 <= q <= 9 within 2e-6 in float32 and a relative 3e-15 in float64,
-# rounding included.
+# Coefficients of a polynomial p(u) near exp(u) on -1.125..0, by least squares on Chebyshev nodes
+# with p(0) = 1. The fourth power of p(-q / 8) is exp(-q / 2) for 0 <= q <= 9, within 2e-6 in
+# float32 and a relative 3e-15 in float64, rounding included.
 _SINGLE = (0.99998307, 0.4996931, 0.1650935, 0.03830978, 0.0050456)
 _DOUBLE = (
     0.9999999999999957, 0.49999999999975975, 0.16666666666191254, 0.041666666618940265,
     0.008333333050006783, 0.0013888878096905864, 0.00019840993722197286, 2.4796730136219152e-05,
     2.7498246355397565e-06, 2.706659751805855e-07, 2.236377895720017e-08, 1.1844917963299862e-09,
 )  # fmt: skip
-_CUT = 2 * CUT  # cut of q = r^2 for a Gaussian
+_SQUARE_CUT = 2 * CUT  # r^2 at which a Gaussian is cut off
 
 
 def _rim_of(coefficients: tuple[float, ...]) -> float:
     value = 0.0
     for coefficient in reversed((1.0, *coefficients)):
-        value = coefficient - _CUT / 8 * value
+        value = coefficient - _SQUARE_CUT / 8 * value
     return value**4
 
 
@@ -92,7 +92,7 @@ assert abs(_RIMS[1] - RIM) < 1e-16, "the polynomials were fitted for RADIUS = 3"
 _rim = constant(*_RIMS)
 _norm = constant(*(1 / (1 - rim) for rim in _RIMS))
 _exp = polynomial(_SINGLE, _DOUBLE)
-# A power is less accurate: at the cut s^beta is off by up to 2e-5 in float32.
+# Rims for shapes with beta != 1. At the cut, their s^beta is off by up to 2e-5 in float32.
 _POWER_RIMS = RIM + 2e-6, RIM + 1e-14
 _power_rim = constant(*_POWER_RIMS)
 _power_norm = constant(*(1 / (1 - rim) for rim in _POWER_RIMS))
@@ -110,7 +110,7 @@ def _exp_half(q):
 
 @njit(inline="always")
 def _whitened(i, p, x0, y0, column, like, shape, rows):
-    """Return z1 and z2 on a pair's middle row, as lanes like `like`, and the row in the tile.
+    """Return lanes z1 and z2 on the middle row of pair p, typed as `like`, and its row of the tile.
 
     z2 grows by w22 from each row to the next. Pairs of the thinnest shapes have only one row
     (gauss2svg.render.tiles). z1 and z2 are computed in float64 and then rounded, because float32
@@ -126,7 +126,7 @@ def _whitened(i, p, x0, y0, column, like, shape, rows):
 
 @njit(inline="always")
 def _covered(i, z1, z2, radius, shape):
-    """Return the share of each pixel that a plain ellipse covers, and 1 / n on its rim, else 0."""
+    """Return a plain ellipse's share of each pixel, and +-1 / n on its near or far rim, else 0."""
     zero, half, one = splat(0.0, z1), splat(0.5, z1), splat(1.0, z1)
     huge = splat(1e30, z1)
     tiny = splat(_least_square(z1), z1)
@@ -140,17 +140,17 @@ def _covered(i, z1, z2, radius, shape):
     px = r * inverse_n
     near = most(zero, half + (radius - r) * px)
     far = half + (radius + r) * px
-    # 1 for pixels on a rim and 0 for others, without a branch
-    on_near = least(one, near * huge) * least(one, most(zero, one - near) * huge)
-    on_far = least(one, most(zero, one - far) * huge)
+    # 1 for pixels on the rim and 0 for others, without a branch
+    on_near_rim = least(one, near * huge) * least(one, most(zero, one - near) * huge)
+    on_far_rim = least(one, most(zero, one - far) * huge)
     share = least(one, near) + least(one, far) - one
     share = least(splat(shape[i, 10], z1), most(zero, share))
-    return inside * share, inside * ((on_near - on_far) * inverse_n)
+    return inside * share, inside * ((on_near_rim - on_far_rim) * inverse_n)
 
 
 @njit(inline="always")
 def _kind(i, shape, opacity_color, transmittance, like):
-    """Return whether a shape is a plain ellipse or has a power, its opacity, and the rim of f."""
+    """Return is_plain, has_power (beta != 1), the opacity and rim / (1 - rim) of shape i."""
     if transmittance is None:
         return False, False, 1.0, _norm(like) * _rim(like)
     is_plain = shape[i, 7] != 0.0
@@ -161,7 +161,7 @@ def _kind(i, shape, opacity_color, transmittance, like):
 
 @njit(inline="always")
 def _layer(y, at, a, c0, c1, c2, alpha, transmittance, color, remaining):
-    """Blend a shape of alpha a behind row y of a tile; store a at `at` and return the next `at`."""
+    """Blend alpha lanes `a` behind row y of a tile. Store them at `at`. Return the next `at`."""
     j = y * TILE_WIDTH
     w = a
     if transmittance is not None:
@@ -181,7 +181,7 @@ def compose_tile(
     order, first, end, x0, y0, column, inside, shape, opacity_color, gaussian, rows,
     alpha, transmittance, steep, logs, color, remaining,
 ):  # fmt: skip
-    """Blend the pairs of one tile, and return the filled length of alpha and transmittance.
+    """Blend the pairs of one tile, and return how many numbers of the buffers are filled.
 
     order[first:end]  indices of the tile's pairs, front to back
     x0, y0  the tile's first pixel; column: (16,) 0..15, float64
@@ -189,10 +189,10 @@ def compose_tile(
     shape   (n, 11) float64: mean x, y, whitening w11, w21, w22, beta, R^2, o11, o21, o22, largest
             share; R is that of the cut or of a plain ellipse's rim (gauss2svg.render.cpu.Splats)
     opacity_color  (n, 4) float64: opacity, r, g, b
-    alpha, transmittance  flat buffers, 16 for each row of each pair, in visiting order;
+    alpha, transmittance  flat buffers of 16 numbers for each row of each pair, in visiting order;
             transmittance is None for additive blending
-    steep   such a buffer for s^(beta - 1), or for 1 / n on the rim of plain ellipses
-    logs    such a buffer for ln s; neither is written for Gaussians (beta = 1)
+    steep   such a buffer for s^(beta - 1), or for the +-1 / n of _covered for plain ellipses
+    logs    such a buffer for ln s. Gaussians (beta = 1) write neither steep nor logs
     color   (3, TILE_HEIGHT, 16) sum of w c
     remaining  (TILE_HEIGHT, 16) transmittance behind all pairs; not written for additive blending
     """
@@ -221,7 +221,8 @@ def compose_tile(
         power = splat((shape[i, 5] - 1.0) * LOG2_E, mask)
         reach = splat(shape[i, 6], mask)
         w22 = shape[i, 4]
-        if transmittance is not None and is_plain:  # a separate loop keeps the other one short
+        # A loop of its own, so that the loop below stays short.
+        if transmittance is not None and is_plain:
             opacity_lanes = splat(opacity, mask)
             radius = root(reach)
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
@@ -257,7 +258,7 @@ def backpropagate_tile(
 
     g       (3, TILE_HEIGHT, 16) dL/dpixel, 0 outside the image
     behind  (TILE_HEIGHT, 16) g . background on entry, overwritten
-    moments (p, MOMENTS) one row for each pair, written
+    moments (p, MOMENTS) output: one row for each pair
     """
     columns = load(column, 0)
     centre = load(g, 0)
@@ -284,7 +285,7 @@ def backpropagate_tile(
             g1 = load(g, j + PLANE)
             g2 = load(g, j + 2 * PLANE)
             d = g0 * c0 + g1 * c1 + g2 * c2
-            # rim where alpha > 0, 0 where it is 0, without a branch
+            # `rim` where alpha > 0, else 0, without a branch
             rest = least(rim, a * huge)
             if transmittance is None:
                 w = a
@@ -333,15 +334,15 @@ def removal_tile(
     order, first, end, y0, opacity_color, gaussian, rows, alpha, transmittance, at, error, weight,
     behind, cost,
 ):  # fmt: skip
-    """Write the change of the weighted squared error if each pair's Gaussian were removed.
+    """Write how the weighted squared error would change without each pair's Gaussian.
 
     Without Gaussian k, a pixel changes by d = w_k (B_k - c_k), or by d = -a_k c_k with additive
     blending. So the squared error changes by weight d.(d + 2 error).
 
     error   (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image
-    weight  (TILE_HEIGHT, 16) of the pixels
+    weight  (TILE_HEIGHT, 16) weights of the pixels
     behind  (3, TILE_HEIGHT, 16) the background on entry, overwritten
-    cost    (p, 2) the change, and the sum of weight w_k^2, written
+    cost    (p, 2) output: the change, and the sum of weight w_k^2
     """
     zero = splat(0.0, error)
     for k in range(end - 1, first - 1, -1):

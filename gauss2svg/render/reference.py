@@ -44,7 +44,7 @@ def composite(
     width: int,
     beta: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """Return the image (height, width, 3) of n shapes, bottom first, on a canvas of that size.
+    """Return the image (height, width, 3) of n shapes, bottom first, on a canvas of this size.
 
     mean (n, 2) and sigma (n, 2) in px, rho (n,), color (n, 3), opacity (n,), background (3,), and
     beta (n,) or None for Gaussians. All have one dtype and device, which the image has too.
@@ -74,7 +74,7 @@ def accumulate(
 def _blended(
     shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
 ) -> torch.Tensor:
-    """Blend shapes from shapes_of: as accumulate does if additive, else as composite does."""
+    """Return the image of shapes from shapes_of: their sum if additive, else alpha-composited."""
     mean, sigma, rho, color, opacity, background, beta = shapes
     image = background.expand(height, width, 3)
     for k in range(len(mean)):
@@ -108,8 +108,8 @@ def _falloff(
     z2 = (v[:, None] - rho * z1) / torch.sqrt((1 - rho) * (1 + rho))
     half = 0.5 * (z1 * z1 + z2 * z2)
     inside = half < CUT ** (1 / beta)
-    # Mask before the power, so that the backward pass never multiplies infinity by zero. At the
-    # mean itself the logarithm is infinite, but the falloff of every shape is 1.
+    # Mask before the power, so that the backward pass never multiplies infinity by zero. The mean
+    # itself is masked too: the power's gradient has the logarithm of 0 there. Its falloff is 1.
     off_mean = inside & (half > 0)
     power = torch.where(off_mean, half, torch.ones_like(half)) ** beta
     bell = torch.exp(-torch.where(off_mean, power, torch.zeros_like(power)))
@@ -159,11 +159,11 @@ def shapes_of(
     opacity: torch.Tensor | None = None,
     beta: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, ...]:
-    """Return mean, sigma, rho, color, opacity, background and beta. Defaults: opaque, Gaussians.
+    """Check and return mean, sigma, rho, color, opacity or 1, background, and beta or 1.
 
     Raise InputError if an element is not finite or leaves the domain of its parameter. Domains are
     those of gauss2svg.scene.scene.Scene with two exceptions. Colours may be signed with both
-    blends, and |rho| may be up to the last number before 1 of its own dtype.
+    blends, and |rho| may be up to the largest number below 1 of its dtype.
     """
     opacity = torch.ones_like(rho) if opacity is None else opacity
     beta = torch.ones_like(rho) if beta is None else beta
@@ -197,5 +197,5 @@ def _check_domain(name: str, tensor: torch.Tensor) -> None:
 
 
 def below_one(dtype: torch.dtype) -> float:
-    """Return the last number before 1 of a floating dtype."""
+    """Return the largest number below 1 of a floating dtype."""
     return 1 - torch.finfo(dtype).eps / 2

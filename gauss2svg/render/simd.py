@@ -1,4 +1,4 @@
-"""Sixteen lanes of float32 or float64 as one numba value: kernels are vectorised as written.
+"""Sixteen lanes of float32 or float64 as one numba value, so that kernels are vectorised.
 
 LLVM's loop vectoriser gives up on the compositing loops, whose many small buffers could alias.
 Here a row of a tile is one `<16 x float>` value. LLVM maps it to one 512-bit, two 256-bit or
@@ -24,14 +24,14 @@ scalar code.
 
 tests/render/test_simd.py checks the errors of log and exp2.
 
-One source serves both precisions. What differs between them is chosen when a kernel is compiled:
+One source serves both precisions. Constants that differ are chosen when a kernel is compiled:
 
     constant(single, double)    makes f(like), the value for the element type of like
     polynomial(single, double)  makes f(u) = 1 + c1 u + c2 u^2 + ..
 """
 
 # pyright: reportCallIssue=false
-# The intrinsics take a typing context that numba passes by itself.
+# numba itself passes typingctx, the first argument of the intrinsics.
 
 import math
 import operator
@@ -63,7 +63,7 @@ class _LanesModel(models.PrimitiveModel):
 
 
 def _vector(lanes_type: Any) -> Any:
-    """Return LLVM's type of lanes, or of lanes of the elements of an array."""
+    """Return LLVM's vector type for lanes of a _Lanes type, or of the elements of an array type."""
     return ir.VectorType(_ELEMENTS[lanes_type.dtype], LANES)
 
 
@@ -75,7 +75,7 @@ def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any
 
 @intrinsic
 def load(typingctx, array, index):
-    """Return lanes from the 16 elements of a C-contiguous array that start at flat index."""
+    """Return as lanes the 16 elements of a C-contiguous array from a flat index on."""
     assert array.layout == "C"
 
     def codegen(context, builder, signature, args):
@@ -87,7 +87,7 @@ def load(typingctx, array, index):
 
 @intrinsic
 def store(typingctx, array, index, value):
-    """Write lanes to the 16 elements that start at flat index."""
+    """Write lanes to the 16 elements of a C-contiguous array from a flat index on."""
     assert (array.layout, array.dtype) == ("C", value.dtype)
 
     def codegen(context, builder, signature, args):
@@ -122,7 +122,7 @@ def narrow(typingctx, value, like):
 
 
 def constant(single: float, double: float) -> Any:
-    """Return a function of like: single if its elements are float32, double if float64."""
+    """Return a function of `like`: `single` if its elements are float32, `double` if float64."""
 
     @intrinsic
     def operation(typingctx, like):
@@ -165,7 +165,7 @@ most = _binary(lambda builder, a, b: builder.select(builder.fcmp_ordered(">", a,
 
 
 def _overload_operator(symbol, emit):
-    # Lowered directly, because numba's `overload` would compile each use as a function.
+    # The operator is lowered directly. numba's `overload` would compile each use as a function.
     @type_callable(symbol)
     def type_of(context):
         return lambda left, right: left if isinstance(left, _Lanes) and left == right else None
@@ -207,7 +207,7 @@ def _split(builder, value, bits, fraction, bias):
 
 @_unary
 def exponent(builder, value, *layout):
-    """Return the exponents of lanes as numbers."""
+    """Return the exponents of lanes, typed as the lanes."""
     return builder.sitofp(_split(builder, value, *layout)[1], value.type)
 
 

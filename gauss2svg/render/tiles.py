@@ -1,8 +1,8 @@
-"""Pairs of a Gaussian and a tile that it reaches, with its pixel rows in the tile.
+"""Pairs of a Gaussian and a tile that it reaches, with the Gaussian's pixel rows in the tile.
 
 The canvas is cut into tiles TILE_WIDTH pixels wide (one vector register of float32) and
 TILE_HEIGHT rows high. A "pair" is one Gaussian in one tile. Kernels visit only the rows that its
-ellipse reaches in the tile's columns, so work is counted in pair rows of TILE_WIDTH pixels.
+ellipse reaches in the tile, so work is counted in pair rows of TILE_WIDTH pixels.
 
 The kernels step from row to row of a pair in float32, by w22 = 1 / (sy sqrt(1 - rho^2)) in
 whitened offsets (`_whitened` of gauss2svg.render.kernels). Over 8 rows these steps round the
@@ -25,14 +25,14 @@ from numpy.typing import NDArray
 
 from gauss2svg.kernel_cache import cached
 
-# torch's OpenMP reads this when it is loaded. PASSIVE lets idle threads sleep. By default they spin
-# on a core that a kernel could use. A value that the user has set is kept.
+# torch's OpenMP reads this variable when it is loaded. PASSIVE lets idle threads sleep. By default
+# they spin on a core that a kernel could use. A value that the user has set is kept.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 # Decorator of a kernel that Python calls. Kernels need no check for division by zero.
 kernel = cached(nogil=True, error_model="numpy")
-# Decorator of a function that only kernels call. It has no entry points for Python and no reference
-# counts, which would only take time to compile.
+# tile_kernel is the decorator of a function that only kernels call. _INSIDE leaves out entry points
+# for Python and reference counts, which would only take time to compile.
 _INSIDE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
 tile_kernel = njit(nogil=True, error_model="numpy", **_INSIDE)
 
@@ -42,13 +42,13 @@ _pool: ThreadPoolExecutor | None = None
 def in_shares(work: Callable[[int, int], None], max_shares: int) -> None:
     """Call work(share, shares) for share = 0, ..., shares - 1 at the same time, and wait for all.
 
-    The number of shares is that of numba's threads (numba.set_num_threads), but in 1..max_shares.
+    There are as many shares as numba has threads (numba.set_num_threads), but at most max_shares.
     The calling thread does the first share, so one share needs no other thread.
     """
     global _pool
     shares = max(1, min(get_num_threads(), max_shares))
     if shares > 1 and _pool is None:
-        # One thread less would do for one caller, but several may render at once.
+        # One thread less would suffice for one caller, but several callers may render at once.
         _pool = ThreadPoolExecutor(os.cpu_count(), "gauss2svg-kernel")
     others = [_pool.submit(work, share, shares) for share in range(1, shares)] if _pool else []
     try:
@@ -64,7 +64,7 @@ def _forget_pool() -> None:
     _pool = None
 
 
-# Threads do not survive a fork: the child starts its own.
+# Threads do not survive a fork, so the child starts a pool of its own.
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget_pool)
 
@@ -72,9 +72,9 @@ if hasattr(os, "register_at_fork"):
 TILE_WIDTH = 16  # px. 16 float32 fill one 512-bit register, or two of 256 bits
 TILE_BITS = 4
 TILE_HEIGHT = 1 << TILE_BITS
-# px, least width sy sqrt(1 - rho^2) along a column at which the pairs of a shape have several rows.
+# px. Pairs of a shape have one row each if its width sy sqrt(1 - rho^2) along a column is smaller.
 LEAST_STEPPED = 1 / 64
-_LEAST_SHARE = 512  # fewest Gaussians of a share that is worth waking a thread for
+_LEAST_SHARE = 512  # fewest Gaussians in a share that is worth waking a thread for
 
 
 class Pairs(NamedTuple):
@@ -84,8 +84,8 @@ class Pairs(NamedTuple):
     gaussian   (p,) int32: the Gaussian of a pair
     rows       (p, 2) int32: first and one past the last image row of a pair
     start      (tiles + 1,) int64: the list of tile t is order[start[t]:start[t + 1]]
-    order      (p,) int32: pairs tile by tile, front to back (the topmost Gaussian first)
-    most_rows  the largest sum of pair rows over the tiles
+    order      (p,) int32: indices of pairs tile by tile, front to back (topmost Gaussian first)
+    most_rows  largest number of pair rows in a tile
     """
 
     offset: NDArray[np.int64]
@@ -131,7 +131,7 @@ def find_pairs(
         count // _LEAST_SHARE,
     )
     thin = sigma[:, 1] * np.sqrt((1 - rho) * (1 + rho)) < LEAST_STEPPED
-    bits = np.where(thin, 0, TILE_BITS)  # binary logarithm of the rows that a pair may hold
+    bits = np.where(thin, 0, TILE_BITS)  # binary logarithm of the most rows of a pair
     first, end = strip_rows.T
     shift = np.repeat(bits, strip_count)
     total = int(np.where(end > first, ((end - 1) >> shift) - (first >> shift) + 1, 0).sum())
@@ -153,7 +153,7 @@ def _find_strip_rows(share, shares, shape, h, w, column, strip, strip_rows):
     shape       (n, 6) mean x, y, sigma x, y, rho and the radius of the cut
     column      (n,) the first tile column of each Gaussian
     strip       (n + 1,) Gaussian i has the strips strip[i]:strip[i + 1], one for each column
-    strip_rows  (s, 2) first and one past the last row, written; equal if it reaches none
+    strip_rows  (s, 2) output: first row and one past the last, equal if the Gaussian reaches none
 
     At the offset u from the mean the ellipse's rim lies at
     v = sy (rho u / sx +- k sqrt(radius^2 - u^2 / sx^2)) with k = sqrt(1 - rho^2). The upper rim is
@@ -194,10 +194,10 @@ def _list_pairs(
     """Cut strips into pairs, and list the pairs of each tile by a counting sort.
 
     columns    number of tile columns of the canvas
-    bits       (n,) binary logarithm of the rows that a pair may hold
-    offset to order  fields of Pairs, written; start is 0 on entry
-    tile       (p,) the tile of a pair, written
-    tile_rows  (tiles,) sum of pair rows in each tile, written; 0 on entry
+    bits       (n,) binary logarithm of the most rows of a pair
+    offset, gaussian, rows, start, order  output: fields of Pairs. offset and start are 0 on entry
+    tile       (p,) output: the tile of a pair
+    tile_rows  (tiles,) output: number of pair rows in each tile. 0 on entry
     """
     n = strip.size - 1
     at = 0

@@ -1,6 +1,6 @@
 """Weights of the shapes' colours in each pixel. A picture is linear in the colours.
 
-A pixel of alpha compositing is sum_k w_k c_k, where w_k is alpha_k times the transmittance of all
+With alpha compositing a pixel is sum_k w_k c_k, where w_k is alpha_k times the transmittance of all
 shapes above, and k = 0 is the background.
 """
 
@@ -20,17 +20,16 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 _LARGEST_SIDE = 768  # longest side in px of the canvas on which visible masses are computed
-_LEAST_WEIGHT = 1e-9  # least weight of a colour that counts in a pixel
+_LEAST_WEIGHT = 1e-9  # weight in a pixel above which a colour counts there
 
 
 def color_weights(
     scene: Scene, plain_radius: NDArray[np.float64], height: int, width: int
 ) -> tuple[csr_array, NDArray[np.float64]]:
-    """Return the weights (n + 1, h w) of the colours, the background first, and their products.
+    """Return the weights W (n + 1, h w) of the colours, the background first, and W W^T.
 
-    The products (n + 1, n + 1) are sums over all pixels. The weights are sparse, because few shapes
-    show in a pixel. Plain ellipses (scene.drawn) count by how much of each pixel they cover, and
-    plain_radius (n,) has their radii in sigmas.
+    W is sparse, because few shapes show in a pixel. Plain ellipses (scene.drawn) count by the share
+    of each pixel that they cover, and plain_radius (n,) has their radii in sigmas.
     """
     from scipy.sparse import csr_array  # takes a third of a second, and few runs need it
 
@@ -38,7 +37,7 @@ def color_weights(
     reach = scene.sigma * cut_radius(scene.beta)[:, None] + covers[:, None]
     low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
     high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
-    left, whitening = np.ones((height, width)), scene.whitening
+    transmittance, whitening = np.ones((height, width)), scene.whitening
     pixel = np.arange(height * width).reshape(height, width)
     values, pixels = [np.zeros(0)] * (len(scene) + 1), [pixel[0, :0]] * (len(scene) + 1)
     for k in range(len(scene) - 1, -1, -1):
@@ -52,13 +51,13 @@ def color_weights(
         else:
             share = profile(np.sqrt(np.square(z).sum(axis=-1)), scene.beta[k])
         alpha = scene.opacity[k] * share
-        box = left[y0:y1, x0:x1]
+        box = transmittance[y0:y1, x0:x1]
         weight = alpha * box
         shows = weight > _LEAST_WEIGHT
         values[k + 1], pixels[k + 1] = weight[shows], pixel[y0:y1, x0:x1][shows]
         box *= 1 - alpha
-    shows = left > _LEAST_WEIGHT
-    values[0], pixels[0] = left[shows], pixel[shows]
+    shows = transmittance > _LEAST_WEIGHT
+    values[0], pixels[0] = transmittance[shows], pixel[shows]
     starts = np.cumsum([0, *map(len, values)])
     weights = csr_array(
         (np.concatenate(values), np.concatenate(pixels), starts), (len(values), height * width)
@@ -69,11 +68,11 @@ def color_weights(
 def visible_mass(
     scene: Scene, weight: NDArray[np.floating] | None = None
 ) -> tuple[NDArray[np.float64], int]:
-    """Return the visible mass (n,) of each shape, and the number of pixels of the canvas used.
+    """Return the visible mass (n,) of each shape, and the number of pixels over which it is summed.
 
-    The visible mass is the sum of weight (alpha transmittance)^2 over the canvas, which is reduced
-    if it is large. A change d of a colour adds visible_mass d^2 to the weighted sum of squared
-    errors. weight (h, w) > 0 has any size and mean 1, or is None for 1 everywhere.
+    The visible mass is the sum of weight (alpha transmittance)^2 over a canvas that is reduced if
+    it is large. A change d of an optimal colour adds visible_mass d^2 to the weighted squared
+    error. weight (h, w) > 0 has any size and mean 1, or is None for 1 everywhere.
     """
     reduced = min(1.0, _LARGEST_SIDE / max(scene.width, scene.height))
     width, height = (max(1, round(side * reduced)) for side in (scene.width, scene.height))

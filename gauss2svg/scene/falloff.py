@@ -9,19 +9,20 @@ instead of at a visible step, and f(0) stays 1. The cut lies where the power (r^
 
     cut_radius(beta) = sqrt(2 CUT^(1 / beta)),
 
-so the support shrinks as beta grows: 3 sigma at 1, 1.64 at 5, sqrt 2 in the limit. Below
-beta = 1/2 the derivative in the mean, which is proportional to r^(2 beta - 1), is infinite at the
-mean itself. So the domain begins at LEAST_BETA = 1/2.
+so the support shrinks as beta grows: 3 sigma at 1, 1.64 at 5, sqrt 2 in the limit. Near the mean,
+the derivative of f is proportional to r^(2 beta - 1). Below beta = 1/2 it is infinite at the mean,
+so the domain begins at LEAST_BETA = 1/2.
 
 A plain ellipse has no falloff. A renderer draws each pixel by the share of it that the ellipse
-covers. With z = W (x - mean), so |z| = r, its growth g = |W^T z| / |z| per px and R =
-covered_radius(beta), the share follows from the distances in px to the near and far rims:
+covers. Let z = W (x - mean) with the scene's whitening W, so that |z| = r. Per px, r grows by
+g = |W^T z| / |z|. The ellipse ends at R = covered_radius(beta). The share follows from the
+distances in px to the near and the far rim:
 
     clip(1/2 + (R - |z|) / g) + clip(1/2 + (R + |z|) / g) - 1,  clip to 0..1.
 
-Two bounds correct it for needles. The share is at most min(1, 2 b, pi a b), where a >= b are the
+Two bounds correct the share for needles. It is at most min(1, 2 b, pi a b), where a >= b are the
 semi-axes in px, because a needle covers no more of any pixel. It is 0 outside the ellipse whose
-semi-axes are half a pixel longer, because the distances overestimate it beyond a needle's ends.
+semi-axes are half a px longer, because the formula gives too much beyond a needle's ends.
 """
 
 import math
@@ -30,8 +31,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Distance in sigmas at which a Gaussian is cut. 1 % of the peak is left there. A cut at 3.5 would
-# cover 36 % more pixels.
+# Distance in sigmas at which a Gaussian is cut. It has 1 % of its peak there. With a cut at 3.5,
+# Gaussians would cover 36 % more pixels.
 RADIUS = 3.0
 CUT = RADIUS * RADIUS / 2
 RIM = math.exp(-CUT)
@@ -40,8 +41,8 @@ LEAST_BETA, MOST_BETA = 0.5, 256.0
 # A rim of large beta falls from 0.9 to 0.1 over RIM_WIDTH / beta px if sigma is 1 px.
 RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
 
-# Exponents in a file. Shapes of one colour and exponent share a gradient, and more exponents gain
-# nothing (docs/decisions/falloff.md).
+# The exponents that files have. Shapes of equal colour and exponent share a gradient, and more
+# exponents would gain nothing (docs/decisions/falloff.md).
 BETA_CLASSES = (1.0, 1.7, 3.0, 6.0, 16.0, 64.0)
 
 
@@ -71,7 +72,7 @@ def coverage(
     w11, w21, w22 = np.moveaxis(whitening, -1, 0)
     r = np.hypot(z1, z2)
     slope = np.hypot(w11 * z1 + w21 * z2, w22 * z2)
-    # px for each unit of r; infinite at the mean, where the share is the largest
+    # px per unit of r; infinite at the mean, where the share is the largest
     px = np.divide(r, slope, out=np.full_like(r, np.inf), where=slope > 0)
     near, far = ((radius + sign * r) * px + 0.5 for sign in (-1, 1))
     share = np.clip(near, 0, 1) + np.clip(far, 0, 1) - 1
@@ -85,12 +86,12 @@ def coverage(
 def longer_axes(
     whitening: NDArray[np.float64], radius: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return ellipses with semi-axes half a px longer, and the largest share of a pixel covered.
+    """Lengthen the semi-axes of ellipses by half a px, and bound the share of a pixel they cover.
 
     whitening  (..., 3) entries w11, w21, w22 in 1/px
     radius     (...) in sigmas
-    The longer ellipses are returned as the whitening (..., 3) for which their radius is 1. The
-    shares (...) are min(1, 2 b, pi a b) of the given ellipses.
+    Return the whitening (..., 3) for which the longer ellipses have radius 1, and the bounds (...)
+    min(1, 2 b, pi a b), where a >= b are the semi-axes before the lengthening.
     """
     w11, w21, w22 = np.moveaxis(whitening, -1, 0)
     l11, l21, l22 = radius / w11, -radius * w21 / (w11 * w22), radius / w22
@@ -105,15 +106,15 @@ def longer_axes(
     xy += ratio * xy
     l11 = np.sqrt(xx)
     l21 = xy / l11
-    l22 = (long + 0.5) * (short + 0.5) / l11  # the determinant / l11: no cancellation
+    l22 = (long + 0.5) * (short + 0.5) / l11  # determinant / l11 has no cancellation
     max_share = np.minimum(1.0, short * np.minimum(2.0, np.pi * long))
     return np.stack([1 / l11, -l21 / (l11 * l22), 1 / l22], axis=-1), max_share
 
 
 def covered_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the radii (n,) in sigmas at which ellipses have the integrals of profiles of beta.
+    """Return the radii (n,) in sigmas of plain ellipses that have the integrals of profiles.
 
-    R^2 = 2 integral f(r) r dr, interpolated in a table within 1e-5.
+    R^2 = 2 integral f(r) r dr, interpolated in a table to within 1e-5.
     """
     return np.interp(np.log(beta), *_covered_radii())
 
@@ -138,6 +139,6 @@ def half_radius(beta: ArrayLike) -> NDArray[np.float64]:
 
 
 def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the indices into BETA_CLASSES of the exponents with the nearest logarithms."""
+    """Return for each beta the index of the entry of BETA_CLASSES nearest in logarithm."""
     logs = np.log(BETA_CLASSES)
     return np.searchsorted(0.5 * (logs[1:] + logs[:-1]), np.log(beta))

@@ -20,8 +20,8 @@ if TYPE_CHECKING:  # the help works without NumPy
 
     _Numbers = NDArray[np.float64]
 
-    # The number of inks, or their colours, or the path of a palette file. The command line takes no
-    # sequences.
+    # The number of inks, or their colours, or the path of a palette file. The command line reads
+    # the type below, without sequences.
     Inks = int | str | os.PathLike[str] | Sequence[str]
 else:
     Inks = int | str
@@ -35,22 +35,22 @@ _MOST_PALETTE_BYTES = 1_000_000
 # Lines that GIMP and Inkscape skip: comments, and fields of the header such as Name and Columns.
 _SKIPPED_LINE = re.compile(r"\s*(#.*|[A-Za-z]+:.*)?")
 _COLOR_LINE = re.compile(r"\s*([0-9]{1,9})\s+([0-9]{1,9})\s+([0-9]{1,9})(?:\s.*)?")
-# Choice of inks (docs/decisions/inks.md).
-# A cell of similar colours counts with the weight of its pixels to this power, so that a small red
-# dot gets an ink of its own.
+# Constants of the choice of inks (docs/decisions/inks.md).
+# The weight of a cell of similar colours is the weight of its pixels to this power, so that a small
+# red dot gets an ink of its own.
 _WEIGHT_POWER = 0.5
 # Factor of hue and chroma relative to lightness. With a factor of 1, accents of photos would share
 # an ink with greys.
 _CHROMA_FACTOR = 1.6
-_CELL_SIDE = 8  # levels of 255 along the side of a cell of similar colours
-_CELLS_PER_INK = 4  # least number of cells for each ink; with fewer, each colour is its own cell
-# Difference from a neighbour at which a pixel has half the weight, because edges mix colours.
+_CELL_SIDE = 8  # side of a cell of similar colours, in levels of 255
+_CELLS_PER_INK = 4  # least number of cells per ink; with fewer cells, a cell is one colour
+# A pixel that differs from a neighbour by this (0..1) has half the weight, as edges mix colours.
 _EDGE_DIFFERENCE = 0.05
 _ITERATIONS = 30  # iterations of k-means
 # Least share of a cluster's pixels that makes its commonest colour the ink.
 _FLAT_SHARE = 0.25
-_MOST_PIXELS = 250_000  # approximate number of pixels that are read
-_CODE = (65536, 256, 1)  # factors that make a colour one number, which sorts faster than three
+_MOST_PIXELS = 250_000  # approximate number of pixels of a picture that are read
+_CODE = (65536, 256, 1)  # factors that join three levels to one number, which sorts faster
 # Matrices of Oklab (Ottosson, 2020): from linear sRGB to cones, and from their cube roots to L a b.
 _TO_CONES = (
     (0.4122214708, 0.5363325363, 0.0514459929),
@@ -116,12 +116,12 @@ def inks_of_scene(scene: Scene) -> _Numbers:
 
 
 def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
-    """Return the colours of inks, chosen from the picture if `inks` is a number.
+    """Return `inks` if it has colours. If it is a number, choose as many colours of the picture.
 
     pixels  (h, w, 3) or (h, w, 4) in 0..1
-    Colours that are given stay as they are. Chosen ones are sorted from light to dark. They are the
-    clusters of k-means in Oklab, with hue and chroma weighted. A colour that makes up much of its
-    cluster is itself the ink, so that flat drawings keep their colours.
+    The chosen colours are returned like "#rrggbb,#rrggbb,..", from light to dark. Each stands for a
+    cluster of k-means in Oklab, where hue and chroma have more weight than lightness. A colour that
+    makes up much of its cluster is itself the ink, so that flat drawings keep their colours.
     Raise InputError if the picture has fewer colours than `inks`.
     """
     if isinstance(inks, str):
@@ -144,7 +144,7 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     cell_counts = np.bincount(cell, counts)
     cells = _means(points, counts, cell, np.zeros((len(cell_counts), 3)))
     weight = np.asarray(cell_counts**_WEIGHT_POWER, np.float64)
-    seeds = [int(weight.argmax())]  # each next seed has the largest weighted distance to them
+    seeds = [int(weight.argmax())]  # the next is farthest, by weight, from all before
     squares = np.square(cells - cells[seeds[0]]).sum(axis=1)
     while len(seeds) < inks:
         seeds.append(int((weight * squares).argmax()))
@@ -158,16 +158,16 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
         members = np.flatnonzero(entry == k)
         share = counts[members] / counts[members].sum()
         at = members[share.argmax()]
-        if share.max() < _FLAT_SHARE:  # take the colour nearest to the mean
+        if share.max() < _FLAT_SHARE:  # take the colour nearest to the cluster's mean
             at = members[np.square(points[members] - centers[k]).sum(axis=1).argmin()]
         chosen.append((-float(points[at, 0]), "#" + bytes(colors[at].tolist()).hex()))
     return ",".join(ink for _, ink in sorted(chosen))
 
 
 def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
-    """Return the distinct colours (n, 3) of visible pixels in levels of 255, and weights (n,).
+    """Return the distinct colours (n, 3) of pixels with alpha >= 0.5 in levels, and weights (n,).
 
-    The weight of a pixel is 1, or less if its neighbours have other colours.
+    A colour's weight is the sum of its pixels' weights, which are 1, or less beside other colours.
     """
     import numpy as np
 
@@ -178,7 +178,7 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
             beside = np.pad(step, [(before, after) if a == axis else (0, 0) for a in (0, 1)])
             np.maximum(steps, beside, out=steps)
     stride = max(1, steps.size // _MOST_PIXELS)
-    while math.gcd(stride, pixels.shape[1]) > 1:  # a common divisor would leave columns out
+    while math.gcd(stride, pixels.shape[1]) > 1:  # else some columns are never read
         stride += 1
     every = slice(None, None, stride)
     flat = pixels.reshape(-1, pixels.shape[2])[every]
@@ -192,7 +192,7 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
 
 
 def _means(points: _Numbers, weight: _Numbers, entry: Any, others: _Numbers) -> _Numbers:
-    """Return the weighted mean (k, 3) of each entry's points; `others` where it has no points."""
+    """Return the weighted means (k, 3) of the points of each entry, or `others` without points."""
     import numpy as np
 
     mass = np.bincount(entry, weight, len(others))
@@ -219,3 +219,9 @@ def _read_palette(name: str, path: str) -> list[str]:
             got = quoted(f"line {number}, {line}")
             raise refusal(name, "three levels of 0 to 255 a line", got, _ADVICE)
     return list(colors)
+
+
+def used_inks(scene: Scene, inks: str) -> list[str]:
+    """Return those inks of a list "#rrggbb,#rrggbb,.." that the scene contains."""
+    used = {ink_name(ink) for ink in inks_of_scene(scene)}
+    return [ink for ink in inks.split(",") if ink in used]

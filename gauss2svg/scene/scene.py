@@ -1,11 +1,10 @@
 """The scene: an ordered list of 2D Gaussians on a canvas, as arrays.
 
-The parameters of a scene, declared once.
-
-These tables tell scenes what to check, select, concatenate, scale and save. Fits read raw
-values, activations, learning rates and Adam's columns. A new parameter of shapes is a record of
-PARAMETERS and a field of gauss2svg.scene.scene.Scene, and also of gauss2svg.fit.state.State if a
-fit steps it. Renderers, writers and readers name what they use (docs/development.md).
+CANVAS and PARAMETERS declare each parameter once. Scenes are checked, selected, concatenated,
+scaled and saved by these records. Fits take raw values, activations, learning rates and the columns
+of Adam's arrays from them. A new parameter of shapes is a record of PARAMETERS and a field of
+Scene, and also of gauss2svg.fit.state.State if a fit steps it. Renderers, writers and readers name
+the parameters that they use (docs/development.md).
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
-LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # px, bounds of a side
-# Largest absolute value of a signed colour. The rounding of renderers hides larger values.
+LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # px, bounds of a side of the canvas
+# Largest absolute value of a signed colour. Sums of larger ones drown in 8-bit rounding.
 MOST_SIGNED = 100.0
-# The largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
+# Bound of |rho|: the largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
 RHO_LIMIT = math.nextafter(1, 0)
 # px, bounds of sigma and of the mean. A thinner Gaussian is invisible, because pixels are sampled
 # at their centres. Float64 renders and float32 gradients are finite up to 1000 times the upper
@@ -42,10 +41,11 @@ MOST_MEAN = 1e12
 # same. PLAIN: always by a plain ellipse. BLURRED: as a blurred disc.
 SOFT, PLAIN, BLURRED = range(3)
 
-# Logits of opacities 0.0003 and 0.999994. An 8-bit image shows no change beyond them.
+# Bounds of opacity logits: opacities 0.0003 and 0.999994. Beyond, no 8-bit image changes.
 LEAST_RAW_OPACITY, MOST_RAW_OPACITY = -8.0, 12.0
-# Bounds of ln beta in a fit. The lower one stands for a Gaussian: at exactly 0 the kernels leave
-# out the gradient of the exponent, and a smaller bound gives worse fits (docs/decisions/adam.md).
+# Bounds of ln beta in a fit. At the lower one, a shape is nearly a Gaussian. At 0 the kernels would
+# leave out the gradient of the exponent, and a bound below 0 gives worse fits
+# (docs/decisions/adam.md).
 LEAST_RAW_BETA, MOST_RAW_BETA = 1e-6, math.log(128.0)
 
 _Values = NDArray[Any]
@@ -53,11 +53,11 @@ _Values = NDArray[Any]
 
 @dataclass(frozen=True)
 class Raw:
-    """The raw form of a parameter that a fit steps number by number, unlike the geometry.
+    """The raw form in which a fit steps a parameter. The geometry is stepped as a whole instead.
 
     name         field of gauss2svg.fit.state.State with the raw values
-    activated    maps raw values to those of a scene
-    inverse      maps values of a scene to raw ones
+    activated    function from raw values to those of a scene
+    inverse      function from values of a scene to raw values
     least, most  bounds of the raw values
     first        raw value of a new shape if its placement gives none
     """
@@ -79,13 +79,13 @@ class Parameter:
     least, most      domain of its values
     additive_domain  least and largest value in additive scenes, if they differ
     default          value in a scene that does not give it; None if it must be given
-    dtype            type of its array in a scene
+    dtype            NumPy type of its array in a scene
     scaled           whether it is in px, and scales with the canvas
     raw              raw form in a fit; None if it belongs to the geometry or never changes
     rate             learning rate in the frame of gauss2svg.fit.adam; 0 if it is not stepped
-    shared           whether shapes that share a gradient in a file share its values, so that the
-                     last steps of a fit keep them
-    advice           what to try with values out of the domain
+    shared           whether shapes with one gradient in a file must have equal values. In the last
+                     steps of a fit, SharedColors keeps them equal
+    advice           the text after "Try" in the refusal of a value out of the domain
     once             whether a scene has one value, not one for each shape
     """
 
@@ -104,7 +104,7 @@ class Parameter:
     once: bool = False
 
     def domain(self, blend: str) -> tuple[float, float]:
-        """Return the least and the largest value of the parameter in scenes of a blend."""
+        """Return the least and the largest value of the parameter in scenes of this blend."""
         domain = self.additive_domain if blend == ADD else None
         return domain or (self.least, self.most)
 
@@ -147,14 +147,13 @@ class Parameter:
 
 _COLOR_ADVICE = "to clip it, or to divide by 255 what is in 8 bits"
 _SIDE_ADVICE = "to scale the scene"
-# Parameters that a scene has once.
 CANVAS = (
     Parameter("width", 1, LEAST_CANVAS, MOST_CANVAS, advice=_SIDE_ADVICE, scaled=True, once=True),
     Parameter("height", 1, LEAST_CANVAS, MOST_CANVAS, advice=_SIDE_ADVICE, scaled=True, once=True),
     Parameter("background", 3, 0.0, 1.0, default=1.0, advice=_COLOR_ADVICE, once=True),
 )
 # Parameters of each shape. Learning rates come from the ablations of docs/decisions/fit.md. A fit
-# steps mean and sigma in shares of the shape's own sigma, rho as the shear of its frame, opacity as
+# steps mean and sigma in units of the shape's own sigma, rho as the shear of its frame, opacity as
 # a logit, and beta as a logarithm.
 PARAMETERS = (
     Parameter(
@@ -186,12 +185,12 @@ PARAMETERS = (
     Parameter("drawn", 1, SOFT, BLURRED, additive_domain=(SOFT, SOFT), default=SOFT, dtype=np.int8),
 )  # fmt: skip
 
-# Parameters that Adam steps number by number, with their raw forms. Adam's columns have this order,
-# after those of the geometry.
+# Parameters that Adam steps in their raw forms. Their columns have this order in Adam's arrays,
+# after the columns of the geometry.
 STEPPED = tuple((parameter, parameter.raw) for parameter in PARAMETERS if parameter.raw)
 
 
-_FORMAT_VERSION = 1  # scene file version, unchanged by a new parameter with a default
+_FORMAT_VERSION = 1  # version of scene files. A new parameter with a default does not raise it
 _REQUIRED = {parameter.name for parameter in (*CANVAS, *PARAMETERS) if parameter.default is None}
 _DEFAULT: Any = None  # replaced by the constructor, which knows the number of Gaussians
 
@@ -208,7 +207,7 @@ class Scene:
     mean           (n, 2) x, y in px, up to MOST_MEAN either way; pixel centres lie at +0.5
     sigma          (n, 2) standard deviations along x and y in px, LEAST_SIGMA..MOST_SIGMA each,
                    in any ratio
-    rho            (n,) correlation, up to RHO_LIMIT either way: the last number before 1
+    rho            (n,) correlation, up to RHO_LIMIT either way, the largest float below 1
     color          (n, 3) sRGB in 0..1; signed, up to MOST_SIGNED either way, if blend is "add"
     opacity        (n,) in 0..1; all 1 if blend is "add"
     background     (3,) sRGB in 0..1; in a transparent scene, the colour of the page that shows it
@@ -220,16 +219,15 @@ class Scene:
     drawn          (n,) how a file draws each shape. SOFT: by a gradient, or by a plain ellipse if
                    that looks the same. PLAIN: by a plain ellipse at any size. BLURRED: as a blurred
                    disc, in the form "blur". None for all SOFT
-    transparent    whether the background is left out, so that rendered images have alpha and a
-                   file has no background; False if blend is "add"
+    transparent    whether the background is left out of files and of render_rgba, whose image then
+                   has alpha; False if blend is "add"
 
     A signed colour is the contribution of its Gaussian at its mean. The paper uses coefficients of
     normal densities instead: see `densities` and `peaks_of`.
 
-    Arrays are made read-only and have the dtypes of gauss2svg.scene.scene: float64, but int32
-    for round_index and int8 for drawn. Both renderers draw any scene of this domain with finite
-    gradients. write_svg refuses what a file cannot hold. The constructor raises SceneError or
-    InputError with the name of the field.
+    Arrays are made read-only and float64, but round_index int32 and drawn int8. Both renderers draw
+    any scene of this domain with finite gradients. write_svg refuses what a file cannot hold. The
+    constructor raises SceneError or InputError with the name of the field.
     """
 
     width: float
@@ -360,10 +358,10 @@ class Scene:
 
     @property
     def ellipse_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """One-sigma semi-axes (n, 2) in px, larger first, and the larger one's angle_rad (n,).
+        """One-sigma semi-axes (n, 2) in px, larger first, and angles (n,) of the larger in radians.
 
         The semi-axes are the singular values of the factor, from sums and differences of its
-        entries. The angle runs from +x towards +y (downwards) in -pi/2..pi/2.
+        entries. An angle runs from +x towards +y (downwards) in -pi/2..pi/2.
         """
         factor = self.factor
         l11, l21, l22 = factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]
@@ -392,14 +390,14 @@ class Scene:
     def select(self, index: Any) -> Self:
         """Return the scene of the Gaussians that a mask, slice or index array picks.
 
-        Raise SceneError if rounds decrease in that order, and NumPy's IndexError if the index is of
-        another kind or out of range.
+        Raise SceneError if round_index decreases in the new order, and NumPy's IndexError if the
+        index is of another kind or out of range.
         """
         picked = np.arange(len(self))[index]
         return self.replace(**{p.name: getattr(self, p.name)[picked] for p in PARAMETERS})
 
     def concatenate(self, top: Scene) -> Self:
-        """Return the scene with the Gaussians of another composited over it, as later rounds.
+        """Return the scene with the Gaussians of `top` above its own, as later rounds.
 
         Canvas, background and transparency are those of this scene. Raise SceneError if the blends
         differ.

@@ -3,7 +3,7 @@
     application.mount("/studio", gauss2svg.studio.app)
 
 mounts the studio in another ASGI application, which decides who may use it. The studio's workers
-start with the first photo and end with the process. `gauss2svg studio` asks for a token.
+start with the first photo and end with the event loop. Only `gauss2svg studio` asks for a token.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 @cache
 def __getattr__(name: str) -> Any:
-    # The app is made on first use, so that the package can be imported without FastAPI.
+    # The app is created on first use, so that this package can be imported without FastAPI.
     if name != "app":
         raise AttributeError(f"module 'gauss2svg.studio' has no attribute {name!r}")
     from gauss2svg.studio.service import create_app

@@ -1,8 +1,8 @@
 """ASGI middleware that guards the studio.
 
-`Bounded` limits the requests to every studio, and adds security headers to its responses. `Guard`
-asks for a token. Only the command uses it, because an application that mounts a studio decides who
-may use it.
+`RequestLimits` bounds the requests to every studio, and adds security headers to its responses.
+`Guard` asks for a token. Only the command uses it, because an application that mounts a studio
+decides who may use it.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gauss2svg.errors import quoted
 
-MOST_UPLOADED = 256 * 10**6  # largest form, in bytes
-_MOST_JSON = 4_000_000  # largest body of any other request, in bytes
+MOST_UPLOADED = 256 * 10**6  # bytes, largest form with a photo
+_MOST_JSON = 4_000_000  # bytes, largest body of any other request
 PAUSE_S: float | None = 20.0  # longest pause (s) within a body
 _BODY_S = 300.0  # longest time (s) for a whole body
 
@@ -29,7 +29,7 @@ PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )
-# Policy for an SVG that is opened by itself. It may be drawn, but not run scripts or load files.
+# Policy for an SVG that is opened as a page. It may be drawn, but not run scripts or load files.
 PICTURE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; sandbox"
 )
@@ -47,8 +47,8 @@ def _refused(status: int, line: str) -> JSONResponse:
     return JSONResponse({"error": line}, status, headers)
 
 
-class Bounded:
-    """Middleware that limits the size and the time of bodies, and refuses pages of other sites."""
+class RequestLimits:
+    """Middleware that limits the size and time of bodies, and refuses requests of other sites."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -89,7 +89,7 @@ class Bounded:
             await send(message)
 
         answer, length = self.app, headers.get("content-length", "")
-        origin = headers.get("origin")  # browsers send Origin except with plain GETs
+        origin = headers.get("origin")  # browsers send it, except with plain GETs
         if origin is not None and origin.rpartition("/")[2] != headers.get("host"):
             answer = _refused(403, "a page of another site may not use the studio")
         elif length.isdecimal() and int(length) > most:
@@ -98,18 +98,18 @@ class Bounded:
 
 
 class Guard:
-    """Middleware that passes on only requests with the token, sent to a name of this server.
+    """Middleware that passes on a request if it has the token and names this server as its host.
 
     names  names of the server in addresses, in lower case and without ports
-    local  whether only this machine can reach the server. If not, any IP address counts as its name
+    local  whether only this machine can reach the server. If not, it may be named by any IP address
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int, names: set[str], local: bool) -> None:
         self._app, self._token, self._names, self._local = app, token, names, local
-        # The name has the port, because a browser sends a cookie to all ports of a host.
+        # The cookie's name has the port, because a browser sends cookies to all ports of a host.
         self._cookie = f"gauss2svg-{port}"
-        # A ticket opens the page once. It replaces the token in the browser's command line, which
-        # other users may be able to read.
+        # A ticket opens the page once. The browser's command line has it and not the token, because
+        # other users may be able to read that line.
         self.ticket = secrets.token_urlsafe(24)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -124,7 +124,7 @@ class Guard:
         """Return the application that answers a request: the studio, a redirection or a refusal."""
         host = request.headers.get("host", "")
         name = re.sub(r":\d+$", "", host.lower())
-        # DNS rebinding points a site's name at this machine, but an IP address needs no DNS.
+        # By DNS rebinding the name of a hostile site can lead here, but an IP address is no name.
         is_ip_address = re.fullmatch(r"[\d.]+|\[[\da-f:]+\]", name)
         if name not in self._names and (self._local or not is_ip_address):
             return _refused(421, f"the address must be the printed one; got {quoted(host)}")

@@ -1,8 +1,8 @@
-"""Jobs: the queue of fits for the pool of worker processes, and the results that are kept.
+"""Jobs: the queue of fits for the pool of worker processes, and the results of finished fits.
 
 The process of a job writes its progress and its results as files into the job's folder
-(`worker.py`). The server reads these files, so that processes send each other no messages. All
-functions here run in one event loop.
+(`worker.py`). The server reads these files, so the two processes need no messages. All functions
+here run in one event loop.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from starlette.exceptions import HTTPException
 from gauss2svg.pool import Pool
 from gauss2svg.studio.worker import fit, warm
 
-MOST_WAITING = 32  # most jobs in the queue
-MOST_KEPT = 1000  # finished jobs; beyond this number the oldest are forgotten
-MOST_BYTES = 1 << 30  # most bytes of the files of all jobs
+MOST_WAITING = 32  # limit of jobs in the queue
+MOST_KEPT = 1000  # limit of finished jobs. The oldest are forgotten first
+MOST_BYTES = 1 << 30  # limit of the bytes of all jobs' files
 LOOK_S = 0.05  # seconds between two looks at a job that a request waits for
 _RETRY = {"Retry-After": "5"}  # seconds after which a refused client may try again
-_CANCEL_S = 0.2  # seconds after which the warm process of a canceled fit is killed
+_CANCEL_S = 0.2  # seconds that a canceled fit has to end by itself, before its process is killed
 QUEUED, RUNNING, DONE, STOPPED = "queued", "running", "done", "stopped"
 FAILED, CANCELED = "failed", "canceled"
 
@@ -60,7 +60,7 @@ class Job:
 
     @property
     def progress(self) -> dict[str, Any] | None:
-        """Progress that the job's process wrote last."""
+        """Progress that the job's process wrote last, or None as long as there is none."""
         return self._read("progress.json")
 
     @property
@@ -77,7 +77,7 @@ class Job:
     @property
     def state(self) -> str:
         """State: queued, running, done, stopped, failed or canceled."""
-        has_ended = self.call.done()  # asked before the report, which is written before the end
+        has_ended = self.call.done()  # read before the report, because a job may end in between
         if self.report is not None:
             return STOPPED if self.report["stop_reason"] == "interrupted" else DONE
         if self.is_canceled:
@@ -123,14 +123,14 @@ class Jobs:
     @cached_property
     def _pool(self) -> Pool:
         exit_stack = ExitStack()
-        # Nothing tells a mounted studio when the server ends. But an event loop cancels its tasks
-        # when it ends. So this task waits forever, until it is canceled.
+        # Nothing tells a mounted studio that the server ends. But when an event loop ends, it
+        # cancels its tasks. So this task waits for that, and then ends the pool.
         self._task = asyncio.get_running_loop().create_task(asyncio.Event().wait())
         self._task.add_done_callback(lambda _: self._end(exit_stack))
         return exit_stack.enter_context(Pool(self.workers))
 
     def _end(self, exit_stack: ExitStack) -> None:
-        """End all jobs and their processes. Another event loop may start a new pool."""
+        """End the pool and forget all jobs. Another event loop may start a new pool."""
         exit_stack.close()
         del self._pool
         for job in tuple(self.by_id.values()):
@@ -156,7 +156,7 @@ class Jobs:
             raise HTTPException(429, full, _RETRY)
 
     def queue(self) -> list[Job]:
-        """Return the jobs that wait, in their order."""
+        """Return the jobs that wait, first come first."""
         jobs = self.by_id.values()
         return [job for job in jobs if not job.call.done() and job.state == QUEUED]
 
@@ -179,7 +179,7 @@ class Jobs:
             (job.folder / "stop").touch()
 
     def cancel(self, job: Job) -> None:
-        """End a job without a result, or without the rest of its files. It frees its cores soon."""
+        """End a job without a result, or without the files after it. Its cores soon become free."""
         if job.call.done():
             return
         job.is_canceled = True
@@ -197,7 +197,7 @@ class Jobs:
 
     @contextmanager
     def reading(self, job: Job) -> Iterator[None]:
-        """Count a reader during the `with` block. Cancel the job if its last reader leaves."""
+        """Count a reader of a job during the `with` block. When the last leaves, cancel the job."""
         job.readers += 1
         try:
             yield

@@ -18,11 +18,11 @@ from gauss2svg.scene.inks import PALETTE_SUFFIX
 from gauss2svg.studio.uploads import stem_of
 from gauss2svg.studio.worker import MASK
 
-MOST_DRAWN = 40_000_000  # most pixels of a PNG. Drawing so many takes half a gigabyte
+MOST_DRAWN = 40_000_000  # limit of pixels in a PNG. Drawing that many takes half a gigabyte
 # Options that only the server sets, because its fits share the machine.
 _NOT_OFFERED = ("threads", "max_memory", "max_pixels")
 _NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
-_OF_A_SCORE = ("key", "name", "title", "unit", "digits", "best")
+_SCORE_FIELDS = ("key", "name", "title", "unit", "digits", "best")  # fields that the page gets
 _UNIT = re.compile(r"\((dB|s|px)\)")
 
 
@@ -57,7 +57,7 @@ def form() -> dict[str, Any]:
             for key, group in GROUPS.items()
             for texts in [{p.arg_name: p.description for p in parse_from_object(group).params}]
         ],
-        "scores": [{name: getattr(score, name) for name in _OF_A_SCORE} for score in SCORES],
+        "scores": [{name: getattr(score, name) for name in _SCORE_FIELDS} for score in SCORES],
     }
 
 
@@ -92,7 +92,7 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
 
 
 def lines_of(name: str, options: Options, has_focus: bool = False) -> dict[str, str]:
-    """Return {"command": .., "python": ..}, which make the same SVG from a photo.
+    """Return {"command": .., "python": ..}: lines that make the studio's SVG of a photo.
 
     name       file name of the photo
     options    all options; those at their defaults are left out

@@ -32,6 +32,7 @@ from gauss2svg.studio import uploads
 from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, wait_until
 from gauss2svg.studio.options import MOST_DRAWN, form, lines_of, options_of
 from gauss2svg.studio.worker import MASK
+from gauss2svg.svg import Markup
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
@@ -41,7 +42,6 @@ _AXES = {axis.key: axis for axis in SCORES}
 _COSTS = {cost.key: cost for cost in COSTS}
 _FIGURES = ("gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s", "stop_reason")
 _FILES = (MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz")
-Markup = Literal["editable", "minimal"] | None
 
 
 class JobState(BaseModel):
@@ -121,7 +121,7 @@ async def samples(studio: Studio) -> list[uploads.Sample]:
 
 @router.get("/api/samples/{name}", response_class=FileResponse)
 async def sample(sample: Annotated[uploads.Sample, Depends(_sample_named)]) -> FileResponse:
-    """Return the file of such a picture."""
+    """Return the file of a sample picture."""
     return FileResponse(sample.path)
 
 
@@ -250,7 +250,7 @@ async def events(job: KnownJob, studio: Studio) -> AsyncIterator[ServerSentEvent
 
 @router.get("/api/jobs/{name}/frame", response_class=Response)
 async def frame(job: KnownJob) -> Response:
-    """Return a JPEG of the fit as it is now. Wait for the first one."""
+    """Return a JPEG of the fit as it is now. Wait if there is no frame yet."""
     path = job.folder / "frame.jpg"
     await wait_until(lambda: path.exists() or job.is_over)
     if not path.exists():
@@ -273,7 +273,7 @@ async def forget(job: KnownJob, studio: Studio) -> None:
 
 @router.get("/api/jobs/{name}/picture.svg", response_class=Response)
 async def picture(
-    job: FinishedJob, markup: Markup = None, gzip: bool = False, download: bool = False
+    job: FinishedJob, markup: Markup | None = None, gzip: bool = False, download: bool = False
 ) -> Response:
     """Return the SVG as it was written, in another markup, or gzipped as SVGZ."""
     svg, zipped = await _svg(job, markup), gzip or _is_zipped(job)
@@ -294,7 +294,7 @@ async def png(
     width: Annotated[int | None, Query(ge=1)] = None,
     download: bool = False,
 ) -> Response:
-    """Return the SVG as a PNG of a width in px. The height follows from it."""
+    """Return the SVG as a PNG that is `width` px wide, by default as wide as the photo."""
     svg, report = await _svg(job, None), job.report or {}
     wide = width or report["width"]
     high = -(-wide * report["height"] // report["width"])  # rounded up, as resvg does
@@ -309,7 +309,7 @@ async def png(
 
 
 @router.get("/api/jobs/{name}/data-uri.txt", response_class=Response)
-async def data_uri(job: FinishedJob, markup: Markup = None) -> Response:
+async def data_uri(job: FinishedJob, markup: Markup | None = None) -> Response:
     """Return the SVG as a data URI."""
     svg = await _svg(job, markup)
     text = f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
@@ -330,7 +330,9 @@ async def file(
 
 
 @router.get("/api/zip", response_class=Response)
-async def archive(ids: str, studio: Studio, markup: Markup = None, gzip: bool = False) -> Response:
+async def archive(
+    ids: str, studio: Studio, markup: Markup | None = None, gzip: bool = False
+) -> Response:
     """Return a ZIP with the SVGs of several jobs. Their ids are separated by commas."""
     stream, taken = io.BytesIO(), set[str]()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as zipped:
@@ -352,19 +354,19 @@ async def _written(job: Job, name: str) -> Path:
     return path
 
 
-async def _svg(job: Job, markup: Markup) -> str:
+async def _svg(job: Job, markup: Markup | None) -> str:
     is_second = markup not in (None, (job.report or {})["markup"])
     path = await _written(job, f"picture-{markup}.svg" if is_second else "picture.svg")
     return await asyncio.to_thread(path.read_text, "utf-8")
 
 
 def _is_zipped(job: Job) -> bool:
-    """Return whether the command would write the SVG gzipped."""
+    """Return whether the options of a job ask for a gzipped SVG."""
     return bool(job.report and job.report["gzip"])
 
 
 def _new_name(job: Job, suffix: str, taken: set[str]) -> str:
-    """Return a file name that differs from the taken ones on any system, and add it to these."""
+    """Return a file name that differs in more than case from those in `taken`, and add it there."""
     stem = uploads.stem_of(job.name)
     names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
     name = next(name for name in names if f"{name}{suffix}".casefold() not in taken)

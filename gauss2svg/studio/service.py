@@ -25,7 +25,7 @@ from uvicorn.server import HANDLED_SIGNALS
 from gauss2svg.compare.records import machine
 from gauss2svg.errors import Gauss2SvgError, on_one_line, quoted, refusal
 from gauss2svg.options import Field
-from gauss2svg.studio.guard import Bounded, Guard
+from gauss2svg.studio.guard import Guard, RequestLimits
 from gauss2svg.studio.jobs import Jobs
 from gauss2svg.studio.routes import router
 from gauss2svg.studio.uploads import samples_in
@@ -41,7 +41,7 @@ def create_app(
     folder: Path | None = None,
     *,
     is_local: bool = False,
-) -> Bounded:
+) -> RequestLimits:
     """Return the ASGI application.
 
     jobs      number of fits that run at the same time; None: it depends on the cores
@@ -66,7 +66,7 @@ def create_app(
         lifespan=lifespan,
         openapi_url="/api/openapi.json",
         exception_handlers=dict.fromkeys(handled, _error_response),
-        # FastAPI's pages of documentation load scripts from other sites.
+        # FastAPI's pages of documentation are left out, because they load scripts of other sites.
         docs_url=None,
         redoc_url=None,
     )
@@ -75,16 +75,16 @@ def create_app(
     app.state.is_local = is_local
     app.state.drawing = asyncio.Semaphore(1)  # one PNG at a time, because it is as costly as a fit
     app.include_router(router)
-    mimetypes.add_type("text/javascript", ".js")  # a registry of Windows may lack or change it
+    mimetypes.add_type("text/javascript", ".js")  # the registry of Windows may lack it
     packages = ["gauss2svg.studio", "gauss2svg.compare.pages"]
     app.mount("/static", StaticFiles(packages=[(package, "static") for package in packages]))
-    return Bounded(app)
+    return RequestLimits(app)
 
 
 async def _error_response(_: Request, error: Exception) -> JSONResponse:
     """Return the response to a request that raised an error."""
     if isinstance(error, HTTPException) and isinstance(error.__cause__, OSError):
-        error = error.__cause__  # raised if the disk could not hold the form
+        error = error.__cause__  # the disk could not hold the form
     headers = None
     match error:
         case HTTPException():
@@ -96,7 +96,7 @@ async def _error_response(_: Request, error: Exception) -> JSONResponse:
             field = ".".join(name for name in first["loc"][1:] if isinstance(name, str))
             got = quoted(first["input"])
             status, line = 422, f"{field or 'the body'} must be valid; got {got} ({first['msg']})"
-        case OSError():  # str(error) would have the path of a file, which is private
+        case OSError():  # str(error) would show the path of a file, which is private
             status, line = 507, f"a file cannot be kept: {error.strerror}"
         case _:
             status, line = 500, f"{type(error).__name__}: {error}"
@@ -149,10 +149,10 @@ def serve(
             )
         say(f"the studio is at {address}{token} (Ctrl-C ends it)")
         if browser:
-            # A browser in the terminal returns only after the user has left it.
+            # A thread opens the page, because a browser in the terminal returns when it is closed.
             ticket_address = f"{address}{guard.ticket}"
             Thread(target=webbrowser.open, args=(ticket_address,), daemon=True).start()
-        # A signal ends uvicorn, which then raises the signal again. The second signal is ignored.
+        # After a signal uvicorn ends, and raises the signal again, which is ignored here.
         for number in HANDLED_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         config = uvicorn.Config(
@@ -167,7 +167,7 @@ def serve(
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """Return a socket that clients can connect to already. They wait until they are served."""
+    """Return a socket to which clients can connect, before the server runs and answers them."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         return socket.create_server((host, port), family=family)

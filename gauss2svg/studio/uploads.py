@@ -22,7 +22,7 @@ _SKIMAGE_SAMPLES = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
 # why.
 REFUSED = (".jxl",)
 _MOST_SAMPLES = 100
-_LONGEST_NAME = 100  # characters before the suffix
+_LONGEST_NAME = 100  # number of characters before the suffix
 
 
 class Sample(BaseModel):
@@ -37,7 +37,7 @@ class Sample(BaseModel):
 
 
 def display_name(path: str | None) -> str:
-    """Return the last part of a path as a name that is safe to show and to download as."""
+    """Return the last part of a path as a name that is safe on a page and for a download."""
     last = re.split(r"[/\\]", path or "")[-1]
     safe = "".join(c for c in last if unicodedata.category(c)[0] != "C" and c not in '<>:"|?*')
     stem, dot, suffix = safe.strip(". ").rpartition(".")
@@ -74,7 +74,7 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
             width, height = size_of(path, path.name)
         except InputError:  # a file that cannot be read is not offered
             continue
-        name = os.fsencode(path.name).decode(errors="backslashreplace")  # a page needs Unicode
+        name = os.fsencode(path.name).decode(errors="backslashreplace")  # pages need valid Unicode
         url = f"api/samples/{quote(name, safe='')}"
         samples.append(Sample(name=name, path=path, width=width, height=height, url=url))
     if folder is not None and not samples:

@@ -21,7 +21,7 @@ from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import as_json, as_png, saved, write_whole
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.pixels import over
-from gauss2svg.pipeline.budgets import allowed
+from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.options import Options, Progress
 from gauss2svg.pipeline.plan import USUAL_BYTES, Plan
 from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
@@ -31,11 +31,11 @@ from gauss2svg.svg.write import write_svg
 
 MASK = "focus.png"  # name of the file of a mask in the folder of a job
 # Attributes of a fit's progress that progress.json has.
-_OF_A_FIT = ("round", "iteration", "done", "gaussians", "psnr", "elapsed_s", "remaining_s")
+_FIT_ATTRIBUTES = ("round", "iteration", "done", "gaussians", "psnr", "elapsed_s", "remaining_s")
 
 
 class _CanceledError(Exception):
-    """The exception that ends a canceled fit."""
+    """The exception that ends the fit of a canceled job."""
 
 
 def warm() -> None:
@@ -44,7 +44,7 @@ def warm() -> None:
 
 
 def fit(request: Mapping[str, Any]) -> dict[str, str]:
-    """Write the files of a fit. Return {}, or {"error": line} without private paths.
+    """Fit a photo, and write the files of the job. Return {}, or {"error": line without paths}.
 
     request  name of the photo, folder of the job, options, workers, threads
     """
@@ -85,15 +85,15 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
         figures: dict[str, Any] = {"phase": now.phase}
         if now.fit is not None:
             frame = maker.frame(now.fit.scene)
-            if not frame:  # neither a frame nor progress is due yet
+            if not frame:  # the next frame is not due, and nor is progress
                 return
             frames += 1
             _write(folder / "frame.jpg", frame)
-            figures |= {name: getattr(now.fit, name) for name in _OF_A_FIT}
+            figures |= {name: getattr(now.fit, name) for name in _FIT_ATTRIBUTES}
             figures["bytes_estimate"] = USUAL_BYTES * now.fit.gaussians
         _write(folder / "progress.json", as_json(json_safe({**figures, "frame": frames})))
 
-    share = allowed(None) // request["workers"]
+    share = memory_limit(None) // request["workers"]
     return vectorize_by(
         options.changed(max_memory=share, threads=request["threads"]),
         folder / "photo",
@@ -105,7 +105,7 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
 
 
 def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
-    """Yield names and bytes of files. The second is the report, with which a job counts as done."""
+    """Yield (name, bytes) of the files of a finished fit. With report.json, the job is done."""
     yield "picture.svg", result.svg.encode()
     yield "report.json", as_json(result.report)
     yield "photo.png", as_png(result.photo)

@@ -1,7 +1,7 @@
 """SVG files of scenes, which `write.write_svg` writes and `read.read_svg` reads.
 
-This module has the options of a file. SvgFormat sets how a scene is written, Document how the file
-is shown.
+This module has the options of a file. SvgFormat sets how shapes are written, and Document how the
+file presents its picture.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from annotated_types import Interval
 from gauss2svg.errors import InputError, quoted, refusal
 from gauss2svg.options import OptionGroup
 
-# Attribute of the root with the canvas in px. Its width and height may be a size in print.
+# Attribute of the root with the canvas's size in px. The root's own width may be a size in print.
 CANVAS = "data-canvas"
 MM = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(MM)})")
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
-_DECIMALS = 4  # decimals of a size: in cm the last one is a micrometre
+_DECIMALS = 4  # decimals of a size. In cm the last decimal is a micrometre
 # CSS rule that hides all rounds above the round that the file's address names.
 UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
 def check_text(name: str, text: Any) -> str:
-    """Return the text. Raise InputError if an element cannot hold it, or if it is empty."""
+    """Return the text. Raise InputError if the text is empty, or if an element cannot hold it."""
     if not isinstance(text, str) or not text.strip():
         raise refusal(name, "text that is not empty", quoted(text))
-    # Control characters, lone surrogates, and the two noncharacters that XML 1.0 excludes.
+    # Refuse control characters, lone surrogates, and the noncharacters that XML 1.0 excludes.
     if any(unicodedata.category(c) in ("Cc", "Cs") or c in "\ufffe\uffff" for c in text):
         raise refusal(name, "text of UTF-8 without control characters", quoted(text))
     return text
@@ -97,7 +97,7 @@ class Document(OptionGroup):
         return self.size == RESPONSIVE
 
     def sides(self, width: float, height: float) -> tuple[str, str] | None:
-        """Return width and height, with their unit, of a canvas of width x height px.
+        """Return the file's width and height, with unit, for a canvas of width x height px.
 
         Return None if no size is set, or if it is responsive. Raise InputError for an invalid size,
         and for one at which a side would be written as 0.
@@ -115,14 +115,14 @@ class Document(OptionGroup):
     def of_photo(self, width: int, height: int, dpi: tuple[float, float] | None) -> Document:
         """Return the document. If its size is "photo", the photo's resolution sets the width.
 
-        dpi  px per inch across and down, None if the photo has no resolution tag
+        dpi  px per inch across and down. None if the photo has no resolution tag
         Raise InputError if the size is "photo" and the photo has no resolution with square pixels,
         or if a side would be written as 0.
         """
         document = self
         if self.size == PHOTO_SIZE:
             across, down = dpi or (math.nan, math.nan)
-            # If pixels are square, the two resolutions, once rounded, differ by under a hundredth.
+            # Files round resolutions, so even those of square pixels differ by up to 1 %.
             if not abs(across / down - 1) <= 0.01:
                 lacking = "without a resolution tag"
                 if dpi is not None:
@@ -179,7 +179,8 @@ EDITABLE, MINIMAL = "editable", "minimal"
 ROUNDS, INKS = "rounds", "inks"
 # Range of the precision in px. Above 1 px thin shapes would be rounded to nothing.
 LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
-StopCount = Literal[5, 6, 8, 10, 12]  # stops of a gradient
+StopCount = Literal[5, 6, 8, 10, 12]  # number of stops of a gradient
+Markup = Literal["editable", "minimal"]
 STOP_COUNTS = get_args(StopCount)
 
 
@@ -195,7 +196,7 @@ class SvgFormat(OptionGroup):
     """Form of the shapes that are not plain ellipses: a radial gradient, or, except for small
     ones, a disc under feGaussianBlur."""
 
-    markup: Literal["editable", "minimal"] = "editable"
+    markup: Markup = "editable"
     """editable: layers with names, for editors; minimal: nothing that does not draw."""
 
     stops: StopCount = 5

@@ -1,10 +1,10 @@
 """Elements of an additive file, which draws the sum of a scene's signed colours.
 
-Under mix-blend-mode: difference a colour s over v gives |v - s|. The canvas holds s_c (P + o_c) for
+Under mix-blend-mode: difference a colour d over v gives |v - d|. The canvas holds s_c (P + o_c) for
 a partial sum P. The scale s_c and the offset o_c of each channel keep all partial sums in 0..1. So
 the difference subtracts a colour. To add a colour, the file first inverts the channel, by drawing
 the channel at full intensity. A Gaussian is a circle with an opaque gradient from its absolute
-colour to black, which changes nothing. A filter on the whole group maps the canvas back,
+colour to black. Black changes nothing. A filter on the whole group maps the canvas back,
 
     image = P = background + slope (v - v_0),   slope = +-1 / s_c,
 
@@ -24,9 +24,9 @@ canvas begins inverted, because the first Gaussian adds:
     circle, .4 s = .784        .7                   .208   |.992 - .784|
     filter                     .7 = .807 - .51 * .208
 
-Every layer rounds to 8 bits, so a larger s_c is more accurate. gauss2svg.svg.headroom finds the
-order that allows it, and gauss2svg.svg.stops finds stops with little rounding. A focal offset
-changes nothing here (docs/decisions/svg.md).
+Every layer rounds to 8 bits, so a larger s_c is more accurate. gauss2svg.svg.headroom finds an
+order that allows a large s_c, and gauss2svg.svg.stops finds stops with little rounding. A focal
+offset (fx of a gradient) would change nothing here (docs/decisions/svg.md).
 
 Gaussians are drawn in phases. While a channel is inverted, colours can only be added to it, and
 otherwise only subtracted. So Gaussians with the same signs form a phase. Patterns of signs follow
@@ -61,8 +61,8 @@ from gauss2svg.svg.stops import Floats, whole_stops
 
 Ramp = Sequence[tuple[str, str]]  # offset and colour of each stop of a gradient
 WHITE = 255
-# Levels of 255 that the filter adds. resvg and Chromium truncate its result to whole levels (bias
-# -0.5 levels), and the other renderers round it.
+# Levels of 255 that the filter adds. resvg and Chromium truncate its result to whole levels, which
+# needs 0.5 levels, and the other renderers round it, which needs none.
 HALF_WAY = 0.25
 # Range of partial sums on the canvas (docs/decisions/svg.md).
 MARGIN = 0.01  # share of the span that is left at either end for the rounding of layers
@@ -81,7 +81,7 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
     span = np.maximum((1 + 2 * MARGIN) * (high - low), np.maximum(largest, LEAST_SPAN))
     scale = WHITE / span  # levels of the canvas for a difference of 1 in the picture
-    begin = np.round(scale * (scene.background - 0.5 * (low + high) + 0.5 * span))
+    background_level = np.round(scale * (scene.background - 0.5 * (low + high) + 0.5 * span))
 
     ramps, reach = _ramps(scene, scale, svg_format.stops)
     matrices = matrices_of(scene, float(cut_radius(1.0)) * reach, svg_format.precision)
@@ -95,16 +95,16 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
         for i in phase:
             fill = f"url(#{ids.setdefault(ramps[i], short_id(len(ids)))})"
             discs.append(Element("circle", fill=fill, r="1", transform=matrices[i]))
-        if (turn := adds ^ inverted).any():
-            # The inversion is outside the layers, so that hiding a layer keeps it.
-            groups.append(_cover(hex_color(np.where(turn, WHITE, 0))))
+        if (inverts := adds ^ inverted).any():
+            # The inversion is outside the layers, so that it stays if a layer is hidden.
+            groups.append(_cover(hex_color(np.where(inverts, WHITE, 0))))
         groups.append(layer(_label(index, len(discs), adds), discs, id=f"phase-{index}"))
         inverted = adds
     slope = np.where(inverted, -1, 1) * span
-    level = np.where(inverted, WHITE - begin, begin) / WHITE
+    level = np.where(inverted, WHITE - background_level, background_level) / WHITE
     intercept = scene.background - slope * level + HALF_WAY / WHITE
     transfer = tuple((number(s, 5), number(i, 5)) for s, i in zip(slope, intercept, strict=True))
-    background = hex_color(np.where(first, WHITE - begin, begin).astype(int))
+    background = hex_color(np.where(first, WHITE - background_level, background_level).astype(int))
     # The key makes the ids of two additive drawings in one page differ. Ids with a key are longer
     # than ids of gradients, so the two kinds cannot collide.
     key = f"{zlib.crc32(repr((transfer, background)).encode()):08x}"
@@ -115,17 +115,17 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> Drawing:
         stops = [Element("stop", offset=at, stop_color=color) for at, color in ramp]
         definitions.append(radial_gradient(name, stops))
     body = [layer("Additive", inside, id=group, filter=f"url(#transfer-{key})")]
-    # Below its first rectangle the group is transparent, so the difference draws the rectangle.
+    # The group is transparent at first, so the difference draws its first rectangle unchanged.
     sheet = f"#{group} circle,#{group} rect{{mix-blend-mode:difference}}"
     view = sides_of(scene, svg_format.precision, 6)
     return Drawing(view, sum(map(len, shown)), definitions, body, sheet)
 
 
 def _ramps(scene: Scene, scale: Floats, count: int) -> tuple[list[Ramp], Floats]:
-    """Return each Gaussian's stops, none if it is black, and its last stop's offset (n,) in 0..1.
+    """Return each Gaussian's stops, () if it is black, and its radius (n,) as a share, 0..1.
 
-    A gradient and its circle end at the first of the trailing black stops. That saves a sixth of
-    the area that 8000 Gaussians cover.
+    A gradient and its circle end at the first of the trailing black stops, at a share of the full
+    radius. That saves a sixth of the area that 8000 Gaussians cover.
     """
     color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
     offsets, levels = whole_stops(scale * color, count)
@@ -141,7 +141,7 @@ def _ramps(scene: Scene, scale: Floats, count: int) -> tuple[list[Ramp], Floats]
 
 
 def _label(index: int, count: int, adds: NDArray[np.bool_]) -> str:
-    """Return a phase's label, as "Phase 3: 120 Gaussians that add red, green and take blue"."""
+    """Return a label such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
     verbs = ("adds", "takes") if count == 1 else ("add", "take")
     channels = [np.array(["red", "green", "blue"])[which] for which in (adds, ~adds)]
     does = [f"{verb} {', '.join(c)}" for verb, c in zip(verbs, channels, strict=True) if len(c)]
@@ -151,8 +151,8 @@ def _label(index: int, count: int, adds: NDArray[np.bool_]) -> str:
 def _cover(fill: str, key: str | None = None) -> Element:
     """Return a rectangle over the canvas and beyond, so that the filter maps opaque pixels only.
 
-    Renderers extend the filter's region to whole pixels. A rectangle that ends within a pixel would
-    leave it half inverted, and the filter would make that an opaque line along the edge.
+    Renderers extend the filter's region to whole pixels. A rectangle that ends within pixels would
+    invert them in part, and the filter would make these pixels an opaque line along the edge.
     """
     return Element("rect", fill=fill, height="120%", id=key, width="120%", x="-10%", y="-10%")
 

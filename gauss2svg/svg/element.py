@@ -22,7 +22,7 @@ class Element:
     """An element: its tag, its content, and its attributes in the order of the file.
 
     inside      elements, a text, or None for a tag that closes itself
-    attributes  fill_opacity becomes fill-opacity. Attributes of None are left out
+    attributes  names are written with - for _. Attributes whose value is None are left out
 
     Text and attributes are not escaped here. Callers escape the texts of users.
     """
@@ -83,8 +83,9 @@ def short_id(index: int) -> str:
 # Largest number in a file, in user units. resvg panics from about 1e9 on. All six renderers draw
 # numbers up to 1e8 with errors of at most 2.1 levels of 255 (docs/decisions/numbers.md).
 LARGEST_NUMBER = 1e8
-_SMALLEST_CANVAS = 0.01  # px a side
-# Farthest reach of a shape in px. Cairo has 23 bits for whole pixels, and errs by 47 levels at 1e7.
+_SMALLEST_CANVAS = 0.01  # px, shortest side of a canvas
+# px, largest distance of a shape's edge from the origin. Cairo has 23 bits for whole pixels, and
+# errs by 47 levels at 1e7.
 _FARTHEST = 8e6
 
 
@@ -102,14 +103,14 @@ def check_view(scene: Scene, precision: float = 1.0) -> None:
 def writable(
     scene: Scene, radius: ArrayLike, precision: float, unit: ArrayLike = 1
 ) -> NDArray[np.bool_]:
-    """Return whether a file can hold each shape (n,): neither its numbers nor its reach are large.
+    """Return whether the numbers and the reach of each shape (n,) are small enough for a file.
 
     radius     radius in sigmas of the disc that is drawn
     precision  user unit in px
-    unit       radius of the circle under the shape's matrix, in user units
+    unit       radius of the circle that the shape's matrix maps, in user units
 
-    Shapes that a file cannot hold are left out if they lie off the canvas. Raise SceneError for one
-    that may be visible.
+    Callers leave out the other shapes, which are off the canvas. Raise SceneError if one of these
+    may be visible.
     """
     extent = np.asarray(radius)[..., None] * scene.sigma
     offset = np.abs(scene.mean)
@@ -117,8 +118,8 @@ def writable(
     farthest = (offset + extent).max(axis=1)
     canvas = np.array([scene.width, scene.height])
     beyond = np.maximum(-scene.mean, scene.mean - canvas)
-    # A shape is drawn within 4 radii of its mean, because a blur fills up to 2.5 radii around its
-    # disc. Antialiasing adds a px.
+    # A shape is drawn within 4 radii of its mean, because a blur extends its disc by up to 2.5
+    # radii. Antialiasing adds a px.
     off = (beyond > 4.0 * extent + 1.0).any(axis=1)
     fits = (number <= LARGEST_NUMBER) & (farthest <= _FARTHEST)
     lost = ~fits & ~off

@@ -29,8 +29,8 @@ exponent share:
 Crisp rims need two more things (docs/decisions/svg.md):
 
 - The circle is a little larger than its gradient, because its antialiased edge would clip the rim.
-- From the exponent LARGE_FROM on, the gradient has a radius of 100 and the matrix is a hundredth,
-  because cairo shifts the rim of large shapes otherwise.
+- From the exponent LARGE_FROM on, the gradient has a radius of 100 and the matrix is a hundredth.
+  Otherwise cairo would shift the rim of large shapes.
 """
 
 from __future__ import annotations
@@ -50,16 +50,16 @@ from gauss2svg.svg.element import Element, check_view, hex_color, number, short_
 from gauss2svg.svg.forms import BLURS, CLEAR, Blur, drawn_blurs, drawn_radius, is_plain, snapped
 from gauss2svg.svg.stops import Floats, gradient_stops
 
-_LARGE = 100  # radius of gradients whose exponent is at least LARGE_FROM
+_LARGE_RADIUS = 100  # radius of gradients whose exponent is at least LARGE_FROM
 Round = tuple[int, list[Element]]  # index of the round, and the elements of its shapes
-# fx of a gradient of radius 1: resvg draws 0 less accurately (docs/decisions/svg.md).
+# fx of a gradient of radius 1. With fx = 0 resvg is less accurate (docs/decisions/svg.md).
 _FOCUS = 0.001
 
 
 # Circles and gradients of crisp rims (docs/decisions/svg.md).
-LARGE_FROM = 16.0  # smallest exponent whose gradients have the radius _LARGE
+LARGE_FROM = 16.0  # smallest exponent whose gradients have the radius _LARGE_RADIUS
 SOFT_RIM = 1.0  # px, narrowest rim that a circle's antialiased edge hardly clips
-CLEAR_OF_THE_RIM = 0.7  # px from gradient end to circle edge for rims under SOFT_RIM px
+CLEAR_OF_THE_RIM = 0.7  # px from the gradient's end to the circle's edge, for rims under SOFT_RIM
 # Largest distance from a gradient's end to the circle's edge, in radii of the gradient. Shapes that
 # need more are too thin to be drawn.
 MOST_MARGIN = 20.0
@@ -91,7 +91,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
 
     Gaussians whose opacity or extent is written as 0 are left out. So are Gaussians off the canvas
     whose numbers are too large for a file (gauss2svg.svg.element.writable). Raise SceneError for
-    visible Gaussians with such numbers, and for such a canvas.
+    visible Gaussians with such numbers, and for a canvas that is too small or too large.
     """
     scene = snapped(scene, svg_format.form)
     # A shape is drawn as a plain ellipse, as a blurred disc or by a gradient.
@@ -111,14 +111,14 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     radius, opacity = drawn_radius(scene.beta, plain), scene.opacity.copy()
     radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
     opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
-    unit = np.where((scene.beta >= LARGE_FROM) & shaded, _LARGE, 1)
+    unit = np.where((scene.beta >= LARGE_FROM) & shaded, _LARGE_RADIUS, 1)
     circle = unit * _widened(scene, shaded)
     shapes = []
     for i, matrix in enumerate(matrices_of(scene, radius, svg_format.precision, unit)):
-        shown = number(min(opacity[i], 1.0), svg_format.opacity_decimals)
-        if matrix and shown != "0":
+        alpha = number(min(opacity[i], 1.0), svg_format.opacity_decimals)
+        if matrix and alpha != "0":
             fill, link = (links[i], None) if shaded[i] else (hex_color(color[i]), links[i])
-            more = {"fill_opacity": unless("1", shown), "filter": link, "r": number(circle[i], 1)}
+            more = {"fill_opacity": unless("1", alpha), "filter": link, "r": number(circle[i], 1)}
             shapes.append((i, Element("circle", fill=fill, **more, transform=matrix)))
     # Definitions that only omitted shapes use are omitted too.
     used = set(links[[i for i, _ in shapes]].tolist())
@@ -148,7 +148,7 @@ def round_layers(rounds: Sequence[Round]) -> list[Element]:
 
 
 def ink_layers(rounds: Sequence[Round]) -> list[Element]:
-    """Return a group for each round. Its shapes have one ink, which is the group's fill."""
+    """Return a group for each round. The shapes of a round have one ink, the group's fill."""
     layers = []
     for index, inside in rounds:
         fill, bare = inside[0].attributes["fill"], [one.replace(fill=None) for one in inside]
@@ -208,7 +208,7 @@ def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Eleme
     if kind >= len(BETA_CLASSES):
         return _filter(name, BLURS[kind - len(BETA_CLASSES)])
     beta, shade = BETA_CLASSES[kind], hex_color(color)
-    unit, stops = _LARGE if beta >= LARGE_FROM else 1, []
+    unit, stops = _LARGE_RADIUS if beta >= LARGE_FROM else 1, []
     for at, value in zip(*gradient_stops(count, beta), strict=True):
         look = {"stop_color": shade, "stop_opacity": unless("1", number(value, 3))}
         stops.append(Element("stop", offset=number(at, 4), **look))
@@ -226,12 +226,12 @@ def radial_gradient(key: str, stops: list[Element], r: str = "1", fx: str | None
 
 def _filter(name: str, blur: Blur) -> Element:
     """Return the filter of a blur. Its region is the circle's box with a margin."""
-    margin = number(CLEAR * blur.deviation / 2, 2)  # share of the diameter
+    margin = number(CLEAR * blur.deviation / 2, 2)  # margin as a share of the diameter
     size, start = number(1 + 2 * float(margin), 2), f"-{margin}"
-    # The default, linearRGB, would round colours once more.
     region = {"height": size, "id": name, "width": size, "x": start, "y": start}
     source = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
     step = Element("feGaussianBlur", **source)
+    # By default filters work in linearRGB, which would round colours once more.
     return Element("filter", [step], color_interpolation_filters="sRGB", **region)
 
 

@@ -4,9 +4,8 @@ A file that is read is not trusted. Everything before its root is dropped, so th
 parser nor a renderer sees a document type or an encoding. A document type with declarations of its
 own is refused, and so is a file with more bytes than the limit.
 
-IPython shows a scene as HTML. `gauss2svg.scene` cannot import a renderer, so this module sets
-`Scene.as_html`. The package and the reader import `Scene` from here. `gauss2svg.scene` alone loads
-NumPy and no renderer.
+IPython shows a scene as HTML, and `gauss2svg.scene` must not import a renderer. So this module sets
+`Scene.as_html`, and the package and the reader import `Scene` from here.
 """
 
 from __future__ import annotations
@@ -34,19 +33,19 @@ SvgSource = Any  # a path, text that begins with <, bytes or a binary file
 SVG = "{http://www.w3.org/2000/svg}"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
 BLANKS = "\ufeff \t\r\n"  # characters that may precede the first <
-MOST_BYTES = 256_000_000  # limit of a gunzipped file: a gzip bomb expands a thousandfold
+MOST_BYTES = 256_000_000  # limit for a gunzipped file, because a gzip bomb expands a thousandfold
 _MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # byte order marks
 _DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
-# Blanks, comments, processing instructions except xml-stylesheet, and document types without
-# declarations.
+# Text that may precede the root: blanks, comments, processing instructions except xml-stylesheet,
+# and document types without declarations.
 _BEFORE_ROOT = re.compile(
     r"""(?:[\s\ufeff]++|<\?(?!xml-stylesheet).*?\?>|<!--.*?-->|<!DOCTYPE(?:[^\[\]<>"']|"[^"]*"|'[^']*')*+>)*+""",
     re.DOTALL,
 )
 _ATTRIBUTE = re.compile(r"""\s+([^\s=/>]+)\s*=\s*(?:"[^"]*"|'[^']*')""")
 _START_TAG = re.compile(rf"<([^\s/>]+)((?:{_ATTRIBUTE.pattern})*+)")
-# float() alone would accept nan, inf and 1_000. The quantifiers are possessive so that a long run
-# of digits that ends in rubbish takes linear time.
+# A finite number. float() alone would accept nan, inf and 1_000. The quantifiers are possessive, so
+# that a long run of digits that ends in rubbish takes linear time.
 NUMBER = r"[+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+"
 _LENGTH = re.compile(rf"\s*+({NUMBER})({'|'.join(MM)}|)\s*+")
 _LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
@@ -71,7 +70,7 @@ def read_source(
         data = source.encode("utf-8", "surrogatepass")
     elif isinstance(source, (str, os.PathLike)):
         name = file_name(argument, source)
-        try:  # files.reading would refuse a pipe, but an SVG may come through one
+        try:  # not by files.reading, which refuses pipes
             with open(name, "rb") as file:
                 data = file.read(most_bytes + 1)
         except (OSError, ValueError) as error:  # ValueError: a null character in the path
@@ -111,7 +110,7 @@ def from_root(text: str) -> str:
     Raise InputError if the text has a null character, or if a document type with declarations or a
     style sheet of another file precedes the root.
     """
-    # expat takes null characters for UTF-16, and would find elements that no renderer finds.
+    # expat would read a text with nulls as UTF-16, and find elements that no renderer finds.
     if "\0" in text:
         raise refusal("the SVG", "without null characters", "some", "to save it as UTF-8")
     rest = _BEFORE_ROOT.sub("", text, count=1)
@@ -138,8 +137,8 @@ def parse(text: str, target: Any = None) -> Any:
 def stretched(text: str, width: int, height: int, view_box: str | None = None) -> str:
     """Return an SVG's text with its root stretched to width x height px.
 
-    view_box is the visible part. If it is None, the root keeps its own viewBox. Without a viewBox
-    the text is returned unchanged. A width in the root's style changes nothing in any renderer.
+    view_box is the visible part. If it is None, the root keeps its own viewBox, and a text without
+    a viewBox is returned unchanged. A width in the root's style has no effect in any renderer.
     """
     size = {"width": width, "height": height, "preserveAspectRatio": "none"}
     if view_box is not None:
@@ -166,11 +165,11 @@ def numbers(text: str, name: str, count: int = 0) -> list[float]:
 
     count  required number of numbers, 0 for any
     """
-    found = list(map(float, re.findall(NUMBER, text))) if _LIST.fullmatch(text) else [math.nan]
-    if not all(map(math.isfinite, found)) or (count and len(found) != count):
+    values = list(map(float, re.findall(NUMBER, text))) if _LIST.fullmatch(text) else [math.nan]
+    if not all(map(math.isfinite, values)) or (count and len(values) != count):
         needed = "a finite number" if count == 1 else f"{count or ''} finite numbers".strip()
         raise refusal(name, needed, quoted(text))
-    return found
+    return values
 
 
 def pixels_of(text: str) -> float | None:
@@ -222,7 +221,7 @@ def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
 
 
 def check_suffix(name: str, path: str | os.PathLike[str], suffix: str) -> None:
-    """Raise InputError if a file name has the suffix of another type than `suffix` has."""
+    """Raise InputError if a file name's suffix is that of another type of file than `suffix`."""
     text = os.fspath(path)
     if _type_of(text) not in (None, "text/plain", _type_of(f"x{suffix}")):
         raise refusal(name, f"a name that ends in {suffix}", quoted(text))
@@ -239,7 +238,7 @@ def file_bytes(svg: str, gzipped: bool) -> bytes:
 
 
 def bytes_by_part(svg: str) -> dict[str, int]:
-    """Return the number of bytes of each part of a text of write_svg. They add up to its size.
+    """Return the number of bytes of each part of an SVG by write_svg. The sum is the file's size.
 
     gradients  all definitions
     geometry   elements of the shapes

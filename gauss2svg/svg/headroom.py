@@ -30,24 +30,24 @@ from gauss2svg.scene.falloff import cut_radius, profile
 
 Floats = NDArray[np.float64]
 _kernel = cached()
-# Smaller contributions to a colour channel of a sample are not checked.
-_LEAST_ADDED = 1e-3
-# Largest difference at which two values of a colour channel count as equal, more than float32
-# rounds. The second is for a sum and the image at its sample, which may lie outside the range.
+# Smaller contributions to a colour channel at a sample are not checked.
+_LEAST_CHECKED = 1e-3
+# Largest difference at which two values of a colour channel count as equal, above the rounding of
+# float32. The second compares a sum with the image at one sample, where both may exceed the range.
 _EQUAL, _EQUAL_IN_IMAGE = 1e-4, 1e-3
-# Colour added to the range at either end, so that fewer Gaussians wait for another.
+# Colour by which either end of the range is extended, so that fewer Gaussians have to wait.
 SPARE = 0.02
 _RADIUS = float(cut_radius(1.0))
 _STEPS = 4096  # number of steps of squared radius in the table of the falloff
 _FALLOFF = profile(_RADIUS * np.sqrt(np.arange(_STEPS + 1) / _STEPS), 1.0)
-_DRAWN = -1
+_DRAWN = -1  # marks a drawn Gaussian in the array `worst`
 
 
 # Grid on which partial sums are sampled (docs/decisions/svg.md).
-FINEST = 4.0  # most samples per px, in x and in y
-SIDE = 1536  # most samples along a side
-# Largest sum, over all Gaussians, of the grid samples that each touches. Above it the grid is made
-# coarser, which is enough for wide Gaussians.
+FINEST = 4.0  # largest number of samples per px, in x and in y
+SIDE = 1536  # largest number of samples along a side
+# Largest number of grid samples that Gaussians touch, summed over all Gaussians. A coarser grid
+# keeps the number below, and is exact enough for wide Gaussians.
 TOUCHED = 3e7
 
 
@@ -71,11 +71,11 @@ class Samples(NamedTuple):
 
 
 def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Floats, Floats]:
-    """Return an additive scene's phases in drawing order, and the range (3,) of each channel.
+    """Return an additive scene's phases in drawing order, and both ends (3,) of channels' ranges.
 
     A phase has the indices of Gaussians with the same signs, and each Gaussian is in one phase. The
     canvas must hold the range, which includes the image and the partial sums after each Gaussian.
-    It need not include a sum at a sample that equals the image there.
+    The range leaves out sums that go no farther than the image at their sample.
 
     Values of the image outside of the range fold: a value v above the highest h becomes 2 h - v.
     Values above 1 are clipped in the end, so 2 h - v >= 1 is enough. The same holds below 0.
@@ -123,68 +123,68 @@ def _samples_of(scene: Scene) -> Samples:
 def _order_of(samples, picture, low, high, total, lowest, highest, pattern, by_mass):
     """Return the indices of all Gaussians, in the order in which to draw them within low..high.
 
-    Each is added to `total` (m, 3), and `lowest` and `highest` (m, 3) are updated. A sum may also
-    equal the image at its sample. If the image lies outside the range there, the sum folds like the
-    image, and the final error is no larger than the image's.
+    Add each Gaussian to `total` (m, 3), and update `lowest` and `highest` (m, 3). A sum may leave
+    the range as far as the image does at its sample: the sum then folds like the image, and the
+    final error is no larger than the image's.
     Tours through the patterns draw each Gaussian that stays in the range, in the order by_mass. If
     a tour draws none, the Gaussian that exceeds the range least is drawn.
     """
     order = np.empty(by_mass.size, np.intp)
     waiting, done = by_mass, 0
     patterns = np.arange(8) ^ (np.arange(8) >> 1)  # Gray code: each step changes one sign
-    seen = np.zeros(by_mass.size, np.intp)  # sample at which each Gaussian last exceeded the range
+    worst = np.zeros(by_mass.size, np.intp)  # sample at which each Gaussian last exceeded the range
     while waiting.size:
         before = done
         for signs in patterns:
             for i in waiting[pattern[waiting] == signs]:
-                lack, seen[i] = _lacking(samples, i, total, picture, low, high, seen[i], _EQUAL)
-                if lack < _EQUAL:
+                excess, worst[i] = _excess(samples, i, total, picture, low, high, worst[i], _EQUAL)
+                if excess < _EQUAL:
                     order[done] = i
                     done += 1
                     _add(samples, i, total, lowest, highest)
         if done == before:
             least = np.inf
             for i in waiting:
-                lack, seen[i] = _lacking(samples, i, total, picture, low, high, seen[i], least)
-                if lack < least:
-                    least, order[done] = lack, i
+                excess, worst[i] = _excess(samples, i, total, picture, low, high, worst[i], least)
+                if excess < least:
+                    least, order[done] = excess, i
             _add(samples, order[done], total, lowest, highest)
             done += 1
         for i in order[before:done]:
-            seen[i] = _DRAWN
-        waiting = waiting[seen[waiting] != _DRAWN]
+            worst[i] = _DRAWN
+        waiting = waiting[worst[waiting] != _DRAWN]
         # The next tour goes backwards, so that it begins with the last pattern of this tour.
         patterns = patterns[::-1].copy()
     return order
 
 
 @_kernel
-def _lacking(samples, i, total, picture, low, high, seen, enough):
+def _excess(samples, i, total, picture, low, high, first, enough):
     """Return by how much the i-th Gaussian would exceed low..high, and at which sample.
 
-    The search begins at the sample `seen`, and ends early once the excess is at least `enough`.
+    The search begins at the sample `first`, and ends early once the excess is at least `enough`.
     """
-    most, worst = _beyond(samples, i, seen, total, picture, low, high), seen
+    most, worst = _excess_at(samples, i, first, total, picture, low, high), first
     for row in range(*_rows(samples, i)):
         if most >= enough:
             break
         for at in range(*_of_row(samples, i, row)):
-            lack = _beyond(samples, i, at, total, picture, low, high)
-            if lack > most:
-                most, worst = lack, at
+            excess = _excess_at(samples, i, at, total, picture, low, high)
+            if excess > most:
+                most, worst = excess, at
     return most, worst
 
 
 @_kernel
-def _beyond(samples, i, at, total, picture, low, high):
+def _excess_at(samples, i, at, total, picture, low, high):
     """Return by how much the i-th Gaussian would exceed low..high at a sample, 0 if not at all."""
     alpha = _alpha(samples, i, at)
     most = 0.0
     for c in range(3):
         added = alpha * samples.color[i, c]
-        if added > _LEAST_ADDED:
+        if added > _LEAST_CHECKED:
             most = max(most, total[at, c] + added - max(high[c], picture[at, c]))
-        elif added < -_LEAST_ADDED:
+        elif added < -_LEAST_CHECKED:
             most = max(most, min(low[c], picture[at, c]) - total[at, c] - added)
     return most
 

@@ -4,8 +4,8 @@
     <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg>
 
 Coordinates are whole numbers of user units (gauss2svg.svg.minimal_shapes). Up to MOST_MASKED
-soft shapes share one masked circle for each exponent, so that a colour costs a few bytes. The stops
-of its mask are greys, whose luminance is the falloff. Crisp shapes are arcs of a path. This example
+soft shapes share one masked circle for each exponent, so that a colour costs a few bytes. A mask's
+stops are greys, whose luminance is the falloff. Crisp shapes are arcs of a path. This example
 has two soft shapes of one colour and opacity, and a crisp one whose radii are 8 and 7 units. Its
 unit is a pixel:
 
@@ -18,10 +18,10 @@ unit is a pixel:
     <use href="#d" transform="matrix(9 0 0 9 10 5)"/>
     <use href="#d" transform="matrix(12 4 0 8 20 15)"/>
 
-Renderers draw masks slowly, and round each to 8 bits. So for each soft shape beyond MOST_MASKED, a
-few soft shapes, the lowest first, have gradients in place of masks. A gradient is for one exponent
-and colour. It refers to a gradient with the geometry of its exponent, and a style sheet has the
-opacities of its stops. A rule of the sheet applies to its stop and to all later stops:
+Renderers draw masks slowly, and round each to 8 bits. So if there are more than MOST_MASKED soft
+shapes, the lowest have gradients in place of masks. Each exponent has a gradient with the geometry.
+Each colour of that exponent has another gradient, which refers to it. A style sheet has the
+opacities of stops. Each rule of the sheet applies to one stop and to all later stops:
 
     <style>[href="#a"] stop{stop-color:currentColor;stop-opacity:.99}[href="#a"] stop+stop{..}..
     <radialGradient id="a" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1" fx=".001"/>
@@ -49,7 +49,7 @@ from gauss2svg.svg.element import Element, attributes_text, hex_color, number, s
 from gauss2svg.svg.minimal_shapes import OPACITY_DIGITS, Shapes, color_levels, path_data, shapes_of
 from gauss2svg.svg.stops import gradient_stops, grey_stops
 
-MASK_STOPS = (3, 5)  # stops of a mask for fewer than MANY soft shapes, and for more
+MASK_STOPS = (3, 5)  # number of stops of a mask: for fewer than MANY soft shapes, for MANY or more
 
 
 # Accuracy of a minimal file (docs/decisions/minimal.md).
@@ -91,14 +91,14 @@ def minimal_svg(
     document.check_without_layers("minimal markup", "which has no layers", "--markup editable")
     shapes = shapes_of(scene, unit, digits, opacity_decimals, masked)
     width, height = (_view_side(side, unit) for side in (scene.width, scene.height))
-    named, cover = _names(document), []
+    named, cover = _title_and_desc(document), []
     if not scene.transparent:
         across, down = (number(math.ceil(float(side)), 0) for side in (width, height))
         fill = _fill(color_levels(scene.background, digits))
         cover = [Element("path", fill=fill, d=f"M0 0h{across}v{down}H0")]
     definitions, drawn = _drawing(shapes, opacity_decimals, stops)
     defs = [Element("defs", definitions)] if definitions else []
-    root = {"xmlns": "http://www.w3.org/2000/svg", **_presented(document, scene, unit)}
+    root = {"xmlns": "http://www.w3.org/2000/svg", **_size_and_aspect(document, scene, unit)}
     root |= {"role": "img" if named else None, "viewBox": f"0 0 {width} {height}"}
     return Element("svg", [*named, *defs, *cover, *drawn], **root).text()
 
@@ -106,8 +106,8 @@ def minimal_svg(
 def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
     """Return the scene that the file of minimal_svg draws, without the shapes that it leaves out.
 
-    Means, extents, colours, opacities and exponents are those of the file. A plain ellipse has the
-    exponent whose profile it draws best. Arguments and errors are those of minimal_svg.
+    Means, extents, colours, opacities and exponents are those of the file. A plain ellipse gets the
+    exponent whose profile is closest to it. Arguments and errors are those of minimal_svg.
     """
     return shapes_of(scene, unit, digits, OPACITY_DIGITS).rounded(scene, unit, digits)
 
@@ -116,7 +116,7 @@ def whole_unit(width: int, height: int, about: float = 0) -> float:
     """Return a unit in px that divides both sides.
 
     The longer side has about `about` units, or as few as possible if `about` is 0. The larger the
-    sides' greatest common divisor is, the nearer their number is to `about`.
+    sides' greatest common divisor is, the nearer the number of units is to `about`.
     """
     longer = max(width, height)
     fewest = longer // math.gcd(width, height)
@@ -131,7 +131,7 @@ def _view_side(side: float, unit: float) -> str:
     return next(text for text in texts if abs(float(text) - units) <= error)
 
 
-def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str | None]:
+def _size_and_aspect(document: Document, scene: Scene, unit: float) -> dict[str, str | None]:
     """Return the root's width, height and preserveAspectRatio, each None if it is not needed."""
     sides = document.sides(scene.width, scene.height)
     canvas = scene.width / unit, scene.height / unit
@@ -143,7 +143,7 @@ def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str |
     return {"width": width, "height": height, "preserveAspectRatio": document.aspect}
 
 
-def _names(document: Document) -> list[Element]:
+def _title_and_desc(document: Document) -> list[Element]:
     title = "" if document.title == DEFAULT_TITLE else document.title
     named = {"title": title, "desc": document.alt or ""}
     return [Element(tag, escape(text)) for tag, text in named.items() if text]
@@ -181,7 +181,7 @@ def _drawing(
 
 
 def _fill(levels: NDArray[np.intp]) -> str | None:
-    """Return a colour in levels (3,) of 255, None for black."""
+    """Return a colour (3,) in levels of 255 as hex, None for black."""
     return unless("#000", hex_color(levels))
 
 
@@ -192,7 +192,7 @@ def _most_used(falloff: NDArray[np.intp]) -> list[int]:
 
 
 def _masked(falloff: NDArray[np.intp]) -> tuple[list[Element], dict[int, Element]]:
-    """Return a masked circle for each class in `falloff` (n,), and a <use> of it, by class.
+    """Return definitions of a masked circle for each class in `falloff` (n,), and its <use>.
 
     The circles, masks and gradients have the first ids, three for each class.
     """
@@ -260,7 +260,7 @@ def _matrix(numbers: NDArray[np.float64]) -> str:
 
 
 def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Element]]:
-    """Return definitions of common fills and opacities, and the elements that use them.
+    """Return definitions of common fills and opacities, and all elements, some of which use them.
 
     A definition is made only if it shortens the file. `used` is the number of ids in use already.
     """
@@ -273,7 +273,7 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
             href, common = key[0], dict(zip(names, key[1:], strict=True))
             name = short_id(used + len(definitions))
             definition = Element("use", id=name, href=href, **common)
-            # Each use drops these attributes, and refers to the new id in place of the old one.
+            # An element with this key drops the common attributes, and its href becomes the new id.
             saved = len(definition.text()) - len(Element("use", id=name, href=f"#{name}").text())
             if uses * saved > len(definition.text()):
                 ids[key] = name

@@ -4,9 +4,9 @@ Plain ellipses are arcs of a path. One path may have many arcs of one colour:
 
     <path fill="#abc" d="M10 20a8 4 30 101 0m-2 9a3 3 0 100 1"/>
 
-Each arc goes round its ellipse except for a chord of one unit, (1, 0) or (0, 1). Filling the path
-closes it. The centre follows from the radii and the tilt in degrees. All arcs turn the same way, so
-that a path fills the union of its ellipses.
+Each arc goes round its ellipse but for a gap: the arc's end lies one unit right of its start, or
+one unit below. Filling closes the gap. The centre follows from the start, the radii and the tilt in
+degrees. All arcs turn the same way, so that a path fills the union of its ellipses.
 
 Shapes are reordered so that those of one colour follow each other, if the picture stays the same.
 Two shapes may change places if they do not overlap, or if their colours are equal.
@@ -27,15 +27,15 @@ from gauss2svg.svg.element import check_view, number, writable
 from gauss2svg.svg.forms import arc_beta, drawn_radius, is_arc, with_falloffs
 
 Floats = NDArray[np.float64]
-HEX_DIGITS = (3, 6)
-OPACITY_DIGITS = 2
+HEX_DIGITS = (3, 6)  # numbers of hex digits that a colour may have
+OPACITY_DIGITS = 2  # default decimals of an opacity
 
 
-# Masks, gradients and plain ellipses of a minimal file (docs/decisions/minimal.md).
-# Most soft shapes that are drawn under masks, because masks are slow.
+# Masks and gradients of a minimal file (docs/decisions/minimal.md).
+# Largest number of soft shapes that are drawn under masks, because masks are slow.
 MOST_MASKED = 500
-# Number of shapes that get gradients in place of masks for each shape beyond MOST_MASKED. If all
-# shapes got gradients at once, one more shape would make the file a third larger.
+# Number of masks that give way to gradients for each soft shape beyond MOST_MASKED. If all did at
+# once, one more shape would make the file a third larger.
 FADING = 2
 
 
@@ -83,12 +83,12 @@ class Shapes:
 def shapes_of(
     scene: Scene, unit: float, digits: int, opacity_decimals: int, masked: bool | None = None
 ) -> Shapes:
-    """Return a file's shapes of a scene, without those whose extent or opacity is written as 0.
+    """Return the shapes of a scene's file, without those whose extent or opacity is written as 0.
 
     unit    user unit in px
     digits  hex digits of a colour, 3 or 6
-    masked  whether soft shapes are drawn under masks. None: all are if there are at most
-            MOST_MASKED. The more there are beyond, the fewer are
+    masked  whether soft shapes are drawn under masks. None: all are, up to MOST_MASKED soft
+            shapes, and FADING fewer for each soft shape beyond
 
     Raise InputError for a unit out of range, and for an additive scene. Raise SceneError
     for visible shapes whose numbers are too large for a file.
@@ -101,9 +101,9 @@ def shapes_of(
     kind = nearest_class(scene.beta)
     plain = (scene.drawn == PLAIN) | is_arc(scene.ellipse_axes[0], scene.beta)
     opacity = np.round(scene.opacity, opacity_decimals)
-    more = np.zeros(0, np.intp)
+    now_plain = np.zeros(0, np.intp)
     while True:
-        plain[more] = True
+        plain[now_plain] = True
         snapped = with_falloffs(scene, np.where(plain, scene.beta, np.array(BETA_CLASSES)[kind]))
         radius = drawn_radius(snapped.beta, plain)
         factor = snapped.factor * radius[:, None, None]
@@ -117,8 +117,8 @@ def shapes_of(
         soft = np.flatnonzero(drawn & ~plain)
         mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
         placed = _placed(snapped.select(soft), mean[soft], factor[soft], radius[soft], unit)
-        more = soft[is_arc(placed.ellipse_axes[0], placed.beta)]
-        if not len(more):
+        now_plain = soft[is_arc(placed.ellipse_axes[0], placed.beta)]
+        if not len(now_plain):
             break
     arcs = drawn & plain
     mean[arcs], factor[arcs] = arc_geometry(numbers[arcs])
@@ -130,12 +130,12 @@ def shapes_of(
     soft = np.flatnonzero(~plain[index])
     most = max(MOST_MASKED + FADING * (MOST_MASKED - len(soft)), 0)
     count = {True: len(soft), False: 0, None: min(len(soft), most)}[masked]
-    under = np.zeros(len(index), bool)
+    is_masked = np.zeros(len(index), bool)
     # Upper shapes get the masks, because they are smaller and quicker to paint.
-    under[soft[len(soft) - count :]] = True
+    is_masked[soft[len(soft) - count :]] = True
     return Shapes(
         index, falloff[index], numbers[index], mean[index], factor[index], levels[index],
-        opacity[index], under,
+        opacity[index], is_masked,
     )  # fmt: skip
 
 
@@ -146,7 +146,7 @@ def color_levels(color: Floats, digits: int) -> NDArray[np.intp]:
 
 
 def _placed(scene: Scene, mean: Floats, factor: Floats, radius: Floats, unit: float) -> Scene:
-    """Return the scene with ellipses of these centres (n, 2) and factors (n, 3), in units."""
+    """Return the scene with other ellipses: centres (n, 2) and factors (n, 3) in user units."""
     a, b, d = unit * factor.T
     sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
     rho = np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT)
@@ -157,7 +157,7 @@ _TILT_DECIMALS = 1  # decimals of the tilt of long ellipses. Others have none
 
 
 def arc_numbers(scene: Scene, radius: Floats, unit: float) -> Floats:
-    """Return the numbers (n, 5) of arcs: rx ry tilt x y.
+    """Return the numbers (n, 5) of arcs: radii rx ry, tilt, and start x y.
 
     radius  (n,) radius of the ellipses in sigmas
 
@@ -181,7 +181,7 @@ def arc_numbers(scene: Scene, radius: Floats, unit: float) -> Floats:
 
 
 def arc_geometry(numbers: Floats) -> tuple[Floats, Floats]:
-    """Return centres (n, 2) and Cholesky factors (n, 3) l11 l21 l22 of ellipses, in units."""
+    """Return centres (n, 2) and Cholesky factors (n, 3) l11 l21 l22 of arcs' ellipses, in units."""
     (rx, ry), tilt_rad = numbers[:, :2].T, np.radians(numbers[:, 2])
     co, si = np.cos(tilt_rad), np.sin(tilt_rad)
     l11 = np.hypot(rx * co, ry * si)
@@ -190,7 +190,7 @@ def arc_geometry(numbers: Floats) -> tuple[Floats, Floats]:
 
 
 def path_data(numbers: Floats) -> str:
-    """Return the d of a path of arcs with numbers (n, 5)."""
+    """Return the d of a path of arcs that have these `arc_numbers` (n, 5)."""
     text, (x, y) = "", (np.nan, np.nan)
     _, chords = _from_start(numbers[:, :2], numbers[:, 2])
     for (rx, ry, tilt, start_x, start_y), chord in zip(numbers, chords, strict=True):
@@ -206,9 +206,9 @@ def path_data(numbers: Floats) -> str:
 def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
     """Return offsets (n, 2) in units from each arc's start to its ellipse's centre, and to its end.
 
-    The ellipse is mapped onto the unit circle. The chord that is shorter there cuts off less, and
-    is the one used. There it is the vector u, and the centre lies beside its middle (SVG 2,
-    implementation notes, B.2.4).
+    Of the chords (1, 0) and (0, 1), the arc gets the one that cuts off less. That chord is shorter
+    when the ellipse is mapped onto the unit circle. There the chord is the vector u, and the centre
+    lies beside the middle of u (SVG 2, implementation notes, B.2.4).
     """
     tilt_rad, radii = np.radians(tilt), np.maximum(radii, 1.0)
     co, si = np.cos(tilt_rad), np.sin(tilt_rad)
@@ -225,19 +225,19 @@ def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
 
 
 _DIRECTIONS = np.arange(12) * np.pi / 12  # angles of the lines onto which ellipses are projected
-_FIRST = 0, 6  # indices of the directions along a picture's sides, which rule out most pairs
+_ALONG_SIDES = 0, 6  # indices of the directions along x and y, which rule out most pairs first
 _ROWS = 64  # rows compared at a time, a multiple of the 8 bits of a byte
 
 
 def overlaps(
     mean: Floats, factor: Floats, kind: NDArray[np.generic], margin: float
 ) -> NDArray[np.uint8]:
-    """Return bits (n, n / 8): whether a row's shape lies below a column's and is not apart from it.
+    """Return n x n bits, packed to (n, n / 8): whether shape i lies below shape j and overlaps it.
 
-    kind  (n,) kind of each shape. The bit is 0 for two shapes of one kind
+    kind  (n,) kind of each shape. The bit of two shapes of one kind is 0
 
-    The other arguments are those of `colors_together`. np.unpackbits(row, count=n) unpacks a row.
-    20000 shapes take 50 MB, however many overlap.
+    The other arguments are those of `colors_together`. np.unpackbits(row, count=n) unpacks row i.
+    The bits of 20000 shapes take 50 MB, however many overlap.
     """
     x, y = np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)
     at = mean[:, :1] * x + mean[:, 1:] * y
@@ -246,7 +246,7 @@ def overlaps(
     for begin in range(0, len(mean), _ROWS):
         rows = slice(begin, begin + _ROWS)
         near = np.triu(kind[rows, None] != kind[begin:], 1)
-        for k in _FIRST:
+        for k in _ALONG_SIDES:
             limit = reach[rows, None, k] + reach[begin:, k] + margin
             near &= np.abs(at[rows, None, k] - at[begin:, k]) < limit
         row, column = np.nonzero(near)
@@ -264,9 +264,9 @@ def colors_together(
 ) -> NDArray[np.intp]:
     """Return an order (n,) of shapes that looks the same and has few changes of colour.
 
-    Orders that look the same give the same result. A shape is ready once all overlapping shapes of
-    other colours below it are drawn. The next colour is the one with the largest share of ready
-    shapes. All its ready shapes are then drawn.
+    All orders of the shapes that look the same lead to one result. A shape is ready once all
+    overlapping shapes of other colours below it are drawn. The next colour is the one with the
+    largest share of ready shapes. All ready shapes of that colour are then drawn.
 
     mean    (n, 2) centres of the ellipses that contain the shapes
     factor  (n, 3) l11 l21 l22 of these ellipses
@@ -275,17 +275,17 @@ def colors_together(
     margin  smallest distance at which two ellipses count as apart
     """
     kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
-    below, left = overlaps(mean, factor, kind, margin), np.ones(len(mean), bool)
+    below, undrawn = overlaps(mean, factor, kind, margin), np.ones(len(mean), bool)
     waiting = np.zeros(len(mean), np.intp)  # number of undrawn shapes that each shape waits for
     for row in below:
         waiting += np.unpackbits(row, count=len(mean))
     order = [np.zeros(0, np.intp)]
-    while left.any():
-        ready = np.bincount(kind[left & (waiting == 0)], minlength=kind.max() + 1)
-        share = ready / np.maximum(np.bincount(kind[left], minlength=len(ready)), 1)
-        chosen = np.flatnonzero(left & (waiting == 0) & (kind == share.argmax()))
+    while undrawn.any():
+        ready = np.bincount(kind[undrawn & (waiting == 0)], minlength=kind.max() + 1)
+        share = ready / np.maximum(np.bincount(kind[undrawn], minlength=len(ready)), 1)
+        chosen = np.flatnonzero(undrawn & (waiting == 0) & (kind == share.argmax()))
         order.append(chosen[np.lexsort(key[:, chosen])])
-        left[chosen] = False
+        undrawn[chosen] = False
         for row in below[chosen]:
             waiting -= np.unpackbits(row, count=len(mean))
     return np.concatenate(order)

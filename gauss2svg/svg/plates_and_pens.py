@@ -1,7 +1,7 @@
 """Drawings for printers and plotters: plates of inks, and outlines that pens draw.
 
-Yellow ellipses, blue ones over them and yellow ones over those are three groups, in two inks. The
-yellow plate has both yellow groups in black, and the blue one between them in white.
+For example, yellow ellipses, blue ones over them and yellow ones on top are three groups in two
+inks. The yellow plate has both yellow groups in black, and the blue group between them in white.
 
 An outline is a stroke where a shape's falloff is 1/2. With pens, strokes are cut at the page's
 edges, and the pen of the nearest colour draws each:
@@ -30,12 +30,12 @@ from gauss2svg.svg.minimal_shapes import color_levels, colors_together, overlaps
 from gauss2svg.without_scipy import nearest_entry
 
 Floats = NDArray[np.float64]
-STROKE_WIDTHS = 0.01, 100.0
-STROKE_DECIMALS = 2  # decimals of px and of degrees
+STROKE_WIDTHS = 0.01, 100.0  # px, range of a stroke's width
+STROKE_DECIMALS = 2  # decimals of px, of mm with pens, and of degrees
 MOST_PENS = MOST_INKS
-# Longest piece of an arc. The rounded ends of longer pieces would move the centre.
+# Longest piece of an arc. Rounding the ends' coordinates would move a longer arc's centre.
 _PIECE_RAD = 0.5 * math.pi
-_MARGIN = 1.0  # px, smallest distance at which ellipses count as apart, as edges are antialiased
+_MARGIN = 1.0  # px, smallest gap at which ellipses count as apart, because edges are antialiased
 
 
 def encode_outlines(
@@ -52,13 +52,13 @@ def encode_outlines(
         return Drawing(sides_of(scene), len(shapes), [], round_layers(rounds), sheet, root)
     count = Field("pens", int, 1, MOST_PENS).checked(pens)
     document.check_without_layers("pens", "whose layers are no rounds", "outlines without pens")
-    each = document.mm_each(scene.width)
-    on_paper = scene.scaled(each)
+    mm_per_px = document.mm_each(scene.width)
+    on_paper = scene.scaled(mm_per_px)
     layers, strokes = [], 0
     for at, (pen, inside) in enumerate(pen_strokes(on_paper, count), start=1):
         label, strokes = f"{at} {pen}: {len(inside)} strokes", strokes + len(inside)
         layers.append(layer(label, inside, id=f"pen-{at}", stroke=pen))
-    root = {"fill": "none", "stroke-width": number(float(width) * each, STROKE_DECIMALS + 1)}
+    root = {"fill": "none", "stroke-width": number(float(width) * mm_per_px, STROKE_DECIMALS + 1)}
     view = sides_of(on_paper)
     return Drawing(view, strokes, [], layers, root=root, size=f"{view[0]}mm")
 
@@ -74,7 +74,7 @@ def outlines(scene: Scene) -> list[tuple[int, Element]]:
     radii, angles = axes * radius[:, None], np.degrees(angle_rad)
     levels = np.round(scene.color * 255).astype(int)
     drawn = []
-    # Fainter shapes are hardly visible.
+    # With two decimals, an opacity under 0.005 would be written as 0.
     for i in np.flatnonzero(writable(scene, radius, 1.0) & (scene.opacity >= 0.005)).tolist():
         numbers = *radii[i], *scene.mean[i], angles[i]
         rx, ry, x, y, angle = (number(v, STROKE_DECIMALS) for v in numbers)
@@ -88,7 +88,7 @@ def outlines(scene: Scene) -> list[tuple[int, Element]]:
 
 
 def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
-    """Return at most `count` pens as #rrggbb, lightest first, and the strokes of each on the page.
+    """Return up to `count` pens, each with its colour #rrggbb and its strokes, lightest pen first.
 
     gauss2svg.scene.inks.inks_of chooses the colours of the pens from those of the shapes. The
     strokes are those of `outlines`, cut at the page's sides, lowest first.
@@ -115,18 +115,18 @@ def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
 
 
 def _on_page(ellipse: Element, matrix: Floats, center: Floats, scene: Scene) -> list[Element]:
-    """Return the part on the page of the ellipse center + matrix (cos t, sin t), or nothing.
+    """Return the part of the ellipse center + matrix (cos t, sin t) that is on the page, if any.
 
-    The ellipse crosses a side x = k where m11 cos t + m12 sin t = k - x, at
-    atan2(m12, m11) +- acos(..).
+    The ellipse crosses a side x = k where m11 cos t + m12 sin t = k - center_x, at
+    t = atan2(m12, m11) +- acos(..).
     """
     page = np.array([scene.width, scene.height])
     crossings: list[float] = []
     for (along, across), at, side in zip(matrix, center, page, strict=True):
         reach, middle = math.hypot(along, across), math.atan2(across, along)
-        for wall in (0.0, side):
-            if abs(wall - at) < reach:
-                half = math.acos((wall - at) / reach)
+        for edge in (0.0, side):
+            if abs(edge - at) < reach:
+                half = math.acos((edge - at) / reach)
                 crossings += [(middle - half) % (2 * math.pi), (middle + half) % (2 * math.pi)]
     ends = np.sort(crossings) if crossings else np.zeros(1)
     ends = np.append(ends, ends[0] + 2 * math.pi)
@@ -173,9 +173,9 @@ def plate_of(scene: Scene, ink: str) -> Scene:
     names = [ink_name(one) for one in inks_of_scene(scene)]
     if ink not in names:
         raise refusal("ink", f"one of {', '.join(names)}", quoted(ink))
-    wanted = np.array(list(bytes.fromhex(ink[1:])))
-    printed = (color_levels(scene.color, 6) == wanted).all(axis=1)
-    ground = not scene.transparent and bool((color_levels(scene.background, 6) == wanted).all())
+    levels = np.array(list(bytes.fromhex(ink[1:])))
+    printed = (color_levels(scene.color, 6) == levels).all(axis=1)
+    ground = not scene.transparent and bool((color_levels(scene.background, 6) == levels).all())
     shows = printed != ground
     # Shapes in the colour of the plate's background are needed where they cover other shapes.
     below = overlaps(*_ellipses(scene), shows, _MARGIN)[shows]

@@ -1,8 +1,8 @@
 """Reading of scenes from SVG files that write_svg wrote, also after an editor saved them.
 
-Additive files are refused. Editable files are groups of circles. Minimal files have uses of masked
-circles, circles under gradients whose stops have their opacities in a style sheet, and paths of
-arcs. One walk reads both kinds of file, because it decides element by element.
+Additive files are refused. Editable files are groups of circles. Minimal files have <use>s of
+masked circles, circles with gradients whose opacities are in a style sheet, and paths of arcs. One
+walk reads both kinds of file, because it decides element by element.
 
 Inkscape 1.2 makes these changes when it saves a file (tests/data has one, before and after):
 
@@ -50,9 +50,9 @@ from gauss2svg.svg.file import (
 from gauss2svg.svg.forms import arc_beta, plain_radius
 from gauss2svg.svg.read_shapes import Affine, Fill, color_of, compose, share_of, styled, target_of
 
-MOST_ELEMENTS = 4_000_000  # limit of elements. A tree of so many takes about 3 GB
-_DEEPEST = 100
-_LONGEST_CHAIN = 9  # most gradients that refer to one another in turn. Inkscape chains two
+MOST_ELEMENTS = 4_000_000  # limit of elements in a file. Their tree then takes about 3 GB
+_DEEPEST = 100  # largest depth of nested groups
+_LONGEST_CHAIN = 9  # largest number of gradients in a chain of references. Inkscape chains two
 _LABEL = INKSCAPE + "label"
 _ROUND_LABEL = re.compile(r"Round ([1-9]\d{0,8})\b")
 _ROUND_ID = re.compile(r"round-([1-9]\d{0,8})")
@@ -61,7 +61,7 @@ _DRAWN = {*_GROUPS, "circle", "ellipse", "path", "rect"}
 # Elements that draw nothing themselves.
 _SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "filter", "mask", "style"}
 # Attributes and properties that change a shape. They are refused unless their value is in _OFF, or
-# _READ has them for the element.
+# _READ has the pair of the element's tag and the attribute.
 _EFFECTS = {"stroke", "filter", "mask", "clip-path", "mix-blend-mode", "visibility", "animation"}
 _EFFECTS |= {"translate", "rotate", "scale", "transform-origin", "transform-box", "offset-path"}
 _EFFECTS |= {"zoom", "systemLanguage", "all"}
@@ -94,7 +94,7 @@ def read_svg(
 
     A shape's round comes from the label or id of its group ("Round 3: ..", "round-3"), but is at
     least the round of the shapes below. A group at the top level without such a label or id is a
-    round of its own. A minimal file has one round. Without a size, its scene is in user units.
+    round of its own. A minimal file has one round. If it has no size, the scene is in user units.
 
     source       a path (.svg, .svgz), text, or bytes
     background   sRGB colour in 0..1 for a file without a background. If it is None, the scene of
@@ -125,7 +125,7 @@ class _State(NamedTuple):
 
 
 class _Shape(NamedTuple):
-    """A shape. Its maps are in an array, because tuples take three times the memory."""
+    """A shape without its maps. All maps are in one array, which takes a third of the memory."""
 
     element: Any
     fill: Fill
@@ -143,8 +143,8 @@ class _Reader:
         self._gradient = cache(self._read_gradient)
         self._arcs = read_shapes.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
         self._shapes: list[_Shape] = []
-        # Two maps of the unit circle for each shape, in px: onto its outline, and onto its fill's
-        # edge.
+        # Two maps of the unit circle for each shape, in px: onto its outline, and onto the edge of
+        # its fill.
         self._maps = array("d")
         self._background = None if background is None else np.asarray(background, np.float64)
         for sheet in root.iter(SVG + "style"):
@@ -157,7 +157,7 @@ class _Reader:
         self._visit(root, _State(onto))
 
     def _read_sheet(self, sheet: Any) -> None:
-        """Add the opacities of stops in a style sheet. Raise InputError if it has other rules."""
+        """Keep the opacities of stops in a style sheet. Raise InputError if it has other rules."""
         text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
         if len(sheet) or _RULE.sub("", text):
             needed = "one that write_svg writes for a scene whose blend is 'over'"
@@ -171,7 +171,7 @@ class _Reader:
         """Add the shapes of an element and of its children."""
         space, _, tag = element.tag.rpartition("}")
         if space + "}" != SVG or tag in _SILENT:
-            return  # no renderer draws editors' own elements
+            return  # such elements, and those of an editor's namespace, draw nothing
         with _naming(element):
             if tag not in _DRAWN or parent.depth > _DEEPEST:
                 needed = f"ellipses alone, in groups of at most {_DEEPEST}"
@@ -194,7 +194,7 @@ class _Reader:
                 children = [target_of(self._by_id, read_shapes.link_of(element), "circle", "use")]
             elif tag in ("svg", "g"):
                 number = _round_of(element)
-                # A group with a fill alone is from minimal markup, which has no rounds.
+                # A group with no attribute but fill is from minimal markup, which has no rounds.
                 if number is None and state.depth == 1 and set(element.attrib) != {"fill"}:
                     number = self._shapes[-1].round + 1 if self._shapes else 0
                 state = state if number is None else state._replace(round=number)
@@ -222,36 +222,36 @@ class _Reader:
 
     def _fill_of(self, fill: str, attributes: Mapping[str, str], edge: Affine) -> Fill:
         """Return the fill of a shape. Raise InputError if write_svg does not write such a fill."""
-        said = fill, attributes.get("filter", ""), attributes.get("mask", "")
-        key, blur, mask = map(read_shapes.reference_of, said)
-        if key is not None and blur is None and mask is None:
-            return self._gradient(key, False)
+        texts = fill, attributes.get("filter", ""), attributes.get("mask", "")
+        gradient_id, blur_id, mask_id = map(read_shapes.reference_of, texts)
+        if gradient_id is not None and blur_id is None and mask_id is None:
+            return self._gradient(gradient_id, False)
         color = color_of(fill, "fill")
-        if mask is not None:
-            inside = read_shapes.mask_key(target_of(self._by_id, mask, "mask"), edge)
+        if mask_id is not None:
+            inside = read_shapes.gradient_id(target_of(self._by_id, mask_id, "mask"), edge)
             return self._gradient(inside, True)._replace(color=color)
-        if blur is None:
+        if blur_id is None:
             return Fill(color)
-        known = read_shapes.blur_of(target_of(self._by_id, blur, "filter"), edge)
-        # The fill-opacity of a blurred disc is known.peak times the shape's opacity.
-        return Fill(color, BLURRED, 1 / known.peak, known.beta, known.radius)
+        blur = read_shapes.blur_of(target_of(self._by_id, blur_id, "filter"), edge)
+        # The fill-opacity of a blurred disc is blur.peak times the shape's opacity.
+        return Fill(color, BLURRED, 1 / blur.peak, blur.beta, blur.radius)
 
     def _read_gradient(self, key: str, in_mask: bool) -> Fill:
         chain, name = list[Any](), key
         while name and len(chain) < _LONGEST_CHAIN:
             chain.append(target_of(self._by_id, name, "radialGradient"))
             name = read_shapes.link_of(chain[-1])
-        said = {name: value for e in reversed(chain) for name, value in e.attrib.items()}
+        values = {name: value for e in reversed(chain) for name, value in e.attrib.items()}
         owner = next((e for e in chain if len(e)), chain[-1])
         sheet = self._opacities[read_shapes.link_of(owner)]
         color, beta = read_shapes.stops_of(owner, sheet, in_mask)
-        return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), read_shapes.disc_of(said))
+        return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), read_shapes.disc_of(values))
 
     def _cover(self, sides: Mapping[str, str], state: _State, alpha: float) -> None:
         """Keep the fill of a rectangle as the background.
 
-        Raise InputError unless it is opaque, upright, below all shapes and covers the canvas. Each
-        side may miss 0.01 px or 0.05 user units, because minimal markup rounds its sides.
+        Raise InputError unless the rectangle is opaque, upright, below all shapes, and covers the
+        canvas but for 0.01 px or 0.05 user units a side, because minimal markup rounds the sides.
         """
         whole = dict(zip(("x", "y", "width", "height"), 2 * self._user_size, strict=True))
         x, y, across, down = (_side(sides.get(name, "0"), name, whole[name]) for name in whole)
@@ -325,7 +325,7 @@ def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ..
 
 
 def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
-    """Return the state under an element. Raise InputError for effects that a scene cannot hold."""
+    """Return the state inside an element. Raise InputError for effects that a scene cannot hold."""
     changes: dict[str, Any] = {}
     for name, value in attributes.items():
         if name in ("fill", "fill-opacity") and value != "inherit":
@@ -349,7 +349,7 @@ def _side(text: str, name: str, whole: float) -> float:
 
 
 def _round_of(group: Any) -> int | None:
-    """Return the round, from 0, that a group's label names. If users removed it, use the id."""
+    """Return the round, counted from 0, in a group's label, or else in its id, or else None."""
     label = _ROUND_LABEL.match(group.get(_LABEL, ""))
     match = label or _ROUND_ID.fullmatch(group.get("id", ""))
     return int(match[1]) - 1 if match else None

@@ -47,11 +47,11 @@ _CALL = re.compile(r"[\s,]*+(matrix|translate|scale|rotate)\s*+\(([^()]*+)\)[\s,
 _CALLS = re.compile(rf"(?:{_CALL.pattern})*+\s*+")
 _REFERENCE = re.compile(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""")
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
-# Largest difference of a stop's offset or opacity from a known exponent's stop. The stops of two
-# exponents differ by 0.1.
+# Largest difference of a stop's offset or opacity from the stops that files have for an exponent.
+# The stops of two exponents differ by 0.1.
 _SAME_STOP = 0.02
-MOST_BEYOND_PX = 0.05  # largest reach of a gradient beyond its ellipse, because editors round
-# Most an arc's end may be off, in radii. 8 digits are coarse for thin arcs.
+MOST_BEYOND_PX = 0.05  # largest accepted reach of a gradient beyond its ellipse: editors round
+# Largest error of an arc's end, in radii. Editors write 8 digits, which is coarse for thin arcs.
 _ARC_END_TOLERANCE = 0.02
 _GAP = r"[\s,]*"
 _N = rf"({NUMBER}){_GAP}"
@@ -139,7 +139,7 @@ class Fill(NamedTuple):
 
     color   sRGB in 0..1
     drawn   value of Scene.drawn for the shape
-    peak    opacity at the centre at fill-opacity 1
+    peak    opacity of the shape divided by its fill-opacity
     beta    exponent, 0 for a plain ellipse
     radius  radius in sigmas of the circle that `disc` maps, 0 for a plain ellipse
     disc    map of the unit circle onto the gradient's edge in user space. None: the outline
@@ -155,10 +155,10 @@ class Fill(NamedTuple):
 
 def target_of(by_id: Mapping[str, Any], key: str | None, *tags: str) -> Any:
     """Return the element with an id. Raise InputError unless its tag is one of `tags`."""
-    found = by_id.get(key or "")
-    if found is None or found.tag.removeprefix(SVG) not in tags:
+    element = by_id.get(key or "")
+    if element is None or element.tag.removeprefix(SVG) not in tags:
         raise refusal("its reference", f"to a {tags[0]} in the file", quoted(key), "to remove it")
-    return found
+    return element
 
 
 def link_of(element: Any) -> str:
@@ -169,21 +169,21 @@ def link_of(element: Any) -> str:
 def disc_of(gradient: Mapping[str, str]) -> Affine:
     """Return the map of the unit circle onto the edge of a gradient with these attributes."""
     center = {"fx": gradient.get("cx", ""), "fy": gradient.get("cy", "")}
-    said = {"spreadMethod": "pad", "fr": "0", **center, **gradient}
-    texts = (said.get(name, "") for name in ("cx", "cy", "r", "fx", "fy"))
+    values = {"spreadMethod": "pad", "fr": "0", **center, **gradient}
+    texts = (values.get(name, "") for name in ("cx", "cy", "r", "fx", "fy"))
     cx, cy, r, fx, fy = (numbers(text, "a number of its gradient", 1)[0] for text in texts)
-    kind = said.get("gradientUnits"), said["spreadMethod"], said["fr"]
+    kind = values.get("gradientUnits"), values["spreadMethod"], values["fr"]
     # A focus within 0.01 radii of the centre changes the image by less than a level.
     off_center = 100 * math.hypot(fx - cx, fy - cy)
     if kind != ("userSpaceOnUse", "pad", "0") or not r > 0 or off_center > r:
         needed = "in user space, with its focus at the centre"
         raise refusal("its gradient", needed, "another", "to undo what changed it")
-    onto = transform_of(said.get("gradientTransform", ""), "gradientTransform")
+    onto = transform_of(values.get("gradientTransform", ""), "gradientTransform")
     return compose(onto, (r, 0.0, 0.0, r, cx, cy))
 
 
 def beyond_px(edge: NDArray[np.float64], disc: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far (n,) in px each gradient reaches beyond the ellipse that shows it.
+    """Return how far, in px, each of n gradients reaches beyond the ellipse that it fills.
 
     edge, disc  (n, 2, 3) maps of the unit circle onto the ellipses and onto the gradients' edges
     """
@@ -235,8 +235,8 @@ def _known_stops(in_mask: bool) -> list[tuple[float, NDArray[np.float64]]]:
     return [(beta, np.column_stack(stops(count, beta)) / unit) for beta, count in rows]
 
 
-def mask_key(mask: Any, edge: Affine) -> str:
-    """Return a mask's gradient id. Raise InputError unless the mask is a circle with this edge."""
+def gradient_id(mask: Any, edge: Affine) -> str:
+    """Return the gradient id of a mask. Raise InputError unless the mask is a circle of `edge`."""
     inside = [child.attrib for child in mask if child.tag == SVG + "circle"]
     key = reference_of(inside[0].get("fill", "")) if len(inside) == len(mask) == 1 else None
     if key is None or outline_of("circle", inside[0]) != edge or "maskUnits" in mask.attrib:
@@ -245,7 +245,7 @@ def mask_key(mask: Any, edge: Affine) -> str:
 
 
 def blur_of(element: Any, edge: Affine) -> Blur:
-    """Return the blur of a circle's filter. Raise InputError if write_svg does not write it."""
+    """Return the blur that a filter applies to a circle. Raise InputError if it is not in BLURS."""
     steps = [step.attrib for step in element if step.tag == SVG + "feGaussianBlur"]
     if len(steps) == len(element) == 1 and set(steps[0]) <= {"in", "stdDeviation", "id"}:
         deviation = numbers(steps[0].get("stdDeviation", ""), "stdDeviation", 1)[0]
@@ -270,7 +270,7 @@ def outline_of(tag: str, attributes: Mapping[str, str]) -> Affine:
 
 
 def open_arcs(paths: Iterable[str]) -> dict[str, list[Affine]]:
-    """Return the ellipses of each path of open arcs, by its text. Other paths are left out."""
+    """Return the ellipses of each path of open arcs, by the path's d. Leave out other paths."""
     texts, rows = [], []
     for data in filter(_OPEN_ARCS.fullmatch, set(paths)):
         x = y = 0.0
@@ -296,7 +296,7 @@ def _closed(data: str) -> Affine:
             ends.append(complex(float(x), float(y)) + (ends[-1] if letter == "a" else 0))
         rx, ry, tilt_rad = float(arcs[0][1]), float(arcs[0][2]), math.radians(float(arcs[0][3]))
         center = sum(ends[1:]) / 4
-        # On the unit circle the ends of the arcs are a quarter turn apart.
+        # Mapped to the unit circle, the ends of the arcs must be a quarter turn apart.
         with np.errstate(all="ignore"):
             turned = (np.array(ends) - center) * np.exp(-1j * tilt_rad)
             at = turned.real / rx + 1j * turned.imag / ry

@@ -1,4 +1,4 @@
-"""Gradient stops, which are the piecewise linear functions nearest to the falloff's profiles.
+"""Gradient stops: the piecewise linear functions that are nearest to the falloff's profiles.
 
 An SVG gradient is linear between its stops. Their offsets (free knots) and opacities minimise
 
@@ -7,17 +7,17 @@ An SVG gradient is linear between its stops. Their offsets (free knots) and opac
 in px^2 for a shape of sigma 1 px. The integral is the squared error of the image. Finding stops
 takes up to a second for each exponent, so stops.json has all stops that files use, and
 `python benchmarks/stops.py gauss2svg/svg/stops.json` writes it. tests/svg/test_stops.py derives the
-stops again, and has the errors of docs/decisions/svg.md.
+stops again, and checks the errors that docs/decisions/svg.md states.
 
-Whole stops are stops of opaque colours, which a file rounds to 8 bits. This rounding is an error as
-large as that of all layers together. But the offsets are free, and near most offsets all three
-channels happen to be nearly whole. So a search moves the stops of each colour one by one, and gives
-each the best whole colour at its place, so that
+Whole stops are stops of opaque colours in whole levels, because a file rounds colours to 8 bits.
+The error of this rounding is as large as that of all layers together. But most offsets are near
+another one at which all three channels are nearly whole. So a search moves a colour's stops one by
+one, and gives each stop the best whole colour at its offset, so that
 
     sum over channels of the integral of (stops(r) - level f(r))^2 2 pi r dr
 
-falls. The search gains 1 to 4 dB (docs/decisions/svg.md). Greys of one hex digit, with offsets of
-two decimals, lose little in the same way (docs/decisions/minimal.md).
+falls. The search gains 1 to 4 dB (docs/decisions/svg.md). By the same search, greys of one hex
+digit with offsets of two decimals lose little (docs/decisions/minimal.md).
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from gauss2svg.scene.falloff import cut_radius, profile
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 FEWEST_STOPS = 3
-LENIENCE = 1.2  # ratio of another exponent's allowed error to that of beta = 1
-# Smallest exponent whose offsets have more decimals, because a thousandth of the radius shifts a
+LENIENCE = 1.2  # largest error of another exponent's stops, as a multiple of the error at beta = 1
+# Above this exponent offsets have one more decimal, because a thousandth of the radius shifts a
 # crisp rim of sigma 100 px by 0.14 px.
 CRISP = 8.0
 Stops = tuple[list[float], list[float]]
@@ -63,9 +63,9 @@ def known_stops() -> dict[tuple[int, float], tuple[Stops, float]]:
     return {(count, beta): ((at, values), error) for count, beta, at, values, error in rows}
 
 
-MOST_GREY = 15
+MOST_GREY = 15  # largest level of a grey of one hex digit
 _PLACES = 1000  # number of places on a radius. Offsets are multiples of a thousandth
-_SAMPLES_A_PLACE = 8
+_SAMPLES_A_PLACE = 8  # samples of the falloff from one place to the next
 
 
 # Settings of the search for whole stops (docs/decisions/svg.md).
@@ -76,7 +76,7 @@ _Integrals = tuple[Floats, ...]
 
 
 def whole_stops(levels: Floats, count: int) -> tuple[Floats, Ints]:
-    """Return the offsets (n, count) and colours (n, count, 3), in levels of 255, of whole stops.
+    """Return whole stops: offsets (n, count), and colours (n, count, 3) in levels of 255.
 
     levels  (n, 3) colours of the peaks, >= 0, in levels of 255
 
@@ -99,7 +99,10 @@ def grey_stops(count: int, beta: float) -> tuple[Floats, Ints]:
 
 
 def _moved(levels: Floats, stops: Stops, beta: float, most: int, step: int) -> tuple[Floats, Ints]:
-    """Return offsets (n, count), multiples of `step` places, and colours (n, count, 3), 0..most."""
+    """Return whole stops near `stops`: offsets (n, count) and colours (n, count, 3) in 0..most.
+
+    Offsets are multiples of `step` places.
+    """
     offsets, values = (np.array(part) for part in stops)
     count, moments = len(offsets), _moments(beta)
     rounded = step * np.round(offsets * (_PLACES / step)).astype(np.intp)
@@ -127,13 +130,13 @@ def _moved(levels: Floats, stops: Stops, beta: float, most: int, step: int) -> t
 def _around(
     k: int, tried: Ints, places: Ints, colors: Floats, levels: Floats, moments: _Integrals
 ) -> _Integrals:
-    """Return square (n, t), linear (n, t, 3) and cost (n, t) of the k-th stop at `tried` (n, t).
+    """Return square (n, t), linear (n, t, 3) and cost (n, t) of the k-th stop at places `tried`.
 
-    With a colour u there, the squared error between the neighbours of the stop is, up to a
+    If the stop has a colour u there, the squared error between its two neighbours is, up to a
     constant, cost plus the sum over channels of u^2 square - 2 u linear.
     """
     level = levels[:, None, :]
-    if k == 0:  # the first colour fills the disc inside
+    if k == 0:  # the first stop's colour fills the disc inside it
         square, linear = moments[0][tried], level * moments[3][tried][:, :, None]
         cost = np.zeros(tried.shape)
     else:
@@ -153,8 +156,8 @@ def _around(
 def _segment(first: Ints, last: Ints, moments: _Integrals) -> _Integrals:
     """Return the integrals of a a, a b, b b, f a and f b from one place to another, weighted by r.
 
-    a falls from 1 to 0 between the places, and b = 1 - a. Those of a a and b b are (n, t), those of
-    a b, f a and f b are (n, t, 1).
+    a falls from 1 to 0 between the places, and b = 1 - a. The integrals of a a and b b have the
+    shape (n, t), the others (n, t, 1).
     """
     one, x, xx, f, fx = (moment[last] - moment[first] for moment in moments)
     p, q = first / _PLACES, last / _PLACES

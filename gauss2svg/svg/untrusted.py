@@ -1,4 +1,4 @@
-"""A survey of an untrusted SVG, which refuses whatever would load anything from outside the file.
+"""Survey an untrusted SVG, and refuse it if it would load anything from outside the file.
 
 resvg reads local files that an href names, absolute or relative to the current folder. CairoSVG
 draws an SVG that is embedded as an image. Escapes in CSS could hide an address from a search.
@@ -17,7 +17,7 @@ from gauss2svg.errors import InputError, quoted, refusal
 from gauss2svg.svg.file import INKSCAPE, SVG, parse
 
 MOST_ELEMENTS = 1_000_000  # resvg's limit of elements
-MOST_IMAGE_PIXELS = 100_000_000  # limit of the sum over embedded images, which drawing decodes
+MOST_IMAGE_PIXELS = 100_000_000  # limit of pixels in all embedded images, which renderers decode
 # Local names of attributes whose address a renderer, an editor or a browser loads.
 _LINKS = {"href", "absref", "base", "src", "srcset", "imagesrcset", "srcdoc", "poster"}
 _LINKS |= {"data", "background", "archive", "code", "codebase", "classid"}
@@ -52,7 +52,7 @@ class Survey:
         self.tags = dict(Counter(self.tags).most_common())
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
-        """Count an element, and check its references."""
+        """Count an element, and check its references. Keep the attributes of the root."""
         name, local = tag.removeprefix(SVG), tag.rpartition("}")[2]
         if not self.tags:
             if name != "svg":
@@ -92,17 +92,17 @@ class Survey:
             self._sheet.append(text)
 
     def pi(self, target: str, _text: str) -> None:
-        """Raise InputError for a style sheet of another file, at any place."""
+        """Raise InputError for a processing instruction, at any place, that loads a style sheet."""
         if target == "xml-stylesheet":
             raise _outside("xml-stylesheet")
 
 
 def _check_css(text: str) -> None:
-    """Raise InputError for CSS that loads anything, and for escapes, which could hide that."""
+    """Raise InputError for CSS that loads anything, or has escapes, which could hide an address."""
     if "\\" in text:
         raise refusal("CSS", "without escapes", quoted(text), "to save it as plain SVG")
-    if found := _URL.search(text) or _LOADING.search(text):
-        raise _outside(found[found.lastindex or 0])
+    if match := _URL.search(text) or _LOADING.search(text):
+        raise _outside(match[match.lastindex or 0])
 
 
 def _pixels_of(target: str) -> int:

@@ -4,8 +4,9 @@ gauss2svg.svg.encode makes the elements of an editable file. Other encodings nee
 in one renderer or another (docs/decisions/svg.md). gauss2svg.svg.additive writes an additive scene
 as differences.
 
-The root has role="img". With this role Chromium gives screen readers the title as the name and the
-desc as the description, both inline and as a file of its own. aria-labelledby would add nothing.
+The root of these files has role="img". With this role Chromium gives screen readers the title as
+the name and the desc as the description, for an SVG in a page and for a file. aria-labelledby would
+add nothing.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ def write_svg(
 ) -> str:
     """Return the SVG text of a scene. It depends only on the scene, the format and the document.
 
-    Exponents and colours become those that a file can hold (gauss2svg.svg.forms.snapped).
-    gauss2svg.quantize returns a scene with fewer of them, for a smaller file. A transparent scene
-    has no <rect>.
+    Exponents and colours become those that a file can hold (gauss2svg.svg.forms.snapped). With
+    fewer exponents and colours, as gauss2svg.quantize makes them, the file is smaller. The file of
+    a transparent scene has no <rect>.
 
-    gauss2svg.svg.minimal explains minimal markup, gauss2svg.svg.additive the file of an additive
-    scene, whose layers are phases. plates_and_pens.grouped_by_ink makes layers by ink.
+    gauss2svg.svg.minimal explains minimal markup. gauss2svg.svg.additive explains the file of an
+    additive scene, which has phases as layers. plates_and_pens.grouped_by_ink makes layers by ink.
 
     Raise InputError for
 
@@ -55,11 +56,11 @@ def write_svg(
 
 
 def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Scene:
-    """Return the scene in the order of its file. With layers by ink, runs of an ink are rounds."""
+    """Return the scene in the order of its file. Layers by ink make each run of one ink a round."""
     if svg_format.layers != INKS:
         return scene
     document.check_without_layers(f"layers {INKS}", "which are no rounds", f"layers {ROUNDS}")
-    from gauss2svg.svg.plates_and_pens import grouped_by_ink  # few files need it
+    from gauss2svg.svg.plates_and_pens import grouped_by_ink  # few files need this module
 
     return grouped_by_ink(scene)
 
@@ -69,14 +70,14 @@ def ordered_svg(
 ) -> str:
     """Return the text of write_svg for a scene that in_file_order returned.
 
-    masked  see gauss2svg.svg.minimal.minimal_svg
+    masked  as in gauss2svg.svg.minimal.minimal_svg
     """
     is_minimal, is_additive = svg_format.markup == MINIMAL, scene.blend == ADD
     if svg_format.form != GRADIENT and (is_minimal or is_additive):
         why = "in minimal markup" if is_minimal else "for an additive scene, whose blurs do not add"
         raise refusal("form", f"{GRADIENT!r} {why}", quoted(svg_format.form))
     if is_minimal:
-        from gauss2svg.svg.minimal import minimal_svg  # most files are editable
+        from gauss2svg.svg.minimal import minimal_svg  # few files are minimal
         from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 
         return minimal_svg(
@@ -84,11 +85,11 @@ def ordered_svg(
             opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops, masked=masked,
         )  # fmt: skip
     if not is_additive:
-        from gauss2svg.svg.encode import encode  # minimal files need none of it
+        from gauss2svg.svg.encode import encode  # minimal files do not need this module
 
         return _text(encode(scene, svg_format, document), scene, document)
     document.check_without_layers("additive blending", "whose layers are no rounds", _PORTABLE)
-    from gauss2svg.svg.additive import encode_additive  # few files need it, or its kernels
+    from gauss2svg.svg.additive import encode_additive  # few files need its kernels
 
     return _text(encode_additive(scene, svg_format), scene, document)
 
@@ -97,9 +98,9 @@ def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
     """Return the SVG text of an ink's plate, which is black where the ink #rrggbb is visible.
 
     All plates of a scene have the same size, so that they can be printed over each other. Raise
-    InputError for a scene that is not in inks (Scene.inks), and for an ink that it does not have.
+    InputError for a scene that is not in inks (Scene.inks), and for an ink that the scene lacks.
     """
-    from gauss2svg.svg.plates_and_pens import plate_of  # few files need it
+    from gauss2svg.svg.plates_and_pens import plate_of  # few files need this module
 
     plate = plate_of(required(scene, "scene", Scene), ink)
     return write_svg(plate, SvgFormat(layers=INKS), document)
@@ -119,8 +120,8 @@ def outline_svg(
 
     stroke_width  width in px, 0.01..100
     pens          largest number of colours. Each has a layer of its strokes, such as "1 #c0322c:
-                  ..". Strokes then end at the page, and the unit is a millimetre on paper: by the
-                  document's size, or at 96 px an inch
+                  ..". Strokes are then cut at the page's edges, and written in mm on paper. The
+                  page has the document's size, or without one 96 px an inch
 
     Raise InputError for a width or a number of pens out of range, for an additive scene, and for
     pens with animation or fragments, which need layers of rounds.
@@ -130,7 +131,7 @@ def outline_svg(
     if scene.blend == ADD:
         got = "'add', whose colours are differences and show nothing by themselves"
         raise refusal("blend of a scene with outlines", "'over'", got, _PORTABLE)
-    from gauss2svg.svg.plates_and_pens import encode_outlines  # few files need it
+    from gauss2svg.svg.plates_and_pens import encode_outlines  # few files need this module
 
     return _text(encode_outlines(scene, document, stroke_width, pens), scene, document)
 
@@ -145,8 +146,8 @@ def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
     canvas = sides_of(scene)
     document = dataclasses.replace(document, size=drawing.size or document.size)
     sides = document.sides(scene.width, scene.height)
-    # The default, debug=True, triples the time, and its checks let NaN pass.
     view = f"0 0 {drawing.view[0]} {drawing.view[1]}"
+    # svgwrite's checks (debug=True) triple the time, and let NaN pass.
     root = svgwrite.Drawing(size=sides or canvas, viewBox=view, debug=False)
     Inkscape(root)  # adds Inkscape's namespaces
     if document.aspect:

@@ -9,7 +9,7 @@ import sys
 import time
 
 import pytest
-from batches import left_parts, marks, outputs, save_photos, tiny
+from batches import TINY_COMMAND, left_parts, marks, outputs, save_photos, tiny
 from clusters import Cluster, Local, batch, ended, wait_for
 
 from gauss2svg.batch.table import TABLE
@@ -133,18 +133,17 @@ sys.exit(main(sys.argv[1:]))
 
 
 @pytest.mark.parametrize(
-    ("arguments", "line"),
+    ("words", "line"),
     [
-        (["in", "-o", "out", "--scheduler", "tcp://a:1"], 'Try pip install "gauss2svg[cluster]"'),
-        (["in", "-o", "s3://bucket/out"], 'Try pip install "gauss2svg[s3]"'),
-        (["s3://bucket/in", "-o", "out"], 'Try pip install "gauss2svg[s3]"'),
-        (["in", "-o", "out"], ""),
+        ("in -o out --scheduler tcp://a:1", 'Try pip install "gauss2svg[cluster]"'),
+        ("in -o s3://bucket/out", 'Try pip install "gauss2svg[s3]"'),
+        ("s3://bucket/in -o out", 'Try pip install "gauss2svg[s3]"'),
+        ("in -o out", ""),
     ],
 )
-def test_extra_that_is_missing_is_named_in_a_line(arguments, line, tmp_path):
+def test_extra_that_is_missing_is_named_in_a_line(words, line, tmp_path):
     save_photos(tmp_path / "in", ["a.png"])
-    tiny_options = ["--quality", "draft", "--gaussians", "4", "--iterations", "3"]
-    command = [sys.executable, "-c", WITHOUT, "batch", *arguments, *tiny_options]
+    command = [sys.executable, "-c", WITHOUT, "batch", *words.split(), *TINY_COMMAND]
     found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert line in found.stderr
     assert (found.returncode, found.stderr.count("\n")) == ((2, 1) if line else (0, 2))

@@ -55,22 +55,21 @@ def bucket(server, tmp_path, monkeypatch):
     s3fs.S3FileSystem.clear_instance_cache()
 
 
-def run(bucket):
-    found = vectorize_many([f"s3://{bucket}/in"], f"s3://{bucket}/out", tiny())
-    return {one.output: "skipped" if one.skipped else one.error for one in found}
-
-
 def test_photos_of_a_bucket_become_svgs_of_a_bucket_and_are_skipped_then(bucket, tmp_path):
     name, fs = bucket
+
+    def run() -> dict:
+        found = vectorize_many([f"s3://{name}/in"], f"s3://{name}/out", tiny())
+        return {one.output: "skipped" if one.skipped else one.error for one in found}
+
     expected = {photo.replace(".png", ".svg"): None for photo in NAMES}
-    assert run(name) == expected
-    for photo in NAMES:
-        svg = fs.cat_file(f"{name}/out/{photo.replace('.png', '.svg')}")
-        assert svg == vectorize_by(tiny(), tmp_path / "in" / photo).svg.encode()
+    assert run() == expected
+    for photo, svg in zip(NAMES, expected, strict=True):
+        wanted = vectorize_by(tiny(), tmp_path / "in" / photo).svg.encode()
+        assert fs.cat_file(f"{name}/out/{svg}") == wanted
     assert len(fs.find(f"{name}/out")) == 2 * 3 + 4  # marks; two tables, options, a probe
-    assert run(name) == dict.fromkeys(expected, "skipped")
     fs.put_file(str(save_photo(tmp_path / "x.png", 9)), f"{name}/in/a.png")
-    assert run(name) == {**dict.fromkeys(expected, "skipped"), "a.svg": None}
+    assert run() == dict.fromkeys(expected, "skipped") | {"a.svg": None}
     with pytest.raises(OutputError, match="cannot write s3://none-of-it/out"):
         vectorize_many([f"s3://{name}/in"], "s3://none-of-it/out", tiny())
     with pytest.raises(InputError, match="cannot read s3://none-of-it/in: The specified bucket"):

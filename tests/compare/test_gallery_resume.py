@@ -1,21 +1,15 @@
-"""What a gallery keeps, what it makes again, and what an interruption leaves."""
+"""What a gallery keeps and makes again, what an interruption leaves, and what is refused."""
 
 import json
 import shutil
-import signal
-import subprocess
-import sys
-import time
 
-import psutil
 import pytest
-from conftest import has_ended
 from flat import build_gallery
 from galleries import Page, all_requests, save
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import grid, run
-from gauss2svg.errors import OutputError
+from gauss2svg.errors import Gauss2SvgError, OutputError
 
 pytestmark = pytest.mark.process
 
@@ -40,7 +34,6 @@ def test_finished_work_is_kept_until_what_it_depends_on_changes(
     assert made(photos=two[::-1])[0] == []
     found, third = made(counts=[7, 9, 5])
     assert found == [("variant", "a/gaussians-9"), ("variant", "b/gaussians-9")]
-    assert [row for row in third.rows if row["variant"] != "9 Gaussians"] != []
     assert {str(row) for row in first.rows} < {str(row) for row in third.rows}
     added = save(photo[:5, :5], tmp_path / "c.png")
     assert made(photos=[added, *two])[0] == all_requests("c", slugs)
@@ -128,33 +121,6 @@ def test_svg_that_an_interrupted_gallery_overwrote_is_made_again(two, tmp_path, 
     assert asked == [("variant", "a/gaussians-5")]
 
 
-@pytest.mark.posix
-def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(photo, tmp_path, asked):
-    picture, out = save(photo, tmp_path / "a.png"), tmp_path / "out"
-    arguments = ["gallery", str(picture), "-o", str(out), "--counts", "20,60000"]
-    command = [sys.executable, "-m", "gauss2svg", *arguments, "--jobs", "2"]
-    record = out / "gallery.jsonl"
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        until = time.monotonic() + 120
-        while not (record.exists() and 'gaussians 20"' in record.read_text()):
-            assert process.poll() is None
-            assert time.monotonic() < until
-            time.sleep(0.01)
-        workers = psutil.Process(process.pid).children(recursive=True)
-        process.send_signal(signal.SIGINT)
-        err = process.stderr.read()
-        status = process.wait(60)
-    assert status == 130
-    assert len(workers) >= 2
-    assert err == "gauss2svg: interrupted; every file is whole or untouched\n"
-    assert all(has_ended(worker.pid) for worker in workers)
-    (row,) = json.loads((out / "gallery.json").read_text())["rows"]
-    assert (row["variant"], row["photo"]) == ("20 Gaussians", "a.png")
-    assert main([*arguments, "--quiet"]) == 0
-    assert asked == [("variant", "a/gaussians-60000")]
-    assert row in json.loads((out / "gallery.json").read_text())["rows"]
-
-
 def test_full_disk_ends_all_at_once(two, tmp_path, asked, monkeypatch, refusal):
     def fill(request):
         asked.append(request["source"])
@@ -163,3 +129,59 @@ def test_full_disk_ends_all_at_once(two, tmp_path, asked, monkeypatch, refusal):
     monkeypatch.setattr(run, "make_photo", fill)
     assert "No space left" in refusal("gallery", *two, "-o", tmp_path / "out", "--counts", "5")
     assert asked == [str(two[0])]
+
+
+def test_absent_peer_is_named_on_the_page_and_in_the_summary(
+    two, tmp_path, asked, monkeypatch, capsys
+):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    out = tmp_path / "out"
+    arguments = ["gallery", *map(str, two), "-o", str(out), "--counts", "5"]
+    assert main([*arguments, "--peers", "primitive"]) == 0
+    assert "skipped, not installed: primitive\n" in capsys.readouterr().err
+    assert "not installed: primitive" in (out / "how.html").read_text()
+
+
+@pytest.mark.parametrize("name", ["index.html", "gallery.json", "photos/a.jpg", "assets/a.css"])
+def test_files_of_no_gallery_are_kept(name, two, tmp_path, asked, refusal):
+    path = tmp_path / "out" / name
+    path.parent.mkdir(parents=True)
+    path.write_text('{"rows": []}')
+    before = sorted((tmp_path / "out").rglob("*"))
+    assert "Try another folder" in refusal("gallery", two[0], "-o", tmp_path / "out")
+    assert (asked, path.read_text()) == ([], '{"rows": []}')
+    assert sorted((tmp_path / "out").rglob("*")) == before
+
+
+WRONG = [
+    ({"photos": "a.png"}, "photos must be a sequence of paths; "),
+    ({"photos": []}, "photos must be the paths of one or more photos; "),
+    ({"variants": ["quick"]}, "variant must be one of draft, "),
+    ({"variants": "draft"}, "variants must be a sequence; got 'draft'. Try ['draft']"),
+    ({"counts": []}, "variants must be at least one preset, count or peer; got none"),
+    ({"counts": [2.5]}, "count must be a whole number in 0.."),
+    ({"peers": ["vtracer:fine"]}, "peer must be one of vtracer, "),
+    ({"variants": [], "peers": ["primitive"]}, "variants must be at least one preset, count or peer"
+     "; got only peers that are not installed: primitive"),
+    ({"title": "a\nb"}, "title must be text"),
+    ({"directory": "a\0b"}, "cannot create a"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("wrong", "line"), WRONG)
+def test_wrong_arguments_are_refused_on_one_line(wrong, line, two, tmp_path, asked, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    arguments = {"photos": two, "directory": tmp_path / "out"} | wrong
+    with pytest.raises(Gauss2SvgError) as error:
+        build_gallery(arguments.pop("photos"), arguments.pop("directory"), **arguments)
+    assert str(error.value).startswith(line)
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_exact_svgs_are_charted_and_shown_as_equal(two, tmp_path, asked):
+    out = tmp_path / "out"
+    gallery = build_gallery(two, out, counts=[7])
+    assert [row["psnr_svg"] for row in gallery.rows] == [None, None]
+    assert Page(out / "index.html").rows[1][6] == "equal"
+    assert Page(out / "trade-off.html").texts.count("equal") >= 3

@@ -2,7 +2,6 @@
 
 import csv
 import importlib
-import re
 import sys
 
 import pytest
@@ -52,14 +51,3 @@ def test_scale_of_batches_is_measured_in_all_runs(tmp_path, capsys):
     assert [row.split(" | ")[:2] for row in rows] == [["| 12", run] for run in runs]
     (table,) = (path.read_text().splitlines() for path in (tmp_path / "out").rglob("table.csv"))
     assert [row["skipped"] for row in csv.DictReader(table)] == ["True"] * 12
-
-
-def test_every_figure_that_a_page_names_can_be_made():
-    import figures
-
-    root = figures.ROOT
-    pages = [root / "README.md", *(root / "docs").rglob("*.md")]
-    command = re.compile(r"figures\.py\s+docs/_static\s+([\w-]+)")
-    named = {name for page in pages for name in command.findall(page.read_text(encoding="utf-8"))}
-    assert len(named) > 20
-    assert named <= figures.OF_START.keys() | figures.FIGURES.keys()

@@ -93,14 +93,6 @@ def test_a_loss_of_ones_own_ends_in_an_svg_that_steps_make_better(small, tmp_pat
     assert said(capsys)[-1] == f"{psnr[1]:.2f} dB"
 
 
-def drawn_by_gaussian_image(mean, covariance, color, height, width):
-    """Their picture: pixel (row, column) is at (column, row), colours are summed over black."""
-    y, x = np.mgrid[:height, :width]
-    offset = np.stack([x, y], axis=-1)[:, :, None, :] - mean
-    r2 = np.einsum("hwni,nij,hwnj->hwn", offset, np.linalg.inv(covariance), offset)
-    return np.exp(-r2 / 2), np.clip(np.exp(-r2 / 2) @ color, 0, 1)
-
-
 @pytest.mark.parametrize("variant", ["cholesky", "rs"])
 def test_a_checkpoint_of_gaussian_image_becomes_its_picture(variant, tmp_path):
     torch = pytest.importorskip("torch")
@@ -115,8 +107,7 @@ def test_a_checkpoint_of_gaussian_image_becomes_its_picture(variant, tmp_path):
     }
     if variant == "cholesky":
         tensors["_cholesky"] = 4 * torch.rand(n, 3, generator=random)
-        tensors["background"] = torch.ones(3)
-        tensors["cholesky_bound"] = torch.tensor([[0.5, 0, 0.5]])
+        tensors |= {"background": torch.ones(3), "cholesky_bound": torch.tensor([[0.5, 0, 0.5]])}
         l1, l2, l3 = (tensors["_cholesky"] + tensors["cholesky_bound"]).numpy().T
         factor = np.array([[l1, 0 * l1], [l2, l3]]).transpose(2, 0, 1)
     else:
@@ -127,18 +118,16 @@ def test_a_checkpoint_of_gaussian_image_becomes_its_picture(variant, tmp_path):
         # of a matrix that is filled by columns, [c, -s] is the first column
         turn = np.array([[c, s], [-s, c]]).transpose(2, 0, 1)
         factor = turn @ (np.eye(2) * (tensors["_scaling"] + 0.5).numpy()[:, None])
-    path, out = tmp_path / "gaussian_model.pth.tar", tmp_path / "out.svg"
-    torch.save(tensors, path)
-    checkpoint.main(str(path), width, height, str(out))
+    torch.save(tensors, tmp_path / "gaussian_model.pth.tar")
+    checkpoint.main(str(tmp_path / "gaussian_model.pth.tar"), width, height, tmp_path / "out.svg")
+    # Their picture: pixel (row, column) is at (column, row), colours are summed over black.
     mean = (tensors["_xyz"].tanh().numpy() + 1) / 2 * [width, height]
-    colors = tensors["_features_dc"].numpy()
-    covariance = factor @ factor.transpose(0, 2, 1)
-    scene = checkpoint.gaussian_image(checkpoint.loaded(path), width, height)
-    assert np.allclose(scene.covariance, covariance, rtol=1e-5, atol=1e-4)
-    assert np.allclose(scene.mean, mean + 0.5, rtol=1e-5, atol=1e-4)
+    offset = np.stack(np.mgrid[:height, :width][::-1], axis=-1)[:, :, None, :] - mean
+    inverse = np.linalg.inv(factor @ factor.transpose(0, 2, 1))
+    r2 = np.einsum("hwni,nij,hwnj->hwn", offset, inverse, offset)
+    theirs = np.clip(np.exp(-r2 / 2) @ tensors["_features_dc"].numpy(), 0, 1)
     # Less than the same: Gaussians end at 3 sigma in a file, and renderers round each layer.
-    _, theirs = drawn_by_gaussian_image(mean, covariance, colors, height, width)
-    assert check(np.float32(theirs), out.read_text()).psnr > 30
+    assert check(np.float32(theirs), tmp_path / "out.svg").psnr > 30
 
 
 def test_a_checkpoint_of_image_gs_is_fitted_to_its_picture(tmp_path, capsys):
@@ -153,18 +142,13 @@ def test_a_checkpoint_of_image_gs_is_fitted_to_its_picture(tmp_path, capsys):
         "feat": torch.rand(n, 3, generator=random),
         "vis_feat": torch.rand(n, 3, generator=random),
     }
-    moments = {i: {"step": torch.tensor(9.0), "exp_avg": torch.zeros(2)} for i in range(4)}
-    adam = {"state": moments, "param_groups": [{"lr": 5e-4, "params": [0]}]}
-    scores = dict.fromkeys(("psnr", "ssim", "lpips", "flip", "msssim", "bytes", "time"), 1.0)
-    file = {"step": 9, **scores, "state_dict": state, "optim_state_dict": adam}
+    file = {"step": 9, "psnr": 1.0, "state_dict": state, "optim_state_dict": {"state": {}}}
     path, out = tmp_path / "ckpt_step-9.pt", tmp_path / "out.svg"
     torch.save(file, path)
     checkpoint.main(str(path), width, height, str(out))
-    decibels, named = said(capsys)
-    assert float(decibels.split()[0]) > 27
-    assert named == "<gauss2svg.Scene 40x30, 40 Gaussians>"
+    assert said(capsys)[-1] == "<gauss2svg.Scene 40x30, 40 Gaussians>"
     _, picture = checkpoint.image_gs(checkpoint.loaded(path), width, height)
-    assert check(np.float32(picture), out.read_text()).psnr > 26
+    assert check(np.float32(picture), out).psnr > 26
 
 
 class Bomb:
@@ -193,17 +177,15 @@ def test_a_poster_is_the_scene_in_strips_with_boxes_and_a_profile(tmp_path):
     grown = scene.scaled(12)
     whole = render(grown.replace(width=40, mean=grown.mean - [160, 0]))
     assert np.abs(levels - 255 * np.clip(whole, 0, 1)).max() < 0.6
-
-    path = tmp_path / "poster.pdf"
     poster.DPI = 10
-    poster.write_poster(scene, str(path), 0.5)
-    with pikepdf.open(path) as pdf:
+    poster.write_poster(scene, str(tmp_path / "poster.pdf"), 0.5)
+    with pikepdf.open(tmp_path / "poster.pdf") as pdf:
         [page] = pdf.pages
-        width, height = (float(page.TrimBox[k + 2] - page.TrimBox[k]) / 72 * 25.4 for k in (0, 1))
-        assert (width, height) == pytest.approx((297, 420), abs=2)
-        picture = page.Resources.XObject.Picture
-        assert pikepdf.PdfImage(picture).icc.profile.profile_description.startswith("sRGB")
-        drawn = np.asarray(pikepdf.PdfImage(picture).as_pil_image().convert("RGB"))
+        box = np.array([float(one) for one in page.TrimBox]) / 72 * 25.4
+        assert box[2:] - box[:2] == pytest.approx([297, 420], abs=2)
+        picture = pikepdf.PdfImage(page.Resources.XObject.Picture)
+        assert picture.icc.profile.profile_description.startswith("sRGB")
+        drawn = np.asarray(picture.as_pil_image().convert("RGB"))
     assert (drawn == np.concatenate(list(poster.strips(scene, 119, 168)))).all()
 
 
@@ -261,9 +243,7 @@ def assert_looks_the_same(before, after):
 @pytest.mark.parametrize(
     "attributes",
     [
-        FRAME,
-        'x="10" y="5" transform="scale(2)"', 'x="10" y="5" height="32" width="auto"',
-        'x="10%" width="80%" height="50%"',
+        FRAME, 'x="10" y="5" transform="scale(2)"', 'x="10%" width="80%" height="50%"',
         'x="10" y="5" width="50" height="50" preserveAspectRatio="xMinYMid slice"',
         'x="10" width="70" height="20" preserveAspectRatio="xMaxYMid"',
         'width="90" height="60" clip-path="url(#round)" transform="rotate(9)"',
@@ -278,26 +258,10 @@ def test_gaussians_are_as_large_as_cut_and_as_styled_as_the_photo_was(extension,
     assert_looks_the_same(before, after)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "options", "start"),
-    [
-        ('..."/><text', '"/><text', [], "photo must be whole; got damaged data"),
-        ('href="data:[^"]*"', 'href="a%00b.png"', [], "photo must be "),
-        ('href="data:[^"]*"', 'href="http://a/b.png"', [], "photo must be a file; got"),
-        ('width="72"', 'width="1e400"', [], "photo must have a size of finite numbers; got"),
-        ('id="photo"', 'id="a"', [], ""),
-        ("", "", ["--program=/no/such"], "program must be that of gauss2svg; got '/no/such'"),
-        ("", "", ["--quality=best"], ""),
-    ],
-)
-def test_an_error_of_the_extension_is_one_line_and_changes_nothing(
-    extension, old, new, options, start
-):
-    extension.write_text(re.sub(old, new, extension.read_text()))
-    status, after, message = converted(extension, "--id=photo", *options)
+def test_an_error_of_the_extension_is_one_line_and_changes_nothing(extension):
+    status, after, message = converted(extension, "--id=photo", "--program=/no/such")
     assert (status != 0, after, len(message.strip().splitlines())) == (True, "", 1)
-    assert message.startswith(start)
-    assert len(message) < 400
+    assert message.startswith("program must be that of gauss2svg; got '/no/such'")
 
 
 @pytest.mark.browser

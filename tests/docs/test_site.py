@@ -6,44 +6,39 @@ import os
 import re
 import subprocess
 import sys
-from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
 from conftest import needs
+from galleries import Page
 from gallery_site import PHONE, WIDE, Headless, closed_after
 
 ROOT = Path(__file__).parents[2]
 BUILT = "GAUSS2SVG_SITE"  # the folder of a site that is built already
 MOST_BYTES = 500_000
-LOOKED_AT = (
-    "index", "guide/python", "reference/options", "development", "search",
-)  # fmt: skip
+LOOKED_AT = ("index", "guide/python", "reference/options", "development", "search")
 
 pytestmark = pytest.mark.example
 _LOADED = {"stylesheet", "icon", "preload"}
 
 
-class Page(HTMLParser):
-    """Ids, links and the files that a page loads."""
+class SitePage(Page):
+    """A page with the ids, the links and the files that it loads."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__()
+        super().__init__(path)
         self.path, self.ids, self.links, self.loaded = path, set(), [], []
-        self.feed(path.read_text())
-
-    def handle_starttag(self, tag, attrs):
-        given = dict(attrs)
-        self.ids |= {given[name] for name in ("id", "name") if given.get(name)}
-        if tag == "a" and given.get("href"):
-            self.links.append(given["href"])
-        elif tag == "link" and _LOADED & set((given.get("rel") or "").split()):
-            self.loaded.append(given["href"])
-        elif given.get("data-frames"):  # the pictures of the start page's slider
-            self.loaded += [f"_static/start/{n}.webp" for n in given["data-frames"].split()]
-        elif given.get("src"):
-            self.loaded.append(given["src"])
+        for tag, given in ((tag, dict(attributes)) for tag, attributes in self.parts):
+            self.ids |= {given[name] for name in ("id", "name") if given.get(name)}
+            if tag == "a" and given.get("href"):
+                self.links.append(given["href"])
+            elif tag == "link" and _LOADED & set((given.get("rel") or "").split()):
+                self.loaded.append(given["href"])
+            elif given.get("data-frames"):  # the pictures of the start page's slider
+                self.loaded += [f"_static/start/{n}.webp" for n in given["data-frames"].split()]
+            elif given.get("src"):
+                self.loaded.append(given["src"])
 
     def file_of(self, address: str) -> Path:
         return (self.path.parent / unquote(urlsplit(address).path)).resolve()
@@ -61,8 +56,8 @@ def site(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def pages(site) -> dict[Path, Page]:
-    found = {path.resolve(): Page(path) for path in sorted(site.rglob("*.html"))}
+def pages(site) -> dict[Path, SitePage]:
+    found = {path.resolve(): SitePage(path) for path in sorted(site.rglob("*.html"))}
     sample = (site / "sample").resolve()  # a gallery, whose pages have tests of their own
     assert sample / "index.html" in found
     ours = {path: page for path, page in found.items() if not path.is_relative_to(sample)}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from flat import fit_config, vectorize
 
-from gauss2svg.fit.adam import STALLED_STEPS, DivergenceGuard
+from gauss2svg.fit.adam import GENTLE, STALLED_STEPS, DivergenceGuard
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure import metrics
@@ -95,7 +95,19 @@ def test_guard_rolls_back_to_the_best_state_where_the_loss_rises_for_long_and_sh
     assert steps == STALLED_STEPS  # counted from the rollback on
     relocating, invisible = DivergenceGuard(), DivergenceGuard()
     assert relocating.accepts(1.0, 0.1, copy)
-    relocating.relocated()
+    relocating.allow_rise()
     assert relocating.accepts(5.0, 0.5, copy)
     assert invisible.accepts(1e-9, 1e-10, copy)
     assert invisible.accepts(1e-6, 1e-7, copy)
+
+
+def test_finished_fit_continues_in_small_steps_that_grow():
+    guard = DivergenceGuard()
+    guard.begin_gently()
+    rates = [guard.rate]
+    while guard.rate < 1 and len(rates) < 50:
+        assert guard.accepts(1.0, 1.0, object)
+        rates.append(guard.rate)
+    assert rates[0] == GENTLE
+    assert rates == sorted(rates)
+    assert 10 < len(rates) < 20

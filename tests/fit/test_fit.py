@@ -1,4 +1,4 @@
-"""Properties of the fit: PSNR that it reaches, determinism, bounds of the shapes, gradients."""
+"""The fit: PSNR that it reaches, determinism, bounds, gradients, and the modes of the paper."""
 
 import dataclasses
 import itertools
@@ -6,13 +6,15 @@ import itertools
 import numba
 import numpy as np
 import pytest
-from conftest import random_scene
+from conftest import random_scene, random_sum
 from flat import choices, fit_config, fit_in
 
+from gauss2svg.errors import InputError
+from gauss2svg.fit import FitOptions
 from gauss2svg.fit import population as population_module
-from gauss2svg.fit.adam import LEAST_SIGMA, gradients
-from gauss2svg.fit.fit import fit
-from gauss2svg.fit.placement import place
+from gauss2svg.fit.adam import LEAST_SIGMA, blending_of, gradients
+from gauss2svg.fit.fit import convert_additive, fit
+from gauss2svg.fit.placement import NewGaussians, place
 from gauss2svg.fit.population import LEAST_OPACITY
 from gauss2svg.fit.schedule import rate, reduction, totals
 from gauss2svg.fit.session import FitSession
@@ -21,7 +23,7 @@ from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.render.cpu import squared_error
-from gauss2svg.scene import Scene
+from gauss2svg.scene import BLENDS, Scene
 from gauss2svg.scene.scene import STEPPED
 
 DTYPES = (np.float32, np.float64)
@@ -32,17 +34,21 @@ def quality_of(pixels, **options) -> float:
     return metrics.psnr(render(fit(pixels, fit_config(**options)).scene), pixels)
 
 
-def test_more_gaussians_and_more_iterations_raise_psnr(photo):
-    few, some, many = (quality_of(photo, gaussians=n, iterations=100) for n in (20, 100, 500))
+@pytest.mark.parametrize(("blend", "gain"), [("over", 2), ("add", 1.5)])
+def test_more_gaussians_and_more_iterations_raise_psnr(photo, blend, gain):
+    few, some, many = (
+        quality_of(photo, gaussians=n, iterations=100, blend=blend) for n in (20, 100, 500)
+    )
     assert few + 2 < some
-    assert max(some + 2, 26) < many
-    assert quality_of(photo, gaussians=100, iterations=20) + 1 < some
+    assert max(some + gain, 26 if blend == "over" else 0) < many
+    assert quality_of(photo, gaussians=100, iterations=20, blend=blend) + 1 < some
 
 
 @pytest.mark.parametrize(
     "options",
     [*({"loss": loss} for loss in choices("loss")),
-     *({"init": init, "schedule": s} for init in PLACEMENTS for s in SCHEDULES)],
+     *({"init": init, "schedule": schedule, "blend": blend}
+       for init in PLACEMENTS for schedule in SCHEDULES for blend in BLENDS)],
 )  # fmt: skip
 def test_every_loss_placement_and_schedule_fits_the_photo(photo, options):
     result = fit(photo[::2, ::2], fit_config(100, 61, **options))
@@ -51,17 +57,18 @@ def test_every_loss_placement_and_schedule_fits_the_photo(photo, options):
 
 
 @pytest.mark.usefixtures("threads_given_back")
+@pytest.mark.parametrize("blend", BLENDS)
 @pytest.mark.parametrize("dtype", DTYPES)
-def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype):
-    options = fit_config(150, 40, init="error", seed=3)
+def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype, blend):
+    options = {"init": "error", "blend": blend}
     scenes = []
-    for threads in sorted({1, numba.config.NUMBA_NUM_THREADS}):
+    for threads in (1, numba.config.NUMBA_NUM_THREADS, 1):
         numba.set_num_threads(threads)
-        scenes += [fit_in(dtype, photo, options).scene for _ in range(2)]
+        scenes.append(fit_in(dtype, photo, fit_config(150, 40, seed=3, **options)).scene)
     for scene in scenes[1:]:
         for name in ("mean", "sigma", "rho", "color", "opacity"):
             assert getattr(scene, name).tobytes() == getattr(scenes[0], name).tobytes()
-    other = fit_in(dtype, photo, fit_config(150, 40, init="error", seed=4)).scene
+    other = fit_in(dtype, photo, fit_config(150, 40, seed=4, **options)).scene
     assert not np.array_equal(other.mean[: len(scene)], scene.mean[: len(other)])
 
 
@@ -95,20 +102,12 @@ def test_relocation_raises_psnr(photo, monkeypatch):
 
 
 def test_what_renderers_would_not_draw_is_pruned(photo):
-    session = FitSession(photo, fit_config(4))
-    session.population.state = state_of(
-        Scene(
-            128, 128, np.array([[60, 60], [60, 60], [-500, 60]]), np.full((3, 2), 5.0),
-            np.zeros(3), np.ones((3, 3)), np.array([0.5, LEAST_OPACITY / 2, 0.5]),
-        )
-    )  # fmt: skip
-    session.population.prune_invisible()
-    assert len(session.state) == 1
-
-
-def test_early_rounds_run_on_a_reduced_target():
-    counts = totals("exponential", 5000, 300)
-    assert [reduction(n, 768, 512) for n in counts] == [8, 4, 4, 2, 2, 1]
+    population = FitSession(photo, fit_config(4)).population
+    given = np.zeros(3), np.ones((3, 3)), np.array([0.5, LEAST_OPACITY / 2, 0.5])
+    mean = np.array([[60, 60], [60, 60], [-500, 60]])
+    population.state = state_of(Scene(128, 128, mean, np.full((3, 2), 5.0), *given))
+    population.prune_invisible()
+    assert len(population.state) == 1
 
 
 def test_new_gaussians_lie_along_the_edge():
@@ -127,27 +126,27 @@ def test_progress_reports_every_iteration_and_ends_with_none_left(photo):
     seen = []
     result = fit(photo, fit_config(64, 30), seen.append)
     assert [p.iteration for p in seen] == list(range(1, 31))
-    assert all(a.done <= b.done for a, b in itertools.pairwise(seen))
-    assert seen[-1].done > 0.9
-    assert seen[-1].remaining_s < seen[-1].elapsed_s
-    assert seen[-1].round == result.rounds
-    assert seen[-1].psnr > seen[0].psnr
-    assert all(a.gaussians <= b.gaussians for a, b in itertools.pairwise(seen))
+    for a, b in itertools.pairwise(seen):
+        assert a.done <= b.done
+        assert a.gaussians <= b.gaussians
+    last = seen[-1]
+    assert last.done > 0.9
+    assert last.remaining_s < last.elapsed_s
+    assert last.round == result.rounds
+    assert last.psnr > seen[0].psnr
 
 
-@pytest.mark.parametrize("schedule", SCHEDULES)
-def test_rounds_grow_to_the_count(schedule):
-    for count, iterations in itertools.product((1, 2, 7, 5000), (1, 5, 300)):
-        rounds = totals(schedule, count, iterations)
-        assert rounds[-1] == count
-        assert all(a < b for a, b in itertools.pairwise(rounds))
-        assert len(rounds) <= iterations
-
-
-def test_learning_rate_decays_from_full_to_a_fiftieth():
+def test_rounds_grow_to_the_count_on_a_reduced_target_and_rates_decay_to_a_fiftieth():
+    for schedule in SCHEDULES:
+        for count, iterations in itertools.product((1, 2, 7, 5000), (1, 5, 300)):
+            rounds = totals(schedule, count, iterations)
+            assert rounds[-1] == count
+            assert all(a < b for a, b in itertools.pairwise(rounds))
+            assert len(rounds) <= iterations
+    counts = totals("exponential", 5000, 300)
+    assert [reduction(n, 768, 512) for n in counts] == [8, 4, 4, 2, 2, 1]
     rates = [rate(i / 300) for i in range(300)]
-    assert rates[0] == 1
-    assert rates[-1] == pytest.approx(0.02)
+    assert (rates[0], rates[-1]) == (1, pytest.approx(0.02))
     assert (np.diff(rates) <= 0).all()
 
 
@@ -254,3 +253,179 @@ def test_the_gradient_at_two_sizes_is_that_of_finite_differences(photo, times):
             numeric[i, axis] = (moved[0] - moved[1]) / (2 * 0.02)
         state.mean[i] = mean
     assert np.linalg.norm(numeric - analytic[:, :2]) < 0.02 * np.linalg.norm(numeric)
+
+
+@pytest.mark.parametrize(("contrast", "relocates"), [(0.2, True), (1e-3, False)])
+def test_nothing_is_relocated_where_the_error_does_not_show(contrast, relocates, monkeypatch):
+    calls = []
+    monkeypatch.setattr(
+        population_module.Population, "relocate", lambda self: calls.append(len(self))
+    )
+    noise = np.random.default_rng(0).random((40, 40, 3)).astype(np.float32)
+    fit(0.4 + np.float32(contrast) * noise, fit_config(40, 60))
+    assert bool(calls) == relocates
+
+
+def test_a_fitted_additive_gaussian_has_eight_parameters(photo):
+    scene = fit(photo, fit_config(100, 60, blend="add")).scene
+    assert scene.blend == "add"
+    assert (scene.opacity == 1).all()
+    assert (scene.beta == 1).all()
+    assert scene.color.min() < 0 < scene.color.max()
+    assert np.abs(scene.color).max() <= blending_of(FitOptions(blend="add")).most_color
+
+
+def test_an_additive_scene_is_recovered_from_its_render():
+    scene = random_sum(3, 48, 40, 1)
+    target = render(scene.replace(color=np.abs(scene.color) * 0.5, background=np.full(3, 0.2)))
+    assert metrics.psnr(render(fit(target, fit_config(12, 300, blend="add")).scene), target) > 45
+
+
+def test_new_additive_gaussians_share_the_residual():
+    # All at one bright place: if each added all of it, they would overshoot many times.
+    pixels = np.zeros((64, 64, 3), np.float32)
+    pixels[28:36, 28:36] = 1.0
+    config = fit_config(60, 10, blend="add", init="error")
+    population = FitSession(pixels, config).population
+    population.background = np.zeros(3)
+    population._add(np.zeros((3, 64, 64), np.float32), 60, 60)
+    assert 0.7 < population.rendered().max() < 1.5
+
+
+def blank(target: Target) -> np.ndarray:
+    return np.full_like(target.planar, 0.25)
+
+
+@pytest.mark.parametrize("placement", choices("init"))
+def test_new_additive_gaussians_have_the_residuals_colour_and_others_the_targets(placement):
+    planar = np.zeros((3, 40, 60), np.float32)
+    planar += np.array([1.0, 0.5, 0.0], np.float32)[:, None, None]
+    target = Target(planar, "psnr")
+    for blend, expected in (("over", [1.0, 0.5, 0.0]), ("add", [0.75, 0.25, -0.25])):
+        rng = np.random.default_rng(0)
+        new = place(placement, target, blank(target), 9, 9, rng, blend == "add")
+        np.testing.assert_allclose(new.color, np.tile(expected, (9, 1)), atol=1e-6)
+
+
+def placed(kind: str, target: Target, count: int) -> NewGaussians:
+    """So many new additive Gaussians on a grey picture of a target."""
+    return place(kind, target, blank(target), count, count, np.random.default_rng(0), additive=True)
+
+
+def test_live_begins_on_the_largest_components_as_the_paper_says():
+    planar = np.full((3, 60, 80), 0.25, np.float32)
+    planar[:, 10:30, 8:28] = 1.0  # 400 px around (18, 20)
+    planar[:, 40:50, 50:60] = 1.0  # 100 px around (55, 45)
+    planar[:, 5, 70] = 0.3  # under the threshold
+    new = placed("live", Target(planar, "psnr"), 6)
+    np.testing.assert_allclose(new.mean[:2], [[18, 20], [55, 45]])
+    # sigma = sqrt(A / (r s^2)) units of s / 10 px, r = 0.07, whatever the kernel size s
+    for k, area in enumerate((400, 100)):
+        sigma = np.sqrt(area / 0.07) / 10
+        np.testing.assert_allclose(new.factor[k], [sigma, 0, sigma])
+    assert len(new.mean) == 6  # the rest at random
+    assert len(np.unique(new.mean[2:], axis=0)) == 4
+
+
+def test_live_separates_bins_of_the_residual():
+    planar = np.full((3, 40, 40), 0.25, np.float32)
+    planar[:, 5:35, 5:35] = 0.6  # a frame of one bin around a square of another
+    planar[:, 15:25, 15:25] = 1.0
+    new = placed("live", Target(planar, "psnr"), 2)
+    np.testing.assert_allclose(new.factor[:, 0] ** 2 * 7, [900 - 100, 100])
+
+
+def test_random_begins_anywhere_with_every_shape():
+    target = Target(np.random.default_rng(1).random((3, 50, 90)).astype(np.float32), "psnr")
+    for count in (40, 2000):
+        new = placed("random", target, count)
+        sigma_y = np.hypot(new.factor[:, 1], new.factor[:, 2])
+        sigma, rho = np.stack([new.factor[:, 0], sigma_y]), new.factor[:, 1] / sigma_y
+        unit = np.sqrt(50 * 90 / (count * np.pi))  # of a disc with each one's share of the area
+        assert 0.8 * unit < sigma.max() <= max(unit, 0.8)
+        assert sigma.min() < max(0.25 * unit, 0.8)
+        assert np.abs(rho).max() < 1
+    assert (new.mean.min(axis=0) < [2, 2]).all()
+    assert (new.mean.max(axis=0) > [88, 48]).all()
+    assert rho.min() < -0.9 < 0.9 < rho.max()
+
+
+@pytest.mark.parametrize(
+    ("schedule", "gaussians", "per_round", "expected"),
+    [
+        ("exponential", 127, 64, [1, 3, 7, 15, 31, 63, 127]),
+        ("exponential", 127, 16, [1, 3, 7, 15, 31, 47, 63, 79, 95, 111, 127]),
+        ("exponential", 9, 100, [1, 3, 7, 9]),
+        ("linear", 100, 30, [30, 60, 90, 100]),
+        ("linear", 7, 7, [7]),
+        ("exponential", 0, 4, []),
+    ],
+)
+def test_rounds_add_as_the_papers_schedules_do(schedule, gaussians, per_round, expected):
+    assert totals(schedule, gaussians, 300, per_round) == expected
+    assert fit_config(gaussians, 300, schedule=schedule, per_round=per_round).totals == expected
+
+
+@pytest.mark.parametrize("iterations", [40, 60])
+def test_every_round_has_its_iterations_and_the_last_the_rest(photo, iterations):
+    options = fit_config(
+        15, iterations, blend="add", schedule="exponential", per_round=8, round_iterations=10
+    )
+    counts = []
+    fit(photo, options, lambda p: counts.append(p.gaussians))
+    assert counts == [1] * 10 + [3] * 10 + [7] * 10 + [15] * (iterations - 30)
+
+
+def test_conversion_keeps_the_render_of_an_additive_scene(photo):
+    additive = fit(photo, fit_config(80, 60, blend="add")).scene
+    shown = render(additive)
+    composited = convert_additive(additive, config=fit_config(iterations=80)).scene
+    assert composited.blend == "over"
+    assert len(composited) <= 80
+    assert metrics.psnr(render(composited), shown) > 28
+    by_photo = convert_additive(additive, photo, fit_config(iterations=80)).scene
+    of_the_photo = metrics.psnr(render(by_photo), photo)
+    usual = fit(photo, fit_config(80, 80)).scene
+    assert of_the_photo > metrics.psnr(render(usual), photo) - 0.3
+    assert of_the_photo > metrics.psnr(shown, photo)
+    for scene, blend in ((composited, "over"), (additive, "add")):
+        with pytest.raises(InputError, match="the scene must be additive, and fitted by a config"):
+            convert_additive(scene, config=fit_config(blend=blend))
+
+
+def test_without_relocation_no_gaussian_is_replaced(photo):
+    def moved(relocate: bool) -> int:
+        ages = []
+        config = fit_config(60, 80, blend="add", relocate=relocate)
+        session = FitSession(
+            photo, config, progress=lambda _: ages.append(session.state.age.copy())
+        )
+        session.fit()
+        full = [age for age in ages if len(age) == 60]
+        return sum(int((b < a).sum()) for a, b in itertools.pairwise(full))
+
+    assert moved(True) > 0
+    assert moved(False) == 0
+
+
+@pytest.mark.parametrize("reduce", [False, True])
+def test_rounds_run_at_full_size_without_reduce(photo, reduce):
+    widths = set()
+    config = fit_config(64, 40, blend="add", reduce=reduce)
+    session = FitSession(
+        photo, config, progress=lambda _: widths.add(session.population.target.width)
+    )
+    session.fit()
+    assert (min(widths) < 128) == reduce
+    assert max(widths) == 128
+
+
+def test_haze_over_what_is_clear_is_pruned():
+    rgba = np.zeros((40, 60, 4), np.float32)
+    rgba[:, :30] = [1, 0, 0, 1]
+    population = FitSession(rgba, fit_config(2)).population
+    mean, color = np.array([[15.0, 20], [48, 20]]), np.array([[1.0, 0, 0], [0, 1, 0]])
+    haze = Scene(60, 40, mean, np.full((2, 2), 5.0), np.zeros(2), color, np.array([0.9, 0.1]))
+    population.state = state_of(haze)
+    population.prune_invisible()
+    np.testing.assert_allclose(population.state.mean, mean[:1])

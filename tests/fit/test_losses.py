@@ -1,10 +1,31 @@
-"""Losses and their gradients with respect to the rendered picture."""
+"""Losses, their gradients, the weight of an error at a pixel, and all that goes by it."""
 
 import numpy as np
 import pytest
-from flat import choices
+from conftest import random_scene
+from flat import choices, fit_config
 
-from gauss2svg.fit.target import image_gradient, structural_similarity
+from gauss2svg.fit.adam import gradients
+from gauss2svg.fit.placement import place
+from gauss2svg.fit.population import Population
+from gauss2svg.fit.target import (
+    CONTRAST,
+    LEAST_BOUND,
+    MOST_BOUND,
+    TIMES_MEDIAN,
+    Target,
+    image_gradient,
+    structural_similarity,
+    target_of,
+)
+from gauss2svg.pipeline.export import Export, Exporter
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.outcome import Subject
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.render.weights import visible_mass
+from gauss2svg.scene import Scene
+from gauss2svg.svg import SvgFormat
+from gauss2svg.svg.write import write_svg
 
 
 def planes(height: int, width: int, dtype: type = np.float64, channels: int = 3):
@@ -61,3 +82,127 @@ def test_pixel_losses_are_means_over_all_values(loss, weight):
     assert value == pytest.approx((1 - weight) * pixel + weight * structure)
     expected = (1 - weight) * by_pixel + weight * by_structure
     np.testing.assert_allclose(gradient, expected, atol=1e-12)
+
+
+def chequered(height, width, contrast, cell=1) -> np.ndarray:
+    """Grey pixels (height, width, 3); with cells of 1 px their variance is contrast (width,)^2."""
+    y, x = np.mgrid[:height, :width] // cell
+    grey = 0.5 + (2 * ((x + y) % 2) - 1) * np.asarray(contrast)
+    return np.repeat(grey[:, :, None], 3, axis=2).astype(np.float32)
+
+
+def half_flat(cell=4) -> np.ndarray:
+    """Pixels (64, 64, 3), textured in the right half; psnr takes cells of 1 px for flat as well."""
+    return chequered(64, 64, np.where(np.arange(64) < 32, 0.0, 0.4), cell)
+
+
+def spots(x, y, size=64, **more) -> Scene:
+    """Grey Gaussians at (x, y) on white."""
+    n = len(x)
+    given = {"sigma": np.full((n, 2), 3.0), "color": np.full((n, 3), 0.5), **more}
+    opacity = np.full(n, 1.0 if "blend" in more else 0.9)
+    return Scene(size, size, np.column_stack([x, y]), rho=np.zeros(n), opacity=opacity, **given)
+
+
+def population(pixels, scene=None, **given) -> Population:
+    """That of a fit to pixels, with the Gaussians of a scene."""
+    found = Population(pixels, fit_config(40, **given))
+    if scene is not None:
+        found.adopt(scene)
+    return found
+
+
+def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
+    noise = np.random.default_rng(0).normal(0, 1, (1, 60, 360))
+    contrast = np.repeat([0.0, 0.02, 0.06, 0.12, 0.5, 1.0], 60)
+    planar = np.repeat(0.5 + noise * contrast, 3, axis=0).astype(np.float32)
+    weight = Target(planar, "perceptual").weight
+    assert weight is not None
+    assert weight.mean() == pytest.approx(1, rel=0.02)
+    means = np.array([weight[10:-10, x + 15 : x + 45].mean() for x in range(0, 360, 60)])
+    assert (np.diff(means[:5]) < 0).all()
+    # far above the threshold it is inversely proportional to the contrast
+    assert means[2] / means[3] == pytest.approx(2, rel=0.2)
+    assert means[5] == pytest.approx(means[4], rel=0.01)
+
+
+@pytest.mark.parametrize("median", [0, LEAST_BOUND / 250, LEAST_BOUND / 83, MOST_BOUND / 40])
+def test_texture_masks_up_to_a_hundred_times_the_median_variance_within_bounds(median):
+    most = np.clip(TIMES_MEDIAN * median, LEAST_BOUND, MOST_BOUND)
+    contrast = np.repeat([0.0, median**0.5, 0.5], [40, 100, 60])
+    weight = target_of(chequered(40, 200, contrast), np.float64, "perceptual").weight
+    flat, strong = weight[20, 15], weight[20, 185]
+    assert CONTRAST**2 * ((flat / strong) ** 2 - 1) == pytest.approx(most, rel=0.01)
+
+
+@pytest.mark.parametrize("tune", ["perceptual", "psnr"])
+def test_new_gaussians_go_where_an_error_shows(tune):
+    target = target_of(half_flat(), np.float32, tune)
+    new = place("error", target, target.planar + 0.1, 1000, 1000, np.random.default_rng(0))
+    weight = target.weight if tune == "perceptual" else np.ones((64, 64))
+    on_flat = (new.mean[:, 0] < 32).mean()
+    assert on_flat == pytest.approx(weight[:, :32].sum() / weight.sum(), abs=0.02)
+
+
+def test_visible_mass_counts_a_pixel_as_often_as_it_weighs():
+    scene = spots([8, 24], [16, 16], 32)
+    plain, _ = visible_mass(scene)
+    weight = np.repeat([[0.5, 1.5]], 4, axis=0)  # of another size than the canvas
+    mass, _ = visible_mass(scene, np.repeat(weight, 8, axis=1))
+    np.testing.assert_allclose(mass, plain * [0.5, 1.5], rtol=0.02)
+
+
+@pytest.mark.parametrize("tune", ["perceptual", "psnr"])
+def test_gaussians_are_pruned_by_the_decibels_of_the_weighted_error(tune):
+    scene = random_scene(40, 64, 64, seed=2)
+    fitted = population(half_flat(), scene, tune=tune)
+    target, whole = fitted.target, fitted.state.copy()
+
+    def squares(state) -> float:
+        difference = target.rendered(state.splats(fitted.background, "over")) - target.planar
+        return float(np.sum(np.square(difference, dtype=np.float64) * target.weight))
+
+    before = squares(whole)
+    each = [squares(whole.select(np.arange(40) != i)) for i in range(40)]
+    gains = 10 * np.log10(np.array(each) / before)
+    positive = np.sort(gains[gains > 0])
+    least = float(positive[len(positive) // 2 - 1 : len(positive) // 2 + 1].mean())
+    fitted.prune(least)
+    np.testing.assert_array_equal(fitted.state.mean, whole.mean[gains > least])
+    assert 0 < len(fitted) < 40
+
+
+@pytest.mark.parametrize("factor", [2, 4])
+def test_moments_of_a_reduced_refinement_are_those_of_its_own_gradients(factor):
+    x = np.mgrid[:64, :64][1] / 64
+    pixels = np.stack([x, 1 - x, 0 * x], axis=-1).astype(np.float32)  # of one luma: of one weight
+    fitted = population(pixels, spots([20, 40], [30, 36], sigma=np.full((2, 2), 9.0)))
+
+    def gradient() -> np.ndarray:
+        splats = fitted.splats()
+        moments = fitted.target.evaluate(splats, "mse", None).moments
+        return gradients(moments, splats)
+
+    full = gradient()
+    fitted.state.adam_m, fitted.state.adam_v = full, np.square(full)
+    fitted.reduce_to(factor, scale_moments=True)
+    reduced = gradient()
+    scale = np.abs(reduced).max()
+    np.testing.assert_allclose(fitted.state.adam_m, reduced, atol=0.05 * scale)
+    np.testing.assert_allclose(fitted.state.adam_v, reduced**2, atol=0.05 * scale**2)
+    fitted.reduce_to(1, scale_moments=True)
+    np.testing.assert_allclose(fitted.state.adam_m, full)
+    np.testing.assert_allclose(fitted.state.adam_v, full**2)
+
+
+def test_file_of_limited_size_keeps_the_gaussians_that_its_tune_favours():
+    # Those on the texture, which psnr takes for flat, are a little larger.
+    x, y = np.tile([16, 48], 4), np.repeat([8, 24, 40, 56], 2)
+    scene = spots(x, y, sigma=np.where(x < 32, 3.0, 3.2)[:, None].repeat(2, axis=1))
+    svg = write_svg(scene, SvgFormat())
+    whole = Export(scene, svg, SvgFormat(), len(svg), 20.0)
+    for tune, kept in {"perceptual": 16, "psnr": 48}.items():
+        exporter = Exporter(Plan(Options().changed(tune=tune)), Subject.of(half_flat(1)))
+        less = exporter.pruned(whole, int(0.7 * whole.size))
+        assert 0 < len(less.scene) <= 4
+        assert (less.scene.mean[:, 0] == kept).all()

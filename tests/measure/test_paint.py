@@ -21,17 +21,13 @@ def one(mean, sigma=(4.0, 2.0), copies=1, **given):
 
 @pytest.mark.parametrize("beta", [0.6, 1.0, 3.0])
 @pytest.mark.parametrize("rho", [0.0, 0.9])
-def test_a_shape_on_the_canvas_is_drawn_over_its_ellipse(beta, rho):
+def test_a_shape_is_drawn_over_the_part_of_its_ellipse_that_is_on_the_canvas(beta, rho):
     scene = one((50, 40), beta=np.array([beta])).replace(rho=np.array([rho]))
     area = np.pi * cut_radius(beta) ** 2 * np.sqrt(np.linalg.det(scene.covariance[0]))
     assert drawn_pixels(scene) == pytest.approx(area)
-
-
-def test_what_is_off_the_canvas_is_not_drawn():
-    assert drawn_pixels(one((-500, 40))) == 0
-    whole = drawn_pixels(one((50, 40)))
-    assert drawn_pixels(one((0, 40))) == pytest.approx(whole / 2)
-    assert drawn_pixels(one((50, 40), sigma=(1e4, 1e4))) <= 100 * 80
+    assert drawn_pixels(scene.replace(mean=[[-500, 40]])) == 0
+    assert drawn_pixels(scene.replace(mean=[[0, 40]])) == pytest.approx(area / 2)
+    assert drawn_pixels(scene.replace(sigma=[[1e4, 1e4]])) <= 100 * 80
 
 
 def cost(scene, svg="<svg/>", width=100.0) -> float:
@@ -62,3 +58,10 @@ def test_a_report_estimates_files_without_filters(given, known, photo):
     estimate = made.report["paint_ms"]
     assert (estimate is not None) == known
     assert not known or 0 < estimate < HEAVY_MS
+
+
+def test_the_cost_of_masks_counts_for_the_shapes_under_them_alone():
+    scene, style = one((50, 40)), "<svg><style/><mask/>{}</svg>"
+    gradients, masks = cost(scene), cost(scene, "<svg><mask/></svg>")
+    half = cost(scene, style.format('<use href="#a"/><circle r="1"/>'))
+    assert half == pytest.approx((gradients + masks) / 2)

@@ -1,6 +1,7 @@
-"""Properties of the perceptual scores: known answers, what is not measured and why."""
+"""Properties of the scores: known answers, slow twins, what is not measured and why."""
 
 import json
+import math
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -11,11 +12,12 @@ import pytest
 from flat import vectorize
 from PIL import Image
 from skimage import data
+from skimage.metrics import peak_signal_noise_ratio
 
 import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.measure import SSIMULACRA2
+from gauss2svg.measure import SSIMULACRA2, metrics
 from gauss2svg.measure import perceptual as module
 from gauss2svg.measure.perceptual import (
     Scores,
@@ -24,6 +26,135 @@ from gauss2svg.measure.perceptual import (
     perceptual_scores,
     ssimulacra2,
 )
+
+RNG = np.random.default_rng(1)
+A = RNG.random((30, 40, 3)).astype(np.float32)
+B = RNG.random((30, 40, 3)).astype(np.float32)
+
+
+def test_psnr_is_that_of_scikit_image_and_ssim_falls_with_noise():
+    expected = peak_signal_noise_ratio(A.astype(np.float64), B, data_range=1)
+    assert metrics.psnr(A, B) == pytest.approx(expected, abs=1e-9)
+    assert metrics.psnr(A, A) == math.inf
+    assert metrics.ssim(A, A) == pytest.approx(1)
+    assert metrics.ssim(A[:4, :5], A[:4, :5]) == pytest.approx(1)
+    noisy = np.clip(A + 0.1 * (B - 0.5), 0, 1)
+    assert metrics.ssim(A, noisy) == pytest.approx(metrics.ssim(noisy, A), abs=1e-6)
+    assert metrics.ssim(A, B) < metrics.ssim(A, noisy) < 1
+
+
+def flat_halves():
+    """Two flat colours side by side, and the same with an error of one level all over."""
+    reference = np.full((100, 120, 3), 0.9)
+    reference[:, 60:] = [0.2, 0.4, 0.6]
+    return reference, reference - 1 / 255
+
+
+def test_flat_error_sees_a_streak_that_psnr_hardly_sees_the_more_the_longer_it_is():
+    reference, fitted = flat_halves()
+    errors = [metrics.flat_error(fitted, reference)]
+    assert errors == [pytest.approx(1)]
+    for length in (1, 4, 8, 30):
+        streaked = fitted.copy()
+        streaked[20, 10 : 10 + length] -= 3 / 255
+        errors.append(metrics.flat_error(streaked, reference))
+    assert errors == sorted(errors)
+    assert errors[-1] == pytest.approx(4)
+    assert metrics.psnr(fitted, reference) - metrics.psnr(streaked, reference) < 0.2
+
+
+def test_flat_error_counts_errors_beside_edges_and_on_slopes_and_knows_no_checkerboard():
+    reference, fitted = flat_halves()
+    blurred = fitted.copy()
+    blurred[:, 55:65] = 0.5  # within 4 px of the step
+    assert metrics.flat_error(blurred, reference) == pytest.approx(1)
+    blurred[:, 54] = 0.5
+    assert metrics.flat_error(blurred, reference) == pytest.approx(0.4 * 255)
+    slope = np.repeat(np.linspace(0, 1, 101)[None, :, None], 20, axis=0).repeat(3, axis=2)
+    assert metrics.flat_error(slope, slope) == 0
+    checkerboard = np.indices((20, 30)).sum(axis=0)[:, :, None] % 2 * np.ones(3)
+    assert math.isnan(metrics.flat_error(checkerboard, checkerboard))
+
+
+@pytest.mark.parametrize("name", ["psnr", "ssim", "bias", "largest_error", "flat_error"])
+def test_pictures_of_different_shape_are_refused(name):
+    with pytest.raises(InputError, match="of one shape"):
+        getattr(metrics, name)(A, B[:-1])
+
+
+@pytest.mark.parametrize(
+    "shape", [(1, 1, 3), (3, 700, 3), (300, 1000, 3), (1000, 30, 1), (40, 50, 4)]
+)
+def test_errors_summed_in_bands_are_those_row_by_row(shape):
+    rng = np.random.default_rng(0)
+    one, two = rng.random((2, *shape)).astype(np.float32)
+    rows = list(zip(one.astype(np.float64), two, strict=True))
+    squared = math.fsum(float(np.square(a - b).sum()) for a, b in rows) / one.size
+    assert metrics.mean_squared_error(one, two) == pytest.approx(squared, rel=1e-14)
+    mean = math.fsum(float((a - b).sum()) for a, b in rows) / one.size
+    assert metrics.bias(one, two) == pytest.approx(255 * mean, abs=1e-6)
+    largest = max(float(np.abs(a - b).max()) for a, b in rows)
+    assert metrics.largest_error(one, two) == pytest.approx(255 * largest, rel=1e-6)
+
+
+WEIGHTS = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333]
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """A piece of a photo whose sides are odd at some scales, and the same with noise."""
+    image = data.astronaut()[40:219, 150:335].astype(np.float32) / 255  # 179 x 185 px
+    noise = np.random.default_rng(3).normal(0, 0.1, image.shape)
+    return image, np.clip(image + noise, 0, 1).astype(np.float32)
+
+
+def twin(image, other):
+    """As in the paper: no separable filter, no bands, each window by itself."""
+    taps = np.array([[np.exp(-(x * x + y * y) / 4.5) for x in range(-5, 6)] for y in range(-5, 6)])
+    taps /= taps.sum()
+    scores = []
+    for c in range(image.shape[2]):
+        x, y = image[:, :, c].astype(np.float64), other[:, :, c].astype(np.float64)
+        score = 1.0
+        for scale, weight in enumerate(WEIGHTS, 1):
+            a, b = (np.lib.stride_tricks.sliding_window_view(p, (11, 11)) for p in (x, y))
+            mean_a, mean_b = (np.sum(taps * v, axis=(2, 3)) for v in (a, b))
+            off_a, off_b = a - mean_a[:, :, None, None], b - mean_b[:, :, None, None]
+            variances = np.sum(taps * (off_a**2 + off_b**2), axis=(2, 3))
+            covariance = np.sum(taps * off_a * off_b, axis=(2, 3))
+            terms = (2 * covariance + 0.0009) / (variances + 0.0009)
+            if scale == 5:
+                terms *= (2 * mean_a * mean_b + 0.0001) / (mean_a**2 + mean_b**2 + 0.0001)
+            score *= max(np.mean(terms), 0) ** weight
+            x, y = halved(x), halved(y)
+        scores.append(score)
+    return np.mean(scores)
+
+
+def halved(plane):
+    """Means of 2 x 2 px; beyond the last row or column it is repeated."""
+    even = np.pad(plane, [(0, side % 2) for side in plane.shape], mode="edge")
+    return (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]) / 4
+
+
+def test_ms_ssim_is_that_of_the_slow_twin_in_any_bands(pair, monkeypatch):
+    image, noisy = (picture[:, :, 1:] for picture in pair)
+    expected = pytest.approx(twin(image, noisy), abs=1e-9)
+    assert metrics.ms_ssim(image, noisy) == expected
+    assert metrics.ms_ssim(noisy, image) == expected
+    monkeypatch.setattr(metrics, "_BAND", 7)
+    assert metrics.ms_ssim(image, noisy) == expected
+
+
+def test_ms_ssim_is_one_of_equal_pictures_and_zero_of_a_negative(pair):
+    image, _ = pair
+    assert metrics.ms_ssim(image, image) == pytest.approx(1, abs=1e-12)
+    assert metrics.ms_ssim(image, 1 - image) == 0
+    # A scale alone is enough: the squares of a checkerboard have their mean at the next one.
+    squares = 0.5 + 0.2 * (np.indices((176, 176)).sum(axis=0)[:, :, None] % 2 - 0.5)
+    assert metrics.ms_ssim(squares, 1 - squares) == 0
+    assert metrics.ms_ssim(squares, squares) == pytest.approx(1)
+
 
 KEYS = ("ssimulacra2_svg", "flip_svg", "scores_missing")
 LACKING = (
@@ -91,20 +222,16 @@ def test_small_pictures_have_a_reason_and_a_flip(photo):
         perceptual_scores(photo, photo[1:])
 
 
-def test_pictures_too_large_for_the_memory_have_a_reason(wide, monkeypatch):
+def test_pictures_too_large_for_the_memory_and_failing_processes_have_a_reason(wide, monkeypatch):
     found = perceptual_scores(wide, wide, spare=10**6)
     assert (found.ssimulacra2, found.flip, len(found.missing)) == (None, None, 2)
     assert "needs 0.028 GB of memory for 225x225 px, and 0.001 GB are left" in found.missing[0]
-    monkeypatch.setattr(module, "free_bytes", lambda: 10**6)
-    assert perceptual_scores(wide, wide).flip is None
     monkeypatch.setattr(module, "DEFAULT_MAX_PIXELS", 100)
     assert "limited to 100 px" in perceptual_scores(wide, wide).missing[1]
-
-
-def test_flip_whose_process_fails_has_a_reason(photo, monkeypatch):
+    monkeypatch.undo()
     exits = [sys.executable, "-c", "import sys; sys.exit(3)"]
     monkeypatch.setattr(module, "module_command", lambda *_: exits)
-    assert perceptual_scores(photo, photo).missing[1] == (
+    assert perceptual_scores(wide[:9], wide[:9]).missing[1] == (
         "FLIP is not measured: its process ended with status 3: was there enough memory?"
     )
 
@@ -131,14 +258,11 @@ def test_a_run_measures_them_where_asked_as_check_does(photo):
     assert [plain.report[key] for key in KEYS] == [None, None, []]
     scored = vectorize(photo, gaussians=9, iterations=2, scores=True)
     assert scored.svg == plain.svg
-    np.testing.assert_array_equal(scored.photo, photo)
     checked = gauss2svg.check(photo, scored.svg)
     assert [scored.report[key] for key in KEYS] == [checked.report[key] for key in KEYS]
     assert scored.report["flip_svg"] == checked.scores.flip > 0
     assert checked.report["scores_missing"] == [SMALL]
     json.dumps(checked.report, allow_nan=False)
-    with pytest.raises(InputError, match="scores must not be given with time_limit"):
-        vectorize(photo, scores=True, time_limit=5)
 
 
 def test_a_broken_package_costs_its_own_score_alone(monkeypatch):

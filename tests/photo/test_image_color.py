@@ -42,11 +42,10 @@ def matrix_profile(gamma: float, space: bytes = b"RGB ") -> bytes:
     curve = b"curv" + bytes(4) + struct.pack(">IHH", 1, round(gamma * 256), 0)
     tags = {b"wtpt": b"XYZ " + bytes(4) + fixed(0.9642, 1.0, 0.8249)}
     if space == b"GRAY":
-        tags[b"kTRC"] = curve
-    else:
-        for k, letter in enumerate("rgb"):
-            tags[f"{letter}XYZ".encode()] = b"XYZ " + bytes(4) + fixed(*srgb[:, k])
-            tags[f"{letter}TRC".encode()] = curve
+        return icc_profile(b"mntr", space, b"XYZ ", tags | {b"kTRC": curve})
+    for column, letter in zip(srgb.T, "rgb", strict=True):
+        tags[f"{letter}XYZ".encode()] = b"XYZ " + bytes(4) + fixed(*column)
+        tags[f"{letter}TRC".encode()] = curve
     return icc_profile(b"mntr", space, b"XYZ ", tags)
 
 

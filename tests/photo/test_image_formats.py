@@ -107,17 +107,24 @@ SEEN = {
 
 @pytest.mark.parametrize("orientation", SEEN)
 @pytest.mark.parametrize("name", ["JPEG", "PNG", "WEBP", "TIFF", "AVIF"])
-def test_orientation_is_applied(name, orientation):
+def test_orientation_is_applied_to_whole_and_to_reduced_photos(name, orientation):
     exif = Image.Exif()
     exif[0x0112] = orientation
     blocks = np.kron(STORED, np.ones((16, 16), np.uint8))  # so that JPEG keeps them
     options = {"lossless": True} if name == "WEBP" else {}
     picture = Image.fromarray(blocks).convert("RGB")
-    photo = load_image(encoded(picture, name, exif=exif, **options))
-    seen = np.round(photo.pixels[8::16, 8::16, 0] * 255)
-    np.testing.assert_allclose(seen, SEEN[orientation], atol=1)
-    # An AVIF is turned by its own boxes.
-    assert ("EXIF orientation applied" in photo.notes) == (orientation != 1 and name != "AVIF")
+    if name not in ("JPEG", "AVIF"):
+        picture.putalpha(Image.fromarray(255 - blocks))
+    file = encoded(picture, name, exif=exif, **options)
+    for needed, side in ((None, 16), (24, 8)):
+        photo = load_image(file, needed=needed)
+        at = np.s_[side // 2 :: side, side // 2 :: side]
+        np.testing.assert_allclose(photo.pixels[..., 0][at] * 255, SEEN[orientation], atol=1.5)
+        if photo.alpha is not None:
+            seen = 255 - photo.alpha[at] * 255
+            np.testing.assert_allclose(seen, SEEN[orientation], atol=1.5)
+        # An AVIF is turned by its own boxes.
+        assert ("EXIF orientation applied" in photo.notes) == (orientation != 1 and name != "AVIF")
 
 
 def exif_of(kind: int, count: int, value: bytes) -> bytes:
@@ -149,23 +156,25 @@ def test_first_of_several_frames_is_taken_and_noted(name):
     assert_read(file, 200 / 255, (f"first of {count} {what}",), 2 / 255)
 
 
-@pytest.mark.parametrize("name", ["PNG", "TIFF", "JPEG", "exif", "turned", "cm"])
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("PNG", (300, 150)), ("TIFF", (300, 150)), ("JPEG", (300, 150)), ("exif", (300, 150)),
+     ("turned", (150, 300)), ("cm", (127, 254))],
+)  # fmt: skip
 def test_resolution_is_that_of_the_tag_as_the_photo_is_turned_and_one_of_oblong_pixels_is_noted(
-    name,
+    name, expected
 ):
     exif = Image.Exif()
     exif[0x011A], exif[0x011B], exif[0x0128] = 300.0, 150.0, 2
     exif[0x0112] = 6 if name == "turned" else 1
+    by_exif = name in ("exif", "turned")
+    options = {"exif": exif} if by_exif else {"dpi": (300, 150)}
     picture = Image.fromarray(BYTES)
-    if name in ("exif", "turned"):
-        file = encoded(picture, "JPEG", exif=exif)
-    else:
-        file = encoded(picture, "JPEG" if name == "cm" else name, dpi=(300, 150))
+    file = encoded(picture, "JPEG" if by_exif or name == "cm" else name, **options)
     if name == "cm":  # 50 and 100 a centimetre, as the header's unit 2 says
         place = file.index(b"JFIF") + 7
         file = file[:place] + b"\2\0\x32\0\x64" + file[place + 5 :]
     photo = load_image(file)
-    expected = {"turned": (150, 300), "cm": (127, 254)}.get(name, (300, 150))
     assert photo.dpi == pytest.approx(expected, rel=1e-4)
     times = 2 if expected[0] < expected[1] else 0.5
     assert any(note.startswith(f"pixels are {times} times as wide") for note in photo.notes)
@@ -175,12 +184,14 @@ def test_resolution_is_that_of_the_tag_as_the_photo_is_turned_and_one_of_oblong_
 
 
 def test_proportions_of_pixels_in_no_unit_are_noted():
-    photo = load_image(png(BYTES, chunk(b"pHYs", b"\0\0\0\2\0\0\0\1\0")))
-    assert any(note.startswith("pixels are 0.5 times as wide") for note in photo.notes)
-    assert photo.dpi is None
     jpeg = encoded(Image.fromarray(BYTES), "JPEG")
     place = jpeg.index(b"JFIF") + 7
-    photo = load_image(jpeg[:place] + b"\0\0\6\0\2" + jpeg[place + 5 :])
-    assert any(note.startswith("pixels are 3 times as wide") for note in photo.notes)
+    for file, times in (
+        (png(BYTES, chunk(b"pHYs", b"\0\0\0\2\0\0\0\1\0")), 0.5),
+        (jpeg[:place] + b"\0\0\6\0\2" + jpeg[place + 5 :], 3),
+    ):
+        photo = load_image(file)
+        assert any(note.startswith(f"pixels are {times} times as wide") for note in photo.notes)
+        assert photo.dpi is None
     short = jpeg[:2] + b"\xff\xe0\0\7JFIF\0" + jpeg[20:]  # which has no density
     assert load_image(short).notes == ()

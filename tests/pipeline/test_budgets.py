@@ -1,23 +1,35 @@
-"""A limit given alone is a budget: more of it is never worse, and a preset beside it is a cap."""
+"""Limits of bytes and seconds: budgets, the counts that limits allow, and the fits that follow."""
 
+import dataclasses
 import gzip
+import itertools
+import math
 import time
 from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from flat import vectorize
+from drawings import antialiased_badge, smile
+from flat import fit_config, vectorize
 
-from gauss2svg.errors import InputError
 from gauss2svg.fit.schedule import Clock
-from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.session import FitSession, Snapshot
+from gauss2svg.measure import metrics
 from gauss2svg.pipeline.budgets import TimeBudget
 from gauss2svg.pipeline.export import Exporter
-from gauss2svg.pipeline.limits import FULL, Limits
-from gauss2svg.pipeline.options import Goal, Options
+from gauss2svg.pipeline.limits import (
+    CONVERGES_ABOVE,
+    CONVERGES_AFTER,
+    GAIN_OF_A_ROUND,
+    MOST_CHANGE,
+    OVERFILL_GROWING,
+    Limits,
+)
+from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Subject
-from gauss2svg.pipeline.plan import BY_BYTES_UP_TO, MINIMAL_FROM, PRESETS, Plan
+from gauss2svg.pipeline.plan import PRESETS, USUAL_BYTES, Plan
+from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg.write import write_svg
 
@@ -38,19 +50,10 @@ def work_clock(monkeypatch):
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
 
 
-def drawing() -> np.ndarray:
-    """A disc and a bar of flat colours, antialiased."""
-    y, x = np.mgrid[:288, :288] / 3
-    picture = np.full((288, 288, 3), 0.9, np.float32)
-    picture[np.hypot(x - 40, y - 44) < 25] = 0.8, 0.2, 0.1
-    picture[(abs(x - y) < 6) & (x > 50)] = 0.1, 0.2, 0.6
-    return picture.reshape(96, 3, 96, 3, 3).mean(axis=(1, 3))
-
-
 @pytest.mark.sweep
 @pytest.mark.parametrize("kind", ["photo", "drawing"])
 def test_more_seconds_are_never_worse(kind, photo, work_clock):
-    picture = photo if kind == "photo" else drawing()
+    picture = photo if kind == "photo" else smile(96)
     found = [
         vectorize(picture, time_limit=limit, tune="psnr").report for limit in (0.15, 0.3, 0.6, 1.2)
     ]
@@ -76,7 +79,7 @@ def test_a_later_stop_is_never_worse(photo):
 
 
 def test_seconds_beyond_what_pays_are_not_taken(work_clock):
-    picture = drawing()[::6, ::6]
+    picture = antialiased_badge(96)[::6, ::6]
     long, longer = (vectorize(picture, time_limit=limit).report for limit in (100, 200))
     assert long["psnr_svg"] == longer["psnr_svg"]
     assert long["stop_reason"] == longer["stop_reason"] != "time_limit"
@@ -89,43 +92,6 @@ def test_a_preset_beside_a_limit_of_seconds_is_a_cap(photo, work_clock):
     draft = vectorize(photo, quality="draft").report
     assert capped["gaussians"] <= PRESETS["draft"].cap < alone["gaussians"]
     assert capped["psnr_svg"] == pytest.approx(draft["psnr_svg"], abs=0.3)
-
-
-@pytest.mark.sweep
-def test_a_preset_beside_a_limit_of_bytes_is_a_cap(photo):
-    quick = {"iterations": 3, "max_bytes": "150k", "markup": "editable"}
-    assert vectorize(photo, **quick, quality="draft").report["gaussians"] <= PRESETS["draft"].cap
-    report = vectorize(photo, **quick).report
-    assert report["gaussians"] > PRESETS["draft"].cap
-    assert (report["quality"], vectorize(photo, iterations=2).report["quality"]) == (
-        None, "balanced",
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "given",
-    [{"max_bytes": 9}, {"time_limit": 9}, {"max_bytes": 9, "time_limit": 9}],
-)
-def test_only_limits_alone_are_budgets(given):
-    assert Goal(**given).is_budget
-    for more in ({"quality": "max"}, {"gaussians": 9}, {"target_psnr": 30}):
-        assert not Goal(**given, **more).is_budget
-    assert not Goal().is_budget
-
-
-@pytest.mark.parametrize(
-    ("limit", "markup", "least"),
-    [
-        (30_000, "editable", FULL),
-        pytest.param(100_000, "editable", FULL, marks=pytest.mark.sweep),
-        (60_000, "minimal", FULL),
-        # A shape is half a percent.
-        pytest.param(9_000, "minimal", 0.97, marks=pytest.mark.sweep),
-    ],
-)
-def test_a_limit_of_bytes_is_used_where_more_shapes_help(photo, limit, markup, least):
-    report = vectorize(photo, max_bytes=limit, markup=markup, iterations=40).report
-    assert least * limit <= report["svg_bytes"] <= limit
 
 
 @pytest.mark.parametrize("count", [300, 600, 900])
@@ -143,38 +109,12 @@ def test_the_bytes_of_a_shape_are_known_under_masks_by_gradients_and_between(cou
     assert each * count == pytest.approx(size - exporter.empty_bytes, rel=0.1)
 
 
-@pytest.mark.sweep
-def test_more_bytes_are_never_worse_across_markups(photo):
-    part, last = photo[:48, 48:96], BY_BYTES_UP_TO
-    found = [
-        vectorize(part, max_bytes=limit, tune="psnr", iterations=20).report["psnr_svg"]
-        for limit in (3_000, MINIMAL_FROM, last, last + 1)
-    ]
-    assert all(b > a - 0.1 for a, b in pairwise(found))
-
-
 def test_a_limit_of_gzipped_bytes_is_on_what_travels(photo):
     result = vectorize(photo, max_bytes=6_000, count_gzipped=True, iterations=15)
     travels = len(gzip.compress(result.svg.encode(), 9))
     assert 0.95 * 6_000 <= travels <= 6_000 < len(result.svg)
     plain = vectorize(photo, max_bytes=6_000, iterations=15)
     assert result.report["psnr_svg"] > plain.report["psnr_svg"] + 1
-    with pytest.raises(InputError, match="count_gzipped must be given with max_bytes"):
-        Plan(Options.from_flat({"count_gzipped": True}))
-
-
-def test_the_count_follows_from_the_seconds_that_are_left_and_the_speed(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    pixels = 768 * 512
-    counts = [TimeBudget(limit, pixels, pixels).most_gaussians(0.0) for limit in (4, 8, 16)]
-    assert counts == sorted(set(counts))
-    slow = TimeBudget(16, pixels, pixels)
-    for _ in range(40):
-        slow.stepped(pixels, 1000, done=0.1)
-        now[0] += 0.02
-    left = TimeBudget(16, pixels, pixels)
-    assert 150 < slow.most_gaussians(0.1) < 0.7 * left.most_gaussians(0.1)
 
 
 def test_what_follows_a_question_for_the_count_is_no_step(monkeypatch):
@@ -188,36 +128,10 @@ def test_what_follows_a_question_for_the_count_is_no_step(monkeypatch):
             if step == 20:
                 budget.most_gaussians(0.1)
                 now[0] += seconds  # finding the colours, while the clock of the fit is paused
-            budget.stepped(pixels, 1000, done=0.1)
+            budget.note_step(pixels, 1000, done=0.1)
         now[0] = 800.0
     straight, paused = (budget.most_gaussians(0.1) for budget in budgets)
     assert paused == pytest.approx(straight, rel=1e-6)
-
-
-@pytest.mark.parametrize("left_s", [0.01, 0.1])
-def test_shapes_are_not_removed_because_a_correction_has_little_time(left_s, photo, monkeypatch):
-    plan = Plan(Options.from_flat({"target_psnr": 40, "time_limit": 3}))
-    monkeypatch.setattr(time, "perf_counter", lambda: 0.0)
-    exporter = Exporter(plan, Subject.of(photo))
-    limits = Limits(plan, exporter, TimeBudget(left_s), 10**5)
-    far = SimpleNamespace(size=10**5, score=30.0)
-    assert limits.corrected(3430, [far]) == 3430  # pyright: ignore[reportArgumentType]
-
-
-def test_bytes_end_a_search_whose_file_is_pruned_though_it_met_the_target(photo):
-    plan = Plan(Options.from_flat({"target_psnr": 30, "max_bytes": 10**5, "markup": "editable"}))
-    limits = Limits(plan, Exporter(plan, Subject.of(photo)), TimeBudget(), 10**5)
-    met = SimpleNamespace(size=105_000, score=30.1, scene=Scene(9, 9))
-    limits.stop_reason, limits._filling = "target_psnr", lambda *_: 900  # pyright: ignore
-    assert limits.corrected(900, [met]) == 900  # pyright: ignore[reportArgumentType]
-    assert limits.stop_reason == "max_bytes"
-
-
-def test_a_large_photo_on_which_a_small_fit_runs_is_no_small_photo():
-    plan = Plan(Options.from_flat({"max_size": 256, "max_bytes": "100k"}), fit_side=256)
-    large, small = (plan.for_picture(np.zeros((side, side, 3), "f4")) for side in (1000, 256))
-    assert not any(search.by_bytes for search in large.searches())
-    assert any(search.by_bytes for search in small.searches())
 
 
 def test_a_renderer_that_is_slow_to_start_leaves_less_time_than_one_that_is_not():
@@ -255,8 +169,15 @@ def test_more_seconds_never_allow_fewer_gaussians_however_large_the_photo(monkey
         assert counts[4] > 2000
 
 
-def test_a_given_count_is_the_largest_beside_a_limit_of_seconds(photo, work_clock):
-    assert vectorize(photo, gaussians=50, time_limit=0.05).report["gaussians"] <= 50
+def test_slow_steps_leave_time_for_fewer_gaussians(monkeypatch):
+    now, pixels = [0.0], 768 * 512
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    slow = TimeBudget(16, pixels, pixels)
+    for _ in range(40):
+        slow.note_step(pixels, 1000, done=0.1)
+        now[0] += 0.02
+    left = TimeBudget(16, pixels, pixels)
+    assert 150 < slow.most_gaussians(0.1) < 0.7 * left.most_gaussians(0.1)
 
 
 def test_a_small_file_within_seconds_has_shapes_and_is_not_interrupted(photo):
@@ -264,26 +185,6 @@ def test_a_small_file_within_seconds_has_shapes_and_is_not_interrupted(photo):
     assert report["stop_reason"] == "time_limit"
     assert report["gaussians"] > 0
     assert report["svg_bytes"] <= 5000
-
-
-def test_memory_of_a_budget_is_that_of_as_many_shapes_as_the_fit_can_have():
-    from gauss2svg.photo.pixels import Header
-    from gauss2svg.pipeline.budgets import load_of
-
-    for given in ({"time_limit": 60}, {"max_bytes": "10M"}):
-        assert load_of(Plan(Options.from_flat(given)), Header(3000, 2000, False)).bytes < 3e9
-
-
-def test_a_limit_of_bytes_beside_a_target_has_the_fit_and_the_memory_of_the_limit_alone():
-    from gauss2svg.photo.pixels import Header
-    from gauss2svg.pipeline.budgets import load_of
-
-    alone, both = (
-        load_of(Plan(Options.from_flat({"max_bytes": "5M", **more})), Header(4000, 3000, False))
-        for more in ({}, {"target_psnr": 90})
-    )
-    assert both.fit == alone.fit
-    assert both.bytes >= alone.bytes
 
 
 def test_a_pause_takes_no_share_of_the_fit(monkeypatch):
@@ -302,3 +203,169 @@ def test_a_pause_takes_no_share_of_the_fit(monkeypatch):
     assert clock.refinement_progress() == 1
     clock.begin_refinement(None, 0.3)  # a correction has no time left
     assert clock.refinement_progress() == 1
+
+
+KILOBYTES = USUAL_BYTES / 1000
+BYTES = OVERFILL_GROWING * 10_000 / USUAL_BYTES  # shapes that fill 10 000 bytes while growing
+
+
+def limits_by(plan: Plan, budget: TimeBudget) -> Limits:
+    """The limits of a plan, on a picture that is large enough for any count."""
+    return Limits(plan, Exporter(plan, Subject.of(np.zeros((1, 1, 3), "f4"))), budget, 10**9)
+
+
+def limits_of(gain=0.0, enough=math.inf, cap=10**6, **options) -> Limits:
+    """The limits of a preset of these numbers."""
+    plan = Plan(Options.from_flat(options))
+    preset = dataclasses.replace(PRESETS["balanced"], gain=gain, stop_psnr=enough, cap=cap)
+    vars(plan)["preset"] = preset  # where a cached property keeps it
+    return limits_by(plan, TimeBudget())
+
+
+def grown(psnr_at, policy):
+    """Counts and stop reason of a growth whose PSNR is a function of the count."""
+    counts = [0]
+    while True:
+        count = counts[-1]
+        total = policy.grow(Snapshot(count, 0.1, lambda c=count: psnr_at(c), lambda: None))
+        if total <= count:
+            return counts[1:] + ([total] if total < count else []), policy.stop_reason
+        counts.append(total)
+
+
+def power_law(slope, start=10.0):
+    """A doubling gains `slope` dB: an ideal scene that converges at once."""
+    return lambda count: start + slope * math.log2(count) if count else start - slope
+
+
+@pytest.mark.parametrize("gain", [0.2, 0.05, 0.0125])
+def test_growth_stops_where_a_kilobyte_gains_no_more_than_the_limit(gain):
+    counts, reason = grown(power_law(0.5), limits_of(gain))
+    # s / (n ln 2 kilobytes) = gain, with the s that the policy extrapolates
+    worth = 0.5 / GAIN_OF_A_ROUND / (math.log(2) * KILOBYTES * gain)
+    assert reason == "gain"
+    assert worth / 1.15 < counts[-1] <= worth + 1
+
+
+@pytest.mark.parametrize(
+    ("limits", "least", "most", "reason"),
+    [
+        ({"enough": 15.0}, 0.85 * 2**5, 1.15 * 2**5, "enough"),
+        ({"cap": 1000}, 1000, 1000, "cap"),
+        ({"cap": 1000, "gaussians": 100}, 100, 100, "gaussians"),
+        ({"max_bytes": 10_000}, 0.9 * BYTES, BYTES, "max_bytes"),
+    ],
+)
+def test_growth_at_most_doubles_and_stops_at_its_limit(limits, least, most, reason):
+    counts, stopped_by = grown(power_law(3.0, 0.0), limits_of(**limits))
+    assert stopped_by == reason
+    assert least <= counts[-1] <= most
+    assert counts[0] == 8
+    assert all(a < b <= 2 * a for a, b in itertools.pairwise(counts))
+
+
+def test_rounds_that_gain_nothing_lead_to_a_leap_that_is_rolled_back():
+    assert grown(lambda _: math.inf, limits_of(enough=40.0, cap=100)) == ([], "enough")
+    counts, reason = grown(lambda _: 12.0, limits_of(0.01, 40.0, 8000))
+    assert counts == [8, 2000, 8]
+    assert reason == "gain"
+
+
+def test_growth_continues_where_the_error_would_vanish_before_the_cap():
+    # 2000 equal squares, each fitted by one Gaussian: next to nothing at first, all at last
+    def squares(count):
+        return 6 - 10 * math.log10(max(1 - count / 2000, 1e-4))
+
+    def hopeless(count):
+        return 6 - 10 * math.log10(1 - count / 200_000)
+
+    assert 1800 < grown(squares, limits_of(0.05, 40.0, 8000))[0][-1] < 3000
+    assert grown(hopeless, limits_of(0.05, 40.0, 8000))[0][-1] == 8
+
+
+def test_refinement_corrects_the_count_by_the_slope():
+    policy = limits_of(enough=30.0)
+    policy.slope = 3.0
+
+    def adjusted(psnr):
+        return policy.adjust(Snapshot(1000, 0.55, lambda: psnr, lambda: None))
+
+    assert adjusted(20.0) == math.ceil((1 + MOST_CHANGE) * 1000)
+    assert adjusted(40.0) == math.ceil((1 - MOST_CHANGE) * 1000)
+    assert 1000 < adjusted(29.4) < 1300
+    rate = CONVERGES_AFTER[1]
+    steady = 30.0 - rate * (30.0 - CONVERGES_ABOVE) / (1 + rate)
+    assert adjusted(steady) == 1000
+
+
+def exported(size, score, count=100):
+    """An export of so many bytes, as far as limits look at one."""
+    return SimpleNamespace(size=size, score=score, scene=range(count))
+
+
+HIGH, FEW_BYTES = {"quality": "high"}, {"max_bytes": 10**5, "markup": "editable"}
+
+
+@pytest.mark.parametrize(
+    ("given", "covers", "exports", "expected"),
+    [
+        # Ellipses do not regain by their number what edges lose.
+        (HIGH, False, [(1000, 34.0, 100)], (200, "enough")),
+        (HIGH, True, [(1000, 34.0, 100)], (140, "gain")),
+        # No shapes are removed because there is little time.
+        *(({"target_psnr": 40, "time_limit": left_s}, False, [(10**5, 30.0, 3430)],
+           (3430, "time_limit")) for left_s in (0.01, 0.1)),
+        # A file that meets the target, and is too large, will be pruned.
+        ({"target_psnr": 30, **FEW_BYTES}, False, [(90_000, 28.0, 800), (105_000, 30.1, 900)],
+         (900, "max_bytes")),
+    ],
+)  # fmt: skip
+def test_a_count_is_corrected_by_what_its_exports_show(
+    given, covers, exports, expected, monkeypatch
+):
+    """The next count of exports is that of the limit that decides, which is the stop reason."""
+    monkeypatch.setattr("time.perf_counter", lambda: 0.0)
+    plan = dataclasses.replace(Plan(Options.from_flat(given)), has_edges=covers)
+    limits = limits_by(plan, TimeBudget(given.get("time_limit", math.inf)))
+    limits.stop_reason, limits.slope = "enough", 6.0
+    found = limits.corrected(exports[-1][2], [exported(*one) for one in exports])  # pyright: ignore
+    assert (found, limits.stop_reason) == expected
+
+
+@pytest.mark.parametrize(
+    ("found", "best"),
+    [
+        ([(70, 34.3), (59, 28.4), (50, 24.0)], 59),  # near the goal of 28 dB, also if larger
+        ([(70, 30.9), (59, 27.3)], 59),  # the smaller of two that are near
+        ([(90, 43.0), (70, 34.3), (50, 24.0)], 70),  # the smaller of those beyond
+        ([(50, 24.0), (40, 23.0)], 50),  # the nearest below
+    ],
+)
+def test_best_export_is_the_smallest_near_the_goal(found, best):
+    limits = limits_by(Plan(Options.from_flat({"quality": "draft"})), TimeBudget())
+    exports = [exported(*one) for one in found]
+    assert limits.best(exports).size == best  # pyright: ignore[reportArgumentType]
+
+
+def fitted(pixels, limits, iterations=60) -> FitSession:
+    session = FitSession(pixels, fit_config(0, iterations), limits)
+    session.fit()
+    return session
+
+
+def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
+    preset = PRESETS["balanced"]
+    flat = np.full((64, 96, 3), 0.4, np.float32)
+    ramp = np.float32(np.linspace(0.2, 0.8, 96)[None, :, None] * [1.0, 0.8, 0.4] + 0 * flat)
+    noise = np.random.default_rng(0).random((64, 96, 3)).astype(np.float32)
+    numbers = preset.gain, preset.stop_psnr, preset.cap
+    counts = [len(fitted(p, limits_of(*numbers)).state) for p in (flat, ramp, photo)]
+    assert counts[0] == 0
+    assert 1 <= counts[1] <= 30
+    assert counts[2] > 300
+    assert len(fitted(noise, limits_of(0.5, 36.0, 2000)).state) < 10
+
+
+def test_enough_is_about_what_the_fit_ends_at(photo):
+    session = fitted(photo, limits_of(enough=28.0, cap=5000), 150)
+    assert metrics.psnr(render(session.scene()), photo) == pytest.approx(28.0, abs=1.3)

@@ -5,22 +5,23 @@ import pickle
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
 import pytest
-import tifffile
 from flat import vectorize
 from hypothesis import given
 from hypothesis import strategies as st
+from pictures import encoded, tiff
 from PIL import Image
 
-from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
+from gauss2svg.files import as_png
 from gauss2svg.photo.load import header_of
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline import budgets as memory
-from gauss2svg.pipeline.budgets import Load, allowed, free_bytes, load_of, size_that_fits
+from gauss2svg.pipeline.budgets import Load, free_bytes, load_of, memory_limit, size_that_fits
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import compile_kernels
@@ -116,7 +117,7 @@ def test_what_is_measured_reduced_takes_no_more(load, reduced_bytes):
     load = replace(load, plan=Plan(load.plan.options.changed(full_size=False)))
     reduced = replace(load, photo=replace(load.photo, reduced_bytes=reduced_bytes))
     assert reduced.bytes <= load.bytes
-    if reduced.measured == load.size:
+    if reduced.measured == load.photo.size:
         assert reduced.bytes == load.bytes
 
 
@@ -134,31 +135,34 @@ def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):
     assert vectorize(photo, max_memory="9G", **QUICK).report["fit_width"] == 128
 
 
-def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkeypatch, capsys):
+def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkeypatch, refusal):
     monkeypatch.setattr("gauss2svg.pipeline.by_count.ByCount", None)
     path, out = tmp_path / "photo.png", tmp_path / "o.svg"
-    Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(path)
-    command = [str(path), "-o", str(out), "--gaussians", "3", "--max-memory"]
-    for size, message in {
-        "100M": "and up to 3 Gaussians; got 100 MB. Try a smaller photo, or a larger",
-        "2X": "--max-memory must be a size of at least 1 byte; got '2X'",
-        "0": "--max-memory must be a size of at least 1 byte; got 0",
-    }.items():
-        assert main([*command, size]) == 2
-        err = capsys.readouterr().err
-        assert message in err
-        assert err.count("\n") == 1
+    path.write_bytes(as_png(photo))
+    line = refusal(path, "-o", out, "--gaussians", 3, "--max-memory", "100M")
+    assert "and up to 3 Gaussians; got 100 MB. Try a smaller photo, or a larger" in line
     assert list(tmp_path.iterdir()) == [path]
     monkeypatch.setattr(memory, "MEMORY_SHARE", 0.001)
     with pytest.raises(InputError, match="Try a smaller photo"):
         vectorize(photo, **QUICK)
 
 
+def test_a_budget_has_bounded_memory_and_a_target_beside_it_the_same_fit():
+    def of(width, height, **given):
+        return load_of(Plan(Options.from_flat(given)), Header(width, height, False))
+
+    for limit in ({"time_limit": 60}, {"max_bytes": "10M"}):
+        assert of(3000, 2000, **limit).bytes < 3e9
+    alone, both = (of(4000, 3000, max_bytes="5M", **more) for more in ({}, {"target_psnr": 90}))
+    assert both.fit == alone.fit
+    assert both.bytes >= alone.bytes
+
+
 def test_a_share_of_what_is_free_and_its_own_is_allowed(monkeypatch):
     monkeypatch.setattr(memory, "free_bytes", lambda: 10**8)
     own = psutil.Process().memory_info().rss
-    assert allowed(None) == pytest.approx(memory.MEMORY_SHARE * (10**8 + own), rel=0.02)
-    assert allowed(2 * 10**9) == 2 * 10**9
+    assert memory_limit(None) == pytest.approx(memory.MEMORY_SHARE * (10**8 + own), rel=0.02)
+    assert memory_limit(2 * 10**9) == 2 * 10**9
 
 
 def group(folder, most, used, idle, version=2):
@@ -180,17 +184,15 @@ def test_control_groups_bound_what_is_free(version, row, place, tmp_path):
     process, groups = tmp_path / "self", tmp_path / "groups"
     process.mkdir()
     (process / "cgroup").write_text(row)
-    without = free_bytes(process, groups)
-    assert without > 0
-    root = groups / place
-    group(root / "a" / "b", "max" if version == 2 else 2**63 - 4096, 700, 0, version)
     assert free_bytes(process, groups) > 10**6
-    group(root / "a", 1000, 700, 100, version)
-    assert free_bytes(process, groups) == 400
-    group(root, 800, 900, 200, version)
-    assert free_bytes(process, groups) == 100
-    group(root / "a" / "b", 500, 900, 0, version)
-    assert free_bytes(process, groups) == 0
+    unlimited = "max" if version == 2 else 2**63 - 4096
+    for name, most, used, idle, free in (
+        ("a/b", unlimited, 700, 0, None), ("a", 1000, 700, 100, 400), (".", 800, 900, 200, 100),
+        ("a/b", 500, 900, 0, 0),
+    ):  # fmt: skip
+        group(groups / place / name, most, used, idle, version)
+        found = free_bytes(process, groups)
+        assert found > 10**6 if free is None else found == free
     # In a container the host's path is not there, and the root is the container's own.
     (process / "cgroup").write_text(row.replace("/a/b", "/of/the/host"))
     assert free_bytes(process, groups) == 100
@@ -209,33 +211,23 @@ def test_limits_of_the_process_bound_what_is_free(monkeypatch):
         assert 0 < free_bytes() <= 50_000_000
 
 
-@pytest.mark.parametrize("kind", ["PNG", "JPEG", "float TIFF", "RGBA PNG", "image"])
-def test_what_cannot_fit_is_refused_by_its_header(kind, tmp_path, monkeypatch):
+LARGE = Image.new("L", (3000, 2000))
+LARGE_FILES = {
+    "PNG": encoded(LARGE, "PNG"),
+    "JPEG": encoded(LARGE, "JPEG"),
+    "RGBA PNG": encoded(LARGE.convert("RGBA"), "PNG"),
+    "float TIFF": tiff(np.zeros((2000, 3000), np.float16), photometric="minisblack"),
+    "image": LARGE,
+}
+
+
+@pytest.mark.parametrize("kind", LARGE_FILES)
+def test_what_cannot_fit_is_refused_by_its_header(kind, monkeypatch):
     monkeypatch.setattr("gauss2svg.pipeline.run.load_image", None)
-    size = (3000, 2000)
-    picture = Image.new("RGBA" if "RGBA" in kind else "L", size)
-    path = tmp_path / "photo"
-    if kind == "image":
-        path = picture
-    elif kind == "float TIFF":
-        with path.open("wb") as file:
-            tifffile.imwrite(file, np.zeros(size[::-1], np.float16), photometric="minisblack")
-    else:
-        picture.save(path, kind.split()[-1])
     with pytest.raises(InputError, match=r"memory must be .* for a photo of 3000x2000 px.*300 MB"):
-        vectorize(path, max_memory="300M", **QUICK)
+        vectorize(LARGE_FILES[kind], max_memory="300M", **QUICK)
 
 
 def test_a_stream_that_is_read_once_is_still_read(photo):
-    class Pipe(io.RawIOBase):
-        """What cannot go back."""
-
-        def __init__(self, data):
-            self.stream = io.BytesIO(data)
-
-        def read(self, size=-1):
-            return self.stream.read(size)
-
-    file = io.BytesIO()
-    Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(file, "PNG")
-    assert vectorize(Pipe(file.getvalue()), **QUICK).report["width"] == 128
+    once = SimpleNamespace(read=io.BytesIO(as_png(photo)).read)
+    assert vectorize(once, **QUICK).report["width"] == 128

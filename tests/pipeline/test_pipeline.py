@@ -1,5 +1,6 @@
+"""Runs of the whole pipeline, composited and additive, and what their reports say."""
+
 import gzip
-import io
 import json
 import math
 import subprocess
@@ -8,23 +9,20 @@ import sys
 import numpy as np
 import pytest
 from conftest import needs
-from flat import vectorize
+from flat import fit_config, vectorize
 from numba import get_num_threads
-from PIL import Image
 
 from gauss2svg import quantize
-from gauss2svg.errors import InputError, OutputError, RendererError
+from gauss2svg.cli.main import main
+from gauss2svg.errors import RendererError
+from gauss2svg.files import as_png
+from gauss2svg.fit.population import composited
+from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
-from gauss2svg.render import render, render_rgba
-from gauss2svg.scene import Scene
-from gauss2svg.svg.write import outline_svg, write_svg
+from gauss2svg.scene import ADD, OVER
+from gauss2svg.svg.write import write_svg
 
-PROMISED_KEYS = {
-    "width", "height", "gaussians", "iterations", "rounds", "fit_s", "total_s", "stop_reason",
-    "svg_bytes", "svgz_bytes", "renderer", "psnr_model", "psnr_svg", "ssim_svg",
-    "psnr_roundtrip", "bias_roundtrip", "versions", "seed",
-}  # fmt: skip
 QUICK = {"gaussians": 120, "iterations": 30}
 
 
@@ -40,17 +38,16 @@ def test_svg_matches_the_photo_and_the_model(result):
     assert abs(result.report["bias_roundtrip"]) < 0.5
 
 
-def test_report_holds_what_it_promises_and_is_json(result):
-    assert result.report.keys() >= PROMISED_KEYS
-    assert json.loads(json.dumps(result.report, allow_nan=False)) == result.report
-
-
-def test_report_measures_the_file_not_the_model(photo, result):
-    raster = rasterize(result.svg, 128, 128)
+def test_report_measures_the_file_not_the_model_and_is_json(photo, result):
+    report, raster = result.report, rasterize(result.svg, 128, 128)
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert (result.raster == raster).all()
-    assert result.report["psnr_svg"] == pytest.approx(metrics.psnr(raster, photo))
-    assert result.report["svg_bytes"] == len(result.svg.encode())
-    assert result.report["gaussians"] == len(result.scene)
+    assert report["psnr_svg"] == pytest.approx(metrics.psnr(raster, photo))
+    assert report["ssim_svg"] == metrics.ssim(raster, photo)
+    assert report["svg_bytes"] == len(result.svg.encode())
+    packed = gzip.compress(result.svg.encode(), 9, mtime=0)
+    assert report["svgz_bytes"] == len(packed) < report["svg_bytes"]
+    assert report["gaussians"] == len(result.scene)
 
 
 def test_same_seed_gives_the_same_bytes_on_any_number_of_threads(photo, result):
@@ -58,30 +55,24 @@ def test_same_seed_gives_the_same_bytes_on_any_number_of_threads(photo, result):
     assert vectorize(photo, seed=1, init="error", **QUICK).svg != result.svg
 
 
-def test_every_option_reaches_the_fit(photo, result):
-    for change in ({"loss": "l1"}, {"schedule": "linear"}, {"init": "random"}):
-        assert vectorize(photo, **QUICK, **change).svg != result.svg
-    assert vectorize(photo, threads=1, **QUICK).report["threads"] == 1
+@pytest.mark.parametrize(
+    "change",
+    [{"loss": "l1"}, {"schedule": "linear"}, {"init": "random"},
+     {"loss": "mse+ssim", "ssim_weight": 0.5}, {"loss": "mse+ssim"}],
+)  # fmt: skip
+def test_every_option_reaches_the_fit(photo, result, change):
+    assert vectorize(photo, **QUICK, **change).svg != result.svg
 
 
 def test_threads_are_used_inside_and_given_back(photo):
     inside = []
     before = get_num_threads()
-    vectorize(photo, threads=1, progress=lambda p: inside.append(get_num_threads()), **QUICK)
+    report = vectorize(
+        photo, threads=1, progress=lambda p: inside.append(get_num_threads()), **QUICK
+    ).report
     assert inside[1:] == [1] * (len(inside) - 1)
+    assert report["threads"] == 1
     assert get_num_threads() == before
-
-
-def test_sizes_and_ssim_are_those_of_the_written_file(photo, result):
-    packed = gzip.compress(result.svg.encode(), 9, mtime=0)
-    assert result.report["svgz_bytes"] == len(packed) < result.report["svg_bytes"]
-    assert result.report["ssim_svg"] == metrics.ssim(result.raster, photo)
-
-
-def test_exact_fit_has_a_report_that_json_knows():
-    report = vectorize(np.zeros((8, 8, 3)), gaussians=0).report
-    assert report["psnr_svg"] is None
-    json.dumps(report, allow_nan=False)
 
 
 @pytest.mark.process
@@ -100,28 +91,6 @@ def test_warming_up_compiles_all_that_a_run_needs():
     assert run.stdout.split() == ["1"] * 4
 
 
-def test_saved_file_is_the_text(result, tmp_path):
-    target = tmp_path / "out.svg"
-    result.save(target)
-    assert target.read_text() == result.svg
-    assert list(tmp_path.iterdir()) == [target]
-
-
-def test_unwritable_target_is_refused_and_nothing_is_left(result, tmp_path):
-    with pytest.raises(OutputError, match="it is a folder"):
-        result.save(tmp_path)
-    with pytest.raises(OutputError, match="No such file"):
-        result.save(tmp_path / "no" / "out.svg")
-    assert not list(tmp_path.iterdir())
-
-
-def test_result_shows_itself_without_leaking_ids_into_the_page(result):
-    page = result._repr_html_()
-    assert page.startswith("<img ")
-    assert "id=" not in page
-    assert "Gaussians" in repr(result)
-
-
 def test_smaller_fit_keeps_the_photos_size(photo):
     result = vectorize(photo, max_size=50, **QUICK)
     assert (result.report["fit_width"], result.report["fit_height"]) == (50, 50)
@@ -138,13 +107,6 @@ def test_phases_come_in_order_and_nothing_is_printed(photo, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_cairo_measures_too(photo):
-    needs("cairo")
-    report = vectorize(photo, renderer="cairo", **QUICK).report
-    assert report["renderer"].startswith("CairoSVG")
-    assert report["psnr_roundtrip"] > 38
-
-
 def test_missing_renderer_is_reported_before_the_fit(photo, monkeypatch):
     from gauss2svg.raster import libraries
 
@@ -156,50 +118,23 @@ def test_missing_renderer_is_reported_before_the_fit(photo, monkeypatch):
         vectorize(photo, renderer="cairo", progress=lambda p: pytest.fail(p.phase), **QUICK)
 
 
+@pytest.mark.parametrize("shape", [(1, 1, 3), (2, 5, 3), (1, 200, 3)])
+def test_tiny_and_flat_pictures_have_a_report_that_json_knows(shape):
+    pixels = np.random.default_rng(0).random(shape)
+    report = vectorize(pixels, **QUICK).report
+    assert math.isfinite(report["psnr_svg"])
+    flat = vectorize(np.zeros(shape), gaussians=0)
+    assert "<circle" not in flat.svg
+    assert (flat.report["gaussians"], flat.report["psnr_svg"]) == (0, None)  # it is exact
+    for one in (report, flat.report):
+        assert one["ssim_svg"] is None
+        json.dumps(one, allow_nan=False)
+
+
 def test_palette_trades_bytes_for_accuracy(photo):
     few, many = (vectorize(photo, palette=n, **QUICK).report for n in (16, 0))
     assert few["svg_bytes"] < 0.6 * many["svg_bytes"]
     assert few["psnr_svg"] < many["psnr_svg"]
-
-
-@pytest.mark.parametrize("shape", [(1, 1, 3), (2, 5, 3), (1, 200, 3)])
-def test_tiny_pictures_have_no_ssim_but_everything_else(shape):
-    pixels = np.random.default_rng(0).random(shape)
-    report = vectorize(pixels, **QUICK).report
-    assert report["ssim_svg"] is None
-    assert math.isfinite(report["psnr_svg"])
-
-
-def test_no_gaussians_give_the_mean_colour(photo):
-    result = vectorize(photo, gaussians=0)
-    assert "<circle" not in result.svg
-    assert result.report["gaussians"] == 0
-
-
-@pytest.mark.parametrize(
-    "call", [quantize, write_svg, outline_svg, render, render_rgba, Scene(8, 6).concatenate]
-)
-def test_what_takes_a_scene_refuses_anything_else(call):
-    for other in (None, "scene", np.zeros(3)):
-        with pytest.raises(InputError, match="scene must be a Scene; got"):
-            call(other)
-
-
-def test_closed_file_is_refused(tmp_path):
-    path = tmp_path / "photo.png"
-    path.write_bytes(b"not read")
-    with path.open("rb") as file, io.BytesIO() as stream:
-        pass
-    for closed in (file, stream):
-        with pytest.raises(InputError, match="file object must be open; got a closed one"):
-            vectorize(closed, **QUICK)
-
-
-def test_file_object_is_read(photo):
-    stream = io.BytesIO()
-    Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(stream, "JPEG", quality=95)
-    stream.seek(0)
-    assert vectorize(stream, **QUICK).report["psnr_svg"] > 22
 
 
 def test_saved_scene_writes_the_same_file(result, tmp_path):
@@ -208,3 +143,91 @@ def test_saved_scene_writes_the_same_file(result, tmp_path):
     text = write_svg(quantize(again, palette=result.report["palette"]))
     assert len(text.encode()) == result.report["svg_bytes"]
     assert text == result.svg
+
+
+SUMMED = {"gaussians": 150, "iterations": 60}
+
+
+@pytest.fixture(scope="module")
+def additive(photo):
+    return vectorize(photo, blend=ADD, **SUMMED)
+
+
+def test_an_additive_scene_is_rasterised_from_its_file_on_any_number_of_threads(photo, additive):
+    report = additive.report
+    assert additive.scene.blend == report["blend"] == ADD
+    assert report["falloff"] == "gaussian"
+    assert report["gaussians"] == len(additive.scene) == 150
+    assert "mix-blend-mode" in additive.svg
+    assert report["psnr_roundtrip"] > 42
+    assert abs(report["psnr_svg"] - report["psnr_model"]) < 0.2
+    assert vectorize(photo, blend=ADD, threads=1, **SUMMED).svg == additive.svg
+
+
+def test_the_portable_form_is_composited_by_a_second_fit_and_drawn_by_all(photo, additive):
+    needs("cairo")
+    portable = vectorize(photo, blend=ADD, portable=True, renderer="cairo", **SUMMED)
+    report = portable.report
+    assert portable.scene.blend == OVER
+    assert (report["blend"], report["portable"]) == (ADD, True)
+    assert "mix-blend-mode" not in portable.svg
+    assert report["psnr_roundtrip"] > 44
+    assert report["iterations"] == 2 * additive.report["iterations"]
+    assert report["pixel_pairs"] > 1.5 * additive.report["pixel_pairs"]
+    assert report["psnr_model"] > vectorize(photo, **SUMMED).report["psnr_model"] - 0.3
+
+
+def test_conversion_begins_with_the_additive_shapes_largest_first(photo, additive):
+    state = composited(additive.scene, target_of(photo, np.float32, "psnr"), fit_config(150).fit)
+    back = state.scene(additive.scene.background, additive.scene.width, additive.scene.height)
+    area = np.sqrt(np.linalg.det(back.covariance))
+    assert (np.diff(area) <= 1e-9).all()
+    before = np.sqrt(np.linalg.det(additive.scene.covariance))
+    np.testing.assert_allclose(np.sort(area), np.sort(before), rtol=1e-6)
+    assert (np.diff(back.round_index) >= 0).all()
+    assert len(np.unique(back.round_index)) == 6
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("portable", [False, True])
+def test_targets_and_presets_hold_for_additive_blending(photo, portable):
+    options = {"blend": ADD, "portable": portable}
+    draft = {**options, "quality": "draft", "iterations": 80}
+    small = vectorize(photo, max_bytes="20k", **draft)
+    assert len(small.svg.encode()) <= 20_000
+    assert len(small.scene) > 50
+    close = vectorize(photo, target_psnr=24, **draft)
+    assert 23.95 <= close.report["psnr_svg"] < 26
+    assert close.report["stop_reason"] == "target_psnr"
+    few, many = (vectorize(photo, quality=name, **options) for name in ("draft", "balanced"))
+    assert 20 < len(few.scene) < len(many.scene)
+    flat = vectorize(np.full((32, 40, 3), 0.3), **options)
+    assert len(flat.scene) == 0
+    assert flat.report["psnr_svg"] > 48
+
+
+def test_the_portable_form_has_as_many_as_were_asked_for(photo):
+    # Additive fits lose some invisible Gaussians: others replace them.
+    pixels = photo[:64, :80]
+    additive_only = vectorize(pixels, blend=ADD, gaussians=300, iterations=30, init="random")
+    assert len(additive_only.scene) < 300
+    result = vectorize(
+        pixels, blend=ADD, portable=True, gaussians=300, iterations=30, init="random"
+    )
+    assert 280 < len(result.scene) <= 300
+    assert (np.diff(result.scene.round_index) >= 0).all()
+    assert result.report["rounds"] == 6
+
+
+def test_the_command_writes_additive_files_and_their_portable_form(photo, tmp_path, refusal):
+    out, photo_file = tmp_path / "out.svg", tmp_path / "photo.png"
+    photo_file.write_bytes(as_png(photo[:48, :64]))
+    command = [photo_file, "-o", out, "--gaussians", "40", "--iterations", "20", "--blend", "add"]
+    outline = ["--outline", tmp_path / "outline.svg"]
+    for more, is_sum in (([], True), (["--portable", "--no-relocate", *outline], False)):
+        assert main([*map(str, command + more)]) == 0
+        assert ("mix-blend-mode" in out.read_text()) == is_sum
+    before = out.read_text()
+    assert "--outline must not be given with --blend add" in refusal(*command, *outline)
+    assert out.read_text() == before
+    assert "--portable" in refusal(*command, "--renderer", "cairo")

@@ -1,6 +1,7 @@
 """Laws of small files, of which every byte is planned."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,11 +15,18 @@ from gauss2svg.pipeline.by_bytes import ByBytes
 from gauss2svg.pipeline.drawings import is_shaded
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Subject
-from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.plan import (
+    BY_BYTES_UP_TO,
+    EDITABLE_FROM,
+    EDITABLE_IS_CLOSER,
+    MINIMAL_FROM,
+    UNASKED_UP_TO,
+    Plan,
+)
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.small_file import recolored
 from gauss2svg.raster import rasterize_like
-from gauss2svg.render import render
+from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.svg.minimal import minimal_rounded
 from gauss2svg.without_scipy import smoothed
@@ -76,13 +84,56 @@ def matched(picture, limit, steps=STEPS, **given):
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize(
-    "picture", [pytest.param(hills(), marks=pytest.mark.sweep), shapes()], ids=["hills", "shapes"]
-)
+@pytest.mark.parametrize("picture", [hills(), shapes()], ids=["hills", "shapes"])
 def test_more_bytes_are_never_worse(picture):
     scores = [matched(picture, limit)[0] for limit in LADDER]
     assert scores == sorted(scores)
     assert scores[-1] > scores[0] + 6
+
+
+@pytest.mark.sweep
+def test_more_bytes_are_never_worse_across_markups(photo):
+    found = [
+        vectorize(photo[:48, 48:96], max_bytes=limit, tune="psnr", iterations=20).report
+        for limit in (3_000, MINIMAL_FROM, BY_BYTES_UP_TO, BY_BYTES_UP_TO + 1)
+    ]
+    assert all(b["psnr_svg"] > a["psnr_svg"] - 0.1 for a, b in pairwise(found))
+
+
+def searches_of(**given):
+    """Markup of each search for a file, and whether it is by bytes."""
+    plan = Plan(Options.from_flat(given))
+    return [(search.markup, search.by_bytes) for search in plan.searches()]
+
+
+def test_auto_tries_each_markup_that_may_be_the_closest_in_its_bytes():
+    small, minimal, editable = ("minimal", True), ("minimal", False), ("editable", False)
+    assert searches_of() == [editable]
+    last = int(EDITABLE_IS_CLOSER * UNASKED_UP_TO)
+    for least, most, expected in (
+        (1, EDITABLE_FROM - 1, [small]),
+        (EDITABLE_FROM, MINIMAL_FROM - 1, [small, editable]),
+        (MINIMAL_FROM, BY_BYTES_UP_TO, [small, minimal, editable]),
+        (BY_BYTES_UP_TO + 1, last, [minimal, editable]),
+        (last + 1, 10 * last, [editable]),
+    ):
+        assert searches_of(max_bytes=least) == searches_of(max_bytes=most) == expected
+    for more in ({"markup": "editable"}, {"renderer": "cairo"}, {"fragments": True}):
+        assert searches_of(max_bytes=EDITABLE_FROM, **more) == [editable]
+    assert searches_of(max_bytes=10 * last, markup="minimal") == [minimal]
+    assert searches_of(max_bytes=20_000, time_limit=5) == [minimal]
+    for other in ({"stops": 6}, {"loss": "l1"}, {"blend": "add", "portable": True}):
+        found = Plan(Options.from_flat({"max_bytes": 8000, **other})).searches()
+        assert {(search.by_bytes, search.tune) for search in found} == {(False, "perceptual")}
+    # Beyond the limit of minimal files one is still tried at that limit.
+    plan = Plan(Options.from_flat({"max_bytes": UNASKED_UP_TO + 1}))
+    limits = [search.goal.byte_limit for search in plan.searches()]
+    assert limits == [UNASKED_UP_TO, UNASKED_UP_TO + 1]
+    # A large photo on which a small fit runs is no small photo.
+    plan = Plan(Options.from_flat({"max_size": 256, "max_bytes": "100k"}), fit_side=256)
+    for side in (256, 1000):
+        found = plan.for_picture(np.zeros((side, side, 3), "f4")).searches()
+        assert any(search.by_bytes for search in found) == (side == 256)
 
 
 def test_a_file_has_gaussians_wherever_one_fits():
@@ -121,29 +172,16 @@ def test_a_picture_of_one_colour_needs_no_gaussian():
     assert not result.report["unreached"]
 
 
-def test_max_bytes_under_20_kb_writes_minimal_markup_and_a_full_report(tmp_path):
-    result = vectorize(shapes(), max_bytes=900, iterations=FEW_STEPS)
+def test_max_bytes_under_20_kb_writes_minimal_markup_with_a_title_and_a_full_report():
+    result = vectorize(shapes(), max_bytes=900, iterations=FEW_STEPS, title="A & b")
     report = result.report
     assert report["markup"] == "minimal"
     assert report["svg_bytes"] == len(result.svg) <= 900
     assert report["gaussians"] == len(result.scene) > 0
     assert report["psnr_roundtrip"] > 25
     assert report["stop_reason"] == "max_bytes"
-    assert "<title>" not in result.svg
+    assert "<title>A &amp; b</title>" in result.svg
     assert json.dumps(report, allow_nan=False)
-
-
-@pytest.mark.parametrize(
-    "given",
-    [
-        {"markup": "editable"}, {"stops": 6}, {"loss": "l1"},
-        {"blend": "add", "portable": True},
-    ],
-)  # fmt: skip
-def test_other_targets_and_editable_files_take_the_usual_fit(given):
-    searches = Plan(Options.from_flat({"max_bytes": 8000, **given})).searches()
-    assert not any(search.by_bytes for search in searches)
-    assert {search.tune for search in searches} == {"perceptual"}
 
 
 @pytest.mark.sweep
@@ -160,22 +198,6 @@ def test_from_five_kilobytes_the_closer_markup_is_written():
     assert found["auto"].report["markup"] == best
     total = sum(found[markup].report["iterations"] for markup in ("minimal", "editable"))
     assert found["auto"].report["iterations"] == total
-
-
-def test_a_given_count_is_the_largest():
-    assert 1 <= len(matched(hills(), 3000, steps=FEW_STEPS, gaussians=3)[1].scene) <= 3
-
-
-@pytest.mark.sweep
-def test_a_compressed_limit_is_kept_and_holds_more():
-    plain, packed = (matched(hills(), 600, gzip=zipped)[1] for zipped in (False, True))
-    assert len(packed.scene) > len(plain.scene)
-
-
-def test_a_title_is_written_where_it_is_given():
-    result = vectorize(hills(), max_bytes=700, iterations=FEW_STEPS, title="Hills & dales")
-    assert "<title>Hills &amp; dales</title>" in result.svg
-    assert len(result.svg) <= 700
 
 
 def test_a_transparent_photo_stays_transparent():
@@ -202,13 +224,6 @@ def test_a_picture_one_pixel_high_is_drawn_by_no_more_shapes_than_it_has_pixels(
         assert max(len(fit.scene) for fit in run.fits) <= run.subject.working[..., 0].size
 
 
-def test_shapes_that_are_written_as_nothing_make_no_room_for_thousands_more():
-    run, speck = search(hills(), 2000), a_scene(20, np.random.default_rng(0)).scaled(1e-6, 1e-6)
-    before = run._count((3.0,))
-    run._written(speck.replace(width=72, height=48), (3.0,))
-    assert run._count((3.0,)) < 4 * before
-
-
 def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr():
     given = {"max_bytes": 1500, "iterations": 6}
     found = {t: vectorize(textured(), tune=t, **given) for t in (None, "psnr", "perceptual")}
@@ -225,14 +240,11 @@ def a_scene(count, rng, alpha=False):
     )  # fmt: skip
 
 
-def test_the_colours_that_made_a_picture_are_found_again():
-    scene = minimal_rounded(a_scene(7, np.random.default_rng(1)), 0.5, 3)
-    found, error = recolored(
-        scene.replace(color=np.full((7, 3), 0.5), background=np.zeros(3)), render(scene), 3
-    )
-    np.testing.assert_allclose(found.color, scene.color, atol=1e-9)
-    np.testing.assert_allclose(found.background, scene.background, atol=1e-9)
-    assert error < 1e-9
+def test_shapes_that_are_written_as_nothing_make_no_room_for_thousands_more():
+    run, speck = search(hills(), 2000), a_scene(20, np.random.default_rng(0)).scaled(1e-6, 1e-6)
+    before = run._count((3.0,))
+    run._written(speck.replace(width=72, height=48), (3.0,))
+    assert run._count((3.0,)) < 4 * before
 
 
 @pytest.mark.parametrize("digits", [3, 6])
@@ -250,7 +262,8 @@ def test_solved_colours_are_writable_and_beat_any_nearby(digits, focused):
     levels = 15 if digits == 3 else 255
     assert found.color.min() >= 0
     assert found.color.max() <= 1
-    np.testing.assert_allclose(found.color * levels, np.round(found.color * levels), atol=1e-9)
+    for written in (found.color * levels, found.background * levels):
+        np.testing.assert_allclose(written, np.round(written), atol=1e-9)
     assert error == pytest.approx(error_of(found), rel=1e-3)
     for _ in range(20):
         moved = found.color.copy()
@@ -259,14 +272,17 @@ def test_solved_colours_are_writable_and_beat_any_nearby(digits, focused):
         assert error_of(found.replace(color=moved)) >= error * (1 - 1e-4)
 
 
-def test_colours_of_a_transparent_scene_match_over_white_and_black():
-    rng = np.random.default_rng(3)
-    scene = minimal_rounded(a_scene(5, rng, alpha=True), 0.5, 6)
-    from gauss2svg.render import render_rgba
-
-    found, error = recolored(scene.replace(color=np.full((5, 3), 0.2)), render_rgba(scene), 6)
-    np.testing.assert_allclose(found.color, scene.color, atol=0.01)
-    assert error < 1e-6
+@pytest.mark.parametrize("alpha", [False, True])
+def test_the_colours_that_made_a_picture_are_found_again(alpha):
+    scene = minimal_rounded(a_scene(7, np.random.default_rng(1), alpha=alpha), 0.5, 6)
+    grey = scene.replace(color=np.full((7, 3), 0.5))
+    if alpha:
+        found, error = recolored(grey, render_rgba(scene), 6)
+    else:
+        found, error = recolored(grey.replace(background=np.zeros(3)), render(scene), 6)
+        np.testing.assert_allclose(found.background, scene.background, atol=1e-9)
+    np.testing.assert_allclose(found.color, scene.color, atol=0.01 if alpha else 1e-9)
+    assert error < (1e-6 if alpha else 1e-9)
 
 
 @pytest.mark.parametrize("digits", [3, 6])

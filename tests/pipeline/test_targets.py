@@ -5,21 +5,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawings import smile
 from flat import vectorize
+from skimage import data
 
 from gauss2svg.errors import InputError
-from gauss2svg.measure import metrics
-from gauss2svg.options import byte_size
+from gauss2svg.measure import TARGETS, metrics
+from gauss2svg.measure.perceptual import ssimulacra2
+from gauss2svg.options import byte_size, fields_of
 from gauss2svg.pipeline import plan
-from gauss2svg.pipeline.export import Export
+from gauss2svg.pipeline.export import Export, Exporter
+from gauss2svg.pipeline.limits import FULL
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.outcome import Subject
-from gauss2svg.pipeline.palette import quantize
 from gauss2svg.pipeline.report import unreached
-from gauss2svg.raster import rasterize
+from gauss2svg.raster import rasterize, rasterize_like
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg import SvgFormat
 from gauss2svg.svg.write import write_svg
 
 QUICK = {"iterations": 80}
@@ -102,41 +105,29 @@ def test_higher_target_takes_more_gaussians_and_no_more_than_needed(photo):
     assert fewer["psnr_svg"] < 26
 
 
-@pytest.mark.sweep
-def test_target_holds_at_the_size_of_a_photo_that_was_fitted_smaller(photo):
-    rng = np.random.default_rng(0)
-    grainy = np.clip(photo + rng.normal(0, 0.03, photo.shape), 0, 1).astype(np.float32)
-    report = vectorize(grainy, target_psnr=24, max_size=64, **QUICK).report
-    assert report["fit_width"] == 64
-    assert 24 - 0.05 <= report["psnr_svg"] <= 24 + 0.5
-
-
-@pytest.mark.sweep
-def test_a_target_with_full_size_is_judged_at_the_size_of_the_photo(photo):
-    large = np.tile(photo, (8, 9, 1))  # of more than a megapixel
-    asked = {"target_psnr": 19, "max_size": 128, "iterations": 30, "full_size": True}
-    report = vectorize(large, **asked).report
-    assert (report["measured_width"], report["measured_height"]) == (1152, 1024)
-    reached = report["psnr_svg"] >= 19 - 0.05
-    assert (report["stop_reason"] == "target_psnr") == reached == (not report["unreached"])
+HASTY = {"quality": "high", "iterations": 8}
 
 
 @pytest.mark.parametrize(
-    ("limit", "side"),
-    [pytest.param(6_000, 128, marks=pytest.mark.sweep), (12_000, 64), (24_000, 64)],
+    ("limit", "side", "given", "least"),
+    [
+        (30_000, 128, {"markup": "editable", "iterations": 40}, FULL),
+        (60_000, 128, {"markup": "minimal", "iterations": 40}, FULL),
+        # A dozen Gaussians fill a small file in large steps.
+        (12_000, 64, HASTY, 0.8),
+        (24_000, 64, HASTY, 0.9),
+        pytest.param(
+            100_000, 128, {"markup": "editable", "iterations": 40}, FULL, marks=pytest.mark.sweep
+        ),
+        pytest.param(30_000, 128, {"palette": 0, **HASTY}, 0.9, marks=pytest.mark.sweep),
+    ],
 )
-def test_max_bytes_is_never_passed_and_well_used(photo, limit, side):
-    result = vectorize(photo[:side, :side], max_bytes=limit, quality="high", iterations=8)
-    # A dozen Gaussians fill a small file in large steps.
-    assert (0.9 if limit > 20_000 else 0.8) * limit <= len(result.svg.encode()) <= limit
+def test_a_limit_of_bytes_is_never_passed_and_well_used(photo, limit, side, given, least):
+    """A file has no more bytes than the limit, and nearly as many."""
+    result = vectorize(photo[:side, :side], max_bytes=limit, **given)
+    assert least * limit <= len(result.svg.encode()) <= limit
     assert result.report["stop_reason"] == "max_bytes"
     assert result.report["unreached"] == []
-
-
-@pytest.mark.sweep
-def test_max_bytes_is_kept_where_every_colour_is_written(photo):
-    result = vectorize(photo, max_bytes=30_000, palette=0, quality="high", **QUICK)
-    assert 0.9 * 30_000 <= len(result.svg.encode()) <= 30_000
 
 
 @pytest.mark.sweep
@@ -150,11 +141,13 @@ def test_the_first_bound_that_binds_is_named(photo):
     assert by_psnr["stop_reason"] == "target_psnr"
 
 
-def test_given_count_is_the_largest(photo):
-    report = vectorize(photo, gaussians=50, target_psnr=35, **QUICK).report
-    assert report["gaussians"] <= 50
-    assert report["stop_reason"] == "gaussians"
-    assert "35 dB not reached" in report["unreached"][0]
+@pytest.mark.parametrize("given", [{"target_psnr": 35}, {"max_bytes": 3_000}])
+def test_a_given_count_is_the_largest(photo, given):
+    """A file has no more Gaussians than are given beside a target or a limit."""
+    report = vectorize(photo, gaussians=10, iterations=25, **given).report
+    assert 1 <= report["gaussians"] <= 10
+    assert len(report["unreached"]) == ("target_psnr" in given)
+    assert report["stop_reason"] == "gaussians" or "max_bytes" in given
 
 
 def test_file_that_cannot_be_so_small_is_written_without_gaussians_and_reported(photo):
@@ -172,14 +165,13 @@ def test_cap_is_named_where_the_limit_of_bytes_does_not_bind():
 
 
 def test_limit_without_room_for_a_gaussian_is_reported(photo):
+    """A file that has no room for a shape is its background, and the report says why."""
     report = vectorize(photo, max_bytes=115, **QUICK).report
     assert (report["gaussians"], report["stop_reason"]) == (0, "max_bytes")
     assert report["svg_bytes"] <= 115
     assert report["unreached"] == [
         "limit of 115 bytes leaves no room for a shape: the file has none. Try a larger --max-bytes"
     ]
-    flat = vectorize(np.full((9, 9, 3), 0.4, np.float32), max_bytes=300).report
-    assert (flat["gaussians"], flat["unreached"]) == (0, [])
 
 
 def test_no_time_at_all_still_gives_a_file_measured_small(photo):
@@ -210,16 +202,22 @@ def test_auto_is_the_default_and_repeats_itself(photo):
 
 @pytest.mark.sweep
 def test_better_qualities_are_more_accurate_and_larger(photo):
+    """A dearer preset gives a larger file that is closer, and of a drawing one that is closer."""
     reports = [vectorize(photo, quality=q).report for q in ("draft", "fast", "balanced", "high")]
     for key in ("psnr_svg", "svg_bytes"):
-        values = [r[key] for r in reports]
+        values = [report[key] for report in reports]
         assert values == sorted(values)
+    drawn = [vectorize(smile(96), quality=q).report for q in ("draft", "fast", "balanced")]
+    values = [report["psnr_svg"] for report in drawn]
+    assert values == sorted(values)
 
 
-def test_numpy_counts_are_counts(photo):
-    assert vectorize(photo, gaussians=np.int64(7), **QUICK).report["gaussians"] <= 7
-    with pytest.raises(InputError, match=r"gaussians must be .*; got True"):
-        vectorize(photo, gaussians=True)
+def test_small_picture_gets_no_fewer_steps_than_by_a_cheaper_preset():
+    fast = Options.from_flat({"quality": "fast"})
+    preset, cheaper = plan.PRESETS["fast"], plan.PRESETS["draft"]
+    assert cheaper.iterations > preset.iterations
+    for side, steps in ((cheaper.max_size, cheaper), (preset.max_size, preset), (None, preset)):
+        assert plan.Plan(fast, fit_side=side).fit_config.iterations == steps.iterations
 
 
 @pytest.mark.parametrize(
@@ -238,53 +236,26 @@ def test_target_is_the_stop_reason_if_and_only_if_the_file_has_it(photo, asked):
     assert bool(report["unreached"]) != reached
 
 
-def test_target_ends_the_run_before_the_time_does(photo):
-    report = vectorize(photo, target_psnr=22, time_limit=3600).report
-    assert report["stop_reason"] == "target_psnr"
-    assert report["iterations"] < 1000
-
-
-@pytest.mark.sweep
-def test_limit_of_bytes_is_used_for_the_best_that_fits(photo):
-    photo, quick = photo[::2, ::2], {"quality": "draft", "iterations": 40}
-    free = vectorize(photo, **quick).report
-    limits = [free["svg_bytes"] * share for share in (0.5, 1.5)]
-    psnr = []
-    for limit in map(int, limits):
-        report = vectorize(photo, max_bytes=limit, **quick).report
-        assert 0.9 * limit <= report["svg_bytes"] <= limit
-        psnr.append(report["psnr_svg"])
-    assert psnr == sorted(psnr)
-    assert free["psnr_svg"] < psnr[1]  # half as many are in another markup, and may be better
-
-
-def test_too_large_file_loses_its_least_useful_gaussians(photo):
-    result = vectorize(photo, gaussians=60, palette=0, **QUICK)
-    scene, form = quantize(result.scene, palette=5), SvgFormat()
-    few = write_svg(scene, form)
-    export = Export(scene, few, form, Document(), False, 20.0)
-    less = export.pruned_to(len(few) // 2, 0, Subject.of(photo).by_use(scene, "psnr"))
-    assert len(few) // 3 < less.size <= len(few) // 2
-    kept = metrics.psnr(render(less.scene), photo)
-    first = metrics.psnr(render(scene.select(np.arange(len(less.scene)))), photo)
-    assert kept > first
-
-
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
-def test_a_pruned_file_has_as_many_gaussians_as_fit(markup):
+def test_a_pruned_file_has_as_many_of_the_most_useful_gaussians_as_fit(markup):
+    """A file that is pruned to a limit nearly fills it, and keeps the shapes that matter."""
     rng = np.random.default_rng(3)
     scene = Scene(
         96, 64, rng.uniform(0, 64, (80, 2)), rng.uniform(2, 9, (80, 2)), np.zeros(80),
         rng.random((80, 3)), np.ones(80),
     )  # fmt: skip
-    form, order = SvgFormat(markup=markup), Subject.of(render(scene)).by_use(scene, "psnr")
+    photo, form = render(scene), SvgFormat(markup=markup)
+    exporter = Exporter(plan.Plan(Options().changed(markup=markup)), Subject.of(photo))
     svg, flat = write_svg(scene, form), write_svg(scene.select(np.arange(0)), form)
-    export = Export(scene, svg, form, Document(), False, 20.0)
+    export = Export(scene, svg, form, len(svg), 20.0)
     for share in (0.0, 0.01, 0.1, 0.5, 0.9, 0.999):
         limit = int(len(flat) + share * (len(svg) - len(flat)))
-        less = export.pruned_to(limit, len(flat), order)
+        less = exporter.pruned(export, limit)
         assert less.size <= limit
         assert less.size > limit - max((len(svg) - len(flat)) / 10, 0.005 * limit)
+        if share == 0.5:
+            first = scene.select(np.arange(len(less.scene)))
+            assert metrics.psnr(render(less.scene), photo) > metrics.psnr(render(first), photo)
 
 
 @pytest.mark.sweep
@@ -296,7 +267,7 @@ def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
 
 def test_late_run_says_so():
     limited = plan.Plan(Options.from_flat({"time_limit": 2.0}))
-    outcome: Any = SimpleNamespace(fitted=SimpleNamespace(stop_reason="time_limit"), reached=30.0)
+    outcome: Any = SimpleNamespace(fitted=SimpleNamespace(stop_reason="time_limit"), aim_score=30.0)
     lines = [*unreached(limited, outcome, 3.5)]
     assert lines == ["time limit of 2 s exceeded: 3.5 s. Try a smaller --max-size"]
     assert [*unreached(limited, outcome, 2.2)] == []
@@ -304,3 +275,41 @@ def test_late_run_says_so():
 
 def test_steps_may_be_given_beside_a_limit_of_seconds(photo):
     assert vectorize(photo, time_limit=5.0, iterations=10).report["iterations"] == 10
+
+
+@pytest.fixture(scope="module")
+def cat() -> np.ndarray:
+    return np.asarray(data.chelsea()[:230, 60:290], np.float32) / 255
+
+
+@pytest.mark.sweep
+def test_a_target_of_ssimulacra2_is_met_by_the_rasterised_file_and_hardly_passed(cat):
+    passed_by = []
+    for score in (10.0, 20.0, 35.0):
+        result = vectorize(cat, target_ssimulacra2=score, quality="draft", iterations=50)
+        report = result.report
+        assert (report["stop_reason"], report["unreached"]) == ("target_ssimulacra2", [])
+        measured = ssimulacra2(rasterize_like(result.svg, cat, "resvg"), cat)
+        assert measured == pytest.approx(report["ssimulacra2_svg"], abs=1e-6)
+        passed_by.append(measured - score)
+    assert min(passed_by) >= -0.3
+    # Over three CPUs one target is passed by 0.7 to 5.4, the three by 1.8 to 3.1 in the mean.
+    assert np.mean(passed_by) < 5
+
+
+def test_a_target_of_ssimulacra2_is_refused_for_small_photos(cat):
+    with pytest.raises(InputError, match=r"at least 225 px.*230x200.*Try another target"):
+        vectorize(cat[:200], target_ssimulacra2=50)
+    panorama = np.zeros((230, 5000, 3), np.float32)  # of more than a megapixel
+    with pytest.raises(InputError, match=r"got 466.x21. px. Try --full-size, or another"):
+        vectorize(panorama, target_ssimulacra2=50)
+
+
+def test_every_target_is_an_option_and_every_such_option_a_target():
+    options = {field.name for field in fields_of(Goal) if field.name.startswith("target_")}
+    assert options == {score.option for score in TARGETS}
+    for score in TARGETS:
+        aim = plan.Plan(Options(goal=Goal(**{score.option: 50.0}))).aim
+        assert aim is not None
+        assert (aim.of, aim.of.sign * aim.value) == (score, 50.0)
+    assert plan.Plan(Options()).aim is None

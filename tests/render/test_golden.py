@@ -7,7 +7,6 @@ float64, one pixel and one Gaussian at a time, from the formula in the scene's d
 """
 
 import math
-import re
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +14,9 @@ import pytest
 from conftest import random_scene
 from PIL import Image
 
-from gauss2svg.measure import metrics
-from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg import SvgFormat
-from gauss2svg.svg.write import write_svg
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 CUT = 3.0
@@ -85,20 +80,3 @@ def test_both_renderers_draw_the_golden_picture(golden):
     from gauss2svg.render.reference import render_reference
 
     np.testing.assert_allclose(render_reference(scene).numpy(), picture, atol=1 / 65535)
-
-
-def test_written_files_draw_the_golden_pictures(renderer):
-    """All on one sheet, as most renderers take seconds to start."""
-    sheet = ""
-    for number, name in enumerate(sorted(SCENES)):
-        svg = write_svg(load(name)[0], SvgFormat(stops=12, precision=0.01))
-        svg = re.sub(r'( id="|url\(#|href="#)', rf"\1{name}-", svg[svg.index("<svg") :])
-        at = f'y="{64 * number}"'
-        # For Inkscape, which does not cut one svg in another.
-        sheet += f'<clipPath id="{name}"><rect {at} width="96" height="64"/></clipPath>'
-        sheet += f'<g clip-path="url(#{name})">{svg.replace("<svg", f"<svg {at}", 1)}</g>'
-    height = 64 * len(SCENES)
-    svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 96 {height}">{sheet}</svg>'
-    drawn = rasterize(svg, 96, height, renderer).reshape(-1, 64, 96, 3)
-    for name, part in zip(sorted(SCENES), drawn, strict=True):
-        assert metrics.psnr(part, load(name)[1]) > 41, name

@@ -1,6 +1,5 @@
 """Properties that hold for all scenes of the domain, in both renderers and precisions."""
 
-import numba
 import numpy as np
 from both_renderers import TORCH, drawn, in_both, tensors_of
 from extreme_scenes import extreme_scenes, rounding_of
@@ -103,22 +102,6 @@ def test_a_scaled_scene_is_the_scene_rendered_larger(dtype, data, blend):
     np.testing.assert_allclose(nine[1::3, 1::3], one, atol=allowed(scene, dtype))
     exact = render_reference(scene, *size).numpy()[1::3, 1::3]
     np.testing.assert_allclose(exact, render_reference(scene).numpy(), atol=rounding_of(scene))
-
-
-@in_both
-@given(st.data(), blends)
-def test_thread_count_changes_no_bit(dtype, data, blend):
-    scene = data.draw(extreme_scenes(blend, size=(70, 50)))
-    target = np.random.default_rng(0).random((3, round(scene.height), round(scene.width)))
-    before, results = numba.get_num_threads(), []
-    try:
-        for threads in (1, 2):
-            numba.set_num_threads(threads)
-            results.append(squared_error(splats_of(scene), target.astype(dtype)))
-    finally:
-        numba.set_num_threads(before)
-    for one, two in zip(*results, strict=True):
-        np.testing.assert_array_equal(one, two)
 
 
 @given(st.data(), blends)

@@ -45,14 +45,14 @@ def test_each_share_is_done_once_at_the_same_time_and_an_exception_is_raised_at_
 @pytest.mark.parametrize("loss", ["mse", "l1+ssim"])
 def test_a_forked_process_renders_and_fits_with_threads_of_its_own(loss, threads_given_back, photo):
     numba.set_num_threads(2)
-    scene = random_scene(800, 200, 160, 1)  # enough for two shares
+    scene, pixels = random_scene(800, 200, 160, 1), photo[:40, :40]  # enough for two shares
     options = {"gaussians": 9, "iterations": 9, "loss": loss}
-    expected, svg = render(scene), vectorize(photo[:40, :40], **options).svg
-    assert forked(
-        lambda: (
-            vectorize(photo[:40, :40], **options).svg == svg and (render(scene) == expected).all()
-        )
-    )
+    expected, svg = render(scene), vectorize(pixels, **options).svg
+
+    def is_the_same():
+        return vectorize(pixels, **options).svg == svg and (render(scene) == expected).all()
+
+    assert forked(is_the_same)
 
 
 def forked(holds):
@@ -90,15 +90,11 @@ def test_a_process_that_is_forked_while_another_thread_fits_can_fit(photo):
 
 
 @pytest.mark.posix
-def test_a_process_that_is_forked_inside_of_a_fit_keeps_its_lock_and_can_give_it_back():
-    def taken_by_another_thread():
+def test_a_process_that_is_forked_inside_of_a_fit_holds_its_lock_until_it_gives_it_back():
+    def is_free_for_others():
         with ThreadPoolExecutor(1) as pool:
             return pool.submit(kernel_lock.acquire, blocking=False).result()
 
-    def own_lock_is_still_held():
-        refused = not taken_by_another_thread()
-        kernel_lock.release()
-        return refused and taken_by_another_thread()
-
     with kernel_lock:
-        assert forked(own_lock_is_still_held)
+        assert forked(lambda: not is_free_for_others())
+        assert forked(lambda: kernel_lock.release() or is_free_for_others())

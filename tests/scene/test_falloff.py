@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from gauss2svg.scene.falloff import (
     BETA_CLASSES,
@@ -23,6 +21,7 @@ BETAS = (LEAST_BETA, 0.75, 1.0, 1.7, 6.0, 64.0, MOST_BETA)
 def test_profile_falls_from_one_at_the_mean_to_zero_at_the_cut_without_a_step(beta):
     radius = cut_radius(beta)
     assert profile(np.array(0.0), beta) == 1
+    assert profile(half_radius(beta), beta) == pytest.approx(0.5, abs=1e-9)
     assert (profile(np.array([radius, radius + 1e-9, 100.0, 1e6]), beta) == 0).all()
     assert profile(np.array(0.999 * radius), beta) > 0
     values = profile(np.linspace(0, radius + 1, 500001), beta)
@@ -44,11 +43,6 @@ def test_exponents_are_rounded_to_the_nearest_class_as_ratios_go():
     distance = np.abs(np.log(beta[:, None] / classes))
     nearest = distance[np.arange(400), nearest_class(beta)]
     np.testing.assert_allclose(nearest, distance.min(axis=1))
-
-
-@given(st.floats(0.5, 256))
-def test_contour_is_at_half_height(beta):
-    assert profile(half_radius(beta), beta) == pytest.approx(0.5, abs=1e-9)
 
 
 @pytest.mark.parametrize("beta", [16.0, 64.0])

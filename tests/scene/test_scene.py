@@ -12,8 +12,6 @@ from conftest import random_scene, random_sum
 
 from gauss2svg import read_svg, write_svg
 from gauss2svg.errors import Gauss2SvgError, SceneError
-from gauss2svg.fit.state import COLUMNS, GEOMETRY, STEPS, State
-from gauss2svg.render.kernels import MOMENTS
 from gauss2svg.scene import PLAIN, SOFT, Scene, peaks_of
 from gauss2svg.scene.scene import PARAMETERS, STEPPED
 from gauss2svg.svg.minimal import minimal_svg
@@ -55,13 +53,6 @@ def test_a_scene_comes_back_to_the_last_bit_and_cannot_be_written(again, scene):
     for parameter in PARAMETERS:
         with pytest.raises(ValueError, match="read-only"):
             getattr(other, parameter.name)[...] = 0
-
-
-def test_scene_does_not_share_the_arrays_it_was_given():
-    mean = np.ones((1, 2))
-    scene = Scene(4, 4, mean, np.ones((1, 2)), np.zeros(1), np.ones((1, 3)), np.ones(1))
-    mean[:] = 7
-    assert (scene.mean == 1).all()
 
 
 REFUSALS = [
@@ -137,18 +128,6 @@ def test_every_value_outside_of_its_domain_is_refused_by_name(parameter, make):
             scene.replace(**{parameter.name: values})
 
 
-def test_every_parameter_is_a_field_of_scenes_and_every_stepped_one_of_fits():
-    others = {"width", "height", "background", "blend", "transparent"}
-    assert set(FIELDS) - others == {parameter.name for parameter in PARAMETERS}
-    state = {field.name for field in dataclasses.fields(State)}
-    of_fits = {"mean", "factor", "round_index", "drawn", "adam_m", "adam_v", "age"}
-    assert state - of_fits == {raw.name for _, raw in STEPPED}
-    ends = [columns.stop for columns in COLUMNS.values()]
-    assert [len(GEOMETRY), *ends[:-1]] == [columns.start for columns in COLUMNS.values()]
-    assert MOMENTS in ends
-    assert ends[-1] == STEPS
-
-
 @pytest.mark.parametrize(("parameter", "raw"), STEPPED, ids=lambda one: one.name)
 def test_raw_values_are_the_inverse_of_what_they_activate_to(parameter, raw):
     values = np.linspace(raw.least, raw.most, 50)
@@ -185,26 +164,14 @@ def test_covariance_conic_and_axes_agree():
 
 
 @pytest.mark.parametrize(
-    ("matrix", "message"),
-    [
-        ([[1, 0.2], [0.3, 1]], r"covariance\[1\] must be finite, symmetric .*; got \[\[1.0, 0.2\]"),
-        ([[1, 2], [2, 1]], r"covariance\[1\] must be .*positive definite"),
-        ([[0, 0], [0, 1]], r"covariance\[1\] must be"),
-        ([[np.nan, 0], [0, 1]], r"covariance\[1\] must be"),
-    ],
+    "matrix", [[[1, 0.2], [0.3, 1]], [[1, 2], [2, 1]], [[0, 0], [0, 1]], [[np.nan, 0], [0, 1]]]
 )
-def test_a_matrix_that_is_no_covariance_is_refused_with_its_number(matrix, message):
-    with pytest.raises(SceneError, match=message):
+def test_a_matrix_that_is_no_covariance_is_refused_with_its_number(matrix):
+    line = r"covariance\[1\] must be finite, symmetric and positive definite; got \[\["
+    with pytest.raises(SceneError, match=line):
         Scene.from_covariance(9, 9, np.ones((2, 2)), [np.eye(2), matrix], np.ones((2, 3)))
     with pytest.raises(SceneError, match=r"covariance must be of shape \(n, 2, 2\)"):
         Scene.from_covariance(9, 9, np.ones((2, 2)), matrix, np.ones((2, 3)))
-
-
-def test_a_tensor_that_requires_a_gradient_is_refused_by_name():
-    torch = pytest.importorskip("torch")
-    tensor = torch.ones((2, 2), requires_grad=True)
-    with pytest.raises(SceneError, match=r"scene mean must be .*tensor\.detach\(\)"):
-        TWO.replace(mean=tensor)
 
 
 def test_densities_are_the_papers_coefficients():
@@ -226,8 +193,8 @@ def test_joined_scenes_are_later_rounds_of_one_blend():
         TWO.concatenate(random_sum(2, 9, 9, 0))
 
 
-def test_slices_masks_and_indices_select_the_same():
-    scene = random_scene(5)
+def test_slices_masks_and_indices_select_the_same_of_copies():
+    scene, mean = random_scene(5), np.ones((5, 2))
     mask = np.array([False, True, True, False, False])
     for index in (slice(1, 3), mask, [1, 2], np.array([-4, -3])):
         assert np.array_equal(scene.select(index).mean, scene.mean[1:3])
@@ -235,6 +202,9 @@ def test_slices_masks_and_indices_select_the_same():
     for index in ([5], [-6], [True], 1, "a", None):
         with pytest.raises((IndexError, SceneError)):
             scene.select(index)
+    changed = scene.replace(mean=mean)
+    mean[:] = 7
+    assert (changed.mean == 1).all()
 
 
 def test_plain_shapes_are_plain_ellipses_at_any_size_and_come_back_so():

@@ -41,44 +41,29 @@ def cells_expected(rows):
 
 
 class Page(HTMLParser):
-    """The elements of a page with their attributes, and its texts, in order."""
+    """The elements of a page with their attributes, its texts, and the rows of its tables."""
 
     def __init__(self, path):
         super().__init__()
-        self.parts = []
-        self.texts = []
+        self.parts, self.texts, self.rows, self._is_cell = [], [], [], False
         self.feed(path.read_text())
         self.close()
 
     def handle_starttag(self, tag, attrs):
         self.parts.append((tag, attrs))
-
-    def handle_data(self, data):
-        if data.strip():
-            self.texts.append(" ".join(data.split()))
-
-
-class Table(HTMLParser):
-    """The cells of the tables of a page, row by row."""
-
-    def __init__(self, path):
-        super().__init__()
-        self.rows = []
-        self._open = False
-        self.feed(path.read_text())
-
-    def handle_starttag(self, tag, attrs):
         if tag == "tr":
             self.rows.append([])
-        self._open = tag in ("th", "td") or (self._open and tag not in ("tr", "caption"))
+        self._is_cell = tag in ("th", "td") or (self._is_cell and tag not in ("tr", "caption"))
         if tag in ("th", "td"):
             self.rows[-1].append("")
 
     def handle_endtag(self, tag):
-        self._open = self._open and tag not in ("th", "td")
+        self._is_cell = self._is_cell and tag not in ("th", "td")
 
     def handle_data(self, data):
-        if self._open:
+        if data.strip():
+            self.texts.append(" ".join(data.split()))
+        if self._is_cell:
             self.rows[-1][-1] += data
 
 

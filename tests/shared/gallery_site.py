@@ -13,7 +13,7 @@ import pytest
 from flat import build_gallery
 from names import possible
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, PngImagePlugin
 from screens import captured
 from skimage import data
 
@@ -23,7 +23,8 @@ from gauss2svg.raster.chromium import launch_options
 HOSTILE = possible("<img src=x onerror=alert(1)>&\"'.png")
 COUNTS = (30, 120)
 WIDE, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
-_BROKEN = "broken.png"
+BAD = {"broken.png": "broken.png must be a supported image", "none\udcff.png": "No such file"}
+SECRET = "Ada of Nowhere"
 _CSS = {"left": "x", "top": "y", "width": "width", "height": "height"}
 _BOX = """(element) => {
     const {x, y, width, height} = element.getBoundingClientRect();
@@ -32,8 +33,18 @@ _BOX = """(element) => {
 Box = dict[str, float]  # x, y, width, height
 
 
+def with_metadata() -> dict[str, Any]:
+    """Options of a PNG: EXIF with a place, texts and XMP."""
+    exif, texts = Image.Exif(), PngImagePlugin.PngInfo()
+    exif[0x010E] = exif[0x013B] = SECRET  # ImageDescription, Artist
+    exif.get_ifd(0x8825)[1] = SECRET  # GPSLatitudeRef
+    texts.add_text("Comment", SECRET)
+    texts.add_itxt("XML:com.adobe.xmp", f"<x>{SECRET}</x>")
+    return {"exif": exif, "pnginfo": texts}
+
+
 def build(folder: Path) -> Gallery:
-    """Four photos, one of them upright, one transparent, one badly named, and a broken file."""
+    """Four photos, one of them upright, one transparent, one badly named, and two that are none."""
     photos = folder / "photos"
     photos.mkdir()
     coffee = _resized(data.coffee(), 120, 80)
@@ -45,10 +56,11 @@ def build(folder: Path) -> Gallery:
         HOSTILE: _resized(data.rocket(), 112, 84),
     }
     for name, pixels in made.items():
-        Image.fromarray(pixels).save(photos / name, "PNG")
-    (photos / _BROKEN).write_bytes(b"no photo")
-    paths = [photos / name for name in (*made, _BROKEN)]
-    return build_gallery(paths, folder / "site", counts=COUNTS, jobs=2, threads=1)
+        Image.fromarray(pixels).save(photos / name, "PNG", **with_metadata())
+    (photos / "broken.png").write_bytes(b"no photo")
+    paths = [photos / name for name in (*made, *BAD)]
+    given = {"counts": COUNTS, "jobs": 2, "threads": 1, "seed": 3, "title": HOSTILE}
+    return build_gallery(paths, folder / "site", **given)
 
 
 def _resized(pixels: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:

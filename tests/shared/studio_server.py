@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,17 +19,16 @@ import httpx
 import psutil
 
 
-def answer_of(
-    app: Any, method: str, path: str, base: str = "http://studio", raises: bool = True, **more
-) -> httpx.Response:
-    """The answer of an application in this process, whose errors are raised here if `raises`."""
+async def with_client(app: Any, story: Callable, base: str = "http://studio") -> Any:
+    """What a story returns that is given a client of an application in this process."""
+    transport = httpx.ASGITransport(app)
+    async with httpx.AsyncClient(transport=transport, base_url=base, timeout=60) as client:
+        return await story(client)
 
-    async def one() -> httpx.Response:
-        transport = httpx.ASGITransport(app, raise_app_exceptions=raises)
-        async with httpx.AsyncClient(transport=transport, base_url=base) as client:
-            return await client.request(method, path, **more)
 
-    return asyncio.run(one())
+def answer_of(app: Any, method: str, path: str, base: str = "http://studio", **more: Any) -> Any:
+    """The answer of an application in this process, whose errors are raised here."""
+    return asyncio.run(with_client(app, lambda client: client.request(method, path, **more), base))
 
 
 class Server:
@@ -43,13 +42,10 @@ class Server:
             base_url=self.home, headers={"Authorization": f"Bearer {self.token}"}, timeout=60
         )
 
-    def submit(self, photo: bytes | str, **options) -> dict:
-        """The answer to a photo, or to the name of a sample."""
-        data = {"options": json.dumps(options)}
-        if isinstance(photo, str):
-            answer = self.client.post("/api/jobs", data={**data, "sample": photo}, files={"x": b""})
-        else:
-            answer = self.client.post("/api/jobs", data=data, files={"photo": ("p.png", photo)})
+    def submit(self, photo: bytes, **options) -> dict:
+        """The answer to a photo."""
+        data, files = {"options": json.dumps(options)}, {"photo": ("p.png", photo)}
+        answer = self.client.post("/api/jobs", data=data, files=files)
         assert answer.status_code == 201, answer.text
         return answer.json()
 
@@ -61,24 +57,17 @@ class Server:
         """Of a job now."""
         return self.client.get(f"/api/jobs/{job['id']}").json()
 
-    def wait(self, job: dict, *states: str, seconds: float = 120) -> dict:
-        """The state of a job once it is one of these, or over."""
-        until = time.monotonic() + seconds
-        wanted = {*states, "done", "stopped", "failed", "canceled"}
-        while time.monotonic() < until:
-            found = self.state(job)
-            if found["state"] in wanted:
-                return found
+    def wait(self, job: dict) -> dict:
+        """The state of a job once it is over."""
+        while (found := self.state(job))["state"] in ("queued", "running"):
             time.sleep(0.01)
-        raise AssertionError(found)
-
-    def fitting(self, job: dict) -> dict:
-        """The state of a job once its fit has made a step."""
-        until = time.monotonic() + 60
-        while not ((found := self.state(job))["progress"] or {}).get("iteration"):
-            assert time.monotonic() < until, found
-            time.sleep(0.005)
         return found
+
+    def fitting(self, job: dict) -> None:
+        """Wait until the fit of a job has made a step."""
+        while not ((found := self.state(job))["progress"] or {}).get("iteration"):
+            assert found["state"] in ("queued", "running"), found
+            time.sleep(0.005)
 
     def workers(self) -> list[psutil.Process]:
         """The processes in which fits run."""

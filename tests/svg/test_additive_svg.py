@@ -9,9 +9,7 @@ from conftest import random_sum
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from gauss2svg.errors import RendererError
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import rasterize
 from gauss2svg.raster.libraries import resvg
 from gauss2svg.render import render
@@ -144,30 +142,10 @@ def test_resvg_draws_the_model_at_any_size(scene, factor, least):
     assert factor == 1 or np.abs(drawn - model).max() < 0.1
 
 
-@pytest.mark.parametrize(("width", "height"), [(201, 301), (149, 100)])
-def test_pixels_that_the_canvas_covers_in_part_are_no_line_along_its_edge(width, height):
-    # A grey canvas, so that a line, black or white, would be off by a half.
-    scene = scene_with(17, sigma=np.full((60, 2), 6.0), background=np.full(3, 0.5))
-    scene = scene.replace(color=0.2 * scene.color)
-    root = f'<svg width="{width}" height="{height}"'
-    svg = re.sub(r'<svg ([^>]*?)height="44"([^>]*?)width="60"', rf"{root} \1\2", write_svg(scene))
-    assert root in svg
-    drawn = resvg(svg, width, height)  # keeps proportions, where rasterize stretches
-    factor = min(width / 60, height / 44)
-    offset = np.array([width - 60 * factor, height - 44 * factor]) / 2
-    model = scene.scaled(factor).replace(width=width, height=height)
-    off = np.abs(drawn[:, :, :3] - render(model.replace(mean=model.mean + offset)))
-    assert off[drawn[:, :, 3] > 0].max() < 0.1
-
-
 def test_every_renderer_but_cairo_draws_a_sum(renderer):
     scene = scene_with(7)
-    svg = write_svg(scene, EXACT)
-    if renderer == "cairo":
-        with pytest.raises(RendererError, match=r"one of resvg.*mix-blend-mode"):
-            rasterize(svg, 60, 44, renderer)
-    else:
-        assert psnr(rasterize(svg, 60, 44, renderer), render(scene)) > 36
+    if renderer != "cairo":  # which refuses it
+        assert psnr(rasterize(write_svg(scene, EXACT), 60, 44, renderer), render(scene)) > 36
 
 
 def test_what_cancels_is_drawn_in_turns():
@@ -203,19 +181,6 @@ def test_chosen_stops_are_nearer_than_rounded_ones(count):
     assert np.mean(chosen) < 0.7 * np.mean(rounded)
 
 
-def test_a_palette_of_signed_colours_keeps_signs_and_is_closer_the_larger_it_is():
-    scene = scene_with(11, 200)
-    kept, fewer = quantize(scene, palette=20), quantize(scene, palette=4)
-    assert len(np.unique(kept.color, axis=0)) == 20
-    assert kept.color.min() < -0.2 < 0.2 < kept.color.max()
-    np.testing.assert_array_equal(quantize(kept, palette=20).color, kept.color)
-    assert psnr(render(kept), render(scene)) > psnr(render(fewer), render(scene)) + 3
-    np.testing.assert_array_equal(quantize(scene, palette=200).color, scene.color)
-    coarse, fine = (quantize(scene, color_error=error) for error in (1e-2, 1e-3))
-    assert len(np.unique(coarse.color, axis=0)) < len(np.unique(fine.color, axis=0)) < 200
-    assert write_svg(kept).count("<radialGradient") <= 20
-
-
 def test_layers_say_what_they_add_and_two_sums_in_one_page_keep_their_own_filter():
     first, second = (write_svg(scene_with(seed, 90), EXACT) for seed in (14, 1))
     for pattern in (r'id="(transfer-\w+)"', r'id="(additive-\w+)"'):
@@ -225,5 +190,19 @@ def test_layers_say_what_they_add_and_two_sums_in_one_page_keep_their_own_filter
     labels = re.findall(r'inkscape:label="Phase (\d+): (\d+) Gaussians? that ([^"]*)"', first)
     assert [int(number) for number, _, _ in labels] == [k + 1 for k in range(len(labels))]
     assert sum(int(count) for _, count, _ in labels) == first.count("<circle")
-    for _, _, does in labels:
-        assert sorted(re.findall("red|green|blue", does)) == ["blue", "green", "red"]
+
+
+@pytest.mark.parametrize(("width", "height"), [(201, 301), (149, 100)])
+def test_pixels_that_the_canvas_covers_in_part_are_no_line_along_its_edge(width, height):
+    # A grey canvas, so that a line, black or white, would be off by a half.
+    scene = scene_with(17, sigma=np.full((60, 2), 6.0), background=np.full(3, 0.5))
+    scene = scene.replace(color=0.2 * scene.color)
+    root = f'<svg width="{width}" height="{height}"'
+    svg = re.sub(r'<svg ([^>]*?)height="44"([^>]*?)width="60"', rf"{root} \1\2", write_svg(scene))
+    assert root in svg
+    drawn = resvg(svg, width, height)  # keeps proportions, where rasterize stretches
+    factor = min(width / 60, height / 44)
+    offset = np.array([width - 60 * factor, height - 44 * factor]) / 2
+    model = scene.scaled(factor).replace(width=width, height=height)
+    off = np.abs(drawn[:, :, :3] - render(model.replace(mean=model.mean + offset)))
+    assert off[drawn[:, :, 3] > 0].max() < 0.1

@@ -16,12 +16,10 @@ from svg_texts import assert_same
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.pipeline.palette import best_palette, quantize
 from gauss2svg.raster import rasterize
-from gauss2svg.render.weights import visible_mass
 from gauss2svg.scene import Scene
 from gauss2svg.svg import DEFAULT_TITLE, Document, SvgFormat
-from gauss2svg.svg.element import number, short_id
+from gauss2svg.svg.element import number
 from gauss2svg.svg.file import bytes_by_part, file_bytes
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
@@ -58,25 +56,16 @@ def test_a_file_has_its_size_names_background_and_a_layer_for_each_round_that_dr
     assert re.findall(r"#(round-\d)\{", root.findtext(SVG + "style")) == ["round-1", "round-3"]
     ids = [element.get("id") for element in root.iter() if element.get("id")]
     assert len(ids) == len(set(ids))
-    letters = [short_id(k) for k in range(6000)]
-    assert len({text for text in letters if re.fullmatch("[A-Za-z]{1,3}", text)}) == 6000
-    assert not any(circle.get("id") for circle in root.iter(SVG + "circle"))
-    layers = parse(write_svg(SCENE)).findall(SVG + "g")
+    for gradient in root.iter(SVG + "radialGradient"):  # resvg is 13 dB worse without the focus
+        assert float(gradient.get("fx")) / float(gradient.get("r")) == 0.001
+    fills = {circle.get("fill", "") for circle in root.iter(SVG + "circle")}
+    used = {fill[5:-1] for fill in fills if not fill.startswith("#")}
+    assert used == {gradient.get("id") for gradient in root.iter(SVG + "radialGradient")}
+    layers = parse(PLAIN).findall(SVG + "g")
     assert [len(g) for g in layers] == np.bincount(SCENE.round_index).tolist()
     empty = parse(write_svg(Scene(8, 6, background=np.array([1, 0, 0]))))
     assert empty.find(SVG + "rect").get("fill") == "#f00"
     assert not list(empty.iter(SVG + "circle"))
-
-
-def test_every_gradient_is_used_and_every_reference_defined():
-    root = parse(write_svg(quantize(random_scene(200), palette=20)))
-    gradients = list(root.iter(SVG + "radialGradient"))
-    for gradient in gradients:  # resvg is 13 dB worse without the focus
-        assert float(gradient.get("fx")) / float(gradient.get("r")) == 0.001
-    defined = [g.get("id") for g in gradients]
-    fills = {c.get("fill", "") for c in root.iter(SVG + "circle")}
-    assert len(defined) == len(set(defined)) <= 20
-    assert set(defined) == {fill[5:-1] for fill in fills if not fill.startswith("#")}
 
 
 @pytest.mark.parametrize(
@@ -120,12 +109,8 @@ def test_document_that_cannot_be_is_refused(change, message):
 
 def test_bytes_by_part_are_those_of_the_elements_and_sum_to_all():
     named = Document(title="<circle r='1'/> größe <defs></defs>", animate=3)
-    many = random_scene(2000)  # its minimal file has shapes in <defs>
-    for text in (
-        PLAIN,
-        write_svg(SCENE, document=named),
-        write_svg(many, SvgFormat(markup="minimal")),
-    ):
+    minimal = write_svg(random_scene(2000), SvgFormat(markup="minimal"))  # with shapes in <defs>
+    for text in (PLAIN, write_svg(SCENE, document=named), minimal):
         found = bytes_by_part(text)
         assert sum(found.values()) == len(text.encode())
         assert min(found.values()) > 0
@@ -133,7 +118,6 @@ def test_bytes_by_part_are_those_of_the_elements_and_sum_to_all():
     assert parts["geometry"] == sum(map(len, re.findall("<circle[^>]*>", PLAIN)))
     assert parts["gradients"] == len(re.search("<defs>.*</defs>", PLAIN, re.DOTALL)[0])
     assert parts["overhead"] == less["overhead"]
-    assert bytes_by_part(write_svg(Scene(4, 4)))["geometry"] == 0
 
 
 def test_options_of_the_document_reach_the_file_and_its_report_and_change_no_shape(
@@ -146,20 +130,19 @@ def test_options_of_the_document_reach_the_file_and_its_report_and_change_no_sha
     data = out.read_bytes()
     svg, written = gzip.decompress(data).decode(), json.loads(report.read_text())
     root = parse(svg)
-    names = ["T & U", "what is seen"]
-    assert [root[0].text, root[1].text] == [written["title"], written["alt"]] == names
-    assert root.get("preserveAspectRatio") == written["aspect"] == "none"
-    assert root.get("width") == written["size"]
+    assert [root[0].text, root[1].text] == ["T & U", "what is seen"]
+    assert (root.get("preserveAspectRatio"), root.get("width")) == ("none", written["size"])
     assert float(written["size"].removesuffix("mm")) == pytest.approx(64 / 96 * 25.4, abs=0.01)
     assert re.search(":target.*@keyframes", root.findtext(SVG + "style"))
-    assert (written["animate"], written["fragments"]) == (4, True)
-    assert written["bytes_by_part"] == bytes_by_part(svg)
+    expected = {
+        "title": "T & U", "alt": "what is seen", "aspect": "none", "animate": 4, "fragments": True,
+        "bytes_by_part": bytes_by_part(svg), "svgz_bytes": len(data),
+    }  # fmt: skip
+    assert {name: written[name] for name in expected} == expected
     assert data[4:8] == bytes(4)  # no date
-    assert written["svgz_bytes"] == len(data)
     plain = vectorize(picture, **QUICK)
     circles = [re.findall("<circle[^>]*>", text) for text in (plain.svg, svg)]
     assert circles[0] == circles[1]
-    assert_same(read_svg(out), read_svg(plain.svg))
 
 
 def test_a_file_is_gzipped_by_its_extension_or_as_given(picture, tmp_path, capfdbinary):
@@ -171,7 +154,7 @@ def test_a_file_is_gzipped_by_its_extension_or_as_given(picture, tmp_path, capfd
     ):  # fmt: skip
         result.save(tmp_path / name, gzip=gzipped)
         assert (tmp_path / name).read_bytes() == expected
-    assert len(packed) == result.report["svgz_bytes"]
+    assert gzip.decompress(packed) == plain == result.svg.encode()
     for name in ("a.png", "a.tar.gz", "folder/"):
         with pytest.raises(InputError, match="path must be "):
             result.save(f"{tmp_path}/{name}")
@@ -194,44 +177,3 @@ def test_numbers_are_rounded_and_as_short_as_they_go(value, decimals):
     assert re.fullmatch(r"0|-?([1-9]\d*)?(\.\d*[1-9])?", text)
     assert text not in ("", "-")
     assert number(-0.04, 1) == "0"
-
-
-def test_a_palette_keeps_few_colours_and_gives_up_exponents_first():
-    color = np.repeat([[0.2, 0.4, 0.6], [1.0, 0.0, 0.0]], 10, axis=0)
-    beta = np.resize([1.0, 3.2], 20)
-    full, half = (best_palette(color, beta, np.ones(20), count) for count in (4, 2))
-    for colors, _, entry in (full, half):
-        assert (colors[entry] == np.round(color * 255) / 255).all()
-    assert (full[1][full[2]] == np.resize([1.0, 3.0], 20)).all()
-    assert len(half[1]) == 2
-
-
-def test_a_palette_serves_what_shows_within_its_size_and_the_error_allowed():
-    rng = np.random.default_rng(4)
-    color, beta = rng.random((2000, 3)), np.ones(2000)
-
-    def missed(weight, count, allowed=0.0):
-        colors, _, entry = best_palette(color, beta, weight, count, allowed)
-        assert len(colors) <= count
-        return np.sum((colors[entry] - color) ** 2, axis=1), len(colors)
-
-    seen = np.where(np.arange(2000) < 300, 1000.0, 0.1)
-    assert missed(seen, 64)[0][:300].sum() < 0.8 * missed(beta, 64)[0][:300].sum()
-    weight, counts = rng.random(2000) + 0.1, []
-    for allowed in (20.0, 2.0, 0.5):
-        squared, count = missed(weight, 2000, allowed)
-        assert 0.6 * allowed < weight @ squared <= allowed
-        counts.append(count)
-    assert counts == sorted(counts)
-    assert missed(weight, 50, 0.5)[1] <= 50
-    assert missed(weight, 2000, 1e-9)[1] == len(np.unique(np.round(color * 255), axis=0))
-
-
-def test_visible_mass_is_zero_under_an_opaque_cover():
-    cover = np.array([[20.0, 15.0]])
-    scene = random_scene(5).replace(opacity=np.full(5, 0.5), mean=np.tile(cover, (5, 1)))
-    top = Scene(40, 30, cover, np.full((1, 2), 1e6), np.zeros(1), np.zeros((1, 3)), np.ones(1))
-    mass, pixels = visible_mass(scene.concatenate(top))
-    assert (mass[:5] < 1e-6 * mass[5]).all()
-    assert pixels == 40 * 30
-    assert mass[5] == pytest.approx(pixels, rel=1e-3)

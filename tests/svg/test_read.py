@@ -127,16 +127,6 @@ def test_plain_ellipses_are_read_as_they_are_drawn(seed):
     assert metrics.psnr(*drawn) > 60
 
 
-@pytest.mark.parametrize("count", STOP_COUNTS)
-@pytest.mark.parametrize("beta", BETA_CLASSES)
-def test_every_exponent_is_told_by_its_stops(beta, count):
-    circle = '<circle r="2" transform="matrix(9 2 0 6 20 15)" fill="url(#b)" fill-opacity=".5"/>'
-    back = read_svg(document(circle, gradient("b", beta, "#123456", count)))
-    assert back.beta.tolist() == [beta]
-    np.testing.assert_allclose(back.color[0] * 255, [0x12, 0x34, 0x56])
-    assert back.opacity.tolist() == [0.5]
-
-
 def test_source_is_a_path_text_or_bytes(tmp_path):
     text = write_svg(random_scene(9, seed=1))
     (tmp_path / "a.svg").write_text(text)
@@ -151,13 +141,10 @@ def test_source_is_a_path_text_or_bytes(tmp_path):
     ("root", "scale", "shift"),
     [
         ('width="40" height="30"', 1, (0, 0)),
-        ('width="40px" height="30px" viewBox="0 0 40 30"', 1, (0, 0)),
         ('viewBox="0 0 40 30"', 1, (0, 0)),
-        ('width="100%" height="100%" viewBox="0 0 40 30"', 1, (0, 0)),
         ('width="30pt" height="22.5pt" viewBox="0 0 40 30"', 1, (0, 0)),
         (f'width="{40 * 25.4 / 96}mm" height="{30 * 2.54 / 96}cm" viewBox="0 0 40 30"', 1, (0, 0)),
         ('width="90mm" height="9cm" viewBox="0 0 40 30" data-canvas="40 30"', 1, (0, 0)),
-        ('width="80" height="60" viewBox="0 0 40 30"', 2, (0, 0)),
         ('width="40" height="30" viewBox="-10 5 40 30"', 1, (10, -5)),
         ('width="4" height="3" viewBox="0 0 40 30" data-canvas="20 15"', 0.5, (0, 0)),
     ],
@@ -178,7 +165,6 @@ def test_canvas_is_in_px_whatever_the_units(root, scale, shift):
         '<circle r="1" transform="translate(20,15) matrix(9,2 0,6,0-0)" fill="url(\'#a\') red"/>',
         '<g transform="translate(20 15)"><g><circle r="1" transform="matrix(9 2 0 6 0 0)" '
         'fill="url(#a)"/></g></g>',
-        '<g fill="url(#a)"><circle r="1" transform="matrix(-9-2,0-6 2e1 1.5e1)"/></g>',
         f'<path {AS_PATH} transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>',
         '<path d="m 1,0 a 1 1 0 01-1 1 1 1 0 01-1-1 1 1 0 011-1 1 1 0 011 1z" '
         'transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>',
@@ -204,33 +190,29 @@ def test_same_shape_however_it_is_written(body):
     assert_same(read_svg(document(body, defs)), read_svg(document()))
 
 
+@pytest.mark.parametrize("kind", ["rotate(30)", "rotate(30 7 9)", "scale(.4)"])
+def test_transforms_and_opacities_are_those_of_the_standard(kind):
+    circle = f'<g style="fill-opacity:.8">{CIRCLE[:-2]} opacity=".5"/></g>'
+    text = document(f'<g transform="translate(4,3) {kind} scale(2 .5)">{circle}</g>')
+    back = read_svg(text)
+    assert back.opacity[0] == pytest.approx(0.4)
+    assert metrics.psnr(render(back), rasterize(text, 40, 30)) > 45
+
+
 def test_tilted_arcs_are_a_turned_ellipse():
-    # as Inkscape 1.2 writes a circle under matrix(50 20 0 200 900 200), made a path and turned
+    # as Inkscape 1.2 writes a circle under a matrix, made a path and turned
+    arc = "A 49.735632,201.06309 18.489639 0 1"
     path = (
-        '<path fill="#0f0" d="M 967.42679,348.97028 A 49.735632,201.06309 18.489639 0 1 '
-        "858.87853,501.01394 49.735632,201.06309 18.489639 0 1 887.13833,277.18056 "
-        "49.735632,201.06309 18.489639 0 1 995.68659,125.13689 49.735632,201.06309 18.489639 0 1 "
+        f'<path fill="#0f0" d="M 967.42679,348.97028 {arc} 858.87853,501.01394 '
+        f"{arc} 887.13833,277.18056 {arc} 995.68659,125.13689 {arc} "
         '967.42679,348.97028 Z"/>'
     )
     ellipse = (
         '<ellipse fill="#0f0" cx="927.28" cy="313.06" rx="49.735632" ry="201.06309" '
         'transform="rotate(18.489639 927.28256 313.07541) translate(.00256 .01541)"/>'
     )
-    scale = '<g transform="scale(.03)">'
-    back, turned = (read_svg(document(f"{scale}{body}</g>")) for body in (path, ellipse))
-    assert_same(back, turned, 1e-5)
-
-
-def test_opacities_multiply():
-    body = f'<g style="fill-opacity:.8">{CIRCLE[:-2]} opacity=".5"/></g>'
-    assert read_svg(document(body)).opacity[0] == pytest.approx(0.4)
-
-
-@pytest.mark.parametrize("kind", ["rotate(30)", "rotate(30 7 9)", "scale(.4)"])
-def test_transforms_are_those_of_the_standard(kind):
-    listed = f'<g transform="translate(4,3) {kind} scale(2 .5)">{CIRCLE}</g>'
-    drawn = rasterize(document(listed), 40, 30)
-    assert metrics.psnr(render(read_svg(document(listed))), drawn) > 45
+    shown = [read_svg(document(f'<g transform="scale(.03)">{b}</g>')) for b in (path, ellipse)]
+    assert_same(*shown, 1e-5)
 
 
 def group(label: str, body: str = CIRCLE) -> str:
@@ -241,31 +223,25 @@ def group(label: str, body: str = CIRCLE) -> str:
     ("body", "rounds"),
     [
         (group("Round 2: 1 Gaussians") + group("Round 5: 2 Gaussians", 2 * CIRCLE), [1, 4, 4]),
-        (f'<g id="round-3">{CIRCLE}</g><g id="round-4">{CIRCLE}</g>', [2, 3]),
         (f'<g id="round-3">{CIRCLE}</g><g id="round-0">{CIRCLE}</g>', [2, 3]),
         (f"<g>{CIRCLE}</g><g>{CIRCLE}<g>{CIRCLE}</g></g>{CIRCLE}", [0, 1, 1, 1]),
         (group("Round 3: 1") + group("Round 1: 1") + group("sky"), [2, 2, 3]),
         (group("Round 2: 2", f'<g id="s">{CIRCLE}</g>{CIRCLE}') + CIRCLE, [1, 1, 1]),
-        (f"<g>{group('Round 1: 1')}{group('Round 2: 1')}</g><g>{group('Round 2: 1')}</g>",
-         [0, 1, 1]),
         (2 * CIRCLE, [0, 0]),
     ],
-)  # fmt: skip
+)
 def test_rounds_are_those_of_labels_ids_or_order(body, rounds):
     assert read_svg(document(body)).round_index.tolist() == rounds
 
 
-def test_a_missing_background_is_a_transparent_scene():
+def test_a_missing_background_is_a_transparent_scene_and_hidden_shapes_may_be_left_out():
     text = document(rect="")
     assert read_svg(text).transparent
     assert not read_svg(text, background=(0, 0.5, 1)).transparent
     assert read_svg(text, background=(0, 0.5, 1)).background.tolist() == [0, 0.5, 1]
     opaque = read_svg(document(), background=(0, 0, 0))
     np.testing.assert_allclose(opaque.background * 255, [0xAA, 0xBB, 0xCC])
-
-
-def test_hidden_shapes_are_left_out_where_that_is_asked_for():
-    hidden = group("Round 1: 1", CIRCLE).replace("<g", '<g style="display:none"')
+    hidden = group("Round 1: 1").replace("<g", '<g style="display:none"')
     shown = read_svg(document(hidden + group("Round 2: 1")), skip_hidden=True)
     assert shown.round_index.tolist() == [1]
 
@@ -285,29 +261,21 @@ DEFS = (
 # What is in the place of the shape, and the line.
 REFUSED = {
     '<text id="t">a</text>': '<text id="t">: elements must be ellipses',
-    '<image id="i" href="a.png"/>': "vectorise it with the photo",
     '<use id="u" href="#x"/>': '<use id="u">: its reference must be',
-    '<use id="u" href="#u"/>': "in groups of at most 100",
     '<g id="g"/><use href="#g"/>': "its reference must be to a circle",
-    f"{CIRCLE[:-2]}><animate/></circle>": "elements must be ellipses alone",
     '<path id="p" d="M 0 0 L 9 9 Z" fill="red"/>': '<path id="p">: its d must be an ellipse',
-    '<path d="M1 1a2 2 0 101 1" fill="red"/>': "an ellipse of four arcs",
     f'<path {AS_PATH.replace("-1,0 1", "-2,0 1")} fill="red"/>': "an ellipse of four arcs",
     '<path opacity=".5" d="M1 1a2 2 0 101 0m9 9a2 2 0 101 0"/>': "ellipses of one path must be",
     '<circle r="5" style="Stroke:#000"/>': "its stroke must be none",
     '<g clip-path="url(#x)"/>': "its clip-path",
-    '<g filter="url(#faint)"/>': "its filter",
     "<style>#a rect{mix-blend-mode:difference}</style>": "whose blend is 'over'.*--save-scene",
     '<g id="h" display="none"/>': '<g id="h">: .*got a hidden.*skip_hidden',
-    '<circle r="5" visibility="hidden"/>': "its visibility must be none",
     f'<g id="o" opacity=".5">{CIRCLE}</g>': '<g id="o">: opacity of a group must be 1',
     f"{CIRCLE}{RECT}": "a rectangle must be the background",
     '<circle r="nan"/>': "<circle r=\"nan\">: r must be a finite number; got 'nan'",
     '<circle r="-1"/>': "radii must be 0 or more; got -1",
     '<circle id="z" r="0" fill="red"/>': '<circle id="z">: it must be an ellipse with an extent',
-    '<circle r="1" transform="matrix(1 1 1 1 0 0)" fill="red"/>': "with an extent",
     '<circle r="1e200" transform="scale(1e200)" fill="url(#a)"/>': "with an extent",
-    '<circle r="1e10" fill="red"/>': "must be one of write_svg; .*sigma",
     '<circle r="1" fill="#ff00ff80"/>': "opaque colour",
     '<circle r="1" transform="matrix(1 2 3)" fill="red"/>': "transform must be a list",
     '<circle r="1" fill="url(#missing)"/>': "its reference must be to a radialGradient .*'missing'",
@@ -316,14 +284,12 @@ REFUSED = {
     '<circle r="1" fill="url(#two)"/>': "of one colour; got 2 colours",
     '<circle r="1" fill="url(#aside)"/>': "with its focus at the centre",
     '<circle r=".995" transform="scale(999)" fill="url(#a)"/>': "shows all of its gradient",
-    '<circle r="1" cx=".1" transform="scale(9)" fill="url(#a)"/>': "shows all of its gradient",
     '<circle id="b" r="5" fill="red" filter="url(#faint)"/>': '<circle id="b">: its filter must',
     '<circle r="5" fill="red" filter="url(#alpha)"/>': "its filter must be a blur",
     "<style>g,svg>g:target~g{display:none}</style>": "the style sheet must be",
     '<circle r="1" transform-origin="3 3" transform="scale(2)"/>': "its transform-origin",
     '<circle r="1" style="fill:red!important;fill:blue"/>': "without escapes and !important",
     "<g>" * 200 + "</g>" * 200: "in groups of at most 100",
-    "<g stroke='" + "a" * 9999 + "'/>": r"its stroke must .*; got 'a{199}\.\.\.",
 }  # fmt: skip
 ROOTS = {
     'width="x" height="3"': "of a known size",
@@ -331,13 +297,10 @@ ROOTS = {
     'width="80" height="30" viewBox="0 0 40 30"': "the canvas must be of the proportions",
     f'{SIZE} data-canvas="40"': "data-canvas must be",
     f'{SIZE} display="none"': "<svg.*shapes must be visible",
-    f'{SIZE} opacity=".5"': "opacity of a group",
 }
 RECTANGLES = {
-    '<rect x="5" width="99" height="99"/>': "got x 5..104",
     '<rect width="5" height="5"/>': "got x 0..5",
     '<rect width="99" height="99" transform="rotate(5)"/>': "over all 40x30 px, upright and opaque",
-    '<rect width="99" height="99" rx="3"/>': "a rectangle must be",
     '<rect width="99" height="99" opacity=".5"/>': "upright and opaque; .* of opacity 0.5",
     '<rect width="99" height="99" transform="scale(1e300) scale(1e300)"/>': "x nan..nan|x 0..inf",
 }
@@ -345,12 +308,10 @@ WRITTEN = {
     "another circle": (SOFT.replace('<circle r="1"', '<circle r="2"'), "its mask must be"),
     "a filter of a use": (SOFT.replace('href="#a"', 'href="#a" filter="url(#c)"'), "its filter"),
     "another mask": (SOFT.replace("<mask", '<mask maskUnits="userSpaceOnUse"'), "its mask must be"),
-    "a use of a gradient": (SOFT.replace('href="#a"', 'href="#c"'), "to a circle"),
     "no colour": (SHEET.replace(' color="#f00"', ""), "opaque colour"),
     "a sum": (write_svg(random_sum(4, 20, 20, 1)), "<style .* whose blend is 'over'"),
     "no document": ("<svg", "well-formed XML"),
     "no gzip": (b"\x1f\x8bx", "complete gzip file"),
-    "another root": ("<html/>", "the root must be an <svg>"),
     "no file": ("/none/there.svg", "cannot read /none/there.svg"),
     "no source": (5, "source must be a path"),
     "entities": ('<!DOCTYPE svg [<!ENTITY a "b">]><svg>&a;</svg>', "a document type of its own"),
@@ -369,12 +330,3 @@ def test_what_write_svg_would_not_write_is_refused_in_one_line(case):
     with pytest.raises(InputError, match=line) as caught:
         read_svg(svg)
     assert "\n" not in str(caught.value)
-
-
-def test_files_have_limits(tmp_path):
-    path = tmp_path / "x.svg"
-    path.write_text(document(9 * "<g></g>"))
-    with pytest.raises(InputError, match=r"at most 9 elements; .*max_elements"):
-        read_svg(path, max_elements=9)
-    with pytest.raises(InputError, match=r"at most 100 bytes, gunz.*max_bytes"):
-        read_svg(path, max_bytes=100)

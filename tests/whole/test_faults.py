@@ -11,6 +11,7 @@ import sys
 
 import numpy as np
 import pytest
+from odd_options import SVG
 from PIL import Image
 
 from gauss2svg.cli.main import main
@@ -48,19 +49,15 @@ def faults():
     one.folder = None
 
 
-def fitting(folder):
-    words = [str(folder / "photo.png"), "-o", str(folder / OUTPUTS[0])]
-    options = ("--report", "--preview", "--save-scene", "--outline")
-    for option, name in zip(options, OUTPUTS[1:], strict=True):
-        words += [option, str(folder / name)]
-    return [*words, "--gaussians", "3", "--iterations", "2", "--quiet"]
+COMMANDS = [
+    "photo.png -o o.svg --report r.json --preview p.png --save-scene s.npz --outline l.svg "
+    "--gaussians 3 --iterations 2 --quiet",
+    "check photo.png drawing.svg --report r.json --preview p.png --heatmap s.npz --quiet",
+]
 
 
-def checking(folder):
-    words = ["check", str(folder / "photo.png"), str(folder / "drawing.svg"), "--quiet"]
-    for option, name in zip(("--report", "--preview", "--heatmap"), OUTPUTS[1:4], strict=True):
-        words += [option, str(folder / name)]
-    return words
+def words_in(folder, command):
+    return [str(folder / word) if "." in word else word for word in command.split()]
 
 
 def made(folder, old):
@@ -68,8 +65,7 @@ def made(folder, old):
     folder.mkdir(parents=True)
     pixels = np.random.default_rng(3).integers(0, 255, (16, 16, 3), np.uint8)
     Image.fromarray(pixels).save(folder / "photo.png")
-    drawing = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"/>'
-    (folder / "drawing.svg").write_text(drawing)
+    (folder / "drawing.svg").write_text(SVG)
     for name in OUTPUTS[old::2]:
         (folder / name).write_bytes(b"old " + name.encode())
         (folder / name).chmod(0o640)
@@ -101,7 +97,7 @@ def one_search(monkeypatch, unscored):
     monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: pixels)
 
 
-@pytest.mark.parametrize("command", [fitting, checking])
+@pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("fault", [errno.EIO, KeyboardInterrupt()], ids=repr)
 def test_each_file_is_the_old_one_or_the_whole_new_one(
     command, fault, faults, tmp_path, capsys, one_search
@@ -112,7 +108,7 @@ def test_each_file_is_the_old_one_or_the_whole_new_one(
     for old in (0, 1):  # without faults, to count the calls and to see what is made
         folder = made(tmp_path / f"whole{old}", old)
         faults.begin(folder)
-        assert main(command(folder)) == 0
+        assert main(words_in(folder, command)) == 0
         counts.append(len(faults.calls))
         faults.folder = None
         wholes.append(content(folder))
@@ -123,7 +119,7 @@ def test_each_file_is_the_old_one_or_the_whole_new_one(
         folder = made(tmp_path / f"at{place}", old)
         before = content(folder)
         faults.begin(folder, place, fault)
-        status = main(command(folder))
+        status = main(words_in(folder, command))
         faults.folder = None
         if len(faults.calls) <= place:
             assert status == 0

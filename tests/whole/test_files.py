@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import random_scene
 from names import possible
+from odd_options import SVG
 from PIL import Image
 
 from gauss2svg import files
 from gauss2svg.cli.main import main
-from gauss2svg.errors import OutputError
-from gauss2svg.files import write_all_atomically, write_atomically
+from gauss2svg.files import write_atomically
 
 # These tests are of files; only commands in a shell rasterise in a process of their own.
 pytestmark = pytest.mark.usefixtures("drawn_here")
@@ -33,7 +32,7 @@ def picture(photo, tmp_path):
 @pytest.fixture
 def svg(tmp_path):
     path = tmp_path / "drawing.svg"
-    path.write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"/>')
+    path.write_text(SVG)
     return path
 
 
@@ -48,19 +47,6 @@ def shell(command, **options):
         ["bash", "-c", command.replace("GAUSS2SVG", program)],
         capture_output=True, check=False, timeout=100, **options,
     )  # fmt: skip
-
-
-def write(how, target, picture, svg):
-    """Write to the target in one of four ways."""
-    words = [picture, "-o", target, *TINY]
-    if how == "check":
-        words = ["check", picture, svg, "--report", target, "--quiet"]
-    if how == "write_atomically":
-        write_atomically(target, b"new")
-    elif how == "Scene.save":
-        random_scene(5).save(target)
-    else:
-        assert main([str(word) for word in words]) == 0
 
 
 @pytest.mark.posix
@@ -81,43 +67,23 @@ def test_limit_of_a_files_size_is_a_full_disk(tmp_path):
 
 
 @pytest.mark.posix
-@pytest.mark.parametrize("how", ["write_atomically", "Scene.save", "vectorize", "check"])
-def test_existing_target_is_replaced_and_keeps_its_permissions(how, picture, svg, tmp_path):
-    for mode in (0o600, 0o640, 0o755):
-        target = tmp_path / f"target{mode:o}"
-        target.write_bytes(b"old")
-        target.chmod(mode)
-        held = target.open("rb")
-        write(how, target, picture, svg)
-        with held:
-            assert held.read() == b"old"  # whoever has it open reads on in the old one
-        assert target.read_bytes() not in (b"", b"old")
-        assert target.stat().st_mode & 0o777 == mode
-
-
-@pytest.mark.posix
-def test_new_target_has_the_usual_permissions(tmp_path):
+def test_a_target_keeps_its_permissions_and_a_new_one_has_the_usual(picture, tmp_path):
     before = os.umask(0o027)
     try:
-        write_atomically(tmp_path / "new", b"new")
+        for mode in (None, 0o600, 0o755):
+            target = tmp_path / f"{mode}.svg"
+            target.write_bytes(b"old")
+            target.chmod(mode or 0o644)
+            held = target.open("rb")
+            if mode is None:
+                target.unlink()
+            assert main([str(picture), "-o", str(target), *TINY]) == 0
+            with held:
+                assert held.read() == b"old"  # whoever has it open reads on in the old one
+            assert target.read_bytes().startswith(b"<?xml")
+            assert target.stat().st_mode & 0o777 == (mode or 0o640)
     finally:
         os.umask(before)
-    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o640
-
-
-@pytest.mark.posix
-def test_none_is_renamed_before_all_are_written(tmp_path, monkeypatch):
-    pipe, full = tmp_path / "pipe", tmp_path / "full"
-    os.mkfifo(pipe)
-    full.symlink_to("/dev/full")
-    (tmp_path / "b").write_bytes(b"old")
-    with subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE) as reader:
-        with pytest.raises(OutputError, match="full: No space left"):
-            write_all_atomically(
-                {tmp_path / "a": b"new", tmp_path / "b": b"new", pipe: b"new", full: b"new"}
-            )
-        assert reader.communicate(timeout=60)[0] == b"new"
-    assert content(tmp_path) == {"b": b"old"}
 
 
 @pytest.mark.posix
@@ -181,7 +147,7 @@ REFUSED = [
     (("photo.png", "-o", "locked.svg"), "locked.svg: it is read-only. Try another name"),
     ((*MAKE, "--preview", "p.png", "--save-scene", "s.npz", "--report", "/dev/full"), "No space"),
     ((*CHECK, "--heatmap", "p.png", "--report", "/dev/full"), "/dev/full: No space left"),
-    ((".", "-o", "o.svg"), "it is a folder, not a regular file"),
+    ((".", "-o", "o.svg"), "one file; got .. Try gauss2svg batch PHOTOS -o FOLDER"),
     (("pipe", "-o", "o.svg"), "pipe: it is a pipe or a device, not a regular file"),
 ]  # fmt: skip
 

@@ -3,7 +3,10 @@
 GAUSS2SVG_EXAMPLES=10000 tries a thousand times as many.
 """
 
+import itertools
+import json
 import re
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 
@@ -20,19 +23,20 @@ from fuzzing import (
 )
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from odd_options import PIXELS, SVG, Pathless, Rude
+from odd_options import PIXELS, Pathless, Rude
 
 import gauss2svg
+from gauss2svg.cli.main import main
+from gauss2svg.cli.terminal import Interruption
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.compare.table import run_bench
-from gauss2svg.errors import InputError
-from gauss2svg.fit import DensifyOptions, FitOptions
+from gauss2svg.errors import Gauss2SvgError, InputError
+from gauss2svg.files import as_png
 from gauss2svg.measure import CheckOptions
 from gauss2svg.options import fields_of
-from gauss2svg.pipeline.options import GROUPS, RunOptions
-from gauss2svg.svg import Document
+from gauss2svg.pipeline.options import GROUPS, Options
+from gauss2svg.pipeline.vectorize import vectorize_by
 
-A_PHOTO = Path(__file__).parents[1] / "golden" / "crisp-0.png"
 SEEDED = st.integers(0, 2**32 - 1).map(Random)
 EXAMPLES = settings().max_examples
 MANY = settings(max_examples=25 * EXAMPLES, suppress_health_check=list(HealthCheck))
@@ -65,71 +69,54 @@ def test_rubbish_is_refused(data, rng):
             assert outcome(reader, rubbish) != "accepted"
 
 
+def files():
+    return {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+
+
 @pytest.mark.sweep
-def test_any_combination_of_options_gives_a_result_or_one_refusal(tmp_path, monkeypatch):
+def test_any_combination_of_options_gives_a_result_or_one_refusal_in_python_and_as_a_command(
+    tmp_path, monkeypatch, capfd
+):
     seen = set()
     for number in range(6 * EXAMPLES):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        monkeypatch.chdir(folder)
-        seen.add(odd_options.outcome(Random(number)))
-    assert {"result", "refused", "done by the command", "refused by the command"} <= seen
+        (tmp_path / str(number)).mkdir()
+        monkeypatch.chdir(tmp_path / str(number))
+        Path("photo.png").write_bytes(as_png(PIXELS / 255))
+        before, given = files(), odd_options.flat_options(Random(number))
+        asked = itertools.count()  # both fits end after a few steps
+        monkeypatch.setattr(Interruption, "should_stop", lambda _, asked=asked: next(asked) > 20)
+        with suppress(Gauss2SvgError):
+            options = Options.from_flat(given)
+            result = vectorize_by(options, "photo.png", stop=lambda asked=asked: next(asked) > 20)
+            json.dumps(result.report, allow_nan=False)
+            seen.add("result")
+        assert files() == before
+        capfd.readouterr()
+        status = main(["photo.png", "-o", "out.svg", *odd_options.as_words(given)])
+        lines = capfd.readouterr().err.splitlines()
+        assert status == 0 or (status, len(lines), files()) == (2, 1, before), (given, lines)
+        seen.add(status)
+    assert seen == {"result", 0, 2}
 
 
-@pytest.mark.parametrize(
-    ("given", "match"),
-    [
-        ({"progress": 5}, "progress must be a function; got int"),
-        ({"stop": PIXELS}, "stop must be a function; got ndarray"),
-        ({"run": RunOptions(threads=2**31 - 1)}, r"threads must be a whole number in 1\.\."),
-        (
-            {"fit": FitOptions(blend="add"), "document": Document(animate=9)},
-            "animate must not be given with additive blending",
-        ),
-        ({"densify": DensifyOptions(schedule="linear")}, "schedule must be given with a number"),
-    ],
-)
-def test_what_cannot_work_is_refused_before_the_photo_is_read(given, match, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=match):
-        gauss2svg.vectorize("missing.png", **given)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_result_is_saved_under_a_path_alone(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    # bool has no signature that Python could tell.
-    result = gauss2svg.vectorize(PIXELS, gaussians=2, quality="draft", stop=bool)
-    for path in (5, b"out.svg", None, "", object(), PIXELS):
-        with pytest.raises(InputError, match="path must be the path of a file; got"):
-            result.save(path)
-    with pytest.raises(InputError, match="gzip must be True or False; got 5"):
-        result.save("out.svg", gzip=5)
-    assert not list(tmp_path.iterdir())
+CALLS = {
+    "photo": gauss2svg.vectorize,
+    "svg": lambda path: gauss2svg.check(PIXELS, path),
+    "source": gauss2svg.read_svg,
+    "file": gauss2svg.Scene(4, 4).save,
+    "scene file": gauss2svg.Scene.load,
+    "photos": lambda path: gauss2svg.build_gallery([path], "new"),
+    "directory": lambda path: gauss2svg.build_gallery(["photo.png"], path),
+    "images": lambda path: run_bench([path], "new"),
+}
 
 
 @pytest.mark.parametrize("path", [Rude(), Pathless()])
-@pytest.mark.parametrize(
-    ("name", "call"),
-    {
-        "photo": gauss2svg.vectorize,
-        "photo of check": lambda path: gauss2svg.check(path, SVG),
-        "svg": lambda path: gauss2svg.check(PIXELS, path),
-        "source": gauss2svg.read_svg,
-        "file": gauss2svg.Scene(4, 4).save,
-        "scene file": gauss2svg.Scene.load,
-        "photos": lambda path: gauss2svg.build_gallery([path], "new"),
-        "directory": lambda path: gauss2svg.build_gallery(["photo.png"], path),
-        "images": lambda path: run_bench([path], "new"),
-        "directory of a benchmark": lambda path: run_bench([A_PHOTO], path),
-    }.items(),
-)
-def test_a_path_that_raises_or_is_none_is_refused_by_its_name(
-    name, call, path, tmp_path, monkeypatch
-):
+@pytest.mark.parametrize("name", CALLS)
+def test_a_path_that_raises_or_is_none_is_refused_by_its_name(name, path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=f"^{name.partition(' of ')[0]} must be .*$"):
-        call(path)
+    with pytest.raises(InputError, match=f"^{name} must be .*$"):
+        CALLS[name](path)
     assert not list(tmp_path.iterdir())
 
 
@@ -152,3 +139,14 @@ def test_errors_are_one_line_whatever_files_are_called():
         with pytest.raises(InputError, match=r"a b\\x1b") as refusal:
             call("a\nb\x1b")
         assert str(refusal.value).isprintable()
+
+
+@pytest.mark.parametrize("path", [5, b"out.svg", None, "", object(), PIXELS])
+def test_a_result_is_saved_under_a_path_alone(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = gauss2svg.vectorize(PIXELS, gaussians=0)
+    with pytest.raises(InputError, match="path must be the path of a file; got"):
+        result.save(path)
+    with pytest.raises(InputError, match="gzip must be True or False; got 5"):
+        result.save("out.svg", gzip=5)
+    assert not list(tmp_path.iterdir())

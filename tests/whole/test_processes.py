@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import psutil
@@ -19,16 +18,6 @@ pytestmark = pytest.mark.posix
 
 def shell(script, data=None, **options):
     return run(["sh", "-c", script], data, **options)
-
-
-def noted_in_time(noted, seconds, call):
-    """The ids that a process writes to a file before its time is up; `call` runs it for seconds."""
-    for timeout_s in seconds:  # more where the machine is too busy for it to begin
-        with pytest.raises(TimeoutError, match=f"not done in {timeout_s:g} s"):
-            call(timeout_s=timeout_s)
-        if noted.exists() and noted.read_text():
-            break
-    return map(int, noted.read_text().split())
 
 
 @pytest.mark.parametrize(
@@ -54,23 +43,21 @@ def test_a_process_runs_where_and_with_what_it_is_given(tmp_path):
         run([str(tmp_path / "none")])
 
 
-@pytest.mark.parametrize("options", [{}, {"data": b"x"}])
-def test_after_its_time_a_process_and_its_children_end(options, tmp_path):
-    pids = tmp_path / "pids"
-    script = f"trap '' TERM; sleep 600 & echo $$ $! > {pids}; wait; wait"
-    found = noted_in_time(pids, (0.5, 4, 32), partial(shell, script, **options))
-    assert all(map(has_ended, found))
-
-
-def test_after_its_time_a_child_in_a_group_of_its_own_ends_too(tmp_path):
-    child = tmp_path / "child"
+def test_after_its_time_a_process_and_its_children_end_in_whatever_group_they_are(tmp_path):
     script = (
-        "import subprocess, sys; from pathlib import Path; "
-        "child = subprocess.Popen(['sleep', '600'], start_new_session=True); "
-        "Path(sys.argv[1]).write_text(str(child.pid)); child.wait()"
+        "import os, signal, subprocess, sys; from pathlib import Path; "
+        "signal.signal(signal.SIGTERM, signal.SIG_IGN); "
+        "made = [subprocess.Popen(['sleep', '600'], start_new_session=own) for own in (0, 1)]; "
+        "pids = [os.getpid(), *(child.pid for child in made)]; "
+        "Path(sys.argv[1]).write_text(' '.join(map(str, pids))); made[0].wait()"
     )
-    command = [sys.executable, "-c", script, str(child)]
-    assert all(map(has_ended, noted_in_time(child, (1, 8, 32), partial(run, command))))
+    noted = tmp_path / "pids"
+    for timeout_s in (1, 8, 32):  # more where the machine is too busy for it to begin
+        with pytest.raises(TimeoutError, match=f"not done in {timeout_s} s"):
+            run([sys.executable, "-c", script, str(noted)], b"x", timeout_s=timeout_s)
+        if noted.exists() and noted.read_text():
+            break
+    assert all(map(has_ended, map(int, noted.read_text().split())))
 
 
 def test_a_process_ends_with_its_parent():
@@ -107,10 +94,7 @@ def test_an_interrupt_ends_the_process_and_is_raised(monkeypatch):
 
 
 def test_what_a_process_leaves_behind_with_its_pipes_open_is_not_waited_for():
-    begun = time.monotonic()
-    pid = int(shell("sleep 60 & echo $!").output)
-    assert time.monotonic() - begun < 30
-    assert has_ended(pid)
+    assert has_ended(int(shell("sleep 600 & echo $!", timeout_s=300).output))
 
 
 def test_a_module_is_imported_as_here_and_not_from_the_current_folder(tmp_path, monkeypatch):

@@ -12,7 +12,6 @@ from scipy.spatial import KDTree
 from skimage.measure import label
 from skimage.metrics import structural_similarity
 
-from gauss2svg.cli.main import build_app
 from gauss2svg.files import as_png
 from gauss2svg.fit.placement import components_of
 from gauss2svg.measure import metrics
@@ -49,15 +48,6 @@ def test_help_loads_neither_numpy_nor_numba(arguments):
 )
 def test_what_is_of_another_part_is_not_loaded(code, names):
     assert loaded_by(code, names.split(), "no.png", "-o", "x.svg") == []
-
-
-def test_the_short_help_is_the_same_without_the_options_that_it_leaves_out(capsys):
-    shown = []
-    for short in (False, True):
-        build_app(short=short)(["--help"], exit_on_error=False)
-        shown.append(capsys.readouterr().out)
-    assert shown[0] == shown[1]
-    assert "--max-bytes" in shown[0]
 
 
 @pytest.mark.process

@@ -16,39 +16,28 @@ from gauss2svg.batch.stores import prepare, write
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError, RendererError
 from gauss2svg.files import expanded, is_device
-from gauss2svg.processes import (
-    command_line,
-    end_of,
-)
+from gauss2svg.processes import command_line, end_of
 from gauss2svg.raster import programs
 
 
+def test_a_crash_is_told_from_an_end_by_the_exit_status():
+    assert end_of(139) == "ended with status 139"
+    killers = {-signal.SIGTERM: "SIGTERM", -50: "status -0x32", 0xC00000FD: "status 0xc00000fd"}
+    for status, killer in killers.items():
+        assert end_of(status) == f"killed by {killer}; was there enough memory?"
+
+
 @pytest.mark.parametrize(
-    ("status", "end"),
+    ("word", "posix", "windows"),
     [
-        (0, "ended with status 0"), (139, "ended with status 139"),
-        (-signal.SIGTERM, "killed by SIGTERM; was there enough memory?"),
-        (-50, "killed by status -0x32; was there enough memory?"),
-        (0xC00000FD, "killed by status 0xc00000fd; was there enough memory?"),
+        ("a.png", "a.png", "a.png"), ("my photo.png", "'my photo.png'", '"my photo.png"'),
+        ("a&b.png", "'a&b.png'", '"a&b.png"'), ("it's", "'it'\"'\"'s'", '"it\'s"'),
+        ("C:\\a b", "'C:\\a b'", '"C:\\a b"'), ("", "''", '""'),
     ],
 )  # fmt: skip
-def test_a_crash_is_told_from_an_end_by_the_exit_status(status, end):
-    assert end_of(status) == end
-
-
-@pytest.mark.parametrize(
-    ("words", "posix", "windows"),
-    [
-        (["gauss2svg", "a.png"], "gauss2svg a.png", "gauss2svg a.png"),
-        (["my photo.png"], "'my photo.png'", '"my photo.png"'),
-        (["a&b.png"], "'a&b.png'", '"a&b.png"'),
-        (["it's"], "'it'\"'\"'s'", '"it\'s"'),
-        (["C:\\a b"], "'C:\\a b'", '"C:\\a b"'),
-        ([""], "''", '""'),
-    ],
-)
-def test_a_command_is_shown_as_one_types_it(words, posix, windows):
-    assert command_line(words) == (windows if sys.platform == "win32" else posix)
+def test_a_command_is_shown_as_one_types_it(word, posix, windows):
+    shown = windows if sys.platform == "win32" else posix
+    assert command_line(["gauss2svg", word]) == f"gauss2svg {shown}"
 
 
 @pytest.mark.posix

@@ -25,7 +25,7 @@ class GalleryOptions(OptionGroup):
     seed: Seed = 0
     """Random seed. The same seed gives the same files."""
 
-    photo_size: Annotated[int, Interval(ge=1, le=16383)] = 2048  # WebP holds at most 16383 px
+    photo_size: Annotated[int, Interval(ge=1, le=16383)] = 2048  # WebP allows at most 16383 px
     """Longest side (px). Larger photos are reduced to it first."""
 
     max_pixels: Annotated[int, Interval(ge=1, le=MOST_PIXELS)] = DEFAULT_MAX_PIXELS

@@ -23,13 +23,13 @@ from gauss2svg.compare.variants import Variant, main_variant, variants_of
 from gauss2svg.errors import OutputError, on_one_line
 from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
-from gauss2svg.pipeline.budgets import allowed
+from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.run import compile_kernels, thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
 GalleryProgress = Progress
-# Keys of a report that are columns of the data. The report of a peer lacks some.
+# Keys of reports that are also in the rows of gallery.json. Reports of peers lack some.
 NUMBERS = (
     "gaussians", "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
     *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
@@ -50,8 +50,8 @@ class Gallery:
     directory  folder of its pages
     rows       a row for each SVG, as in gallery.json
     summary    a row for each variant, with medians and totals
-    failures   a row for each SVG that could not be made, and for each bad photo, with variant None
-    kept       number of SVGs that were kept from before
+    failures   a row for each SVG that could not be made, and one with variant None for a bad photo
+    kept       number of SVGs that are kept from an earlier build
     absent     names of the peers that are not installed
     """
 
@@ -93,10 +93,10 @@ def build_gallery(
 
     A finished SVG is kept. It is made again only if the bytes of the photo, the settings, the code
     of this package, the renderer or the packages of scores have changed. An interruption loses only
-    unfinished SVGs. A photo that cannot be read is a failure that the first page lists, and the
-    other photos continue. The pages need neither a server nor a network. Raise InputError for bad
-    arguments. Raise OutputError if the folder cannot be written, or has other files with the names
-    of the pages.
+    unfinished SVGs. If a photo cannot be read, the first page lists the failure, and the other
+    photos are still compared. The pages need neither a server nor a network. Raise InputError for
+    bad arguments. Raise OutputError if the folder cannot be written, or if it has other files with
+    the names of the pages.
     """
     listed = listed_photos(photos)
     chosen, absent = variants_of(variants, counts, peers)
@@ -107,7 +107,7 @@ def build_gallery(
     root = _folder(directory)
     # The processes share the free memory, because each would otherwise take most of it.
     run_options = {
-        "seed": seed, "threads": threads, "max_memory": allowed(None) // jobs,
+        "seed": seed, "threads": threads, "max_memory": memory_limit(None) // jobs,
         "max_pixels": options.max_pixels, "fragments": True,
     }  # fmt: skip
 
@@ -119,7 +119,7 @@ def build_gallery(
             "folder": str(root / folder), "page_photo": str(page_photo), "photo_size": size,
             "options": run_options, "peer_timeout": options.peer_timeout,
         }  # fmt: skip
-        # Processes, threads, memory and time limits change no image. Other tools take no seed.
+        # The key needs no jobs, threads and limits, which change no image. Peers take no seed.
         dependencies = (size, seed) if variant and variant.is_own else (size,)
         columns = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
         file = root / folder / run.PICTURE if variant else page_photo
@@ -142,7 +142,7 @@ def build_gallery(
 
     try:
         if jobs > 1:
-            compile_kernels()  # once here, or processes that start together would each compile
+            compile_kernels()  # else processes that start together would each compile
         with Pool(jobs) as pool:
             for record in grid.run(plan, pool, run.make_photo):  # first, to report bad photos early
                 grid.total -= len(chosen) * ("error" in record)
@@ -156,7 +156,7 @@ def build_gallery(
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:
-    """Return the folder of a gallery, created if missing.
+    """Create the folder of a gallery with its subfolders if missing, and return its path.
 
     Raise OutputError if a file or folder has the name of an output and is not part of a gallery.
     """
@@ -179,7 +179,7 @@ def write_pages(
     """Write all pages, the data and the static files, or none of them. Return the data.
 
     about  title, command, date and options of the gallery
-    plan   tasks of the SVGs, by the task of their photo
+    plan   {task of a photo: tasks of its SVGs}
     Raise OutputError if a file cannot be written.
     """
     variants = list(dict.fromkeys(t.variant for svgs in plan.values() for t in svgs if t.variant))
@@ -195,7 +195,7 @@ def write_pages(
     document = {
         **about,
         "renderers": sorted({row["renderer"] for row in rows}),
-        "missing": len(unfinished),  # number of SVGs that an interruption left out
+        "missing": len(unfinished),  # number of SVGs that an interruption prevented
         "summary": summary_of(rows, variants),
         "rows": rows,
         "failures": [
@@ -238,9 +238,9 @@ def write_pages(
 
 
 def _svg(photo: Row, record: Row, variant: Variant) -> Row:
-    """Return the record of an SVG with its title, variant, row of the data, and `script`.
+    """Return the record of an SVG, with its title, its variant, `row` and `script` added.
 
-    `script` has the values that the scripts of the pages read.
+    `row` is its row of gallery.json. `script` has the values that the scripts of the pages read.
     """
     report, folder = record["report"], record["folder"]
     names = {"SVG": run.PICTURE, "report": run.REPORT}
@@ -307,6 +307,6 @@ def chart_of(
         }
         for index, result in enumerate(results)
         for svg in result["svgs"]
-        if axis.has(score := svg["report"].get(axis.key))
+        if axis.can_show(score := svg["report"].get(axis.key))
     ]
     return chart.scatter(points, cost, axis)

@@ -1,4 +1,4 @@
-// Progress of the active run: its figures and its bar. Also the strip of photos.
+// Progress of the active run (its figures and its bar), and the strip of photos.
 
 import { make } from "./dom.js";
 import { isActive, isDone } from "./job.js";

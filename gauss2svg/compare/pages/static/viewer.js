@@ -46,9 +46,8 @@ function all(selector, root = document, kind) {
 /** @param {number} value @param {number} least @param {number} most */
 const clamped = (value, least, most) => Math.min(Math.max(value, least), most);
 
-// An image that loads one source at a time. A large SVG takes a while to load, and if several sources
-// are shown in that time, only the last one is loaded next. A file that the server has yet to make is
-// given up for the next source at once.
+// An image that loads one source at a time. If several sources are to be shown while a large SVG loads,
+// only the last of them is loaded next. It does not wait for a file that the server has yet to make.
 class Layer {
   /** @param {HTMLImageElement} image @param {(source: string) => void} failed */
   constructor(image, failed) {

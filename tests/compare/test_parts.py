@@ -1,0 +1,258 @@
+"""Parts of benchmarks and galleries that need no run: settings, names, records, crops, charts."""
+
+import json
+import math
+import os
+import re
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from gauss2svg.batch.listing import ListedPhoto, listed_photos, slug_of
+from gauss2svg.compare import chart
+from gauss2svg.compare.grid import Task, add_row, rows_in
+from gauss2svg.compare.run import crops_of
+from gauss2svg.compare.table import below
+from gauss2svg.compare.variants import (
+    Variant,
+    apply_constants,
+    options_in,
+    parse_axes,
+    settings_of,
+    variants_of,
+)
+from gauss2svg.errors import InputError
+from gauss2svg.measure import PSNR, SCORES, SSIM
+from gauss2svg.pipeline import limits
+
+FULL = "pipeline.limits.FULL"
+
+
+def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    first, last = {"key": "a", "error": "x"}, {"key": "a", "n": 2}
+    lines = [json.dumps(first), "rubbish", "[1]", json.dumps(last), '{"n": 3}', '{"k']
+    path.write_text("\n".join(lines))
+    assert rows_in(path) == {"a": last}
+    add_row(path, first | {"key": "b"})  # after half a line
+    add_row(path, last | {"n": 4})
+    assert rows_in(path) == {"a": last | {"n": 4}, "b": first | {"key": "b"}}
+    assert path.read_text().count("\n") == len(lines) + 2
+    assert rows_in(tmp_path / "none") == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("inks=3,6", (3, 6)),
+        ("inks=#f7c306,#17324d", ("#f7c306,#17324d",)),
+        ("inks=6;#fff,#000; f7c306,17324d", (6, "#ffffff,#000000", "#f7c306,#17324d")),
+        ("max-size=64,32,64", (64, 32, 64)),
+        ("gaussians=auto, 5", ("auto", 5)),
+        (f"{FULL}=0.5,1", (0.5, 1.0)),
+    ],
+)
+def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
+    ((name, parsed),) = parse_axes([text]).items()
+    assert parsed == values
+    assert {dict(s)[name] for s in settings_of({name: values})} == set(values)
+
+
+@pytest.mark.parametrize(
+    ("axes", "line"),
+    [
+        (["speed"], "axis must be an option: one of quality, gaussians"),
+        (["gaussians"], "axis gaussians must be given with values; got none. Try --axis gaussians"),
+        (["inks=6,#fff,#000"], "axis inks must be .*Try 6, or"),
+        (["gaussians=many"], "axis gaussians must be .*; got 'many'"),
+        ([f"{FULL}=x"], f"axis {FULL} must be a number in .*; got 'x'"),
+        (["a.b=1"], "axis must be a number that a module has in capitals; got 'a.b'"),
+        ({"loss": "mse"}, "axis loss must be a sequence; got 'mse'"),
+        ({"loss": ()}, "axis loss must be given with values"),
+        ({"loss": ["l3"]}, "axis loss must be one of mse"),
+        (["form=gradient,blur", "renderer=chromium,cairo"], ".*for form blur; got 'cairo'"),
+    ],
+)
+def test_axes_that_no_run_could_have_are_refused_on_one_line(axes, line):
+    with pytest.raises(InputError, match=f"^ax[ie]s:?.*{line.removeprefix('axis')}") as refusal:
+        settings_of(axes if isinstance(axes, dict) else parse_axes(axes))
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_constant_of_the_code_is_replaced_where_it_is_read(monkeypatch):
+    (settings,) = settings_of({FULL: [0.5], "gaussians": [7]})
+    assert options_in(dict(settings)) == {"gaussians": 7}
+    monkeypatch.setattr(limits, "FULL", limits.FULL)
+    apply_constants(dict(settings))
+    assert limits.FULL == 0.5
+
+
+def test_key_knows_all_that_changes_a_record_and_no_path():
+    def key(path="a.png", digest="d", count=5, others=(0,), **variant):
+        photo = ListedPhoto(path, path, path, "a", digest)
+        made = None if count is None else Variant((("gaussians", count),), **variant)
+        return Task(photo, made, {}, others, {}).key
+
+    assert key() == key(path="b/c.png")
+    changes = [{"digest": "e"}, {"count": 6}, {"count": None}, {"others": (1,)}]
+    changes += [{"version": "0"}, {"tool": "jpeg"}]
+    assert len({key(), *(key(**change) for change in changes)}) == len(changes) + 1
+
+
+# Few values, so that equals are common.
+records = st.lists(
+    st.fixed_dictionaries({name: st.integers(0, 6) for name in ("s", "b", "psnr_svg", "flip_svg")}),
+    min_size=1,
+    max_size=12,
+)
+
+
+@given(records, st.sampled_from([score for score in SCORES if score.slug in ("psnr", "flip")]))
+def test_distance_below_a_front_is_the_gain_at_no_more_cost(rows, score):
+    for one in rows:
+        both = below(one, rows, score, "s", "b")
+        gains = [
+            score.sign * (other[score.key] - one[score.key])
+            for other in rows
+            if other["s"] <= one["s"] and other["b"] <= one["b"]
+        ]
+        assert both == max(gains) >= 0
+        # A second cost can only excuse.
+        assert both <= min(below(one, rows, score, cost) for cost in ("s", "b"))
+
+
+odd_letters = st.sampled_from("\udcff\ud800\u202e\u200f🙂/\\.:-x1 A\u0130")
+
+
+@given(st.text(st.characters(codec="utf-8") | odd_letters, max_size=60))
+@example("")
+@example("COM\N{SUPERSCRIPT ONE}")
+@example("nul")
+@example("K" * 300)
+def test_slug_is_a_safe_name_of_a_folder_on_any_system(name):
+    slug = slug_of(name)
+    assert re.fullmatch(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?", slug)
+    assert len(slug) <= 54
+    assert not re.fullmatch(r"con|prn|aux|nul|com\d|lpt\d", slug)
+
+
+# Few names, so that they clash in every way, also with one that ends in a digest.
+FOLDERS, NAMES = ["", "a", "a/b", "b/a"], ["x", "X", "x.", "y", "x-2", "con", "é"]
+clashing = st.tuples(st.sampled_from(FOLDERS), st.sampled_from(NAMES)).map("/none/".join)
+
+
+@given(st.lists(clashing, min_size=1, max_size=12, unique=True), st.randoms(use_true_random=False))
+def test_names_and_slugs_are_unique_short_and_of_no_order(paths, random):
+    found = listed_photos(paths)
+    assert len({photo.slug for photo in found}) == len({p.name for p in found}) == len(paths)
+    mixed = {photo.path: photo.slug for photo in listed_photos(random.sample(paths, len(paths)))}
+    assert mixed == {photo.path: photo.slug for photo in found}
+    whole = {path: f"/{Path(path).absolute().as_posix()}" for path in paths}
+    for photo in found:  # the name is the shortest end of the path that no other has
+        assert whole[photo.path].endswith(f"/{photo.name}")
+        shorter = photo.name.partition("/")[2]
+        others = [whole[path] for path in paths if path != photo.path]
+        assert not shorter or any(path.endswith(f"/{shorter}") for path in others)
+
+
+@pytest.mark.posix
+def test_photo_named_twice_is_one_where_it_is_named_first(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("one.png", "other.png"):
+        Path(name).write_text(name)
+    Path("link.png").symlink_to("one.png")
+    paths = ["one.png", Path("other.png"), "link.png", os.fsencode("one.png"), "./one.png"]
+    assert [photo.name for photo in listed_photos(paths)] == ["one.png", "other.png"]
+
+
+def test_variants_are_presets_counts_and_peers_each_once():
+    found, absent = variants_of(["high", "draft", "high"], [2000, 1, np.int64(0), 2000])
+    assert absent == []
+    assert [(variant.name, variant.slug) for variant in found] == [
+        ("high", "high"), ("draft", "draft"), ("2000 Gaussians", "gaussians-2000"),
+        ("1 Gaussian", "gaussians-1"), ("0 Gaussians", "gaussians-0"),
+    ]  # fmt: skip
+    assert [variant.name for variant in variants_of()[0]] == ["draft", "balanced", "high"]
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "side"), [(9, 14, 4), (3, 14, 5), (12, 6, 6), (1, 1, 3)]
+)
+def test_crops_are_the_worst_window_and_one_of_the_median_error(height, width, side):
+    image, other = np.random.default_rng(0).random((2, height, width, 3))
+    down, across = min(side, height), min(side, width)
+    squares = np.lib.stride_tricks.sliding_window_view((image - other) ** 2, (down, across, 3))
+    errors = squares.mean(axis=(3, 4, 5))[:, :, 0]
+    crops = crops_of(image, other, side)
+    for kind, off in (("worst", -errors), ("typical", np.abs(errors - np.median(errors)))):
+        crop = crops[kind]
+        assert (crop["width"], crop["height"]) == (across, down)
+        assert off[crop["y"], crop["x"]] == pytest.approx(off.min())
+        assert crop["psnr"] == pytest.approx(-10 * math.log10(errors[crop["y"], crop["x"]]))
+    assert crops_of(image, image, side)["worst"]["psnr"] == math.inf
+
+
+points = st.lists(
+    st.fixed_dictionaries(
+        {
+            "cost": st.floats(1e-2, 1e7) | st.sampled_from([1.27, 3.0, 3.0, 7.0]),
+            "score": st.none() | st.floats(-5, 120, allow_subnormal=False) | st.just(30.0),
+            "group": st.none() | st.integers(0, 2),
+        }
+    ),
+    min_size=1,
+    max_size=10,
+)
+
+
+@pytest.mark.parametrize("frame", [chart.WIDE, chart.NARROW])
+@given(points)
+@example([{"cost": 7.0, "score": None, "group": 0}] * 2)
+@example([{"cost": 1.0, "score": 30.0, "group": 0}] * 2)
+def test_points_and_ticks_lie_in_the_frame_in_their_order(frame, given_points):
+    drawn = chart.scatter(given_points, chart.COSTS[0], frame=frame)
+    placed, equal_y = drawn["points"], drawn["equal_y"]
+    assert [{name: one[name] for name in given_points[0]} for one in placed] == given_points
+    for one in placed:
+        assert frame.left < one["x"] < frame.right
+        assert frame.top <= one["y"] <= frame.bottom
+        assert (one["y"] == equal_y) == (one["score"] is None)
+    by_cost = sorted(placed, key=lambda one: one["cost"])
+    assert all(one["x"] <= other["x"] for one, other in pairwise(by_cost))
+    finite = [one for one in placed if one["score"] is not None]
+    finite.sort(key=lambda one: one["score"])
+    assert all(one["y"] >= other["y"] for one, other in pairwise(finite))
+    assert all(equal_y is None or one["y"] > equal_y for one in finite)
+    places = [x for x, _ in drawn["x_ticks"]]
+    assert all(other - one >= 28 for one, other in pairwise(places))  # so that texts fit
+    assert 2 <= len(drawn["y_ticks"]) <= 9
+    assert all(frame.top <= y <= frame.bottom for y, _ in drawn["y_ticks"])
+    levels = [float(text) for _, text in drawn["y_ticks"]]
+    assert levels == sorted(set(levels))
+    assert all(levels[0] <= one["score"] <= levels[-1] for one in finite)
+
+
+NOTHING = "\N{EN DASH}"
+in_bytes, in_seconds = partial(chart.tick, unit="bytes"), partial(chart.tick, unit="seconds")
+
+
+@pytest.mark.parametrize(
+    ("show", "value", "text"),
+    [
+        (chart.size, 0, "0 B"), (chart.size, 999.5, "1.00 kB"), (chart.size, 2625, "2.63 kB"),
+        (chart.size, 99_949, "99.9 kB"), (chart.size, 1.5e9, "1 500 MB"),
+        (chart.size, None, NOTHING), (chart.seconds, 0.844, "0.84 s"),
+        (chart.seconds, 9.995, "10.0 s"), (chart.seconds, 12_345.6, "12 346 s"),
+        (PSNR.text, 31.416, "31.42 dB"), (PSNR.text, None, "equal"), (SSIM.text, 0.6666, "0.667"),
+        (SSIM.text, None, NOTHING), (chart.whole, 1_234_567, "1 234 567"),
+        (in_bytes, 5e4, "50 kB"), (in_seconds, 0.5, "0.5 s"),
+    ],
+)  # fmt: skip
+def test_numbers_are_shown_so(show, value, text):
+    assert show(value).replace("\N{NARROW NO-BREAK SPACE}", " ") == text
+    assert " " not in show(value)  # no line break separates the unit

@@ -1,0 +1,266 @@
+"""Properties of exponents, of colours that shapes share, and of inks, in fit, file and raster."""
+
+import numpy as np
+import pytest
+from conftest import random_scene
+from drawings import antialiased_badge
+from flat import fit_config, vectorize
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from gauss2svg.fit import FitOptions
+from gauss2svg.fit.adam import blending_of, gradients
+from gauss2svg.fit.colors import Inks, SharedColors
+from gauss2svg.fit.fit import fit
+from gauss2svg.fit.population import Population
+from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.state import State
+from gauss2svg.fit.target import target_of
+from gauss2svg.measure import metrics
+from gauss2svg.pipeline.palette import quantize
+from gauss2svg.raster import rasterize
+from gauss2svg.render import render
+from gauss2svg.render.cpu import removal_cost, squared_error
+from gauss2svg.scene.falloff import BETA_CLASSES
+from gauss2svg.scene.inks import ink_colors
+from gauss2svg.svg.forms import is_plain
+from gauss2svg.svg.read import read_svg
+
+
+def test_sharp_shapes_fit_a_drawing_that_gaussians_smear():
+    picture = antialiased_badge(96)
+    soft, sharp = (
+        fit(picture, fit_config(40, 150, falloff=f)).scene for f in ("gaussian", "adaptive")
+    )
+    assert (soft.beta == 1).all()
+    drawn = [render(scene) for scene in (soft, sharp)]
+    assert metrics.psnr(drawn[1], picture) > metrics.psnr(drawn[0], picture) + 3
+    assert metrics.flat_error(drawn[1], picture) < metrics.flat_error(drawn[0], picture)
+    assert (sharp.beta > 2).mean() > 0.4
+
+
+def test_smooth_scene_keeps_its_gaussians():
+    y, x = np.mgrid[:64, :64] / 63
+    ramp = np.stack([x, 0.5 * (x + y), 1 - y], axis=-1).astype(np.float32)
+    shares = [
+        (vectorize(picture, gaussians=24, iterations=60).scene.beta == 1).mean()
+        for picture in (ramp, antialiased_badge(96))
+    ]
+    assert shares[0] >= 0.5
+    assert shares[1] < shares[0] - 0.1
+
+
+# The last steps, before which exponents and colours are quantized, may not come.
+@pytest.mark.parametrize(
+    "options",
+    [
+        *({"iterations": 60, "palette": palette} for palette in (None, 4, 0)),
+        {"iterations": 1, "palette": 16, "falloff": "gaussian"}, {"iterations": 7, "palette": 16},
+        {"time_limit": 0.2, "target_psnr": 26.0, "palette": 16},
+    ],
+)  # fmt: skip
+def test_file_draws_the_exponents_and_colours_that_the_scene_has(options):
+    result = vectorize(antialiased_badge(96), gaussians=40, **options)
+    scene = result.scene
+    shaded = ~is_plain(scene)
+    classes = np.array(BETA_CLASSES)
+    assert np.abs(scene.beta[shaded, None] / classes - 1).min(axis=1).max(initial=0) < 1e-12
+    assert options.get("falloff") != "gaussian" or (scene.beta == 1).all()
+    again = quantize(scene)
+    np.testing.assert_allclose(again.color, scene.color, atol=0.5 / 255)
+    np.testing.assert_allclose(again.beta, scene.beta, rtol=1e-12)
+    keys = np.column_stack([scene.beta, np.round(scene.color * 255)])[shaded]
+    gradients = len(np.unique(np.round(keys, 6), axis=0))
+    assert result.svg.count("<radialGradient") == result.report["gradients"] == gradients
+    assert gradients <= (options["palette"] or 40)
+    if "time_limit" not in options:  # the clock decides how many shapes that fit has
+        assert result.report["psnr_roundtrip"] > 44
+
+
+def test_exponents_stay_and_colours_stay_shared_once_they_are_quantized(photo):
+    before, seen = [], []
+
+    def as_written(scene, psnr):
+        before.append(scene)
+        seen.append(quantize(scene, palette=8))
+        return seen[-1]
+
+    session = FitSession(photo, fit_config(60, 80), as_written=as_written)
+    session.fit()
+    assert len(seen) == 1
+    last, opacity = session.scene(), before[0].opacity
+    pairs = [{*zip(s.beta, *s.color.T.round(9), strict=True)} for s in (seen[0], last)]
+    assert len(pairs[1]) <= len(pairs[0])
+    assert set(last.beta.round(9)) <= set(seen[0].beta.round(9))
+    assert not np.isin(last.color, seen[0].color).all()  # but as one they moved on
+    assert not np.isin(last.mean, seen[0].mean).any()  # the rest moved on
+    # Nearly opaque shapes have become opaque.
+    assert not ((opacity > 0.954) & (opacity < 0.9999)).any()
+    assert (opacity > 0.9999).any()
+
+
+COUNT = 60
+
+
+def state_of(scene) -> State:
+    raw_opacity = np.log(scene.opacity / (1 - scene.opacity))
+    state = State.of(scene.mean, np.zeros((len(scene), 3)), 0, raw_opacity=raw_opacity)
+    return state.quantized(scene)
+
+
+@pytest.fixture
+def session():
+    """A session on noise whose shapes share twelve colours, and those."""
+    pixels = np.random.default_rng(1).random((45, 60, 3)).astype(np.float32)
+    session = FitSession(pixels, fit_config(COUNT, 10))
+    session.population.state = state_of(
+        quantize(random_scene(COUNT, 60, 45, 5, (1, 8), (1, 8)), palette=12)
+    )
+    return session
+
+
+def error_of(session, state=None) -> float:
+    splats = (state or session.state).splats(session.population.background)
+    return squared_error(splats, session.population.target.planar)[1]
+
+
+def test_step_keeps_shared_colours_shared_and_goes_down(session):
+    state, target = session.state, session.population.target.planar
+    shared = SharedColors.of(state, blending_of(FitOptions()))
+    before, error = state.color.copy(), error_of(session)
+    for _ in range(10):
+        splats = state.splats(session.population.background)
+        shared.step(state, gradients(squared_error(splats, target)[2], splats), 1.0)
+    assert error_of(session) < error
+    for entry in np.unique(shared.entry):
+        of_entry = state.color[shared.entry == entry]
+        assert (of_entry == of_entry[0]).all()
+    assert (state.color != before).any(axis=1).mean() > 0.9
+
+
+def test_exchanged_colours_leave_the_least_error_if_the_others_stay(session):
+    state, target = session.state, session.population.target.planar
+    shared = SharedColors.of(state, blending_of(FitOptions()))
+    splats = state.splats(session.population.background)
+    mass = removal_cost(splats, target)[1][:, 1]
+    wanted = shared.best(state, squared_error(splats, target)[2], mass)
+    for i in np.flatnonzero(mass > 1.0):
+        errors = {}
+        for k in np.unique(shared.entry[state.raw_beta == state.raw_beta[i]]):
+            trial = state.copy()
+            trial.color[i] = state.color[shared.entry == k][0]
+            errors[k] = error_of(session, trial)
+        assert errors[wanted[i]] == pytest.approx(min(errors.values()), rel=1e-6)
+    assert np.count_nonzero(wanted != shared.entry) > 5
+    errors = [error_of(session)]
+    for _ in range(4):
+        session.population.exchange(shared)
+        errors.append(error_of(session))
+    assert (np.diff(errors) <= 1e-6).all()
+    assert errors[-1] < errors[0]
+
+
+INKS = "#f7c306,#c0322c,#17324d"
+
+
+@pytest.fixture(scope="module")
+def picture():
+    """Yellow with a red disc and a blue bar, antialiased, and some noise."""
+    y, x = np.mgrid[:256, :320] / 4
+    entry = np.where(np.hypot(x - 30, y - 30) < 18, 1, np.where(np.abs(y - 52) < 5, 2, 0))
+    fine = ink_colors(INKS)[entry]
+    pixels = fine.reshape(64, 4, 80, 4, 3).mean(axis=(1, 3))
+    noise = np.random.default_rng(1).normal(0, 0.02, pixels.shape)
+    return np.clip(pixels + noise, 0, 1).astype(np.float32)
+
+
+def inks_seen(raster) -> set:
+    """Colours of the pixels that are as their neighbours."""
+    levels = np.round(raster * 255).astype(int)
+    flat = maximum_filter(levels, (3, 3, 1)) == minimum_filter(levels, (3, 3, 1))
+    return {"#" + bytes(c.tolist()).hex() for c in levels[flat.all(axis=2)]}
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_file_and_raster_have_no_other_colour_and_are_close(markup, picture):
+    result = vectorize(picture, gaussians=40, iterations=150, inks=INKS, markup=markup)
+    assert inks_seen(rasterize(result.svg, 480, 384)) <= set(INKS.split(","))
+    assert metrics.psnr(rasterize(result.svg, 80, 64), picture) > 25
+    assert "Gradient" not in result.svg
+    assert "opacity" not in result.svg
+    assert result.report["inks"] == INKS
+    np.testing.assert_array_equal(read_svg(result.svg).inks, result.scene.inks)
+    changes = (np.diff(result.scene.color, axis=0) != 0).any(axis=1)
+    assert changes.sum() == result.scene.round_index[-1]
+
+
+def test_number_of_inks_is_chosen_for_the_picture_and_unseen_inks_are_named(picture):
+    result = vectorize(picture, gaussians=20, iterations=20, inks=3)
+    chosen = ink_colors(result.report["inks"])
+    distance = np.abs(chosen[:, None] - ink_colors(INKS)).max(axis=2).min(axis=1)
+    assert distance.max() < 0.1
+    assert {tuple(c) for c in result.scene.inks} == {tuple(c) for c in chosen}
+    more = vectorize(picture, gaussians=20, iterations=20, inks=f"#00ff00,#ff00ff,{INKS}")
+    said = "not used: #00ff00, #ff00ff of the inks"
+    assert any(note.startswith(said) for note in more.report["notes"])
+
+
+def test_bytes_and_psnr_are_held(picture):
+    small = vectorize(picture, max_bytes=1500, inks=INKS)
+    assert len(small.svg) <= 1500
+    assert small.scene.inks is not None
+    aimed = vectorize(picture, target_psnr=24, inks=INKS)
+    assert not aimed.report["unreached"]
+    assert aimed.report["psnr_svg"] > 23.9
+
+
+def test_transparent_picture_stays_transparent(picture):
+    alpha = np.ones((*picture.shape[:2], 1), np.float32)
+    alpha[:, 60:] = 0
+    result = vectorize(np.dstack([picture, alpha]), gaussians=40, iterations=60, inks=INKS)
+    assert result.scene.transparent
+    assert (result.raster[:, 64:, 3] < 0.1).mean() > 0.95
+    assert (result.raster[:, :56, 3] > 0.9).mean() > 0.9
+    assert {tuple(c) for c in result.scene.inks} <= {tuple(c) for c in ink_colors(INKS)}
+
+
+def test_reducible_error_is_what_another_ink_would_save_in_any_bands(picture, monkeypatch):
+    target, inks = target_of(picture, np.float32, "psnr"), Inks(ink_colors(INKS))
+    whole = inks.inked(picture)
+    monkeypatch.setattr("gauss2svg.fit.colors._BAND", 3 * picture.shape[1])
+    np.testing.assert_array_equal(inks.inked(picture), whole)
+    rendered = np.full_like(target.planar, 0.5)
+    residual = target.planar - inks.reducible(target, rendered)
+    best = ((picture[:, :, None] - inks.color) ** 2).sum(axis=3).min(axis=2)
+    saved = np.maximum(((picture - 0.5) ** 2).sum(axis=2) - best, 0)
+    np.testing.assert_allclose((residual**2).sum(axis=0), saved, atol=1e-5)
+    drawn = inks.nearest(picture.reshape(-1, 3)).reshape(picture.shape)
+    closest = np.moveaxis(drawn, -1, 0).astype(np.float32)
+    np.testing.assert_allclose(inks.reducible(target, closest), target.planar, atol=1e-6)
+
+
+def test_exchange_lowers_the_error_and_keeps_to_the_inks(picture):
+    population = Population(picture, fit_config(inks=INKS))
+    inks, target = population.inks, population.target
+    assert inks is not None
+    scene = random_scene(50, 80, 64, 5, (1, 8), (1, 8)).replace(opacity=np.ones(50))
+    state = State.of(scene.mean, np.zeros((50, 3)), 0, raw_opacity=np.full(50, 12.0))
+    population.state = state = state.quantized(scene)
+    state.color = inks.color[np.arange(50) % 3]
+    before = target.squares(population.splats())[0]
+    population.exchange(inks)
+    assert target.squares(population.splats())[0] < before
+    assert (state.color[:, None] == inks.color).all(axis=2).any(axis=1).all()
+
+
+def test_progress_has_decibels_against_the_picture_not_against_its_inks(picture):
+    inks, seen = INKS.split(",", 1)[1], []  # without the yellow of the most pixels
+
+    def look(now) -> None:
+        raster = render(now.scene())
+        seen.append((now.psnr, metrics.psnr(raster, picture)))
+
+    config = fit_config(gaussians=30, iterations=30, inks=inks)
+    FitSession(picture, config, progress=look).fit()
+    said, true = np.array(seen[-10:]).T
+    assert said.max() < 12  # 20 and more against the picture in these inks
+    np.testing.assert_allclose(said, true, atol=0.2)

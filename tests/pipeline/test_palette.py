@@ -1,0 +1,91 @@
+"""Properties of palettes: few gradients, which serve what shows, and change nothing else."""
+
+import numpy as np
+import pytest
+from conftest import random_scene, random_sum
+
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline.export import Exporter
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.outcome import Subject
+from gauss2svg.pipeline.palette import best_palette, quantize
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.render import render
+from gauss2svg.scene.falloff import half_radius
+from gauss2svg.svg.forms import is_plain
+from gauss2svg.svg.write import write_svg
+
+
+def test_a_palette_keeps_few_colours_and_gives_up_exponents_first():
+    color = np.repeat([[0.2, 0.4, 0.6], [1.0, 0.0, 0.0]], 10, axis=0)
+    beta = np.resize([1.0, 3.2], 20)
+    full, half = (best_palette(color, beta, np.ones(20), count) for count in (4, 2))
+    for colors, _, entry in (full, half):
+        assert (colors[entry] == np.round(color * 255) / 255).all()
+    assert (full[1][full[2]] == np.resize([1.0, 3.0], 20)).all()
+    assert len(half[1]) == 2
+
+
+def test_a_palette_serves_what_shows_within_its_size_and_the_error_allowed():
+    rng = np.random.default_rng(4)
+    color, beta = rng.random((2000, 3)), np.ones(2000)
+
+    def missed(weight, count, allowed=0.0):
+        colors, _, entry = best_palette(color, beta, weight, count, allowed)
+        assert len(colors) <= count
+        return np.sum((colors[entry] - color) ** 2, axis=1), len(colors)
+
+    seen = np.where(np.arange(2000) < 300, 1000.0, 0.1)
+    assert missed(seen, 64)[0][:300].sum() < 0.8 * missed(beta, 64)[0][:300].sum()
+    weight, counts = rng.random(2000) + 0.1, []
+    for allowed in (20.0, 2.0, 0.5):
+        squared, count = missed(weight, 2000, allowed)
+        assert 0.6 * allowed < weight @ squared <= allowed
+        counts.append(count)
+    assert counts == sorted(counts)
+    assert missed(weight, 50, 0.5)[1] <= 50
+    assert missed(weight, 2000, 1e-9)[1] == len(np.unique(np.round(color * 255), axis=0))
+
+
+def test_quantization_changes_nothing_but_exponents_extents_and_colours():
+    scene = random_scene(60, 120, 90, 7, sigma=(1.0, 20.0))
+    once = quantize(scene, palette=12)
+    for name in ("mean", "rho", "opacity", "round_index"):
+        assert (getattr(once, name) == getattr(scene, name)).all()
+    shaded = ~is_plain(scene)
+    assert (once.beta[~shaded] == scene.beta[~shaded]).all()
+    expected = scene.sigma * (half_radius(scene.beta) / half_radius(once.beta))[:, None]
+    np.testing.assert_allclose(once.sigma, expected)
+    assert len(np.unique(np.column_stack([once.beta, once.color])[shaded], axis=0)) <= 12
+    assert psnr(render(once), render(scene)) > 25
+
+
+def test_a_palette_of_signed_colours_keeps_signs_and_is_closer_the_larger_it_is():
+    scene = random_sum(200, 60, 44, 11)
+    kept, fewer = quantize(scene, palette=20), quantize(scene, palette=4)
+    assert len(np.unique(kept.color, axis=0)) == 20
+    assert kept.color.min() < -0.2 < 0.2 < kept.color.max()
+    np.testing.assert_array_equal(quantize(kept, palette=20).color, kept.color)
+    assert psnr(render(kept), render(scene)) > psnr(render(fewer), render(scene)) + 3
+    np.testing.assert_array_equal(quantize(scene, palette=200).color, scene.color)
+    coarse, fine = (quantize(scene, color_error=error) for error in (1e-2, 1e-3))
+    assert len(np.unique(coarse.color, axis=0)) < len(np.unique(fine.color, axis=0)) < 200
+    assert write_svg(kept).count("<radialGradient") <= 20
+
+
+@pytest.mark.parametrize("make", [random_scene, random_sum])
+def test_a_palette_has_the_colours_that_weigh_most(make):
+    """Of two equal shapes, the one whose pixels weigh more decides the colour that they share."""
+    scene = make(2, 64, 64, 0).replace(
+        mean=[[16, 32], [48, 32]], sigma=np.full((2, 2), 3.0), rho=[0, 0],
+        color=[[0.2] * 3, [0.8] * 3], opacity=[1, 1], beta=[1, 1],
+    )  # fmt: skip
+    weight = np.repeat([[1.8, 0.2]], 64, axis=0).repeat(32, axis=1)
+    one = quantize(scene, palette=1, weight=weight).color
+    np.testing.assert_allclose(one, 0.9 * 0.2 + 0.1 * 0.8, atol=0.005)
+    y, x = np.mgrid[:64, :64] // 4
+    photo = np.where((x + y) % 2 * (x > 7), 0.9, 0.1)[:, :, None].repeat(3, axis=2).astype("f4")
+    for tune, least, most in (("perceptual", 0.2, 0.35), ("psnr", 0.49, 0.51)):
+        given = {"gaussians": 2, "palette": 1, "tune": tune, "blend": scene.blend}
+        exporter = Exporter(Plan(Options.from_flat(given)), Subject.of(photo))
+        assert least < exporter.quantized(scene, None).color[0, 0] < most
