@@ -21,6 +21,7 @@ _STOPPED = {
     "gain": "more would improve it too little for --quality {quality}",
     "enough": "enough for --quality {quality}",
     "cap": "the maximum of --quality {quality}",
+    "start": "as many as in the scene of --start",
     **{score.option: f"the target {score.name} is reached" for score in TARGETS},
     "max_bytes": "the closest file within the size limit",
     "time_limit": "the time limit is reached",

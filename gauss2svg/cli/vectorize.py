@@ -30,6 +30,7 @@ from gauss2svg.scene.inks import MOST_INKS
 
 if TYPE_CHECKING:
     from gauss2svg.pipeline.vectorize import Result
+    from gauss2svg.scene import Scene
 
 _PROGRAM_START_S = time.perf_counter()  # start of the time that --time-limit limits
 
@@ -65,6 +66,9 @@ class InputFiles:
 
     focus: Path | None = None
     """Put more detail where this picture is white. It has the proportions of the photo."""
+
+    start: Path | None = None
+    """Refine the shapes of this scene (.npz) or SVG of gauss2svg, in place of a new fit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,8 +223,8 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
     inks = options.fit.inks
     if inks is not None:
         targets += extras.plates(inks if isinstance(inks, int) else str(inks).count(",") + 1)
-    mask = {} if extras.focus is None else {str(extras.focus): "the mask"}
-    files.check_outputs({photo: "the photo", **mask}, targets)
+    inputs = {photo: "the photo", extras.focus: "the mask", extras.start: "the scene"}
+    files.check_outputs({str(path): text for path, text in inputs.items() if path}, targets)
     check_svg_name("--output", output)
     for option, path in paths.items():
         name = f"--{option.replace('_', '-')}"
@@ -259,9 +263,18 @@ def _result(
     started = _PROGRAM_START_S if options.goal.time_limit is not None else None
     with watched(not extras.quiet) as progress:
         return vectorize_by(
-            options, source, focus=extras.focus, progress=progress, stop=interruption.should_stop,
-            started=started,
+            options, source, focus=extras.focus, start=_start(extras.start), progress=progress,
+            stop=interruption.should_stop, started=started,
         )  # fmt: skip
+
+
+def _start(path: Path | None) -> "Scene | None":
+    from gauss2svg.scene import Scene
+    from gauss2svg.svg.read import read_svg
+
+    if path is None:
+        return None
+    return Scene.load(path) if path.suffix.lower() == ".npz" else read_svg(path)
 
 
 def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:

@@ -8,6 +8,7 @@ in the target's colour at its mean, and keeps their position, size and direction
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from copy import copy
@@ -38,6 +39,9 @@ RELOCATED = 0.08  # share of the Gaussians that a relocation moves (docs/decisio
 BETA_PRICE = 0.06
 # Opacity above which a shape becomes opaque, which saves bytes (docs/decisions/fit.md).
 OPAQUE_FROM = 0.953
+# The optical flow that moves the shapes of a scene to another picture (docs/decisions/refine.md).
+FLOW_REDUCTION = 2  # divisor of the picture's width and height
+FLOW = {"radius": 15, "num_warp": 4}  # px of the windows, number of refinements of the flow
 
 AsWritten = Callable[[Scene, float], Scene]  # scene and its PSNR (dB) -> scene of its file
 Backup = tuple[State, SharedColors | None]
@@ -195,6 +199,31 @@ class Population:
         self.state = composited(scene, self.target, self.config.fit)
         self.round_index = int(self.state.round_index.max(initial=0))
 
+    def begin_with(self, scene: Scene) -> None:
+        """Begin with the shapes of a scene, scaled to the target, moved if that is closer to it.
+
+        The optical flow from the scene's render to the target moves each shape.
+        """
+        from skimage.registration import optical_flow_ilk  # slow to import, seldom needed
+
+        target, small = self.target, self._pyramid.reduced(FLOW_REDUCTION)
+        if self.inks is None and not (scene.transparent or target.is_transparent):
+            self.background = np.round(scene.background * 255) / 255
+        self.round_index = int(scene.round_index.max(initial=0))
+        size = small.width, small.height
+        state = State.of_scene(scene.scaled(size[0] / scene.width, size[1] / scene.height))
+        if not self.config.fit.learned_falloff:
+            state.raw_beta[:], state.drawn[:] = 0.0, SOFT
+        pictures = small.rendered(state.splats(self.background)), small.planar
+        # A row and a column more, because the flow of a single one is not defined.
+        grey = (np.pad(picture.mean(axis=0), (0, 1), "edge") for picture in pictures)
+        flow = optical_flow_ilk(*grey, **FLOW)
+        x, y = np.clip(state.mean.astype(np.intp), 0, np.array(size) - 1).T
+        moved = dataclasses.replace(state, mean=state.mean + flow[::-1, y, x].T)
+        factors = target.width / size[0], target.height / size[1]
+        states = [self._inked(one.scaled(*factors)) for one in (state, moved)]
+        self.state = min(states, key=lambda one: target.error(one.splats(self.background)))
+
     def densify_or_prune(self, count: int) -> None:
         """Add Gaussians where the error is, or remove the least useful, until there are `count`."""
         surplus = len(self) - count
@@ -281,6 +310,13 @@ class Population:
             state.raw_beta = self.inks.crisp_raw_betas(state.factor)
         return state
 
+    def _inked(self, state: State) -> State:
+        """In a fit to inks, make the shapes of the state opaque and of inks. Return the state."""
+        if self.inks is not None:
+            state.color, state.drawn[:] = self.inks.nearest(state.color), PLAIN
+            state.raw_opacity[:] = OPAQUE_LOGIT
+        return self._with_crisp_rims(state)
+
     def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
         if self.inks is not None:
             rendered = self.inks.reducible(self.target, rendered)
@@ -292,15 +328,11 @@ class Population:
         color = new.color
         if additive:
             color = color / self._overlap(new)[:, None]
-        if self.inks is not None:
-            color, opacity = self.inks.nearest(color), np.full(len(color), OPAQUE_LOGIT)
         added = State.of(
             new.mean, new.factor, self.round_index,
             raw_opacity=opacity, color=color, raw_beta=first_raw_betas(count, self.config.fit),
         )  # fmt: skip
-        if self.inks is not None:
-            added.drawn[:] = PLAIN
-        self.state = self._with_crisp_rims(self.state.append(added))
+        self.state = self.state.append(self._inked(added))
 
     def _overlap(self, new: NewGaussians) -> NDArray[np.float64]:
         """Return the sum (n,) of all new falloffs at each new mean, at least 1.

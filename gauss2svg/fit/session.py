@@ -50,10 +50,12 @@ STEPS_AVERAGED = 5
 
 # Reasons why a fit ended. iterations: all steps are done. gaussians: the count is 0. gain: another
 # round would gain less than the preset asks for. enough: the preset's PSNR is reached. cap: the
-# largest number of Gaussians is reached. interrupted: the caller stopped the fit. max_bytes,
-# time_limit: the option of this name ended growth. A run that meets a target reports that option.
+# largest number of Gaussians is reached. start: there are as many as in the scene that the run
+# started with. interrupted: the caller stopped the fit. max_bytes, time_limit: the option of this
+# name ended growth. A run that meets a target reports that option.
 STOP_REASONS = (
-    "iterations", "gaussians", "gain", "enough", "cap", "max_bytes", "time_limit", "interrupted",
+    "iterations", "gaussians", "gain", "enough", "cap", "start", "max_bytes", "time_limit",
+    "interrupted",
 )  # fmt: skip
 ADJUST_AT = (0.45, 0.55, 0.65)  # progress in refinement at which a policy may change the count
 
@@ -188,6 +190,19 @@ class FitSession:
             self.population.densify_or_prune(count)
             self.population.soften()
             self._refine(iterations, RESUME_AT, [], gently=True)
+
+    def refine(self, scene: Scene, count: int, iterations: int) -> None:
+        """Begin with the shapes of an alpha-composited scene, as `resize` changes and refines them.
+
+        Keep the shapes as they were if those are closer and not more than `count`.
+        """
+        population = self.population
+        with self._timed():
+            population.begin_with(scene)
+        before, psnr = population.backup(), population.psnr()
+        self.resize(count, iterations)
+        if len(before[0]) <= count and psnr > population.psnr():
+            population.restore(before)
 
     def adopt(self, scene: Scene, count: int) -> None:
         """Begin with the Gaussians of an additive scene, alpha-composited, filled up to `count`.

@@ -80,6 +80,18 @@ class State:
             age=np.zeros(count),
         )
 
+    @classmethod
+    def of_scene(cls, scene: Scene) -> State:
+        """Return the shapes of an alpha-composited scene, with Adam's moments of 0."""
+        raw: dict[str, Any] = {}
+        for parameter, form in STEPPED:
+            with np.errstate(divide="ignore"):  # the logits of opacities 0 and 1 are infinite
+                values = form.inverse(getattr(scene, parameter.name))
+            raw[form.name] = np.clip(values, form.least, form.most)
+        state = cls.of(scene.mean, scene.factor.reshape(-1, 4)[:, [0, 2, 3]], 0, **raw)
+        rounds, drawn = scene.round_index.copy(), scene.drawn.copy()
+        return dataclasses.replace(state, round_index=rounds, drawn=drawn)
+
     def __len__(self) -> int:
         return len(self.mean)
 

@@ -21,7 +21,7 @@ from gauss2svg.pipeline.limits import Limits
 from gauss2svg.pipeline.outcome import Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.scene import ADD
+from gauss2svg.scene import ADD, Scene
 
 # Corrections of a count (docs/decisions/monotone.md).
 CORRECTIONS = 5  # largest number of corrections
@@ -44,7 +44,6 @@ class ByCount:
     def run(self) -> Outcome:
         """Fit, write, and correct the count while it helps. Return the best file, measured."""
         plan, subject, limits, run = self._plan, self._subject, self._limits, self._run
-        steps = max(LEAST_STEPS, round(CORRECTION_SHARE * (plan.fit_config.iterations or 0)))
         exports = list[Export]()
         session, additive = self._fitted()
         self._phase = "correct"
@@ -58,7 +57,7 @@ class ByCount:
                 break
             if (wanted := limits.corrected(count, exports)) == count:
                 break
-            session.resize(wanted, steps)
+            session.resize(wanted, self._steps(CORRECTION_SHARE))
         best = limits.best(exports)
         limit = plan.goal.byte_limit
         if limit is not None and best.size > limit:
@@ -93,8 +92,26 @@ class ByCount:
         session = self._session(self._subject.working, config)
         if additive is not None:
             session.adopt(additive.scene, plan.fit_config.gaussians)
-        session.fit()
+        start = self._subject.start
+        if start and not session.population.target.is_blank:
+            self._refine(session, start)
+        else:
+            session.fit()
         return session, additive
+
+    def _refine(self, session: FitSession, start: Scene) -> None:
+        """Refine the shapes of a scene, after the count is the one asked for.
+
+        Without one it is the scene's. A change of the count by half takes all steps of the fit.
+        """
+        count = self._plan.fit_config.gaussians
+        if self._plan.goal.count_adapts:
+            count, self._policy.stop_reason = min(len(start), self._limits.expected), "start"
+        doublings = abs(math.log2(max(count, 1) / len(start)))
+        session.refine(start, count, self._steps(min(max(doublings, CORRECTION_SHARE), 1.0)))
+
+    def _steps(self, share: float) -> int:
+        return max(LEAST_STEPS, round(share * (self._plan.fit_config.iterations or 0)))
 
     def _session(self, pixels: NDArray[np.float32], config: FitConfig) -> FitSession:
         """Return a fit that reports its progress in the present phase of the search."""

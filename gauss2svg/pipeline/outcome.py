@@ -31,6 +31,7 @@ class Subject:
     canvas    width and height in px of the file, those of the photo before it was reduced
     document  document settings of the file
     focus     mask of where detail matters
+    start     scene with whose shapes a search by count begins
     """
 
     photo: NDArray[np.float32]
@@ -38,6 +39,7 @@ class Subject:
     canvas: tuple[int, int]
     document: Document = Document()
     focus: Focus | None = None
+    start: Scene | None = None
     _targets: dict[Tune, TargetPyramid] = field(default_factory=dict, init=False)
 
     @classmethod

@@ -155,6 +155,7 @@ class Plan:
     fit_side   longest side in px of the image that the fit runs on, None before the photo is read
     by_bytes   whether the search is by bytes, otherwise by count
     has_edges  whether the photo is a drawing with antialiased edges, False before it is read
+    starts     whether the run starts with a scene, with which no search by bytes can begin
     is_small   whether the photo has at most WHOLE_SIDE px a side, False before it is read
     Raise InputError or RendererError if options exclude each other.
     """
@@ -164,6 +165,7 @@ class Plan:
     by_bytes: bool = False
     has_edges: bool = False
     is_small: bool = False
+    starts: bool = False
 
     def __post_init__(self) -> None:
         check_together(self.options)
@@ -323,7 +325,7 @@ class Plan:
         plans = list[Plan]()
         options, svg = self.options, self.options.svg
         usual = options.densify == DensifyOptions() and options.fit.loss == DEFAULT_LOSS
-        usual = usual and options.fit.blend == OVER and not self.in_inks
+        usual = usual and options.fit.blend == OVER and not (self.in_inks or self.starts)
         usual = usual and svg.palette is svg.stops is svg.precision is None
         up_to = math.inf if self.has_edges or self.is_small else BY_BYTES_UP_TO
         by_bytes = usual and asked != EDITABLE and self._may_be_minimal and limit <= up_to

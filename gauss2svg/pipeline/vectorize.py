@@ -12,7 +12,7 @@ from typing import Any, Never
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, refusal
+from gauss2svg.errors import InputError, refusal, required
 from gauss2svg.files import write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import Scores, decibels
@@ -126,6 +126,7 @@ def vectorize(
     document: Document | None = None,
     run: RunOptions | None = None,
     focus: ImageSource | None = None,
+    start: Scene | None = None,
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
     **unknown: Never,
@@ -139,6 +140,7 @@ def vectorize(
     fit, densify, svg, document, run
               less common options. Each class documents its fields
     focus     mask of the photo's proportions, like image: white where detail matters
+    start     scene whose shapes are scaled to the photo and refined, in place of a new fit
     progress  function that is called with a Progress at every step. True shows a bar on a terminal,
               or the forming picture in a notebook. By default nothing is shown
     stop      function that is called after every step. True ends the run with the best result so
@@ -155,7 +157,7 @@ def vectorize(
     """
     options = Options.of_call(locals())
     with watched(progress) as callback:
-        return vectorize_by(options, image, focus=focus, progress=callback, stop=stop)
+        return vectorize_by(options, image, focus=focus, start=start, progress=callback, stop=stop)
 
 
 def vectorize_by(
@@ -163,6 +165,7 @@ def vectorize_by(
     image: ImageSource,
     *,
     focus: ImageSource | None = None,
+    start: Scene | None = None,
     progress: ProgressCallback | None = None,
     stop: Callable[[], bool] | None = None,
     started: float | None = None,
@@ -180,6 +183,9 @@ def vectorize_by(
     strength = options.fit.focus_strength
     if focus is None and strength is not None:
         raise refusal("focus_strength", "given with a mask", f"{strength:g}", "--focus mask.png")
+    if start is not None and ADD in (required(start, "start", Scene).blend, options.fit.blend):
+        got = f"a scene of {start.blend} for a file of {options.fit.blend}"
+        raise refusal("start", "alpha-composited, like the file", got, "--blend over for both")
     photo, load = _read(plan, run, image, may_reduce)
     mask = None if focus is None else load_focus(focus, strength, photo, options.run.max_pixels)
     measured = reduced(photo, load.measured)
@@ -187,9 +193,10 @@ def vectorize_by(
     if load.fit != load.measured:
         working = shrunk(pixels_of(photo), *load.fit[::-1], sharp=True)
     document = plan.options.document.of_photo(*photo.original_size, photo.dpi)
-    subject = Subject(pixels, working, photo.original_size, document, mask)
+    subject = Subject(pixels, working, photo.original_size, document, mask, start)
     del photo  # frees the photo's pixels, which may be many
-    plan = dataclasses.replace(plan, fit_side=max(load.fit)).for_picture(pixels)
+    plan = dataclasses.replace(plan, fit_side=max(load.fit), starts=start is not None)
+    plan = plan.for_picture(pixels)
     with run.compiled(plan.options.fit.blend):
         outcome = best_of(_outcomes(plan, run, subject), plan)
     subject.release()

@@ -124,6 +124,8 @@ MISTAKES = [
     ("PHOTO -o OUT --focus no.png", "focus must be a picture, but cannot read no.png"),
     ("PHOTO -o OUT --focus-strength 3", "--focus-strength must be given with a mask; got 3"),
     ("PHOTO -o OUT --focus FOLDER/m.png --preview FOLDER/m.png", "m.png, which is also the mask"),
+    ("PHOTO -o OUT --start no.svg", "cannot read no.svg"),
+    ("PHOTO -o OUT --start no.npz", "must be"),
     ("-o OUT", "the photo must be one file; got none. Try gauss2svg --help"),
     ("-", "--output must be given if the photo is standard input"),
     ("check a.svg", "SVG must be given; got none. Try gauss2svg check"),

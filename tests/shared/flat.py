@@ -21,7 +21,7 @@ BESIDE = {
     "per_round": {"gaussians": 100}, "round_iterations": {"gaussians": 100},
     "schedule": {"gaussians": 100}, "count_gzipped": {"max_bytes": 40_000},
 }  # fmt: skip
-_OF_A_CALL = ("focus", "progress", "stop", "started")
+_OF_A_CALL = ("focus", "start", "progress", "stop", "started")
 
 
 def vectorize(image: Any, **given: Any) -> Result:

@@ -1,0 +1,130 @@
+"""Properties of a run that starts with a scene: it is never worse, and cheaper than a new fit."""
+
+import numpy as np
+import pytest
+from flat import vectorize
+from PIL import Image
+from skimage import data
+
+from gauss2svg import Scene, read_svg
+from gauss2svg.cli.main import main
+from gauss2svg.errors import InputError
+
+NAMES = ("astronaut", "coffee", "chelsea")
+
+
+def frame(name: str, shift: int = 0, size: tuple[int, int] = (96, 72)) -> np.ndarray:
+    """A part of a picture of scikit-image that begins `shift` px of the photo further."""
+    box = (shift, shift // 2, shift + 320, shift // 2 + 240)
+    photo = Image.fromarray(getattr(data, name)())
+    return np.asarray(photo.resize(size, Image.Resampling.BOX, box))
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        {"gaussians": 120}, {"gaussians": 120, "tune": "psnr"}, {"gaussians": 120, "loss": "l1"},
+        {"gaussians": 120, "falloff": "gaussian"}, {"max_bytes": 9000, "markup": "editable"}, {},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_it_is_never_worse_than_the_file_that_it_starts_with(goal):
+    for name in NAMES:
+        photo = frame(name)
+        first = vectorize(photo, **goal)
+        for start in (first.scene, read_svg(first.svg)):
+            again = vectorize(photo, **goal, start=start)
+            assert again.report["psnr_svg"] >= first.report["psnr_svg"] - 0.01
+            assert again.report["gaussians"] <= goal.get("gaussians", np.inf)
+            assert again.report["svg_bytes"] <= goal.get("max_bytes", np.inf)
+
+
+def test_the_next_frame_is_as_close_as_a_new_fit_at_half_the_cost():
+    psnrs, pairs = [], []
+    for name in NAMES:
+        frames = [frame(name, shift, (192, 144)) for shift in (0, 7)]
+        start = vectorize(frames[0], gaussians=300).scene
+        results = [vectorize(frames[1], gaussians=300, start=one) for one in (None, start)]
+        psnrs.append([result.report["psnr_svg"] for result in results])
+        pairs.append([result.report["pixel_pairs"] for result in results])
+    psnr, pair = np.mean(psnrs, axis=0), np.sum(pairs, axis=0)
+    assert psnr[1] > psnr[0] - 0.2
+    assert pair[1] < 0.5 * pair[0]
+
+
+@pytest.mark.parametrize("count", [50, 120, 700])
+def test_shapes_are_added_or_removed_until_there_are_as_many_as_asked_for(count):
+    psnrs = []
+    for name in NAMES:
+        start = vectorize(frame(name), gaussians=120).scene
+        results = [vectorize(frame(name), gaussians=count, start=one) for one in (None, start)]
+        assert 0.97 * count <= results[1].report["gaussians"] <= count
+        psnrs.append([result.report["psnr_svg"] for result in results])
+    new, again = np.mean(psnrs, axis=0)
+    assert again > new - 0.2
+
+
+def test_shapes_are_scaled_to_the_photo_and_a_target_gets_more_of_them():
+    photo = frame("coffee")
+    start = vectorize(photo[::2, ::2], gaussians=60).scene
+    assert (start.width, start.height) == (48, 36)
+    kept = vectorize(photo, start=start).report
+    assert kept["stop_reason"] == "start"
+    assert 0.9 * 60 <= kept["gaussians"] <= 60
+    grown = vectorize(photo, target_psnr=kept["psnr_svg"] + 2, start=start).report
+    assert grown["psnr_svg"] > kept["psnr_svg"] + 1.9
+    assert grown["gaussians"] > 60
+
+
+def test_other_options_hold_for_the_shapes_of_the_start():
+    photo = frame("coffee")
+    start = vectorize(photo, gaussians=60).scene
+    assert (start.beta != 1).any()
+    assert (vectorize(photo, gaussians=60, falloff="gaussian", start=start).scene.beta == 1).all()
+    inks = vectorize(photo, gaussians=60, inks="#000,#fff,#a04818", start=start).scene.inks
+    assert inks is not None
+    assert len(inks) <= 3
+    mask = np.eye(72, 96) + np.eye(72, 96, 1) > 0
+    focused = vectorize(photo, gaussians=60, focus=mask, start=start).report
+    assert focused["psnr_svg_inside"] > vectorize(photo, gaussians=60).report["psnr_svg"]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (7, 5)])
+@pytest.mark.parametrize("channels", [3, 4])
+def test_any_scene_is_a_start_for_any_photo(shape, channels):
+    photo = np.random.default_rng(0).random((*shape, channels))
+    photo[..., 3:] = 0
+    empty = Scene(30, 20)
+    off = Scene(
+        9, 9, mean=[[-50, 1e6]], sigma=[[1, 1e5]], rho=[0.5], color=[[1, 0, 1]], opacity=[0]
+    )
+    for start in (empty, off):
+        assert np.isfinite(vectorize(photo, gaussians=3, start=start).raster).all()
+
+
+def test_the_command_starts_with_a_scene_or_with_an_svg(tmp_path, photo, refusal):
+    svg, npz, out, picture = (str(tmp_path / name) for name in ("a.svg", "a.npz", "b.svg", "a.png"))
+    Image.fromarray(np.uint8(photo[:48, :64] * 255)).save(picture)
+    quick = ["--gaussians", "30", "--iterations", "40", "--quiet"]
+    assert main([picture, "-o", svg, "--save-scene", npz, *quick]) == 0
+    for start in (svg, npz):
+        assert main([picture, "-o", out, "--start", start, *quick]) == 0
+        assert len(read_svg(out)) <= 30
+    assert "which is also the scene" in refusal(picture, "-o", svg, "--start", svg)
+    line = refusal(picture, "-o", out, "--start", npz, "--blend", "add")
+    assert "--start must be alpha-composited, like the file; got a scene of over for a file" in line
+
+
+@pytest.mark.parametrize(
+    ("start", "line"),
+    [
+        ("a.svg", "start must be a Scene; got str"),
+        (
+            Scene(9, 9, *(np.zeros((0, 2)),) * 2, blend="add"),
+            "got a scene of add for a file of over",
+        ),
+    ],
+)
+def test_a_start_that_is_no_alpha_composited_scene_is_refused(start, line):
+    with pytest.raises(InputError, match=line):
+        vectorize(frame("coffee"), start=start)
