@@ -18,6 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import film
 import matplotlib.pyplot as plt
 import numpy as np
 from common import (
@@ -58,6 +59,7 @@ from gauss2svg import (
     Document,
     FitOptions,
     Progress,
+    Result,
     Scene,
     outline_svg,
     placeholder,
@@ -116,6 +118,16 @@ def focus() -> Figure:
     scores = ": face {psnr_svg_inside:.1f} dB, rest {psnr_svg_outside:.1f}"
     titles = [said(r, name + scores) for r, name in zip(found, ("without", "with"), strict=True)]
     return tiles(pictures, [*titles, "", ""], columns=2)
+
+
+def refine() -> Figure:
+    """Return frames of a film, each refined from the frame before it."""
+    results = list[Result]()
+    for frame in film.frames("coffee"):
+        start = results[-1].scene if results else None
+        results.append(vectorize(frame, gaussians=1000, start=start))
+    titles = [said(results[k], f"frame {k + 1}: {{psnr_svg:.1f}} dB") for k in (0, 1, 9)]
+    return tiles([results[k].raster for k in (0, 1, 9)], titles, columns=3)
 
 
 def editors() -> Figure:
@@ -483,9 +495,9 @@ def readme(_: Path) -> None:
 OF_START = {f.__name__: f for f in (start, results, readme, gallery)}
 FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
     **{f.__name__.replace("_", "-"): f for f in (
-        sizes, decibels, logos, inks, focus, editors, presets, placeholders, webp, drawings, counts,
-        progressive_fit, layers, forming, scenes, printed, traced, plotters, transparent,
-        interrupted, model, gaussian_count, writing_svg, additive_blending, extremes, studio,
+        sizes, decibels, logos, inks, focus, refine, editors, presets, placeholders, webp, drawings,
+        counts, progressive_fit, layers, forming, scenes, printed, traced, plotters,
+        transparent, interrupted, model, gaussian_count, writing_svg, additive_blending, extremes, studio,
     )},
     "errors": errors_map,
 }  # fmt: skip
