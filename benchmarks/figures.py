@@ -497,7 +497,8 @@ FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
     **{f.__name__.replace("_", "-"): f for f in (
         sizes, decibels, logos, inks, focus, refine, editors, presets, placeholders, webp, drawings,
         counts, progressive_fit, layers, forming, scenes, printed, traced, plotters,
-        transparent, interrupted, model, gaussian_count, writing_svg, additive_blending, extremes, studio,
+        transparent, interrupted, model, gaussian_count, writing_svg, additive_blending, extremes,
+        studio,
     )},
     "errors": errors_map,
 }  # fmt: skip
