@@ -104,9 +104,11 @@ class ByCount:
 
         Without one it is the scene's. A change of the count by half takes all steps of the fit.
         """
-        count = self._plan.fit_config.gaussians
-        if self._plan.goal.count_adapts:
-            count, self._policy.stop_reason = min(len(start), self._limits.expected), "start"
+        plan, limits, count = self._plan, self._limits, self._plan.fit_config.gaussians
+        if plan.only_time_limits and plan.goal.count is None:  # the shapes take no time to add
+            limits.expected = len(start)
+        if plan.goal.count_adapts:
+            count, limits.stop_reason = min(len(start), limits.expected), "start"
         doublings = abs(math.log2(max(count, 1) / len(start)))
         session.refine(start, count, self._steps(min(max(doublings, CORRECTION_SHARE), 1.0)))
 
