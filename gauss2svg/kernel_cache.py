@@ -44,7 +44,7 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         if cache_path is None:
             _lost = True
         elif not _config.DISABLE_JIT:  # otherwise njit returns the function itself
-            dispatcher._cache = KernelCache(function, cache_path)
+            dispatcher._cache = KernelCache(function, cache_path, options.get("_nrt", True))
         return dispatcher
 
     return compiled
@@ -116,9 +116,10 @@ class KernelCache:
     (docs/decisions/start.md). With this class, only a compilation imports these modules.
     """
 
-    def __init__(self, function: Callable[..., Any], cache_path: Path) -> None:
+    def __init__(self, function: Callable[..., Any], cache_path: Path, allocates: bool) -> None:
         assert function.__closure__ is None  # the digest covers files, not values of a closure
         module = Path(function.__code__.co_filename)
+        self._allocates = allocates
         self.cache_path = cache_path  # numba's statistics read this attribute
         self._name = f"{module.stem}.{function.__name__}"
         line = function.__code__.co_firstlineno
@@ -126,7 +127,8 @@ class KernelCache:
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
         """Return the saved code for these argument types, or None if no code can be read."""
-        rtsys.initialize(target_context)  # numba's array allocator, to which saved code links
+        if self._allocates:
+            rtsys.initialize(target_context)  # numba's array allocator, to which saved code links
         try:
             fields = pickle.loads(self._file(sig, target_context.codegen()).read_bytes())
         except (OSError, EOFError, pickle.UnpicklingError):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit import FitOptions
 from gauss2svg.fit.target import Target
-from gauss2svg.kernel_cache import cached
+from gauss2svg.render.tiles import kernel
 from gauss2svg.without_scipy import smoothed
 
 _PIXEL_VARIANCE = 1 / 12  # px^2, variance of positions within a pixel
@@ -251,16 +251,25 @@ def _oriented(
     return np.stack([l11, l21, major * minor / l11], axis=1).astype(np.float64)
 
 
-@cached(nogil=True)
-def components_of(levels):  # numba kernel
+def components_of(levels: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return for each pixel of levels (h, w) the number (h, w) of its component.
 
     A component's pixels have one level and touch along sides or at corners. Components are numbered
     from 1 in the order of their first pixels, row by row. Pixels of level 0 have number 0.
     """
+    numbers = np.zeros(levels.shape, np.int64)
+    _number_components(levels, np.zeros(levels.size, np.int64), numbers)
+    return numbers
+
+
+@kernel
+def _number_components(levels, parent, numbers):
+    """Write the numbers of components_of (h, w), which are 0 on entry.
+
+    parent (h w,) is a buffer of the union-find, 0 on entry. For each pixel it has an earlier pixel
+    of its component, or the pixel itself.
+    """
     height, width = levels.shape
-    # Union-find: for each pixel an earlier pixel of its component, or the pixel itself.
-    parent = np.zeros(height * width, np.int64)
     for y in range(height):
         for x in range(width):
             level = levels[y, x]
@@ -282,7 +291,6 @@ def components_of(levels):  # numba kernel
                 else:
                     parent[other] = root
             parent[at] = root
-    numbers = np.zeros((height, width), np.int64)
     count = 0
     for y in range(height):
         for x in range(width):
@@ -298,4 +306,3 @@ def components_of(levels):  # numba kernel
                 numbers[y, x] = count
             else:
                 numbers[y, x] = numbers[root // width, root % width]
-    return numbers

@@ -72,7 +72,7 @@ def _errors_of_whole_rows(
                 continue
             value = load(color, j) + load(remaining, y * TILE_WIDTH) * ground
             store(out, at, value)
-            if mode in (SQUARED_ERROR, REMOVAL):
+            if mode == SQUARED_ERROR or mode == REMOVAL:
                 error = value - load(image, at)
                 squares += total(error * error)
                 if mode == SQUARED_ERROR:
@@ -103,7 +103,7 @@ def _errors_of_tile(
                     gradient[channel, y, x] = image[channel, y0 + y, x0 + x]
                 else:
                     out[channel, y0 + y, x0 + x] = value
-                if mode in (SQUARED_ERROR, REMOVAL):
+                if mode == SQUARED_ERROR or mode == REMOVAL:
                     error = value - image[channel, y0 + y, x0 + x]
                     squares += error * error
                     if mode == SQUARED_ERROR:
@@ -150,7 +150,7 @@ def walk_tiles(
         loss[tile] = _errors_of_tile(
             mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
         )
-        if mode in (SQUARED_ERROR, GIVEN_GRADIENT):
+        if mode == SQUARED_ERROR or mode == GIVEN_GRADIENT:
             for y in range(TILE_HEIGHT):
                 for x in range(TILE_WIDTH):
                     behind[0, y, x] = (
