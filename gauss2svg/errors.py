@@ -1,11 +1,14 @@
-"""Exceptions, and the wording of their messages: one line that says what to try."""
+"""The exceptions of gauss2svg, and functions that put their messages together.
+
+A message is one line. It often ends with advice on what to try.
+"""
 
 from __future__ import annotations
 
 from typing import Any, TypeVar
 
 _Kind = TypeVar("_Kind")
-_MAX_LENGTH = 200  # largest number of characters of a value in an error message
+_MAX_LENGTH = 200  # a longer value is cut to this number of characters in an error message
 
 
 class Gauss2SvgError(Exception):
@@ -20,7 +23,7 @@ class InputError(Gauss2SvgError, ValueError):
 
 
 class SceneError(Gauss2SvgError, ValueError):
-    """A scene whose arrays disagree in shape or leave their ranges."""
+    """A scene whose arrays do not have matching shapes, or have values outside of their ranges."""
 
 
 class RendererError(Gauss2SvgError, RuntimeError):
@@ -36,13 +39,13 @@ class OutputError(Gauss2SvgError, OSError):
 
 
 class ClusterError(Gauss2SvgError, RuntimeError):
-    """A scheduler that does not answer or is lost, or workers that cannot run the jobs."""
+    """A scheduler that does not answer or was lost, or workers that cannot run the jobs."""
 
 
 def refusal(name: str, needed: str, got: str, advice: str = "") -> InputError:
     """Return the error "NAME must be NEEDED; got GOT. Try ADVICE" for a value that cannot be used.
 
-    Pass text of users through `quoted` or `brief` first.
+    If `got` contains text from a user, pass the text through `quoted` or `brief` first.
     """
     return InputError(f"{name} must be {needed}; got {got}" + (f". Try {advice}" if advice else ""))
 
@@ -64,7 +67,7 @@ def quoted(value: Any) -> str:
     """Return the repr of a value for an error message, on one line and shortened."""
     try:
         return brief(" ".join(repr(plain_scalar(value)).split()))
-    except Exception:  # a method of the value failed, so the message names its type only
+    except Exception:  # a method of the value failed, so the message has only the type's name
         return type(value).__name__
 
 
@@ -81,12 +84,18 @@ def plain_scalar(value: Any) -> Any:
 
 
 def instance(value: _Kind | None, name: str, kind: type[_Kind]) -> _Kind:
-    """Return `value`, or `kind()` if it is None. Raise InputError if it is not a `kind`."""
+    """Return `value`, or a new instance of the class `kind` if the value is None.
+
+    Raise InputError if the value is an instance of another class.
+    """
     return kind() if value is None else required(value, name, kind)
 
 
 def required(value: Any, name: str, kind: type[_Kind]) -> _Kind:
-    """Return `value`. Raise InputError with `name` if it is not a `kind`."""
+    """Return `value`. Raise InputError if it is not an instance of the class `kind`.
+
+    name  name of the value in the error message
+    """
     if not isinstance(value, kind):
         raise refusal(name, f"a {kind.__name__}", type(value).__name__)
     return value

@@ -1,4 +1,4 @@
-"""Read regular files only, and write files whole or not at all, never over an input.
+"""Read regular files only. Write each file completely or not at all, and never over an input.
 
 This module also handles standard streams and patterns of file names.
 """
@@ -36,7 +36,8 @@ _Name = TypeVar("_Name", str, Path, FileName)
 _DEVICE = re.compile(
     r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9¹²³]) *([.:]|$)", re.IGNORECASE
 )
-# Pauses (s) between attempts to rename on Windows, where virus scanners hold new files open.
+# Pauses (s) between attempts to rename a file on Windows, where virus scanners keep new files open
+# for a short time.
 _PAUSES_S = (0.01, 0.03, 0.1, 0.3, 1.0)
 _NOT_BLOCKING, _BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
 
@@ -44,8 +45,9 @@ _NOT_BLOCKING, _BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0
 def expanded(names: Iterable[str]) -> list[str]:
     """Return file names, with each pattern such as *.jpg replaced by the files that match it.
 
-    Shells of Windows leave patterns to programs. A name that exists is not a pattern. Raise
-    InputError for a pattern that matches nothing.
+    This is needed on Windows, where shells pass patterns to programs unchanged. A name with
+    wildcards is not a pattern if there is a file of exactly that name. Raise InputError for a
+    pattern that matches nothing.
     """
     paths: list[str] = []
     for name in names:
@@ -58,13 +60,13 @@ def expanded(names: Iterable[str]) -> list[str]:
 
 
 def is_pattern(name: str) -> bool:
-    """Return whether a name has wildcards, and is not the name of a file that exists."""
+    """Return whether a name has wildcards and there is no file with exactly this name."""
     return PATTERN.search(name) is not None and not os.path.lexists(name)
 
 
 def standard_stream(stream: Any, name: str) -> IO[bytes]:
-    """Return the binary stream under sys.stdin or sys.stdout. Raise InputError if it is closed."""
-    if stream is None:  # Python's value for a closed descriptor
+    """Return the binary stream of sys.stdin or sys.stdout. Raise InputError if it is closed."""
+    if stream is None:  # Python sets sys.stdin or sys.stdout to None if its descriptor is closed
         raise refusal(f"standard {name}", "open", "a closed stream", "a file name instead of -")
     return stream.buffer
 
@@ -80,7 +82,8 @@ def write_output(data: bytes) -> None:
 def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
     """Open a regular file for reading. Raise InputError, with advice, if it cannot be read.
 
-    Pipes and devices are refused unread, because a pipe that nobody writes to blocks for ever.
+    Pipes and devices are refused before they are read, because reading a pipe to which nobody
+    writes would wait for ever.
     """
     try:
         descriptor = os.open(path, os.O_RDONLY | _NOT_BLOCKING | _BINARY)
@@ -88,7 +91,8 @@ def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
             os.close(descriptor)
             raise OSError(errno.EINVAL, "it is a pipe or a device, not a regular file")
     except (OSError, ValueError) as error:
-        # Windows reports "permission denied" for a folder, and other systems open it.
+        # A folder needs an error message of its own, because Windows reports only "permission
+        # denied" for it, and other systems open it without an error.
         is_folder = os.path.isdir(path)
         reason = "it is a folder, not a regular file" if is_folder else reason_of(error)
         name = os.fsdecode(path)
@@ -98,17 +102,18 @@ def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
 
 
 def check_writable(path: FileName) -> None:
-    """Raise OutputError if no file can be written at `path`. Change no existing file."""
+    """Raise OutputError if no file can be written at `path`. No existing file is changed."""
     target, problem = Path(path), ""
     with writing(target):
         _refuse_device(target)
-        _mode_of(target)  # raises OSError for circular links, which exists() reports as missing
+        # This raises OSError for circular links. exists() would say that the file does not exist.
+        _mode_of(target)
         if target.is_dir():
             problem = "it is a folder. Try a file name"
         elif target.exists() and not os.access(target, os.W_OK):
             problem = "it is read-only. Try another name"
         elif sys.platform == "win32" and target.is_file():
-            replace(target, target)  # fails while a program has the file open
+            replace(target, target)  # raises OSError if a program has the file open
         elif not target.exists() or target.is_file():
             with tempfile.TemporaryFile(dir=os.path.dirname(os.path.realpath(target))):
                 pass
@@ -118,7 +123,10 @@ def check_writable(path: FileName) -> None:
 
 @contextmanager
 def writing(target: Path, verb: str = "write") -> Iterator[None]:
-    """Turn an error in the block into an OutputError: `target` cannot be written."""
+    """Turn an OSError or ValueError of the with block into an OutputError.
+
+    The message says "cannot `verb` `target`", then the reason and advice.
+    """
     try:
         yield
     except (OSError, ValueError) as error:
@@ -133,34 +141,38 @@ def make_folder(folder: Path) -> None:
 
 
 def write_atomically(path: FileName, data: bytes) -> None:
-    """Write a file so that an interruption leaves either the old file or the whole new one.
+    """Write a file so that an interruption leaves either the old file or the complete new one.
 
-    The new file is written beside the target and renamed. The permissions of an existing file are
-    kept, and a symbolic link stays a link. Other hard links keep the old content. Raise OutputError
-    if the file cannot be written.
+    The new file is written beside the target and then renamed. The permissions of an existing file
+    are kept, and a symbolic link stays a link. If the old file has other hard links, these still
+    lead to the old content. Raise OutputError if the file cannot be written.
     """
     write_all_atomically({path: data})
 
 
 def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
-    """Write each file as write_atomically does, and rename none before all are on the disk.
+    """Write files as write_atomically does, but rename none of them before all are on the disk.
 
-    So no old file is changed if the disk is full. The files are renamed one by one. If a rename
-    fails or is interrupted, the files before it are new and the others are old. Pipes and devices
-    cannot be replaced by a rename, so they are written just before the renames. Raise OutputError
-    for the first file that cannot be written.
+    If the disk is full, all old files are therefore unchanged. The files are renamed one by one.
+    If a rename fails or is interrupted, the files that were renamed before are new, and the others
+    are old. Pipes and devices cannot be replaced by a rename, so they are written just before the
+    renames. Raise OutputError for the first file that cannot be written.
     """
     for path in files:
         check_writable(path)
-    parts: dict[Path, Path] = {}  # temporary path of each regular file -> final path
+    parts: dict[Path, Path] = {}  # {temporary path of a regular file: its final path}
     contents = [(Path(name), data) for name, data in files.items()]
     try:
         for target, data in contents:
             with writing(target):
                 if not target.exists() or target.is_file():
-                    real = Path(os.path.realpath(target))  # a link stays, its target is replaced
+                    # If the target is a symbolic link, the file to which it leads is replaced, and
+                    # the link stays.
+                    real = Path(os.path.realpath(target))
                     part = real.with_name(f".{real.name[:40]}.{secrets.token_hex(6)}")
-                    parts[part] = real  # noted before the part exists, to be removed always
+                    # The part is added to `parts` before it exists, so that it is removed even if
+                    # writing it fails.
+                    parts[part] = real
                     _write_new(part, data, _mode_of(real))
         for target, data in contents:
             with writing(target):
@@ -172,12 +184,12 @@ def write_all_atomically(files: Mapping[_Name, bytes]) -> None:
                 replace(part, target)
     finally:
         for part in parts:
-            with suppress(OSError):  # a renamed part no longer exists
+            with suppress(OSError):  # a part that was renamed no longer exists
                 os.unlink(part)
 
 
 def replace(source: FileName, target: FileName) -> None:
-    """Rename a file over another. On Windows retry for 1.4 s while a program holds a file open."""
+    """Rename a file over another. On Windows, retry for 1.4 s if a program has one of them open."""
     if sys.platform == "win32":
         for pause in _PAUSES_S:
             try:
@@ -188,21 +200,22 @@ def replace(source: FileName, target: FileName) -> None:
 
 
 def is_device(name: str) -> bool:
-    """Return whether Windows reads a file name as that of a device: con, aux.svg, COM1.txt."""
+    """Return whether Windows takes a file name for the name of a device: con, aux.svg, COM1.txt."""
     return _DEVICE.match(name) is not None
 
 
 def _refuse_device(path: Path) -> None:
-    # The device nul is allowed. Users name it in order to discard an output.
+    # The device nul is allowed, because users name it in order to discard an output.
     if sys.platform == "win32" and is_device(path.name) and path.name.lower() != "nul":
         raise OSError(errno.EINVAL, "Windows takes the name for that of a device")
 
 
 def write_whole(path: Path, data: bytes, part: Path, sync: bool = True) -> None:
-    """Write a new file `part`, and rename it to `path` on the same disk. Raise OutputError.
+    """Write a new file `part`, and rename it to `path`, which must be on the same disk.
 
-    Unlike write_atomically, check nothing beforehand and keep no permissions. This is for many
-    files that only this program writes. Without `sync`, a power cut may leave an empty file.
+    Unlike write_atomically, this function checks nothing beforehand and does not keep permissions.
+    It is meant for large numbers of files that only this program writes. Without `sync`, a power
+    cut may leave an empty file. Raise OutputError if the file cannot be written.
     """
     try:
         with writing(path):
@@ -210,7 +223,7 @@ def write_whole(path: Path, data: bytes, part: Path, sync: bool = True) -> None:
             _write_new(part, data, None, sync)
             replace(part, path)
     except BaseException:
-        with suppress(OSError, ValueError):  # the part might not exist
+        with suppress(OSError, ValueError):  # raised if `part` was not created
             part.unlink()
         raise
 
@@ -224,9 +237,13 @@ def _mode_of(target: Path) -> int | None:
 
 
 def _write_new(path: Path, data: bytes, mode: int | None, sync: bool = True) -> None:
-    """Create a file with permissions `mode`, or the usual ones if None. Flush it if `sync`."""
+    """Create a file with the permissions `mode`, or with the usual permissions if `mode` is None.
+
+    If `sync` is True, return only when the file is on the disk.
+    """
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
-    # With a `mode`, the file is private until it has its final permissions.
+    # The permissions `mode` are set only when the file is complete. Until then, only this user can
+    # read the file.
     descriptor = os.open(path, flags, 0o666 if mode is None else 0o600)
     try:
         _write_all(descriptor, data)
@@ -245,25 +262,29 @@ def _write_all(descriptor: int, data: bytes) -> None:
 
 
 def folds_case(folder: FileName) -> bool:
-    """Return whether a folder ignores case. Raise OutputError if that cannot be tested."""
+    """Return whether a folder ignores case in file names.
+
+    Raise OutputError if no file can be written for the test.
+    """
     with writing(Path(folder)), tempfile.NamedTemporaryFile(dir=folder, prefix=".aA") as probe:
         parent, name = os.path.split(probe.name)
         return os.path.exists(os.path.join(parent, name.swapcase()))
 
 
 def reason_of(error: BaseException) -> str:
-    """Return why a file cannot be read or written, on one line."""
+    """Return the reason why a file cannot be read or written, as one line of text."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return on_one_line(text).strip().rstrip(".")[:300]
 
 
 def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
-    """Refuse outputs that cannot be written or would overwrite an input or each other.
+    """Raise InputError if an output is the same file as an input or as another output.
 
-    inputs  file name -> description for the error: {"photo.jpg": "the photo"}. The name - stands
-            for standard input
+    Raise OutputError if an output cannot be written.
 
-    Raise InputError for a clash, and OutputError for a target that cannot be written.
+    inputs   {file name: its description in error messages}, such as {"photo.jpg": "the photo"}. The
+             name - stands for standard input.
+    targets  paths of the outputs
     """
     descriptions = dict(inputs)
     for target in map(os.fspath, targets):
@@ -277,7 +298,10 @@ def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
 
 
 def _is_same_file(name: str, other: str) -> bool:
-    """Return whether two names name one file, by links or because the folder ignores case."""
+    """Return whether two names stand for the same file.
+
+    Two different names can stand for one file because of links, or because the folder ignores case.
+    """
     if name == STANDARD_STREAM:
         return _is_standard_input(other)
     try:
@@ -287,9 +311,10 @@ def _is_same_file(name: str, other: str) -> bool:
         if os.path.lexists(first) and os.path.lexists(second):
             return os.path.samefile(first, second)
     except (OSError, ValueError):
-        return False  # reading or writing the file will raise the error
-    # At most one file exists, so compare names. They name one file if they differ only in case and
-    # the file system ignores case.
+        return False  # the error will be raised when the file is read or written
+    # Two files that exist were compared above. Here at most one of them exists, so only their names
+    # can be compared. Names that differ only in case stand for the same file if the file system
+    # ignores case.
     return first.casefold() == second.casefold() and folds_case(os.path.dirname(second))
 
 
@@ -298,8 +323,8 @@ def _is_standard_input(path: str) -> bool:
     try:
         status = os.fstat(sys.stdin.fileno())
         return stat.S_ISREG(status.st_mode) and os.path.samestat(status, os.stat(path))
-    except (AttributeError, OSError, ValueError):  # no open standard input, or no file at path
-        return False
+    except (AttributeError, OSError, ValueError):
+        return False  # standard input is closed, or there is no file at this path
 
 
 def saved(save: Callable[[BinaryIO], object]) -> bytes:
@@ -319,5 +344,5 @@ def as_png(pixels: NDArray[np.floating]) -> bytes:
 
 
 def as_json(report: Mapping[str, Any]) -> bytes:
-    """Return a report as indented JSON. Raise ValueError for infinity and NaN."""
+    """Return a report as indented JSON. Raise ValueError if it has infinity or NaN."""
     return (json.dumps(report, indent=2, allow_nan=False) + "\n").encode()

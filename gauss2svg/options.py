@@ -1,4 +1,4 @@
-"""Option classes. The annotation of a field states once which values the field may hold.
+"""Classes of options. The annotation of a field says which values the field may have.
 
     @dataclass(frozen=True, kw_only=True)
     class FitOptions(OptionGroup):
@@ -6,12 +6,13 @@
         '''Factor by which every learning rate is multiplied.'''
 
 The type in an annotation is bool, int, float, a Literal, or a union of these, with None if the
-option may be None. `Annotated` adds a range (Interval), a text with values to try, or for any other
-type a function (name, value) that returns the value to store.
+option may be None. `Annotated` may add a range (Interval), and a text with values to try, which
+error messages show. For an option of any other type, `Annotated` adds a function (name, value),
+which checks a value and returns the value to store.
 
 The Python call, the command line, the studio's form and requests, the axes of the benchmark, the
-report and the reference all come from these classes. cyclopts makes the command line from the
-annotations, the defaults and the texts under the fields.
+report and the reference documentation all take the options from these classes. cyclopts makes the
+command line from the annotations, the defaults and the texts under the fields.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from gauss2svg.errors import InputError, plain_scalar, quoted, refusal
 
 Renderer = Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"]
 Seed = Annotated[int, Interval(ge=0, le=2**63 - 1)]
-_MAX_INT = 2**31 - 1  # upper bound of a whole number whose annotation has no bound
+_MAX_INT = 2**31 - 1  # largest value of an int option whose annotation has no upper bound
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 _SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([kmg]?)b?", re.IGNORECASE)
 _NUMBERS: Any = (numbers.Number, decimal.Decimal)
@@ -48,12 +49,12 @@ class Field:
     """The rule for the values of an option or another argument.
 
     name         name in error messages
-    kind         bool, int or float; None if `words` or `check` decide alone
+    kind         bool, int or float. None if only `words` or `check` decide which values are allowed
     least, most  range of an int or a float
-    is_above     whether the value must be larger than `least`, not equal to it
+    is_above     True if the value must be larger than `least`. If False, it may also be equal.
     words        values that are also allowed, such as "auto"
-    check        function (name, value), called for any value that is not in `words`. It returns the
-                 value to store, or raises InputError
+    check        function (name, value), which is called for any value that is not in `words`. It
+                 returns the value to store, or raises InputError.
     is_optional  whether None is allowed
     advice       values to try, for error messages
     default      default of the option
@@ -71,14 +72,14 @@ class Field:
     default: Any = None
 
     def checked(self, value: Any) -> Any:
-        """Return the value to store. Raise InputError with the name if `value` is refused."""
+        """Return `value` as the option stores it. Raise InputError if it is not allowed."""
         if value is None and self.is_optional:
             return None
         try:
             accepted = self._accepted(plain_scalar(value))
         except InputError:
             raise
-        except Exception as error:  # methods of the value may raise anything
+        except Exception as error:  # methods of the value may raise any exception
             raise self._refusal(value) from error
         if accepted is None:
             raise self._refusal(value)
@@ -87,7 +88,8 @@ class Field:
     def parsed(self, text: str) -> Any:
         """Return the value that a text stands for. Raise InputError if it is not valid."""
         value: Any = {str(word): word for word in self.words}.get(text, text)
-        with suppress(ValueError):  # `checked` refuses a text that is no number
+        # If the text is not a number, `value` stays a text, and `checked` raises the InputError.
+        with suppress(ValueError):
             if self.kind is bool:
                 value = _BOOLS.get(text, text)
             # isdecimal() is needed, because int() would also accept " 1_0".
@@ -99,11 +101,11 @@ class Field:
 
     @property
     def choices(self) -> tuple[Any, ...]:
-        """All values of the option, or () if they cannot be listed."""
+        """All allowed values of the option, or () if they cannot be listed."""
         return (False, True) if self.kind is bool else self.words if self.kind is None else ()
 
     def _accepted(self, value: Any) -> Any:
-        """Return the value to store, or None if it is refused."""
+        """Return `value` as the option stores it, or None if it is not allowed."""
         for word in self.words:
             if word == value and isinstance(value, type(word)):
                 return word
@@ -115,7 +117,7 @@ class Field:
             return value if self.kind is bool and isinstance(value, bool) else None
         if self.kind is int:
             number = operator.index(value)
-        else:  # only numbers, because float() would also accept texts
+        else:  # float() would also accept a text, so the type is tested before
             number = float(value) if isinstance(value, _NUMBERS) else math.nan
         is_large = self.least < number if self.is_above else self.least <= number
         return number if is_large and number <= self.most else None
@@ -139,7 +141,10 @@ class Field:
 
 
 class OptionGroup:
-    """Base of frozen, keyword-only dataclasses of options. It checks and stores their values."""
+    """Base class of the dataclasses of options. It checks the values of each new instance.
+
+    The dataclasses are frozen and keyword-only.
+    """
 
     def __post_init__(self) -> None:
         for field in fields_of(type(self)):
@@ -148,7 +153,7 @@ class OptionGroup:
 
 @cache
 def fields_of(group: type[OptionGroup]) -> tuple[Field, ...]:
-    """Return the Field of each option of a group, in order."""
+    """Return the Field of each option of a group, in the order of the class."""
     hints = get_type_hints(group, include_extras=True)
     fields = dataclasses.fields(group)  # pyright: ignore[reportArgumentType]
     return tuple(field_of(field.name, hints[field.name], field.default) for field in fields)
@@ -191,16 +196,17 @@ def _types_and_metadata(hint: Any) -> tuple[list[Any], list[Any]]:
 
 
 def byte_size(name: str, value: Any) -> int:
-    """Return the bytes of a size: 150000, "150000", "150k", "1.5M", "150 kB". Units are decimal.
+    """Return a size as a number of bytes. A kB has 1000 bytes.
 
-    Raise InputError with the option's name for anything else, and for less than one byte.
+    The size is an int or a text: 150000, "150000", "150k", "1.5M", "150 kB". Raise InputError with
+    the name of the option for anything else, and for less than one byte.
     """
     size = 0.0
     if isinstance(value, str):
         match = _SIZE.fullmatch(value.strip())
         size = float(match[1]) * _UNITS[match[2].lower()] if match else 0.0
     elif not isinstance(value, bool):
-        with suppress(Exception):  # methods of the value may raise anything
+        with suppress(Exception):  # methods of the value may raise any exception
             size = operator.index(value)
     if not 1 <= size < 2**63:
         raise InputError(
@@ -210,10 +216,13 @@ def byte_size(name: str, value: Any) -> int:
 
 
 def file_name(name: str, value: Any, needed: str = "the path of a file") -> str:
-    """Return a path as text. Raise InputError with the option's name if it is not a path."""
+    """Return the path `value` as text.
+
+    Raise InputError if `value` is not a path. The error message has the option's name.
+    """
     path = ""
     if isinstance(value, (str, os.PathLike)):
-        with suppress(Exception):  # __fspath__ may raise, or return no path
+        with suppress(Exception):  # __fspath__ may raise any exception, or return no path
             path = str(os.fsdecode(value))
     if not path:
         raise InputError(f"{name} must be {needed}; got {quoted(value)}")

@@ -1,7 +1,7 @@
-"""A pool of processes: a crash, a time limit or a cancellation fails one job and no other.
+"""A pool of processes. If a job crashes, takes too long or is cancelled, the other jobs continue.
 
 Every process has its own pipes. If processes shared a pipe and its lock, killing one process would
-fail other jobs too (docs/decisions/batch.md).
+make the jobs of other processes fail too (docs/decisions/batch.md).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from gauss2svg import processes
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.processes import end_of, end_tree, end_with_parent
 
-_WATCH_S = 0.1  # seconds between two checks of the time and memory of jobs
-_IDLE_S = 1.0  # seconds after which `width` is called again even if no job has ended
+_WATCH_S = 0.1  # seconds between two checks of the time and the memory that jobs take
+_IDLE_S = 1.0  # if no job ends, completed() calls `width` again after this number of seconds
 
 
 class WorkerDiedError(Gauss2SvgError, RuntimeError):
@@ -33,9 +33,12 @@ class WorkerDiedError(Gauss2SvgError, RuntimeError):
 
 
 class _Job(Future[Any]):
-    """A job. Cancelling it kills the process that works on it."""
+    """A job of a pool. If it is cancelled while it runs, its process is killed."""
 
-    lock = threading.Lock()  # all jobs share the lock: the next job may get the same process
+    # When a job is done, its process may do another job. A job must not kill a process that already
+    # belongs to another job. So all jobs share this one lock, and hold it while they take, give
+    # back or kill a process.
+    lock = threading.Lock()
     process: subprocess.Popen[bytes] | None = None
     ends_at = float("inf")
     reason: Exception | None = None  # reason why the process was killed
@@ -44,7 +47,10 @@ class _Job(Future[Any]):
         return super().cancel() or self.end(CancelledError())
 
     def end(self, reason: Exception) -> bool:
-        """Kill the job's process, if any, so that the job fails. Return whether there was one."""
+        """Kill the process that works on the job, so that the job fails.
+
+        Return whether there was such a process.
+        """
         with self.lock:
             if self.process is not None:
                 self.reason = reason
@@ -53,9 +59,12 @@ class _Job(Future[Any]):
 
 
 class Pool:
-    """Up to `workers` processes. They start when jobs need them, and end with the `with` block.
+    """A pool of up to `workers` processes. Use it in a with statement.
 
-    memory  limit of the bytes that a process holds. If it holds more, it is killed. None: no limit
+    A process is started when a job needs one. When the with block ends, all processes end.
+
+    memory  limit for the memory of a process, in bytes. A process that exceeds it is killed. None
+            means no limit.
     """
 
     def __init__(self, workers: int, memory: int | None = None) -> None:
@@ -78,7 +87,10 @@ class Pool:
             _end(process)
 
     def submit(self, function: Callable[..., Any], *args: Any, timeout: float = 0.0) -> Future[Any]:
-        """Queue a call and return its future. It is killed after `timeout` seconds (0: never)."""
+        """Queue a call of a function, and return its future.
+
+        If the call takes more than `timeout` seconds, its process is killed. 0 means no limit.
+        """
         job = _Job()
         self._jobs.add(job)
         request = pickle.dumps(pickle.dumps((function, args)))
@@ -86,7 +98,10 @@ class Pool:
         return job
 
     def _work(self, job: _Job, request: bytes, timeout: float) -> None:
-        """Run a job in a process and set its result. A thread waits here for each running job."""
+        """Run a job in a process, and set its result.
+
+        Each running job has a thread of its own, which waits here.
+        """
         if job.set_running_or_notify_cancel():
             try:
                 answer = self._answer(job, request, timeout)
@@ -96,7 +111,10 @@ class Pool:
         self._jobs.discard(job)
 
     def _answer(self, job: _Job, request: bytes, timeout: float) -> tuple[bool, Any]:
-        """Return (True, result) or (False, exception). Raise OSError if no process starts."""
+        """Let a process do a job. Return (True, result) or (False, exception).
+
+        Raise OSError if no process can be started.
+        """
         with job.lock:
             process = self._idle.pop() if self._idle else _start()
             if process.poll() is not None:
@@ -108,7 +126,7 @@ class Pool:
             process.stdin.write(request)  # pyright: ignore[reportOptionalMemberAccess]
             process.stdin.flush()  # pyright: ignore[reportOptionalMemberAccess]
             answer = pickle.load(process.stdout)  # pyright: ignore[reportArgumentType]
-        except Exception:  # the pipe is closed, or the answer is cut off
+        except Exception:  # the process has closed the pipe, or its answer is incomplete
             answer = (False, job.reason or WorkerDiedError(end_of(_end(process))))
         with job.lock:
             job.process = None
@@ -116,11 +134,12 @@ class Pool:
                 self._idle.append(process)
             else:
                 _end(process)
-        # The answer of a killed process does not count. It may be an error that the kill caused.
+        # The answer of a killed process is ignored, because it may be an error that killing the
+        # process has caused.
         return answer if job.reason is None else (False, job.reason)
 
     def _watch(self) -> None:
-        """Kill the processes of jobs that exceed their time limit or the memory limit."""
+        """Kill the process of each job that exceeds its time limit or the memory limit."""
         while not self._is_closed.wait(_WATCH_S):
             for job in tuple(self._jobs):
                 if time.monotonic() > job.ends_at:
@@ -142,7 +161,7 @@ def completed(
     Closing the iterator cancels the remaining jobs.
 
     requests  iterator that is advanced only when a request can be submitted
-    width     function that returns how many requests may be submitted at once
+    width     function that returns how many submitted requests may be unfinished at the same time
     """
     jobs: dict[Future[Any], Any] = {}
     try:
@@ -174,16 +193,22 @@ def _start() -> subprocess.Popen[bytes]:
 def _end(process: subprocess.Popen[bytes]) -> int:
     """Kill a process and all processes that it has started, and return its exit status."""
     end_tree(process.pid)
-    with suppress(BrokenPipeError), process:  # the with statement closes the process's pipes
+    # The with statement closes the pipes to the process. This raises BrokenPipeError if a pipe has
+    # data that the process has not received.
+    with suppress(BrokenPipeError), process:
         pass
     return process.wait()
 
 
 def _serve() -> None:
-    """Answer requests from standard input on standard output, until one of them is closed."""
+    """Read requests from standard input, and write the answers to standard output.
+
+    Return when one of these streams is closed.
+    """
     end_with_parent(os.getppid())
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # text that a job prints goes to standard error, not among the answers
+    # Text that a job prints goes to standard error, so that it is not mixed with the answers.
+    os.dup2(2, 1)
     with suppress(EOFError, BrokenPipeError):
         while True:
             request = pickle.load(sys.stdin.buffer)

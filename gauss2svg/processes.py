@@ -1,7 +1,8 @@
-"""Child processes, and the memory that this process may still take.
+"""Start and end child processes, and find how much more memory this process may take.
 
-`run` waits for a child process. `NEW_GROUP` and `end_tree` are for children that run beside this
-process. Its memory is limited by the machine, by the container, and by limits of the process.
+`run` starts a child process and waits until it ends. `NEW_GROUP` and `end_tree` are for children
+that run while this process continues. The memory of this process is limited by the machine, by the
+container, and by limits that are set for the process.
 """
 
 from __future__ import annotations
@@ -18,25 +19,27 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-# Argument creationflags of Popen for a child in a group of its own. On other systems than Windows
-# start_new_session=True makes the group. A Ctrl-C does not reach the child; `end_tree` ends it.
+# Value for Popen's argument creationflags. On Windows, it gives the child a process group of its
+# own. On other systems, start_new_session=True has this effect. A Ctrl-C does not reach a child in
+# another group, so `end_tree` has to end it.
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
-MEMORY_SHARE = 0.8  # share of the free memory that work may take by default
-_CHECK_S = 0.2  # seconds between two checks that the parent is alive
+MEMORY_SHARE = 0.8  # share of the free memory that this program may take by default
+_CHECK_S = 0.2  # seconds between two checks whether the parent is alive
 
 
 def nothing() -> None:
-    """Do nothing, because no signal has come. This is the default of `pending`."""
+    """Do nothing. This is the value of `pending` as long as no signal has come."""
 
 
-# Function that is called between tasks and at the end of a command. After a signal it raises the
-# exception of that signal once more, because Python drops an exception in a callback of its garbage
-# collector or of C code. The signal handler of a command sets it.
+# Long work calls this function between its tasks and at its end. It does nothing as long as no
+# signal has come. When a signal comes, the signal handler raises an exception, but Python drops the
+# exception if a callback of the garbage collector or of C code is running. So the handler also
+# replaces this function by one that raises the exception again.
 pending: Callable[[], None] = nothing
 
 
 class Ended(NamedTuple):
-    """The end of a process.
+    """A process that has ended.
 
     status     exit status
     output     standard output
@@ -58,7 +61,7 @@ def run(
 ) -> Ended:
     """Run a command to its end, and then kill the processes that it has left behind.
 
-    An exception, such as an interrupt, kills the command as well.
+    If an exception is raised meanwhile, for example after a Ctrl-C, the command is killed too.
 
     data         bytes for standard input, which is empty for None
     environment  variables to add to those of this process
@@ -69,7 +72,8 @@ def run(
     import tempfile
 
     with (
-        # The outputs are files, because a process that is left behind would keep a pipe open.
+        # The outputs are files and not pipes. A process that the command leaves behind would keep a
+        # pipe open, so reading the pipe would not end.
         tempfile.TemporaryFile() as stdout,
         tempfile.TemporaryFile() as stderr,
         subprocess.Popen(
@@ -87,7 +91,8 @@ def run(
             process.communicate(data, timeout_s)
         except subprocess.TimeoutExpired as error:
             raise TimeoutError(f"not done in {timeout_s:g} s") from error
-        finally:  # also after an interrupt, which a child in its own group does not receive
+        finally:
+            # A child in a group of its own does not receive a Ctrl-C, so it is killed here.
             end_tree(process.pid)
         stdout.seek(0)
         stderr.seek(0)
@@ -97,14 +102,22 @@ def run(
 
 
 def module_command(name: str, *words: str) -> list[str]:
-    """Return the command that runs a module in a new Python. It needs `python_environment()`."""
+    """Return the command that runs a module in a new process of Python.
+
+    The process needs the environment variables of `python_environment()`.
+    """
     return [sys.executable, "-P", "-m", name, *words]
 
 
 def python_environment() -> dict[str, str]:
-    """Return the environment in which another Python finds the same modules and prints UTF-8."""
+    """Return environment variables for a new process of Python.
+
+    With them, the new process finds the same modules as this process, and prints UTF-8.
+    """
     entries = [os.path.abspath(entry) for entry in sys.path if entry]
-    # The current folder, "", is left out. The package may be in it, so its path is added last.
+    # The entry "", which stands for the current folder, is left out. This package may have been
+    # found by that entry. So that the new process finds it too, the folder that contains the
+    # package is added.
     path = os.pathsep.join([*entries, str(Path(__file__).parents[1])])
     return {"PYTHONPATH": path, "PYTHONIOENCODING": "utf-8"}
 
@@ -115,18 +128,20 @@ def end_tree(process_id: int) -> None:
 
     with suppress(psutil.NoSuchProcess):
         root = psutil.Process(process_id)
-        # A child may lead another group.
+        # Some children may be in another group than the process. Those do not end when the
+        # group is killed below. So each child is also killed by its own number.
         for process in (*root.children(recursive=True), root):
             with suppress(psutil.NoSuchProcess):
                 process.kill()
     if sys.platform != "win32":
-        # The group may be gone. If only its exited leader is left, macOS raises PermissionError.
+        # This call fails if the group no longer exists. On macOS it raises PermissionError if only
+        # the leader of the group is left and has already exited.
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(process_id, signal.SIGKILL)
 
 
 def end_with_parent(parent: int) -> None:
-    """Start a thread that kills this process and its children after process `parent` has ended."""
+    """Start a thread that kills this process and its children when process `parent` has ended."""
     import psutil
 
     def wait() -> None:
@@ -141,14 +156,16 @@ def end_of(status: int) -> str:
     """Return text on how a process with this exit status ended."""
     if 0 <= status < 256:
         return f"ended with status {status}"
-    killer = f"status {status:#x}"  # Windows lists its exceptions by hexadecimal numbers
-    with suppress(ValueError):  # the status is no signal, or one without a name
+    # On Windows, the status of a process that crashed says why. It is shown in hexadecimal, so that
+    # users can find it in Microsoft's list.
+    killer = f"status {status:#x}"
+    with suppress(ValueError):  # the status is not that of a signal, or the signal has no name
         killer = signal.Signals(-status).name
     return f"killed by {killer}; was there enough memory?"
 
 
 def command_line(words: Sequence[str]) -> str:
-    """Return a command as it is typed in a POSIX shell, or on Windows in cmd and PowerShell."""
+    """Return a command as a user types it in a POSIX shell, or on Windows in cmd or PowerShell."""
     if sys.platform != "win32":
         return shlex.join(words)
     is_safe = re.compile(r"[\w@+=:,./\\-]+", re.ASCII).fullmatch
@@ -156,14 +173,14 @@ def command_line(words: Sequence[str]) -> str:
 
 
 def held_bytes() -> int:
-    """Return the memory (bytes) that this process holds."""
+    """Return the number of bytes of memory that this process holds."""
     import psutil
 
     return psutil.Process().memory_info().rss
 
 
 def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = Path("/sys/fs/cgroup")) -> int:
-    """Return the memory (bytes) that is left to this process."""
+    """Return the number of bytes of memory that this process can still take."""
     import psutil
 
     bounds = [*_left_by_cgroups(process, cgroups), *_left_by_rlimits()]
@@ -171,7 +188,10 @@ def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = Path("/sys/fs
 
 
 def _left_by_cgroups(process: Path, cgroups: Path) -> list[int]:
-    """Return the bytes left by each control group of this process that has a limit (Linux)."""
+    """Return how many more bytes this process may take in each of its control groups (Linux).
+
+    A control group may limit the memory of its processes. Groups without a limit are left out.
+    """
     try:
         lines = (process / "cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -185,21 +205,28 @@ def _left_by_cgroups(process: Path, cgroups: Path) -> list[int]:
             names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
         elif controllers:
             continue
-        # In a container, `path` may be that on the host, but the container's group is at `root`.
+        # The limits of a group also hold for the groups in it. So the limits of this group and of
+        # all groups above it are read, up to `root`. In a container, `path` may be the group's path
+        # on the host, which does not exist in the container. The limits of the group are then found
+        # at `root`.
         groups = [root / path.strip("/"), *(root / path.strip("/")).parents]
         left += [_left_by_cgroup(group, *names) for group in groups[: groups.index(root) + 1]]
     return [free for free in left if free is not None]
 
 
 def _left_by_cgroup(group: Path, limit_file: str, usage_file: str, cached: str) -> int | None:
-    """Return the bytes that a control group leaves, or None if it has no limit or is missing."""
+    """Return how many more bytes of memory the processes of a control group may take together.
+
+    Return None if the group has no limit or does not exist.
+    """
     try:
         names = limit_file, usage_file, "memory.stat"
         limit, used, stat = ((group / name).read_text(encoding="utf-8") for name in names)
         # Without a limit, cgroup v1 reports a number larger than the memory of any machine.
         if limit.strip() == "max" or int(limit) >= 1 << 60:
             return None
-        # Cached files count as used, but the system drops them when memory is short.
+        # `used` includes the cache of files, which the system empties when memory is short. So
+        # the size of this cache is subtracted.
         idle = int(dict(line.split() for line in stat.splitlines()).get(cached, 0))
         return int(limit) - max(int(used) - idle, 0)
     except (OSError, ValueError):
@@ -207,10 +234,13 @@ def _left_by_cgroup(group: Path, limit_file: str, usage_file: str, cached: str) 
 
 
 def _left_by_rlimits() -> list[int]:
-    """Return the bytes that RLIMIT_AS and RLIMIT_DATA leave, if they are set."""
+    """Return how many more bytes RLIMIT_AS and RLIMIT_DATA allow this process to take.
+
+    If one of the two limits is not set, the list has no entry for it.
+    """
     try:
         import resource
-    except ImportError:  # Windows
+    except ImportError:  # Windows has no module `resource`
         return []
     import psutil
 

@@ -1,6 +1,7 @@
-"""Functions whose results equal SciPy's in every bit, and which seldom import SciPy.
+"""Replace functions of SciPy by functions that return exactly the same results.
 
-SciPy's packages take a third of a second to import (docs/decisions/start.md).
+These functions seldom need to import SciPy, and the import takes a third of a second
+(docs/decisions/start.md).
 """
 
 from __future__ import annotations
@@ -11,18 +12,21 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-# Number of values that are smoothed at a time. They stay in the cache (docs/decisions/start.md).
+# Number of values that are smoothed at a time. It is small enough that the values stay in the
+# processor's cache (docs/decisions/start.md).
 _BAND_VALUES = 32768
 
 
 def smoothed(
     plane: NDArray[np.floating], sigma: float, truncate: float = 4.0
 ) -> NDArray[np.floating]:
-    """Return a plane (h, w) smoothed by a Gaussian window of sigma px, cut at `truncate` sigma.
+    """Return a plane (h, w) smoothed by a Gaussian window.
 
-    The result equals scipy.ndimage.gaussian_filter. Columns are smoothed first, then rows. Sums are
-    in float64 and have SciPy's order. The plane is mirrored beyond its rim, with the outermost
-    pixel twice. Its dtype is kept.
+    The standard deviation of the window is sigma px, and its radius is `truncate` times sigma. The
+    result is exactly that of scipy.ndimage.gaussian_filter. Columns are smoothed first, and
+    then rows. Sums are computed in float64, and in the same order in which SciPy computes them.
+    Beyond its border, the plane continues as its mirror image, so the outermost pixel comes twice.
+    The result has the dtype of the plane.
     """
     weights = _weights(float(sigma), int(truncate * float(sigma) + 0.5))
     plane = np.asarray(plane)
@@ -49,7 +53,11 @@ def smoothed(
 def _summed(
     weights: tuple[float, ...], shifted: Callable[[int], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """Return the sum of shifted(0) * weights[0] and all (shifted(-j) + shifted(j)) * weights[j]."""
+    """Return a weighted sum of shifted copies of an array.
+
+    `shifted(j)` returns the copy that is shifted by j. The sum is shifted(0) * weights[0] plus, for
+    each j >= 1, (shifted(-j) + shifted(j)) * weights[j].
+    """
     total = shifted(0) * weights[0]
     pair = np.empty_like(total)
     for j in range(len(weights) - 1, 0, -1):
@@ -61,29 +69,42 @@ def _summed(
 
 @lru_cache(maxsize=16)
 def _weights(sigma: float, radius: int) -> tuple[float, ...]:
-    """Return the weights of the centre and of one side. Those of both sides and it sum to 1."""
+    """Return one half of a Gaussian window: the weights at 0, 1, 2 .. `radius` px from its centre.
+
+    The other half is the mirror image. The sum of the weights of the whole window is 1.
+    """
     x = np.arange(-radius, radius + 1)
     weights = np.exp(-0.5 / (sigma * sigma) * x**2)
     return tuple(float(weight) for weight in (weights / weights.sum())[radius:])
 
 
 def _mirrored(length: int, radius: int) -> NDArray[np.intp]:
-    """Return the indices that extend a line by `radius` mirrored pixels at either end."""
+    """Return the indices that extend a line by its mirror image, by `radius` pixels at each end.
+
+    The line has `length` pixels. For example, the indices are 1, 0, 0, 1, 2, 2, 1 if `length` is 3
+    and `radius` is 2.
+    """
     at = np.arange(-radius, length + radius) % (2 * length)
     return np.minimum(at, 2 * length - 1 - at)
 
 
-# Number of (point, entry) pairs above which importing SciPy is faster than comparing all pairs.
+# Each point is compared with each entry. If there are more such pairs than this, it is faster to
+# import SciPy.
 _MOST_COMPARED = 4_000_000
-_BAND_PAIRS = 65536  # pairs compared at a time, which stay in the processor's cache
+# Number of pairs that are compared at a time. It is small enough that the pairs stay in the
+# processor's cache.
+_BAND_PAIRS = 65536
 
 
 def nearest_entry(
     entries: NDArray[np.float64], points: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return the distance (n,) from each point (n, d) to the nearest entry (k, d), and its index.
+    """Return the distance (n,) from each point to the nearest entry, and that entry's index (n,).
 
-    The result equals that of scipy.spatial.KDTree, also if several entries are equally near.
+    entries  coordinates (k, d)
+    points   coordinates (n, d)
+
+    The result is exactly that of scipy.spatial.KDTree, even if several entries are equally near.
     """
     squares, nearest = np.empty(len(points)), np.empty(len(points), np.intp)
     step = max(1, _BAND_PAIRS // len(entries))

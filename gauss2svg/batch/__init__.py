@@ -1,4 +1,7 @@
-"""Vectorise many photos, here or on a Dask cluster, with a record of each and one table."""
+"""Vectorise many photos, on this machine or on a Dask cluster.
+
+A batch writes an SVG and a record of each photo, and one table of all photos.
+"""
 
 from dataclasses import dataclass
 from functools import partial
@@ -8,7 +11,9 @@ from annotated_types import Interval
 
 from gauss2svg.options import OptionGroup, file_name
 
-_MAX_WORKERS = 1024  # limit of --workers. No machine has more cores, so a larger number is an error
+# Largest value of --workers. A larger one is probably a mistake, because few machines have as many
+# cores.
+_MAX_WORKERS = 1024
 
 
 @dataclass(frozen=True, kw_only=True)

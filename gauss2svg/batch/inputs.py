@@ -1,4 +1,4 @@
-"""The inputs of all commands that take many photos: folders, patterns, lists and URLs."""
+"""Find the photos that folders, patterns, lists and URLs stand for."""
 
 from __future__ import annotations
 
@@ -21,12 +21,18 @@ MANIFESTS = (".txt", ".lst")
 def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:
     """Yield (path or URL, name of the output without a suffix) for each photo of the sources.
 
-    A folder stands for the files in and under it that have the suffix of a photo and are not
-    hidden. Outputs are named by paths relative to that folder, or for a glob relative to its last
-    folder before a wildcard. A list (.txt, .lst, or - for standard input) has a path or URL on each
-    line, and an output is named by that whole path. Any other source is one photo, and its output
-    is named by the last part of its path. Raise InputError for a source without photos, and if
-    `must_exist` also for a local file that does not exist.
+    A source is one of these four:
+
+    A folder stands for all files in it and in its subfolders that have the suffix of a photo and
+    are not hidden. The name of an output is the photo's path relative to the folder.
+    A pattern stands for the files that match it. The name of an output is the photo's path
+    relative to the folder that the pattern names before its first wildcard.
+    A list (a .txt or .lst file, or - for standard input) has a path or URL on each line. The name
+    of an output is that whole path.
+    Any other source is one photo. The name of its output is the last part of its path.
+
+    Raise InputError for a source without photos. If `must_exist` is True, also raise it if a source
+    is one local photo that does not exist.
     """
     for source in sources:
         photo = None
@@ -38,9 +44,10 @@ def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple
 
 
 def local_photos(sources: Iterable[str]) -> list[str]:
-    """Return the paths of `photos_of`, for commands that read local files only.
+    """Return the path of each photo of the sources, for commands that read only local files.
 
-    URLs and missing files are in the result too. Reading them will raise the error.
+    URLs and the names of missing files stay in the result. The command raises an error when it
+    reads them.
     """
     paths: list[str] = []
     for source in sources:
@@ -49,12 +56,15 @@ def local_photos(sources: Iterable[str]) -> list[str]:
 
 
 def is_picture(name: str) -> bool:
-    """Return whether a file in a folder counts as a photo: by its suffix, and not hidden."""
+    """Return whether a file in a folder is a photo: it has a photo's suffix and is not hidden."""
     return name.lower().endswith(SUFFIXES) and not name.startswith(".")
 
 
 def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
-    """Yield (path or URL, output name with the photo's suffix) for each photo of a source."""
+    """Yield (path or URL, name of the output) for each photo.
+
+    Here the name of the output still ends in the suffix of the photo.
+    """
     if source == STANDARD_STREAM:
         yield from _photos_of_list(standard_stream(sys.stdin, "input"))
         return
@@ -73,12 +83,12 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
                     yield path, os.path.relpath(path, _folder_of_pattern(source) or ".")
         else:
             if must_exist:
-                os.lstat(source)  # raises OSError if it does not exist
+                os.lstat(source)  # raises OSError if there is no such file
             yield source, os.path.basename(source)
 
 
 def _folder_of_pattern(pattern: str) -> str:
-    """Return the folder that a pattern names before its first wildcard."""
+    """Return the folder that a pattern names before its first wildcard: photos for photos/*.jpg."""
     return os.path.dirname(PATTERN.split(pattern)[0])
 
 
@@ -87,17 +97,22 @@ def _photos_of_list(lines: Iterable[bytes]) -> Iterator[tuple[str, str]]:
         line = line.removeprefix(codecs.BOM_UTF8) if number == 0 else line
         path = os.fsdecode(line.rstrip(b"\r\n"))
         if path.strip() and not path.lstrip().startswith("#"):
-            # The output's name is the path without its root, its protocol and any "." and "..".
+            # The name of the output is the path without its protocol or drive, without a slash at
+            # the beginning, and without the parts "." and "..".
             rest = path.partition("://")[2] if is_url(path) else os.path.splitdrive(path)[1]
             parts = [part for part in PATH_SEPARATOR.split(rest) if part not in ("", ".", "..")]
             yield path, "/".join(parts) or path
 
 
 def _pictures(root: str) -> Iterator[str]:
-    """Yield the pictures in and under a folder. Links to folders are not followed."""
+    """Yield the paths of the photos in a folder and in its subfolders, except for hidden ones.
+
+    Links to folders are not followed.
+    """
 
     def failed(error: OSError) -> None:
-        if not isinstance(error, FileNotFoundError):  # the folder was just removed
+        # A subfolder that was removed after it was listed is no error.
+        if not isinstance(error, FileNotFoundError):
             raise error
 
     for folder, folders, files in os.walk(root, onerror=failed):
@@ -106,15 +121,22 @@ def _pictures(root: str) -> Iterator[str]:
 
 
 def _photos_at_url(fs: Any, path: str, url: str) -> Iterator[tuple[str, str]]:
-    """Yield (URL, output name with suffix) of each photo at, under or matching a URL."""
-    host, has_path, _ = url.partition(path.rstrip("/"))  # fsspec's names lack the host
+    """Yield (URL of a photo, name of the output) for each photo that a URL names.
+
+    The URL names a photo, a folder with photos, or a pattern that photos match. The name of the
+    output still ends in the suffix of the photo.
+    """
+    # The names that fsspec returns lack the protocol, and in some stores also the host. So the
+    # beginning of the URL is put before each name again.
+    host, has_path, _ = url.partition(path.rstrip("/"))
     is_pattern = PATTERN.search(url) is not None
     names = [path] if url.startswith("http") else (fs.glob if is_pattern else fs.find)(path)
     base = (_folder_of_pattern(path) if is_pattern else path).rstrip("/")
     for name in names:
         inside = name.removeprefix(base).lstrip("/") or os.path.basename(name)
-        # As in shells, hidden files are left out unless the pattern has a "/.".
+        # Hidden files are left out, unless the pattern itself has a "/.". A shell does the same.
         is_hidden = "/." in f"/{inside}" and "/." not in path.removeprefix(base)
-        # A photo that is named or matches a pattern may have any suffix.
+        # Files found in a folder must have the suffix of a photo. If the URL names a file or is a
+        # pattern, any suffix is taken.
         if name == path or (not is_hidden and (is_pattern or is_picture(inside))):
             yield host + name if has_path else fs.unstrip_protocol(name), inside

@@ -43,8 +43,10 @@ from gauss2svg.version import __version__
 if TYPE_CHECKING:
     from distributed import Client
 
-_CONNECT_S = 10.0  # s, time limit for the answer of a scheduler, which may be busy or far away
-_SINGLE = 50_000  # number of photos below which each job has one photo
+# Longest time (s) to wait for the answer of a scheduler, which may be busy or far away.
+_CONNECT_S = 10.0
+# In a batch of fewer photos than this, each job has only one photo.
+_FEW_PHOTOS = 50_000
 _DIED = "its workers died; was there enough memory? Try --max-size, or fewer --workers"
 
 
@@ -60,26 +62,30 @@ def vectorize_many(
 
     sources  folders, globs, lists (.txt, .lst) and photos, as local paths or as URLs for fsspec
     output   folder for the SVGs, a JSON file beside each, and the table gauss2svg-batch/table.csv
-    options  options of each vectorisation, such as Options(goal=Goal(quality="draft"))
+    options  options for every photo, such as Options(goal=Goal(quality="draft"))
     batch    BatchOptions(workers=4), or BatchOptions(scheduler="tcp://host:8786")
-    client   client of a Dask cluster whose workers have one thread each. None: as `batch` says
+    client   client of a Dask cluster, whose workers must have one thread each. If it is None,
+             `batch` says where the photos are vectorised.
 
-    Photos that an earlier run has finished are skipped. Workers start only if other photos remain.
-    If a photo fails, its record has an error. Raise InputError for bad arguments, before any photo
-    is read. Raise OutputError if no file can be written, and ClusterError if workers are lost or
-    have other versions of packages.
+    Photos that an earlier run has finished are skipped. Workers are started only if other photos
+    are left. If a photo fails, its record has an error. Raise InputError for bad arguments, before
+    any photo is read. Raise OutputError if no file can be written. Raise ClusterError if workers
+    are lost, or if they have other versions of packages than this process.
     """
     return Batch(sources, output, options, batch).run(client)
 
 
-# The workers of a batch: the method `submit` of an executor, a function that returns how many jobs
-# may be submitted at once, the exceptions of a job whose worker died, the options of every job.
+# The workers of a batch, as four items:
+# 1. the method `submit` of an executor
+# 2. a function that returns how many submitted jobs may be unfinished at the same time
+# 3. the type or types of the exception that a job raises if its worker died
+# 4. the options with which the workers vectorise the photos
 _Engine = tuple[Callable[..., Future[Any]], Callable[[], int], Any, Options]
 
 
 @contextmanager
 def _sqlite_errors() -> Iterator[None]:
-    """Turn an SQLite error in the block into an OutputError."""
+    """Turn an SQLite error of the with block, or of the decorated function, into an OutputError."""
     try:
         yield
     except sqlite3.Error as error:
@@ -88,10 +94,11 @@ def _sqlite_errors() -> Iterator[None]:
 
 
 class Batch:
-    """A checked list of photos to vectorise, and the output folder, which is created.
+    """The photos to vectorise, and the folder for their SVGs.
 
-    Raise InputError for bad arguments, no photos, or two photos that would write one file. Raise
-    OutputError for a folder that cannot be written.
+    The constructor checks its arguments, lists the photos, and creates the folder. It raises
+    InputError if an argument is invalid, if there are no photos, or if two photos would write the
+    same file. It raises OutputError if the folder cannot be written.
     """
 
     def __init__(
@@ -115,7 +122,8 @@ class Batch:
         text = json.dumps([__version__, of_picture], sort_keys=True)
         identity = hashlib.sha256(text.encode()).hexdigest()[:16]
         self._spec = BatchSpec(self.options, self.root, versions(), identity)
-        # The list is an SQLite database in a temporary file, to save memory with a million photos.
+        # The list is kept in a temporary file, as an SQLite database, because a list of a million
+        # photos would take much memory.
         self._db = sqlite3.connect("", check_same_thread=False)
         weakref.finalize(self, self._db.close)
         self.count = self._list_photos(names)
@@ -128,10 +136,12 @@ class Batch:
     def _list_photos(self, sources: list[str]) -> int:
         """Write each photo once into the table `photos`, and return the number of photos.
 
-        Raise InputError if two photos would write one file.
+        Raise InputError if two photos would write the same file, or if the SVG of a photo would
+        not be in the output folder.
         """
         folder = self.root
-        # An output folder that does not exist yet will ignore case if its parent folder does.
+        # A new folder ignores case in file names if its parent folder does. So if the output
+        # folder does not exist yet, the nearest folder above it that exists is tested.
         while not (is_url(folder) or os.path.isdir(folder)):
             folder = os.path.dirname(folder)
         key_of = str.casefold if not is_url(folder) and folds_case(folder) else str
@@ -143,7 +153,7 @@ class Batch:
                 if not {"", ".", ".."}.isdisjoint(parts) or parts[0] == STATE or ":" in parts[0]:
                     needed = f"in the output folder and outside of its {STATE}"
                     raise refusal("output", needed, f"{output}, of {path}", "another folder")
-                # The path is absolute, because workers may have another current folder.
+                # The path is made absolute, because workers may have another current folder.
                 photo = path if is_url(path) else os.path.abspath(path), output
                 yield os.fsencode(key_of(output)), pickle.dumps(photo)
 
@@ -164,7 +174,10 @@ class Batch:
         return self._db.execute("SELECT count(*) FROM photos").fetchone()[0]
 
     def run(self, client: Client | None = None) -> Generator[PhotoRecord]:
-        """Yield all records, then write the tables. Workers start only if a photo is unfinished."""
+        """Yield the records of all photos, then write the tables.
+
+        Workers are started only if a photo is left to vectorise.
+        """
         with _sqlite_errors():
             yield from self._done_before()
             yield from self._done_now(client)
@@ -183,7 +196,8 @@ class Batch:
     def _done_before(self) -> Iterator[PhotoRecord]:
         for row, photo in self._db.execute("SELECT rowid, photo FROM photos"):
             source, output = pickle.loads(photo)
-            # Workers check photos and outputs in stores, so that the waits for stores overlap.
+            # If the photo or the SVG is in a store, the check has to wait for the store. A worker
+            # then makes the check later, because many workers can wait at the same time.
             is_local = not (is_url(source) or is_url(self.root))
             if is_local and (record := finished_record(self._spec, (source, output))):
                 self._db.execute("DELETE FROM photos WHERE rowid = ?", (row,))
@@ -198,11 +212,17 @@ class Batch:
             engine = _on_this_machine(self.options, self.batch.workers, count)
         else:
             engine = _on_cluster(self.options, self.batch.scheduler, client)
-        size = 1 + 10 * (count // _SINGLE)  # photos in a job; a million photos are 5000 jobs
+        # Number of photos in a job. It grows with the batch, so that even a million photos make
+        # only about 5000 jobs.
+        size = 1 + 10 * (count // _FEW_PHOTOS)
         rows = self._db.execute("SELECT photo FROM photos")
         jobs = iter(lambda: [pickle.loads(photo) for (photo,) in rows.fetchmany(size)], [])
-        suspects: list[Photo] = []  # photos of jobs whose worker died; each is retried once, alone
-        # Without max_memory no photo is reduced, because files must not depend on free memory.
+        # Photos of jobs whose worker died. One of the photos may be the cause. So each photo is
+        # tried once more, in a job of its own.
+        suspects: list[Photo] = []
+        # If max_memory is not set, the limit is the memory that is free now. A photo that needs
+        # more fails then. It is not fitted at a smaller size, because its SVG would depend on how
+        # much memory happens to be free.
         may_reduce = self.options.run.max_memory is not None
         with engine as (submit, width, died, options):
             spec = replace(self._spec, options=options, may_reduce=may_reduce)
@@ -223,15 +243,18 @@ class Batch:
 def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iterator[_Engine]:
     """Compile the kernels, and yield worker processes of this machine.
 
-    If `workers` is None, the number of processes is limited by the cores, by the number of photos,
-    and by the memory that a single run may take, which the processes share. The memory that each
-    process needs is estimated for a usual photo.
+    If `workers` is None, there are as many processes as cores. But if the options set a number of
+    threads for each process, there are only so many processes that their threads together are no
+    more than the cores. There are fewer processes if there are fewer photos, or if the memory is
+    not enough. A process is assumed to need the memory for a photo of usual size, or the value of
+    max_memory if that is larger. If max_memory is not set, the memory that a single run could take
+    is shared equally by the processes.
     """
-    from gauss2svg.pipeline.budgets import load_of  # loads numba, which takes a while
+    from gauss2svg.pipeline.budgets import load_of  # imports numba, which takes a while
     from gauss2svg.pipeline.run import compile_kernels, thread_count
 
     compile_kernels(options.fit.blend)
-    usual = Header(4000, 3000, has_alpha=False)  # 12 megapixels, as from a camera
+    usual = Header(4000, 3000, has_alpha=False)  # 12 megapixels, like a photo from a camera
     cores, needed = thread_count(None), load_of(Plan(options), usual).bytes
     threads, memory = options.run.threads, options.run.max_memory
     needed = max(needed, memory_limit(memory) if memory else 0)
@@ -240,7 +263,7 @@ def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iter
     memory, threads = memory_limit(memory or share), threads or max(1, cores // workers)
     with Pool(workers, int(max(share, memory) / MEMORY_SHARE)) as pool:
         job_options = options.changed(threads=threads, max_memory=memory)
-        # Two jobs for each process: one runs, one waits.
+        # Two jobs are submitted for each process, so that one waits while the other runs.
         yield pool.submit, lambda: 2 * workers, WorkerDiedError, job_options
 
 
@@ -258,18 +281,24 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
 
             def width() -> int:
                 threads: Any = connected.nthreads()
-                if set(threads.values()) - {1}:  # only one thread of a process may use kernels
+                # A worker must have only one thread, because the kernels must not be called by
+                # several threads of one process.
+                if set(threads.values()) - {1}:
                     got, advice = quoted(threads), "dask worker --nthreads 1"
                     raise ClusterError(f"threads of workers must be 1; got {got}. Try {advice}")
-                return max(1, 2 * len(threads))  # two jobs for each worker: one runs, one waits
+                # Two jobs are submitted for each worker, so that one waits while the other runs.
+                return max(1, 2 * len(threads))
 
             submit = connected.get_executor(pure=False).submit
             job_options = options.changed(threads=options.run.threads or 1)
-            # Dask's executor raises ValueError if a result is lost while it is fetched.
+            # A ValueError counts as the death of a worker too, because Dask's executor raises it
+            # if a result is lost while it is fetched.
             yield submit, width, (KilledWorker, ValueError), job_options
     except Gauss2SvgError:
         raise
-    except Exception as error:  # a bad address, no connection, or a worker without gauss2svg
+    except Exception as error:
+        # This error has one of three causes: the address is wrong, the connection failed, or a
+        # worker does not have gauss2svg.
         got = f"{quoted(scheduler or client)} ({type(error).__name__}: {reason_of(error)[:200]})"
         needed = "the address of a Dask scheduler whose workers have gauss2svg"
         raise ClusterError(f"scheduler must be {needed}; got {got}. Try it once it runs") from error

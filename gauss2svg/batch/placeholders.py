@@ -1,4 +1,7 @@
-"""Placeholders of many photos, in one file or in a file for each. Unchanged entries are kept."""
+"""Make placeholders of many photos, in one file for all or in one file for each photo.
+
+If the file exists, its entries are kept for photos that have not changed.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +27,12 @@ from gauss2svg.pipeline.placeholder import (
 )
 from gauss2svg.version import __version__
 
-# Pattern of the start of a photo's line in HTML. Its group is the photo's address.
+# In a list in HTML, each photo has a line. This pattern matches the beginning of such a line. Its
+# group is the address of the photo.
 _LINE = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
-# Suffix -> media type of the files beside a photo that a <picture> offers too, best first.
+# {suffix: media type} of better formats. If photo.avif or photo.webp is in the folder of photo.jpg,
+# the <picture> of photo.jpg offers this file too. The best format comes first, because a browser
+# takes the first file whose type it supports.
 _SOURCES = {".avif": "image/avif", ".webp": "image/webp"}
 
 
@@ -55,13 +61,15 @@ class PlaceholderList:
     """Placeholders of photos, and the entries that an earlier run has written.
 
     photos     the photos, each once
-    copies     number of paths that repeat a photo
-    new        placeholders made in this run, by photo
-    unchanged  number of photos whose entry was made from equal bytes, options and version
+    copies     number of paths that are left out, because an earlier path names the same photo
+    new        {photo: placeholder} of the placeholders made in this run
+    unchanged  number of photos whose entry is kept, because it was made from the same bytes with
+               the same options by the same version of gauss2svg
     failures   a line for each photo that failed
-    Raise InputError if the output is a photo, or an existing file that is no list of placeholders,
-    because its content would be lost. Raise OutputError if the output cannot be written. The
-    output's folder is created.
+
+    The constructor creates the folder of the output. It raises InputError if the output is one of
+    the photos, or an existing file that is no list of placeholders, because the content of that
+    file would be lost. It raises OutputError if the output cannot be written.
     """
 
     def __init__(self, paths: list[str], output: str, options: PlaceholderOptions) -> None:
@@ -90,7 +98,10 @@ class PlaceholderList:
         self._entries = {key: before.get(key) for key in keys}
 
     def add(self, photo: ListedPhoto) -> None:
-        """Make a photo's placeholder unless its entry is unchanged, or else add to `failures`."""
+        """Make the placeholder of a photo, unless the entry of an earlier run is up to date.
+
+        If the placeholder cannot be made, add a line to `failures`.
+        """
         key, options = self._key(photo), self._options
         metadata = (self._entries[key] or {}).get("metadata", {}) if self._is_json else {}
         if photo.problem is not None:
@@ -113,19 +124,22 @@ class PlaceholderList:
 
     @property
     def kept(self) -> int:
-        """Number of entries of an earlier run that are kept because their photos failed now."""
+        """Number of photos that failed, but still have the entry of an earlier run."""
         return sum(entry is not None for entry in self._entries.values()) - self.count
 
     def files(self) -> dict[str, bytes]:
         """Return {file name: content} for the files to write.
 
-        A list that would not change is left out, because some servers would reload their pages.
+        If all placeholders are in one file and this file would not change, return {}. Some web
+        servers reload their pages whenever a file is written.
         """
         entries = {key: entry for key, entry in self._entries.items() if entry is not None}
         if self._options.format == "svg":
             return {name: svg.encode() for name, svg in entries.items()}
         if self._is_json:
-            for photo in self.photos:  # other photos may have changed this photo's name
+            # The name `photo.file` also depends on the names of the other photos. The earlier run
+            # may have had other photos. So this name is also set in the entries that are kept.
+            for photo in self.photos:
                 if entry := entries.get(self._key(photo)):
                     entry["metadata"]["filename"] = photo.file
             contents = entries if self._options.format == "object" else [*entries.values()]
@@ -136,9 +150,11 @@ class PlaceholderList:
         return {} if is_same else {self._output: text.encode()}
 
     def _key(self, photo: ListedPhoto) -> str:
-        """Return the key of a photo's entry: the name of its SVG, or its path relative to the root.
+        """Return the key of a photo's entry.
 
-        In HTML that path is percent-encoded as a URL.
+        With the format svg, the key is the path of the photo's SVG. With any other format, it is
+        the photo's path relative to the root. With the formats html and picture, this path is
+        written as a URL, with its bytes percent-encoded.
         """
         if self._options.format == "svg":
             is_stream = self._output == STANDARD_STREAM
@@ -166,7 +182,10 @@ class PlaceholderList:
         return record
 
     def _read(self) -> tuple[bytes, dict[str, Any]]:
-        """Return the present content of the output, and {key of a photo: its entry}."""
+        """Return the content of the output file, and its entries as {key of a photo: entry}.
+
+        If there is no such file yet, return b"" and {}.
+        """
         output, form = self._output, self._options.format
         if form == "svg" or output == STANDARD_STREAM or not Path(output).is_file():
             return b"", {}
@@ -191,7 +210,7 @@ class PlaceholderList:
 
 
 def _sources(photo: ListedPhoto) -> dict[Path, str]:
-    """Return {file: media type} of the files beside a photo that browsers should prefer to it."""
+    """Return {file: media type} of existing files that browsers should prefer to the photo."""
     own = Path(photo.path)
     better = takewhile(lambda suffix: suffix != own.suffix.lower(), _SOURCES)
     files = {own.with_suffix(end): _SOURCES[end] for end in better if photo.problem is None}

@@ -1,4 +1,4 @@
-"""Functions that read and write files, both local ones and those in fsspec's stores."""
+"""Read and write files on this machine and in stores that fsspec can access, such as S3."""
 
 from __future__ import annotations
 
@@ -15,15 +15,19 @@ from typing import Any
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, refusal
 from gauss2svg.files import check_writable, make_folder, reason_of, replace, write_whole
 
-STATE = "gauss2svg-batch"  # folder in the output folder: table, options, unfinished files
-PARTS = f"{STATE}/parts"  # folder of unfinished files
-PATH_SEPARATOR = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # separates folders in a path
-# Protocols of stores that never show a file half written.
+# Folder in the output folder, for the table, the options and the unfinished files.
+STATE = "gauss2svg-batch"
+PARTS = f"{STATE}/parts"  # folder of the unfinished files
+PATH_SEPARATOR = re.compile(r"[/\\]" if os.sep == "\\" else "/")
+# Protocols of stores in which nobody can see a file half written.
 _WHOLE_PUT = "s3, s3a, gs, gcs, az, abfs, abfss, oss, oci, memory"
 
 
 class _Local:
-    """Local files, with the functions of fsspec's file systems that this package calls."""
+    """Access to local files, by functions with the same names as in a file system of fsspec.
+
+    The class has only those functions that this package calls.
+    """
 
     open = staticmethod(open)
     put_file = staticmethod(replace)
@@ -34,7 +38,7 @@ class _Local:
         return Path(path).read_bytes()
 
     def ukey(self, path: str) -> str:
-        """Return the size and the time of the last change of a file, as text."""
+        """Return text that changes with the file: its size and the time of its last change."""
         status = os.stat(path)
         return f"{status.st_size} {status.st_mtime_ns}"
 
@@ -51,7 +55,11 @@ def is_url(path: str) -> bool:
 def file_system_of(
     name: str, verb: str = "read", kind: type[Gauss2SvgError] = InputError
 ) -> Iterator[tuple[Any, str]]:
-    """Yield (file system, path in it) of a path or URL. Raise an error in the block as a `kind`."""
+    """Yield the file system of a path or URL, and the path in that file system.
+
+    An error of the with block is turned into an error of the class `kind`, whose message begins
+    with "cannot `verb`". Only a Gauss2SvgError and a MemoryError stay as they are.
+    """
     advice = "the path or the URL of a photo, a folder, a glob or a list"
     try:
         if is_url(name):
@@ -60,7 +68,8 @@ def file_system_of(
 
             advice = "another URL, or the same command again"
             fs, path = url_to_fs(name)
-            # fsspec's cache of listings would hold a million names, and hide files written later.
+            # fsspec's cache of listings is not used. It would keep a million names in memory, and
+            # files that are written after a listing would seem to be missing.
             fs.dircache.use_listings_cache = False
             yield fs, path
         else:
@@ -72,10 +81,12 @@ def file_system_of(
 
 
 def write(root: str, name: str, data: bytes, sync: bool = True) -> None:
-    """Write the file `name` of the folder `root`, whole or not at all. Raise OutputError.
+    """Write the file `name` in the folder `root`, either the whole file or nothing.
 
-    Without `sync`, a power cut may leave an empty file. The folder PARTS is not created here, so a
-    worker on a machine without the output folder of the run fails, and writes no file.
+    A local file is first written into the folder PARTS, which this function does not create. So if
+    a worker on another machine cannot see the output folder of the run, it fails, and writes no
+    file on that machine. Without `sync`, a power cut may leave an empty local file. Raise
+    OutputError if the file cannot be written.
     """
     target = f"{root}/{name}"
     if is_url(target):
@@ -89,7 +100,7 @@ def write(root: str, name: str, data: bytes, sync: bool = True) -> None:
 def prepare(root: str) -> None:
     """Create the output folder `root`, and remove the unfinished files of killed runs.
 
-    Raise OutputError if the folder cannot be written, and InputError for a store on which others
+    Raise OutputError if the folder cannot be written, and InputError for a store in which others
     could see a file half written.
     """
     if is_url(root):
@@ -101,7 +112,10 @@ def prepare(root: str) -> None:
     make_folder(parts)
     check_writable(parts / "writable")
     for part in parts.iterdir():
-        with suppress(OSError):  # another run has removed the part, or another user owns it
-            # A live worker soon renames its part. A part a minute old is from a killed run.
+        # Errors are ignored, because another run may have removed the part already, or the part may
+        # belong to another user.
+        with suppress(OSError):
+            # A worker renames its part soon after it has written it. So a part that is more than
+            # a minute old was left behind by a run that was killed.
             if part.stat().st_mtime < time.time() - 60:
                 shutil.rmtree(part) if part.is_dir() else part.unlink()

@@ -1,4 +1,4 @@
-"""The table of all photos of a batch, and the summary that is printed."""
+"""Write the table of all photos of a batch, and count photos for the printed summary."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from gauss2svg.batch.worker import PhotoRecord
 from gauss2svg.errors import OutputError
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas (OWASP, CSV injection)
+# Characters with which a formula in a spreadsheet begins. Source: OWASP, "CSV Injection".
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 class Summary:
-    """The numbers of photos that are done, skipped and failed so far."""
+    """Three counts of the photos of a batch: done, skipped and failed so far."""
 
     def __init__(self) -> None:
         self.total = self.done = self.skipped = self.failed = 0
-        self._failures: list[str] = []  # lines about the first five failures
+        self._failures: list[str] = []  # lines about the first five photos that failed
         self._begun = time.monotonic()
 
     def add(self, record: PhotoRecord) -> None:
-        """Count the photo of a record."""
+        """Count the photo of a record as done, skipped or failed."""
         self.total += 1
         self.done += not (record.error or record.skipped)
         self.skipped += record.skipped
@@ -52,16 +53,19 @@ class Summary:
 
 
 def as_cell(value: Any) -> Any:
-    """Return a value as a CSV cell. Text that begins like a formula gets a leading apostrophe."""
+    """Return a value as a CSV cell.
+
+    An apostrophe is put before text that begins like a formula, so that no spreadsheet runs it.
+    """
     if not isinstance(value, str):
         return value
-    # File names may have bytes that are not valid Unicode.
+    # A file name may have bytes that are not valid Unicode. They are escaped.
     text = value if value.isascii() else value.encode(errors="backslashreplace").decode()
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
-    """Write the records as CSV, and as Parquet if pyarrow is installed. Return the paths."""
+    """Write the records as CSV, and as Parquet if pyarrow is installed. Return the files' paths."""
     parts = None if is_url(root) else f"{root}/{PARTS}"
     with (
         file_system_of(f"{root}/{TABLE}", "write", OutputError) as (fs, _),
@@ -73,7 +77,8 @@ def write_table(root: str, records: Iterable[PhotoRecord]) -> list[str]:
             for record in records:
                 row = record._replace(unreached="; ".join(record.unreached))
                 writer.writerow(map(as_cell, row))
-        if find_spec("pyarrow") is not None:  # pyarrow is an optional extra
+        # A table in Parquet is written only if pyarrow is installed, which is an optional extra.
+        if find_spec("pyarrow") is not None:
             _write_parquet(f"{folder}/table.csv", f"{folder}/table.parquet")
         for name in (names := sorted(os.listdir(folder))):
             fs.put_file(f"{folder}/{name}", f"{root}/{STATE}/{name}")

@@ -1,7 +1,7 @@
-"""Vectorise a photo of a batch: write its SVG by the usual pipeline, and its mark.
+"""Vectorise a photo of a batch: write its SVG with the usual pipeline, and then its mark.
 
-The mark is a JSON file beside the SVG. It has the record of the photo. A later run skips the photo
-if the mark shows that the SVG would not change.
+The mark is a JSON file beside the SVG. It contains the record of the photo. A later run skips the
+photo if its mark shows that the SVG would be the same again.
 """
 
 from __future__ import annotations
@@ -27,12 +27,14 @@ from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.version import __version__
 
-MARK = ".gauss2svg.json"  # suffix that makes a mark's name from an SVG's name
+# The name of a mark is the name of its SVG, followed by this suffix.
+MARK = ".gauss2svg.json"
 _REPORT_KEYS = {
     "width", "height", "gaussians", "psnr_svg", "ssim_svg", "ssimulacra2_svg", "flip_svg",
     "paint_ms", "stop_reason",
 }  # fmt: skip
-# errno values of writes that fail because of the file's name. Other files can be written.
+# Error numbers (errno) of a write that fails because of the file's name. The batch goes on after
+# such an error, because files with other names can still be written.
 _FILE_NAME_ERRNOS = {errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EINVAL}
 
 
@@ -45,15 +47,15 @@ class PhotoRecord(NamedTuple):
     stamp                 size and date of the photo, or its version in a store. "" after an error
     width, height         size of the photo in px
     gaussians, bytes      number of Gaussians and bytes of the SVG
-    psnr_svg              PSNR of the SVG in dB, None if it is infinite
-    seconds, cpu_seconds  time in seconds that the photo took, and the CPU time of its worker
-    error                 reason why there is no SVG, on one line. None if the SVG is written
+    psnr_svg              PSNR of the SVG in dB, or None if it is infinite
+    seconds, cpu_seconds  seconds that the photo took, and CPU seconds of its worker in that time
+    error                 reason why there is no SVG, on one line. None if the SVG was written
     unreached             a line for each target that was missed, such as a PSNR
     ssim_svg              SSIM of the SVG, -1..1
-    ssimulacra2_svg, flip_svg  SSIMULACRA2 and FLIP of the SVG with RunOptions.scores, else None
+    ssimulacra2_svg, flip_svg  SSIMULACRA2 and FLIP of the SVG if RunOptions.scores is on, else None
     paint_ms              estimated time in ms that a browser takes to paint the SVG
     stop_reason           reason why the fit ended, as in the report
-    error_code            class of the error, such as InputError, or WorkerDied. None if no error
+    error_code            class of the error, or "WorkerDied" if the worker died. None if no error
     skipped               True if an earlier run wrote the SVG
     """
 
@@ -92,11 +94,12 @@ def versions() -> dict[str, str]:
 class BatchSpec:
     """The settings that all photos of a batch share.
 
-    options     options of each vectorisation
+    options     options with which each photo is vectorised
     root        output folder, or its URL
     versions    versions of packages that workers must have
-    identity    hash of the version and of the options on which an SVG depends
-    may_reduce  whether a photo is fitted at a smaller size if memory is short. Otherwise it fails
+    identity    hash of the version of gauss2svg and of the options on which an SVG depends
+    may_reduce  True if a photo that needs too much memory is fitted at a smaller size. If it is
+                False, such a photo fails
     run         random name of this run, which its marks contain
     """
 
@@ -109,20 +112,24 @@ class BatchSpec:
 
 
 def stamp_of(source: str) -> str:
-    """Return the size and date of a photo, or the identifier of its version in a store.
+    """Return text that changes when a photo changes, so that marks of the old photo are not used.
 
-    Raise InputError if the photo cannot be read.
+    For a local photo, the text holds the file's size and the time of its last change. For a photo
+    in a store, the text is the store's identifier of the version. Raise InputError if the photo
+    cannot be read.
     """
     with file_system_of(source) as (fs, path):
         return fs.ukey(path)
 
 
 def finished_record(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
-    """Return the record in a photo's mark, or None if the photo must be vectorised (again)."""
-    # An error in the block means that there is no mark, or one that a batch did not write.
+    """Return the record in a photo's mark if the photo's SVG is up to date, or else None."""
+    # The block raises an error if there is no mark, or if a file has the name of a mark but was not
+    # written by a batch. In both cases the photo must be vectorised.
     with suppress(Gauss2SvgError), file_system_of(f"{spec.root}/{photo[1]}") as (fs, path):
         mark = json.loads(fs.cat_file(path + MARK))
-        # If this run wrote the mark, the worker died after it. The photo is done, not skipped.
+        # If a worker dies, its job is run again. So the mark may have been written in this run,
+        # before the worker died. In this case the photo counts as done and not as skipped.
         is_old = mark.pop("run") != spec.run
         record = PhotoRecord(**mark)
         expected = (*photo, spec.identity, stamp_of(photo[0]))
@@ -132,20 +139,25 @@ def finished_record(spec: BatchSpec, photo: Photo) -> PhotoRecord | None:
 
 
 def work(spec: BatchSpec, photos: Sequence[Photo]) -> list[PhotoRecord]:
-    """Vectorise the unfinished photos, and return the records of all photos of a job.
+    """Vectorise the unfinished photos of a job, and return the records of all its photos.
 
-    Raise OutputError if no file can be written, and ClusterError for other versions of packages.
+    Raise OutputError if no file can be written. Raise ClusterError if this worker's versions of
+    packages differ from `spec.versions`.
     """
     if (installed := versions()) != spec.versions:
         advice = "installing the same there"
         raise ClusterError(f"workers must have {spec.versions}; got {installed}. Try {advice}")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # nobody would read the warnings of decoders
+        warnings.simplefilter("ignore")  # nobody reads the warnings of image decoders in a worker
         return [finished_record(spec, photo) or vectorize_photo(spec, photo) for photo in photos]
 
 
 def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
-    """Write a photo's SVG, then its mark. Return its record, with an error if that failed."""
+    """Write the SVG of a photo, then its mark, and return the record of the photo.
+
+    If one photo fails, its record has the error, so that the batch can go on. But if no file can be
+    written any more, for example because the disk is full, raise OutputError.
+    """
     begun, cpu_begun = time.perf_counter(), time.process_time()
     try:
         stamp = stamp_of(photo[0])
@@ -160,7 +172,9 @@ def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
     except Exception as error:  # a bug here or in a library must not stop the other photos
         cause = error.__cause__
         is_of_name = getattr(cause, "errno", None) in _FILE_NAME_ERRNOS
-        # A failed rename has filename2: on Windows, if a path is too long or the old file is open.
+        # On Windows a rename fails if a path is too long, or if a program has the old file open.
+        # This is a failure of one file, so the batch goes on. The attribute filename2 shows that
+        # the error comes from a rename.
         if sys.platform == "win32":
             is_of_name = is_of_name or getattr(cause, "filename2", None) is not None
         if isinstance(error, OutputError) and not is_of_name:
@@ -174,7 +188,7 @@ def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
 
 
 def _write_svg(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
-    """Write the SVG of a photo, and return entries of its record."""
+    """Write the SVG of a photo, and return the entries of its record that describe the SVG."""
     options, (source, output) = spec.options, photo
     target = f"{spec.root}/{output}"
     if os.path.realpath(source) == os.path.realpath(target):
@@ -186,7 +200,9 @@ def _write_svg(spec: BatchSpec, photo: Photo) -> dict[str, Any]:
     result = vectorize_by(options, image, may_reduce=spec.may_reduce)
     data = file_bytes(result.svg, options.svg.gzip)
     with file_system_of(target) as (fs, path):
-        # An SVG with this content and no mark is of a run that was killed between writing the two.
+        # An SVG without a mark may be the user's own file, so it is not overwritten. But if its
+        # content equals the new SVG, it is from a run that was killed after it wrote the SVG and
+        # before it wrote the mark.
         may_write = fs.exists(path + MARK) or not fs.exists(path) or fs.cat_file(path) == data
     if not may_write:
         raise refusal("output", "a new file, or one of a batch", target, "another folder")

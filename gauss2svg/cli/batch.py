@@ -60,7 +60,8 @@ def batch_command(
     from gauss2svg.batch.table import Summary
 
     if log == "json":
-        files.standard_stream(sys.stdout, "output")  # refuse a closed stream at once
+        # If standard output is closed, this raises an error before any work is done.
+        files.standard_stream(sys.stdout, "output")
     job = Batch(photos, output, Options(**vars(parsed)), batch)
     summary, count = Summary(), job.count
     try:

@@ -21,7 +21,7 @@ _Name = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOutput(OptionGroup):
-    """Options for the files to write, the summary and the exit status."""
+    """Options that set which files are written, whether a summary is shown, and the exit status."""
 
     heatmap: Path | None = None
     """Save a map of the errors as a PNG file. Each pixel shows the largest difference of its colour
@@ -60,11 +60,11 @@ def check_command(
     photo
         Photo or drawing, or - for standard input.
     svg
-        SVG of any program, also gzipped, or - for standard input. It is stretched to the size at
-        which it is compared.
+        SVG of any program, which may be gzipped, or - for standard input. It is stretched to the
+        size at which it is compared.
     reference
-        SVG or larger picture that the photo was made from. The SVG is also compared with it,
-        enlarged by --reference-scale.
+        SVG or larger picture that the photo was made from. The SVG is also enlarged by
+        --reference-scale and compared with this reference.
     options, output
         Options.
 

@@ -29,7 +29,7 @@ def gallery_command(
     options: Annotated[GalleryOptions, Parameter(name="*", group="Gallery")] = _DEFAULTS,
     quiet: Quiet = False,
 ) -> int:
-    """Write web pages that compare results for photos, and that a browser opens from the disk.
+    """Write web pages that compare results for photos. No server is needed to open them.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def gallery_command(
         Numbers of Gaussians to compare, separated by commas: 500,2000,8000.
     peers
         Other tools to compare if they are installed, separated by commas: vtracer, splatthis,
-        primitive, swag, neroued, and vtracer1, which is 1.0 in the Python that the variable
-        GAUSS2SVG_VTRACER1 names. Other settings follow a colon, such as vtracer:detailed.
+        primitive, swag, neroued, and vtracer1, which is vtracer 1.0, run by the Python that the
+        variable GAUSS2SVG_VTRACER1 names. Other settings follow a colon, such as vtracer:detailed.
     options
         Options.
     quiet

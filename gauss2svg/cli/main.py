@@ -32,22 +32,24 @@ from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
 
-_WIDTH = 79  # number of characters to which --version wraps lines; few terminals are narrower
-# Packages whose versions --version prints, besides those of the renderers.
+# Number of characters after which --version breaks a line. Few terminals are narrower.
+_WIDTH = 79
+# --version prints the versions of these packages, and also those of the renderers.
 _PACKAGES = (
     "numpy", "scipy", "numba", "scikit-image", "pillow", "pyvips", "pi-heif", "svgwrite", "torch",
     "ssimulacra2", "flip-evaluator",
 )  # fmt: skip
 _HELP_ALL = "--help-all"
-# Command lines for which the parser needs only the options of the short help. They answer sooner.
+# For these command lines the parser is built with only the options of the short help, which takes
+# less time.
 _SHORT_LINES = ([], ["--help"], ["-h"], ["--version"])
 
 
 def build_app(everything: bool = False, short: bool = False) -> App:
     """Return the parser of the command line.
 
-    everything  whether --help lists all options, and not only the most used
-    short       whether the parser has to answer only --help or --version
+    everything  True if the help lists all options, and not only those used most
+    short       True if the parser has to print only the short help or the version
     """
     app = App(
         name="gauss2svg",
@@ -62,7 +64,8 @@ def build_app(everything: bool = False, short: bool = False) -> App:
             negative=(), show_default=lambda value: None if value is False or value == "" else value
         ),
         group_commands=Group("Commands, each with its own --help", sort_key=9),
-        suppress_keyboard_interrupt=False,  # main handles it, and reports on the files
+        # The parser must not catch a Ctrl-C, because main() handles it and prints a message.
+        suppress_keyboard_interrupt=False,
         result_action="return_value",
         config=(read_options_file, refuse_options),
     )
@@ -91,10 +94,13 @@ def main(arguments: list[str] | None = None) -> int:
     143  ended by SIGTERM or Ctrl-Break, even if the best result so far was written
     """
     hold_closed_descriptors()
-    # Warnings and logs of libraries are silenced: standard error is for lines of the program.
+    # Warnings and log messages of libraries are not printed, because standard error is for messages
+    # of this program. Python prints log messages if there is no handler, so a handler that does
+    # nothing is added. The logger of concurrent.futures has a handler of its own that prints, so
+    # the level of this logger is raised above all messages.
     warnings.filterwarnings("ignore", module="PIL|distributed")
-    logging.getLogger().addHandler(logging.NullHandler())  # else Python prints the logs
-    logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)  # its own handler prints
+    logging.getLogger().addHandler(logging.NullHandler())
+    logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)
     words = sys.argv[1:] if arguments is None else arguments
     try:
         app = build_app(everything=_HELP_ALL in words, short=list(words) in _SHORT_LINES)
@@ -106,11 +112,14 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(_with_dashes(str(error), words))
     except MemoryError as error:
         return _refuse(f"out of memory ({error}). Try a smaller photo or fewer --gaussians")
-    except OSError as error:  # a standard stream broke; errors of files are Gauss2SvgErrors
+    except OSError as error:
+        # This is an error of a standard stream. An error of any other file would be a
+        # Gauss2SvgError.
         drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except (KeyboardInterrupt, SystemError) as error:
-        # After a Ctrl-C inside a kernel, numba raises a SystemError with a KeyboardInterrupt in it.
+        # If a Ctrl-C comes inside a kernel, numba raises a SystemError. The KeyboardInterrupt is
+        # then the cause or the context of this error.
         causes = error, error.__cause__, error.__context__
         interrupt = next((cause for cause in causes if isinstance(cause, KeyboardInterrupt)), None)
         if interrupt is None:
@@ -125,18 +134,19 @@ def run() -> None:
     print_utf8()
     status = main()
     ignore_signals()
-    # If a Ctrl-C interrupts code that exec() runs from a string, as numba does when it compiles,
-    # `python -m` finally ends by SIGINT, even if the KeyboardInterrupt was caught. Running an empty
-    # string in exec() prevents that end.
+    # When numba compiles, it runs strings of code by exec(). If a Ctrl-C interrupts such code,
+    # `python -m` will end with SIGINT and not with our exit status, even though the
+    # KeyboardInterrupt was caught. Another exec(), of an empty string, prevents this.
     exec("")
     sys.exit(status)
 
 
 def _versions() -> str:
-    """Return the lines of --version: versions of the program, renderers, packages, and the machine.
+    """Return the lines that --version prints, which users copy into bug reports.
 
-    Users copy these lines into fault reports. If a renderer cannot be loaded, the lines say why,
-    because that may be the fault.
+    The lines describe the machine. They list the versions of gauss2svg, of the renderers and of
+    some packages. If a renderer cannot be loaded, the lines say why, because that may be the cause
+    of the bug.
     """
     import platform
     import textwrap
@@ -156,10 +166,13 @@ def _versions() -> str:
 
 
 def _or_reason(name: str, describe: Callable[[str], str]) -> str:
-    """Return describe(name). If it fails, return the name and the error without its advice."""
+    """Return describe(name). If it raises an error, return the name and the reason of the error.
+
+    The advice in the error message is left out.
+    """
     try:
         return describe(name)
-    except Exception as error:  # a package that is missing or broken may raise anything
+    except Exception as error:  # a package that is missing or broken may raise any exception
         return f"{name}: {re.split(r'; got |[.] Try ', str(error))[0]}"
 
 
@@ -185,7 +198,9 @@ def _error_line(error: CycloptsError) -> str:
         name = name.lstrip("-").upper() if error.argument.field_info.is_positional else name
         return f"{name} must be given{' with a value' * bool(error.keyword)}; got none. {advice}"
     if isinstance(error, cyclopts.ValidationError) and error.argument is not None:
-        # If some package has imported pydantic, pydantic checks values and words these errors.
+        # If some package has imported pydantic, the value was checked by pydantic, which words its
+        # error in its own way. So `parsed` checks the value again, and the message of its error is
+        # returned.
         name, annotation = error.argument.name.lstrip("-"), error.argument.field_info.annotation
         try:
             field_of(name.replace("-", "_"), annotation).parsed(error.argument.tokens[0].value)
@@ -203,9 +218,12 @@ def _error_line(error: CycloptsError) -> str:
 
 
 def _with_dashes(line: str, words: Sequence[str]) -> str:
-    """Return an error line, with --max-bytes for max_bytes if it begins with the name of an option.
+    """Return an error line with options as they are typed: --max-bytes in place of max_bytes.
 
-    words  command line. Its options count too, because OPTIONS lacks those of single commands
+    A line that does not begin with the name of an option is returned unchanged.
+
+    words  the command line. The names of its options are replaced too, because OPTIONS lacks the
+           options that only one command has.
     """
     typed = {word.partition("=")[0][2:].replace("-", "_") for word in words if word[:2] == "--"}
     names = typed | set(OPTIONS)

@@ -1,4 +1,7 @@
-"""Parameters that several commands share: photos, output, --quiet, lists, the options of a run."""
+"""Parameters that several commands share, such as the photos, the output and the options of a run.
+
+The module also has the functions that read these parameters.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +28,10 @@ Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor s
 
 
 def read_options_file(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Add the options of the TOML file that --options names to `arguments`, which override them.
+    """Add the options of the TOML file that --options names to `arguments`.
 
-    The parser calls this. Raise InputError if the file is not TOML or has an invalid option.
+    An option of the command line overrides the one in the file. The parser calls this function.
+    Raise InputError if the file is not TOML or has an invalid option.
     """
     tokens = [token for one in arguments if OPTIONS_FILE in one.names for token in one.tokens]
     if not tokens:
@@ -49,8 +53,10 @@ def read_options_file(app: App, commands: tuple[str, ...], arguments: ArgumentCo
 def refuse_options(_app: App, _commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Raise InputError for a file name that was probably meant as an option.
 
-    A parameter whose value may be -, for a standard stream, takes any word with a dash as its
-    value: a misspelt --treads, or --quiet after -o. The parser calls this.
+    The value "-" stands for a standard stream. So that a parameter can take this value, the parser
+    lets it take any word that begins with a dash. The misspelt option --treads would therefore
+    become the name of a photo, and --quiet after -o would become the name of the output. The parser
+    calls this function.
     """
     files = [one for one in arguments if one.parameter.allow_leading_hyphen]
     for keyword, name in [(token.keyword, token.value) for one in files for token in one.tokens]:
@@ -60,30 +66,34 @@ def refuse_options(_app: App, _commands: tuple[str, ...], arguments: ArgumentCol
             got = f"{name}, which reads like an option"
             raise refusal("file", "a name that does not begin with -", got, f"./{name}")
         options = [option for one in arguments for option in one.names]
-        # With a lower cutoff the advice for --colors would be --scores.
+        # With a lower cutoff, the error for an unknown option --colors would suggest --scores.
         close = [*get_close_matches(name, options, 1, cutoff=0.8), "--help"][0]
         advice = f"{close}, or ./{name} for a file of that name"
         raise refusal(name, "an option", "an unknown one", advice)
 
 
 def words(text: str) -> list[str]:
-    """Return the items of a list separated by commas, without empty ones."""
+    """Return the items of a text that are separated by commas, without empty items."""
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
 def options_of(groups: Mapping[str, Group]) -> type[Options]:
-    """Return a class for the parser whose fields are some groups of `Options`.
+    """Return a dataclass that the parser fills. It is like `Options`, but has only these groups.
 
-    groups  {key in GROUPS: title in the help} of these groups
-    `Options(**vars(parsed))` turns an instance into `Options`, with defaults for missing groups.
+    Options(**vars(parsed)) turns an instance `parsed` of this dataclass into `Options`. The groups
+    that the dataclass lacks then have their default values.
+
+    groups  {key of a group in GROUPS: section of the help that lists the group's options}
     """
     fields = []
     for key, group in groups.items():
-        # The group densify has a flag that is on by default, so it needs a --no-NAME.
+        # The group densify has a flag that is on by default, so users need --no-NAME to turn it
+        # off.
         negatable: dict[str, Any] = {"negative_bool": "no-", "negative": None}
         parameter = Parameter(name="*", group=group, **(negatable if key == "densify" else {}))
         default = dataclasses.field(default=GROUPS[key]())
         fields.append((key, Annotated[GROUPS[key], parameter], default))
-    # Else the class would be in the module `types`, and the parser would take it for a builtin.
+    # Without this, the module of the class would be `types`, and the parser would take the class
+    # for a builtin type.
     namespace = {"__module__": __name__}
     return dataclasses.make_dataclass("ParsedOptions", fields, namespace=namespace, kw_only=True)

@@ -28,8 +28,8 @@ def placeholder_command(
     photos
         Photos.
     output
-        File to write, or - for standard output. With --format svg a folder. Entries of an existing
-        list are kept if their photo is unchanged, and removed if it is not given.
+        File to write, or - for standard output. With --format svg it is a folder. An existing list
+        keeps the entries of unchanged photos, and loses those of photos that are not given.
     options
         Options.
     quiet
@@ -43,7 +43,9 @@ def placeholder_command(
             for done, photo in enumerate(entries.photos):
                 update(photo.name, done, len(entries.photos))
                 entries.add(photo)
-        except BaseException:  # an interrupted kernel raises numba's SystemError
+        except BaseException:
+            # BaseException is caught because of Ctrl-C: it raises a KeyboardInterrupt, or a
+            # SystemError if it interrupts a kernel.
             _write_so_far(entries, output)
             raise
     kept = entries.kept if entries.count else 0
@@ -77,7 +79,10 @@ def _write(entries: PlaceholderList, output: str) -> None:
 
 
 def _write_so_far(entries: PlaceholderList, output: str) -> None:
-    """Print the failures, and write the finished placeholders, but never to standard output."""
+    """Print the failures, and write the finished placeholders, because the run was interrupted.
+
+    If the output is standard output, no placeholder is written.
+    """
     for line in entries.failures:
         say(line)
     if entries.new and output != STANDARD_STREAM:

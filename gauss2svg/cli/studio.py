@@ -19,7 +19,7 @@ def studio_command(
     jobs: int | None = None,
     threads: int | None = None,
 ) -> int:
-    """Open a page in the browser that vectorises photos on this machine, and serve programs.
+    """Open a page on which this machine vectorises photos. Programs can use the service too.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The summaries of a run and of a check, on standard error."""
+"""Print the summary of a run or of a check on standard error."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gauss2svg.measure.paint import HEAVY_MS
 from gauss2svg.pipeline.run import COMPILED_S
 from gauss2svg.svg import MINIMAL, RESPONSIVE
 
-# stop_reason of a report -> text that the summary prints after the number of shapes.
+# Text that the summary prints after the number of shapes, for each stop_reason of a report.
 _STOPPED = {
     "iterations": "all {iterations} optimiser steps are done",
     "gaussians": "as many as you asked for",
@@ -27,7 +27,8 @@ _STOPPED = {
     "time_limit": "the time limit is reached",
     "interrupted": "interrupted",
 }
-# Texts that replace those of _STOPPED if the run has a limit and no preset.
+# Some texts of _STOPPED name the preset. If the run has a limit but no preset, the summary prints
+# the texts below in place of those.
 _NOTHING_TO_GAIN = {
     "gain": "more would bring it no closer, even if you enlarge it",
     "enough": "more would make no visible difference",
@@ -35,8 +36,11 @@ _NOTHING_TO_GAIN = {
 }
 _SCALE = " (30 is soft, 35 good, 40 hard to tell apart)"
 _SCALE_OF_INKS = " (few inks are far in dB: judge by eye)"
-_FEW = 60  # number of shapes below which one more shape needs a large part of the file
-_MOST_TAGS = 6  # number of tags that print_check lists, the most frequent first
+# The summary says why a file is clearly smaller than its limit. If the file has fewer shapes than
+# this, the reason is that one more shape would not fit, because each shape takes up a large part of
+# the file.
+_FEW = 60
+_MOST_TAGS = 6  # print_check lists at most this many tags, namely the most frequent ones
 
 
 def print_summary(report: dict[str, Any], output: str) -> None:
@@ -59,7 +63,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
 
 
 def print_check(report: dict[str, Any], svg: str) -> None:
-    """Print the elements of an SVG, its size, and how closely it matches the photo."""
+    """Print what elements an SVG has, how large it is, and how closely it matches the photo."""
     r = report
     tags = [f"{count:,} {tag.rpartition('}')[2]}" for tag, count in r["elements_by_tag"].items()]
     others = f", {len(tags) - _MOST_TAGS} other tags" if len(tags) > _MOST_TAGS else ""
@@ -79,7 +83,7 @@ def print_check(report: dict[str, Any], svg: str) -> None:
 
 
 def _compilation(seconds: float) -> str:
-    """Return text on the time that compiling kernels took, or "" if at most COMPILED_S."""
+    """Return text on the time that compiling took, or "" if it took at most COMPILED_S seconds."""
     from gauss2svg.kernel_cache import are_kept
 
     if seconds <= COMPILED_S:
@@ -89,7 +93,10 @@ def _compilation(seconds: float) -> str:
 
 
 def _enlarged(report: dict[str, Any]) -> str:
-    """Return the scores of the enlarged SVG against the reference, or "" without a reference."""
+    """Return text on how closely the enlarged SVG matches the reference.
+
+    The text is "" if no reference was given.
+    """
     scale = report["reference_scale"]
     if scale is None:
         return ""
@@ -107,7 +114,7 @@ def _size(report: dict[str, Any]) -> str:
 
 
 def _shown_width(report: dict[str, Any]) -> str:
-    """Return text on the width at which a page shows the picture, or "" without --size."""
+    """Return text on the width at which a web page shows the picture, or "" without --size."""
     size = report["size"]
     if size is None:
         return ""
@@ -115,14 +122,14 @@ def _shown_width(report: dict[str, Any]) -> str:
 
 
 def _scores(report: dict[str, Any]) -> str:
-    """Return the perceptual scores of a report, and the reasons why scores are missing."""
+    """Return text with the perceptual scores of a report, and the reasons for missing ones."""
     scores = [score for score in ON_REQUEST if score.can_show(report[score.key])]
     text = ", ".join(f"{score.name} {score.text(report[score.key])}" for score in scores)
     return "; ".join(filter(None, [text, *report["scores_missing"]]))
 
 
 def _stop_text(report: dict[str, Any]) -> str:
-    """Return the reason why the file has no more shapes."""
+    """Return text on why the file does not have more shapes."""
     reason, limit = report["stop_reason"], report["max_bytes"]
     if reason == "max_bytes" and report["gaussians"]:
         gzipped = report["gzip"] or report["count_gzipped"]
@@ -134,7 +141,10 @@ def _stop_text(report: dict[str, Any]) -> str:
 
 
 def _page(report: dict[str, Any]) -> str:
-    """Return text on the time that a browser takes to paint the file, or "" below HEAVY_MS."""
+    """Return text on the time that a browser takes to paint the file.
+
+    The text is "" if this time is unknown or less than HEAVY_MS.
+    """
     paint_ms = report["paint_ms"]
     if paint_ms is None or paint_ms < HEAVY_MS:
         return ""
@@ -146,7 +156,10 @@ def _page(report: dict[str, Any]) -> str:
 
 
 def _transparency(report: dict[str, Any]) -> str:
-    """Return the PSNR over white, over black and of alpha, or "" for an opaque photo."""
+    """Return text with three PSNRs: over white, over black, and of the alpha channel.
+
+    The text is "" for an opaque photo.
+    """
     if not report["transparent"]:
         return ""
     white, black, alpha = (decibels(report[f"psnr_svg{over}"]) for over in ("", "_black", "_alpha"))
@@ -154,7 +167,7 @@ def _transparency(report: dict[str, Any]) -> str:
 
 
 def _focus(report: dict[str, Any]) -> str:
-    """Return the PSNR inside of the mask and outside, or "" without a mask."""
+    """Return text with two PSNRs, inside and outside of the mask, or "" if there is no mask."""
     if report["focus_strength"] is None:
         return ""
     inside, outside = (decibels(report[f"psnr_svg_{part}"]) for part in ("inside", "outside"))
@@ -167,7 +180,8 @@ def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: li
     table.add_column()
     for name, text in (*rows.items(), *further, *(("note", note) for note in notes)):
         if text:
-            # A file name may contain markup and escapes, which Text and on_one_line disarm.
+            # A file name may contain markup or control characters. The class Text shows markup as
+            # it is, and on_one_line escapes control characters.
             table.add_row(name, Text(on_one_line(text)))
     Console(stderr=True, highlight=False).print(table)
 

@@ -1,9 +1,10 @@
-"""Signals, standard streams (which may be closed or break) and messages of commands.
+"""Handle signals, print messages, and prepare for standard streams that are closed or fail.
 
-The first Ctrl-C, SIGTERM or Ctrl-Break ends the fit, and the command writes the best result so far.
-The second signal quits. A signal before the fit quits too, because there is nothing to write yet.
-If the first signal comes after the fit, the command still measures and writes the result. Files are
-whole or untouched.
+If Ctrl-C, SIGTERM or Ctrl-Break comes during the fit, the fit ends, and the command writes the best
+result so far. A second signal ends the command at once. A signal before the fit also ends the
+command at once, because there is nothing to write yet. If the first signal comes after the fit, the
+command still measures and writes the result. Every file is either written completely or left
+untouched.
 """
 
 from __future__ import annotations
@@ -24,37 +25,47 @@ from gauss2svg import processes
 from gauss2svg.errors import on_one_line
 
 _QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
-_SHOW_CURSOR = b"\x1b[?25h"  # escape sequence that shows the cursor, which a progress bar hides
+# A progress bar hides the cursor. This escape sequence shows the cursor again.
+_SHOW_CURSOR = b"\x1b[?25h"
 _ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
 
 
 SIGNALS: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM)  # signals that end a command
 if sys.platform == "win32":
-    # Windows sends SIGBREAK for Ctrl-Break and when a console is closed. Programs of Windows do
-    # not send each other SIGTERM.
+    # Windows sends SIGBREAK after Ctrl-Break and when a console is closed. The command handles it
+    # like SIGTERM, which programs on Windows do not send to each other.
     SIGNALS += (signal.SIGBREAK,)
 
 
 class Terminated(KeyboardInterrupt):
-    """The exception for SIGTERM and Ctrl-Break, as KeyboardInterrupt is for Ctrl-C."""
+    """The exception for SIGTERM and Ctrl-Break. The one for Ctrl-C is KeyboardInterrupt."""
 
 
 class Interruption:
-    """The signal that asks a fit to end, if one has come. Pass `receive` to `handling`."""
+    """Record of the signals that ask a fit to end.
+
+    signal  number of the last signal, or None if no signal has come
+    The method `receive` is a signal handler, which has to be passed to `handling`.
+    """
 
     def __init__(self) -> None:
         self.signal: int | None = None
         self._has_fitted = False
 
     def should_stop(self) -> bool:
-        """Return whether the fit should end. `vectorize` calls it as `stop` after every step."""
+        """Return whether the fit should end. The fit calls this method after every step."""
         if not self._has_fitted:
-            processes.pending()  # quit after an earlier signal: there is nothing to write yet
+            # If a signal has already come, the command ends here, because there is nothing to write
+            # yet.
+            processes.pending()
         self._has_fitted = True
         return self.signal is not None
 
     def receive(self, number: int, _frame: FrameType | None) -> None:
-        """Handle a signal: note the first one of a fit. Quit at a second one, or before the fit."""
+        """Handle a signal: end the fit, or end the command at once.
+
+        The command ends at once if this is the second signal, or if the fit has not begun.
+        """
         is_first, self.signal = self.signal is None, number
         if not self._has_fitted:
             _quit_before_fit(number)
@@ -64,7 +75,8 @@ class Interruption:
 
 
 def _write_line(line: bytes) -> None:
-    # The signal may have interrupted print(), which must not be called again inside itself.
+    # This does not call print(), because the signal may have interrupted a call of print(), and
+    # print() fails if it is called inside itself.
     with suppress(OSError):
         os.write(2, line)
 
@@ -75,7 +87,10 @@ def status_of(number: int) -> int:
 
 
 def raise_for(number: int, _frame: FrameType | None = None) -> None:
-    """Raise KeyboardInterrupt for SIGINT, or else Terminated. Let `pending` raise it again."""
+    """Raise KeyboardInterrupt for SIGINT, and Terminated for any other signal.
+
+    Python may drop this exception, so processes.pending() is set to raise it once more.
+    """
     processes.pending = partial(raise_for, number)
     raise KeyboardInterrupt if number == signal.SIGINT else Terminated
 
@@ -83,7 +98,8 @@ def raise_for(number: int, _frame: FrameType | None = None) -> None:
 def exit_for(number: int, _frame: FrameType | None = None) -> None:
     """Handle a signal: print a line on standard error, and end the process without cleaning up.
 
-    An exception instead could get lost in a callback of a C library, or end an import half-way.
+    The handler does not raise an exception, because a callback of a C library could lose it, or it
+    could leave a module half imported.
     """
     _write_line((_SHOW_CURSOR if os.isatty(2) else b"") + _QUITTING)
     os._exit(status_of(number))
@@ -93,7 +109,11 @@ _quit_before_fit: Callable[[int], None] = raise_for
 
 
 def exit_before_fits() -> None:
-    """Let signals end the process at once, until the main fit or another command begins."""
+    """Let a signal end the process at once during start-up.
+
+    Start-up lasts until the fit begins in the main command, and until the command's own code begins
+    in any other command.
+    """
     global _quit_before_fit
     _quit_before_fit = exit_for
     _set_handlers(dict.fromkeys(SIGNALS, exit_for))
@@ -103,8 +123,9 @@ def exit_before_fits() -> None:
 def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> Iterator[None]:
     """Let `handler` handle SIGNALS inside the `with` block, if this is the main thread.
 
-    If a callback of a C library or a __del__ swallows the exception of `raise_for`, it is raised
-    again, at the latest when the block ends. Python's "Exception ignored" is not printed.
+    If a callback of a C library or a __del__ method drops the exception that `raise_for` raised,
+    the exception is raised again, at the latest when the block ends. Python's message "Exception
+    ignored" is not printed for it.
     """
     is_main = threading.current_thread() is threading.main_thread()
     before = _set_handlers(dict.fromkeys(SIGNALS, handler)) if is_main else {}
@@ -117,7 +138,7 @@ def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> It
     if is_main:
         sys.unraisablehook = print_others
     try:
-        processes.pending()  # raise the exception of an earlier signal
+        processes.pending()  # raises an exception if a signal has come before
         yield
         processes.pending()
     finally:
@@ -128,15 +149,16 @@ def handling(handler: Callable[[int, FrameType | None], None] = raise_for) -> It
 
 
 def ignore_signals() -> None:
-    """Ignore signals from now on, because the exit status of the command is decided."""
+    """Ignore signals from now on, because the exit status of the command is already known."""
     _set_handlers(dict.fromkeys(SIGNALS, signal.SIG_IGN))
 
 
 def _set_handlers(handlers: Mapping[int, Any]) -> dict[int, Any]:
-    """Set a handler for each signal, and return the handlers that are replaced.
+    """Set a handler for each signal, and return the previous handlers.
 
-    A signal that this process ignores stays ignored, as under nohup, or in the background of a
-    shell without job control.
+    A signal that this process already ignores stays ignored. A process ignores signals from its
+    start if nohup has started it, for example, or if a shell without job control has started it in
+    the background.
     """
     before = {number: signal.getsignal(number) for number in handlers}
     for number, handler in handlers.items():
@@ -145,7 +167,9 @@ def _set_handlers(handlers: Mapping[int, Any]) -> dict[int, Any]:
     return before
 
 
-_LINE_S = 60.0  # seconds between two lines of progress in a log, which then has hundreds a night
+# Seconds between two lines of progress in a log. With this pause, a run of one night writes
+# only hundreds of lines.
+_LINE_S = 60.0
 
 
 def say(line: str) -> None:
@@ -164,7 +188,9 @@ def hold_closed_descriptors() -> None:
         try:
             os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # the lowest free number, which is `descriptor`
+            # The null device gets the number `descriptor`, because the system gives an opened
+            # file the lowest free number.
+            os.open(os.devnull, os.O_RDWR)
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (it stays open until the process ends)
 
@@ -177,7 +203,10 @@ def print_utf8() -> None:
 
 
 def drop_output() -> None:
-    """Discard what is still buffered for a broken standard output, or Python would fail at exit."""
+    """If the text in the buffer of standard output cannot be written, discard the text.
+
+    Otherwise Python would try to write this text at exit, and would fail.
+    """
     if sys.stdout is None:
         return
     try:
@@ -191,9 +220,10 @@ def drop_output() -> None:
 def counting_bar(
     quiet: bool, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield update(current step, finished steps, total steps), which shows a progress bar.
+    """Show a progress bar on standard error, and yield a function that moves the bar.
 
-    If standard error is not a terminal, `update` prints a line a minute instead.
+    The function is update(current step, finished steps, total steps). If standard error is not a
+    terminal, there is no bar, and `update` prints a line every minute instead.
 
     quiet  whether to show nothing
     clock  function that returns the time in seconds

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gauss2svg.pipeline.vectorize import Result
     from gauss2svg.scene import Scene
 
-_PROGRAM_START_S = time.perf_counter()  # start of the time that --time-limit limits
+_PROGRAM_START_S = time.perf_counter()  # --time-limit counts the time from here
 
 _EXAMPLES = (
     "gauss2svg photo.jpg -o out.svg                       # adapts to the picture",
@@ -43,8 +43,8 @@ HELP = "Turn a picture into an SVG of soft shapes, and measure how closely it ma
     "  \n".join(_EXAMPLES)  # two trailing spaces keep the line break in Markdown
 )
 _SIGNATURE = b"written by gauss2svg"  # text in the description of every SVG that gauss2svg writes
-_SIGNATURE_WITHIN = 65536  # bytes at the start of a file in which the signature is searched
-# Option for an output file -> suffix that the file must have.
+_SIGNATURE_WITHIN = 65536  # the signature must be within this number of bytes from the start
+# {option that names an output file: suffix that this file must have}
 _SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
 _SUFFIXES |= {"save_scene": ".npz"}
 _FORMATS_NAMED = 6  # number of photo formats that the help names
@@ -62,7 +62,7 @@ output
 
 @dataclass(frozen=True, kw_only=True)
 class InputFiles:
-    """Options for files that are read beside the photo."""
+    """Options for files that are read in addition to the photo."""
 
     focus: Path | None = None
     """Put more detail where this picture is white. It has the proportions of the photo."""
@@ -73,7 +73,7 @@ class InputFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class OutputFiles:
-    """Options for files beside the SVG, and for messages."""
+    """Options for files that are written in addition to the SVG, and for messages."""
 
     preview: Path | None = None
     """Save the rasterised SVG as a PNG file."""
@@ -96,7 +96,7 @@ class OutputFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class PlatesAndPens(OptionGroup):
-    """Options for files that printers and plotters take."""
+    """Options for files that are written for printers and plotters."""
 
     separations: Path | None = None
     """Save one SVG for each of the --inks, black where the ink is visible. The name plate.svg gives
@@ -109,10 +109,10 @@ class PlatesAndPens(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class Files(PlatesAndPens, OutputFiles, InputFiles):
-    """Options for all files beside the photo and the SVG."""
+    """Options for all files except the photo and the SVG."""
 
     def plates(self, count: int) -> list[Path]:
-        """Return the paths of the first `count` plates, or none without --separations."""
+        """Return the paths of the first `count` plates, or [] if --separations is not given."""
         path = self.separations
         if path is None:
             return []
@@ -120,10 +120,10 @@ class Files(PlatesAndPens, OutputFiles, InputFiles):
 
 
 def vectorize_command(everything: bool, short: bool = False) -> Callable[..., int]:
-    """Return the main command as a function with a parameter for each group of options.
+    """Return the function of the main command. The parser makes options from its parameters.
 
-    everything  whether its help shows all groups, and not only the first
-    short       whether it has only the first group, which is quicker to build
+    everything  True if the command's help shows all groups of options, and not only the first
+    short       True if the command has only the first group, so that it is built faster
     """
     groups = {
         key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
@@ -164,7 +164,9 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
             output = _default_output(photo, extras.overwrite)
         options = _checked(photo, output, options, extras)
         result = _result(photo, output, options, extras, interruption)
-        lines = [*result.report["unreached"]] if extras.quiet else []  # else the summary shows them
+        # The summary tells which targets were missed. With --quiet, there is no summary. A line is
+        # then printed for each missed target, because the user must know of it.
+        lines = [*result.report["unreached"]] if extras.quiet else []
         lines += _write(result, output, extras)
         written_to = "standard output" if output == STANDARD_STREAM else output
         if not extras.quiet:
@@ -185,8 +187,8 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
 def _default_output(photo: str, overwrite: bool) -> str:
     """Return the name of the SVG beside a photo: photo.svg for photo.jpg.
 
-    Raise InputError if the photo is standard input or has that name itself. Also raise it if the
-    file exists and gauss2svg did not write it, unless `overwrite` is True.
+    Raise InputError if the photo is standard input, or if the photo itself has that name. Also
+    raise it if the SVG exists and gauss2svg did not write it, unless `overwrite` is True.
     """
     if photo == STANDARD_STREAM:
         advice = "-o out.svg, or -o - for standard output"
@@ -206,17 +208,19 @@ def _default_output(photo: str, overwrite: bool) -> str:
 
 
 def _checked(photo: str, output: str, options: Options, extras: Files) -> Options:
-    """Return the options, with gzip on for an output that ends in .svgz.
+    """Return the options, with gzip turned on if the name of the output ends in .svgz.
 
-    Raise InputError if an output file does not go with the options, is an input, or has a wrong
-    suffix. Raise OutputError if a file cannot be written.
+    Raise InputError if an output file cannot be made with these options, has a wrong suffix, or
+    would replace the photo, the mask or the scene. Raise OutputError if a file cannot be written.
     """
     from gauss2svg.svg.file import check_suffix, check_svg_name, is_svgz
 
     for name, rule, advice in _exclusions(output, options, extras):
         raise InputError(f"{name} must {rule}. Try {advice}")
     if extras.separations is not None:
-        files.check_writable(extras.separations)  # refuse a folder: plates need a file name
+        # The value of --separations must be the name of a file, because the names of the plates are
+        # made from it. So this raises an error if the value is a folder.
+        files.check_writable(extras.separations)
     paths = {name: path for name in _SUFFIXES if (path := getattr(extras, name)) is not None}
     targets = [] if output == STANDARD_STREAM else [Path(output)]
     targets += [path for name, path in paths.items() if name != "separations"]
@@ -236,7 +240,11 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
 
 
 def _exclusions(output: str, options: Options, extras: Files) -> Iterator[tuple[str, str, str]]:
-    """Yield (name, broken rule, advice) for each option for files that breaks a rule."""
+    """Yield (name, rule, advice) for each option of an output file that breaks a rule.
+
+    The error message is then "NAME must RULE. Try ADVICE". So the rule goes on after "must". It
+    ends with a reason, or with what was given.
+    """
     if not output:
         yield "--output", "be the name of a file; got ''", "-o out.svg"
     if extras.outline is not None and options.written_blend == ADD:
@@ -259,7 +267,8 @@ def _result(
 
     source = files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
     if output == STANDARD_STREAM:
-        files.standard_stream(sys.stdout, "output")  # refuse a closed stream at once
+        # If standard output is closed, this raises an error now and not only after the fit.
+        files.standard_stream(sys.stdout, "output")
     started = _PROGRAM_START_S if options.goal.time_limit is not None else None
     with watched(not extras.quiet) as progress:
         return vectorize_by(
@@ -278,7 +287,7 @@ def _start(path: Path | None) -> "Scene | None":
 
 
 def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
-    """Write all files, and yield lines of text that explain the outlines and the plates."""
+    """Write all files. Yield the lines that are to be printed about the outlines and plates."""
     from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])

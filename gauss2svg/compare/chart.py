@@ -1,4 +1,4 @@
-"""Scatter charts of a score over a cost, and numbers as text for pages and plots."""
+"""Make scatter charts of a score over a cost, and format numbers for pages and plots."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from gauss2svg.measure import NONE, PSNR, SPACE, Score
 
 
 def whole(value: float | None) -> str:
-    """Return a number as text, rounded to a whole one, with spaces between thousands."""
+    """Return a number rounded to an integer, as text with a space between thousands."""
     return NONE if value is None else f"{round(value):,}".replace(",", SPACE)
 
 
 def size(number: float | None) -> str:
-    """Return a size in bytes with three digits: 940 B, 58.3 kB, 1.68 MB."""
+    """Return a size in bytes as text with three digits and a unit: 940 B, 58.3 kB, 1.68 MB."""
     if number is None:
         return NONE
     value, unit = _in_bytes(number)
@@ -28,12 +28,12 @@ def size(number: float | None) -> str:
 
 
 def seconds(value: float | None) -> str:
-    """Return seconds with three digits: 0.84 s, 12.3 s, 401 s."""
+    """Return seconds as text with three digits and the unit: 0.84 s, 12.3 s, 401 s."""
     return NONE if value is None else f"{_three_digits(value)}{SPACE}s"
 
 
 def tick(value: float, unit: str) -> str:
-    """Return the text of a tick, for unit "bytes" or "seconds": 5 kB, 0.5 B, 20 s."""
+    """Return the label of a tick: 5 kB or 0.5 B if the unit is "bytes", 20 s if it is "seconds"."""
     value, name = _in_bytes(value) if unit == "bytes" else (value, "s")
     return f"{value:g}{SPACE}{name}"
 
@@ -47,7 +47,8 @@ def _in_bytes(number: float) -> tuple[float, str]:
 
 def _three_digits(value: float) -> str:
     decimals = 2 if value < 9.995 else 1 if value < 99.95 else 0
-    # Ties are rounded up, as the scripts of the pages do: 2625 B is 2.63 kB.
+    # A value halfway between two numbers is rounded up, as in the scripts of the pages: 2625 B
+    # becomes 2.63 kB.
     rounded = Decimal(float(value)).quantize(Decimal(1).scaleb(-decimals), ROUND_HALF_UP)
     return f"{rounded:,}".replace(",", SPACE)
 
@@ -59,14 +60,19 @@ def machine_text(machine: Mapping[str, Any]) -> str:
 
 
 class Cost(NamedTuple):
-    """A cost for charts: its key in a record, its unit ("bytes" or "seconds"), its axis title."""
+    """A cost that a chart can show.
+
+    key    key of the cost in a record
+    unit   "bytes" or "seconds"
+    title  title of the chart's axis
+    """
 
     key: str
     unit: str
     title: str
 
     def text(self, value: float) -> str:
-        """Return a value of this cost with its unit."""
+        """Return text for a value of this cost, with the unit: 58.3 kB or 12.3 s."""
         return size(value) if self.unit == "bytes" else seconds(value)
 
 
@@ -75,10 +81,11 @@ COSTS = (
     Cost("total_s", "seconds", "time, photo to measured SVG"),
 )
 _MARGIN = 1.25  # factor by which the cost axis extends beyond the outermost points
-_MOST_DECADES = 2.5  # number of decades above which a cost axis has ticks at powers of ten only
+# A cost axis that spans more decades than this has ticks only at powers of ten.
+_MOST_DECADES = 2.5
 
 
-# Size of a chart and positions of its axes, in user units. A narrow chart has fewer ticks.
+# Sizes of charts and positions of their axes, in user units of SVG. A narrow chart has fewer ticks.
 WIDE = Frame(width=720, height=440, left=52, right=700, top=34, bottom=394, is_narrow=False)
 NARROW = Frame(width=340, height=270, left=42, right=326, top=30, bottom=226, is_narrow=True)
 
@@ -88,14 +95,19 @@ def scatter(
 ) -> dict[str, Any] | None:
     """Return the chart of a score over the logarithm of a cost, as data for chart.jinja.
 
-    points  mappings with cost (> 0), score (None if the PSNR is infinite), series (index that
-            decides colour and shape), group (a line joins the points of a group; None for no
-            line), text (tooltip), and perhaps href (address that a click opens)
+    points  a mapping for each point, with these keys:
+            cost    the cost, > 0
+            score   the score, or None if the PSNR is infinite
+            series  index that decides the colour and the shape of the point
+            group   a line joins all points of the same group. A point of the group None has no line
+            text    tooltip of the point
+            href    address that a click on the point opens. This key may be missing
 
-    The chart has its frame, the titles of its axes, ticks as (position, text), and the points with
-    positions x and y. Points of exact SVGs, whose PSNR is infinite, lie in a row at the top, at
-    equal_y. Better is always higher, so the axis is upside down if lower scores are better. Return
-    None if there are no points.
+    The result has the frame, the titles of the axes, the ticks as (position, text), and the points
+    with their positions x and y. Points of exact SVGs, whose PSNR is infinite, lie in a row at the
+    top, at the height equal_y. A point with a better score is always higher on the chart. So if a
+    lower score is better, the numbers on the axis increase downwards. Return None if there are no
+    points.
     """
     if not points:
         return None
@@ -106,7 +118,8 @@ def scatter(
     some_equal = None in scores
     step = _step(max(finite) - min(finite), axis.least_step)
     bottom = math.floor(min(finite) / step) * step
-    # The axis ends at least a fifth of a step above the highest point.
+    # `step` is the distance between two ticks. The axis ends at the first tick that is at least a
+    # fifth of this distance above the highest point.
     top = math.ceil((max(finite) + step / 5) / step) * step
     ceiling = top + step if some_equal else top
 
@@ -125,7 +138,7 @@ def scatter(
         "frame": frame,
         "titles": (cost.title, axis.title),
         "x_ticks": [(x_of(at), tick(at, cost.unit)) for at in _ticks(low, high, frame.is_narrow)],
-        # round() drops the digits of rounding errors, and + 0.0 the sign of a negative zero.
+        # round() removes digits that come from rounding errors. Adding 0.0 turns -0.0 into 0.0.
         "y_ticks": [(y_of(y), f"{round(y, 6) + 0.0:g}") for y in levels if axis.sign * y < best],
         "points": [{**p, "x": x_of(p["cost"]), "y": y_of(p["score"])} for p in points],
         "equal_y": y_of(None) if some_equal else None,
@@ -133,7 +146,10 @@ def scatter(
 
 
 def template_environment(*packages: str) -> Environment:
-    """Return a Jinja environment that escapes text, with templates of this and other packages."""
+    """Return a Jinja environment that escapes text for HTML and SVG.
+
+    It has the templates of gauss2svg.compare and of the given packages.
+    """
     loader = ChoiceLoader([PackageLoader(name) for name in ("gauss2svg.compare", *packages)])
     environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     environment.trim_blocks = environment.lstrip_blocks = True
@@ -143,13 +159,21 @@ def template_environment(*packages: str) -> Environment:
 
 
 def _step(span: float, least: float) -> float:
-    """Return the distance of ticks: the first of 1, 2, 5, 10, .. x `least` with <= 6 in `span`."""
+    """Return the distance between two ticks of an axis whose values have a range of `span`.
+
+    The distance may be `least` times 1, 2, 5, 10, 20 and so on. It is the smallest of these that
+    divides `span` into at most 6 parts.
+    """
     steps = (least * factor * 10**power for power in count() for factor in (1, 2, 5))
     return next(step for step in steps if span / step <= 6)
 
 
 def _ticks(low: float, high: float, is_narrow: bool) -> list[float]:
-    """Return the ticks of a cost axis: 1, 2, 5, 10, 20, .., fewer if it is long, more if short."""
+    """Return the values at which a cost axis has ticks, usually 1, 2, 5, 10, 20 and so on.
+
+    If the axis spans many powers of ten, some of these ticks are left out. If fewer than two of
+    them lie on the axis, ticks at other values are added.
+    """
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
 
     def between(*steps: float) -> list[float]:
@@ -162,6 +186,8 @@ def _ticks(low: float, high: float, is_narrow: bool) -> list[float]:
     if is_narrow and decades > _MOST_DECADES / 2:
         return between(1, 3)
     usual = between(1, 2, 5)
-    # The longer list has a tick even on the shortest axis, which spans a factor of _MARGIN ** 2.
+    # If all points have the same cost, the largest value of the axis is only _MARGIN ** 2 times the
+    # smallest. Such a short axis sometimes has none of the usual ticks. But it always has at least
+    # one of the ticks that are listed here.
     ticks = usual if len(usual) > 1 else between(1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)
     return ticks[::2] if is_narrow and len(ticks) > 4 else ticks

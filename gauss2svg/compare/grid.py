@@ -1,7 +1,8 @@
-"""The grid of photos and variants: records of finished runs are kept, and missing runs are made.
+"""Vectorise every photo with every variant, and keep a record of each of these runs.
 
-The benchmark and galleries are reports on a grid. When a run ends, its record is appended to a file
-as a line of JSON.
+The benchmark and the galleries are reports on such a grid of runs. When a run ends, its record is
+appended to a file as a line of JSON. If that file already has the record of a run, the run is not
+made again.
 """
 
 from __future__ import annotations
@@ -34,7 +35,10 @@ from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
 @cache
 def code_digest() -> str:
-    """Return the SHA-256 of the package's source files. If it changes, all runs are made again."""
+    """Return the SHA-256 of the package's source files.
+
+    The key of a record contains it. So if the code changes, all runs are made again.
+    """
     package = Path(__file__).parent.parent
     sources = sorted(package.rglob("*.py"))
     parts = (str(path.relative_to(package)).encode() + path.read_bytes() for path in sources)
@@ -43,14 +47,16 @@ def code_digest() -> str:
 
 @dataclass(eq=False)
 class Task:
-    """A run of a photo in a variant, or the preparation of a photo for a gallery.
+    """One run, which vectorises one photo with one variant, or the preparation of one photo.
 
-    variant       variant of the run; None for a preparation
-    parameters    values of the request other than the photo and the variant
+    Only a gallery prepares photos.
+
+    variant       variant of the run, or None if the task prepares a photo
+    parameters    entries of the request besides those of the photo and the variant
     dependencies  values on which the result depends, besides those that are part of every key
-    columns       further columns of the record
-    file          file that the task writes in its own folder, or None. The task is finished only if
-                  this file exists.
+    columns       entries that the record has in addition to those of every record
+    file          file that the task writes in its own folder, or None. If it is not None, the task
+                  counts as finished only if this file exists.
     """
 
     photo: ListedPhoto
@@ -62,14 +68,17 @@ class Task:
 
     @property
     def request(self) -> dict[str, Any]:
-        """Argument for the function that makes the record."""
+        """Argument of the function that does this task."""
         variant = self.variant
         tool = {"tool": variant.tool, "settings": dict(variant.settings)} if variant else {}
         return {"source": self.photo.path, **tool, **self.parameters}
 
     @cached_property
     def key(self) -> str:
-        """Hash of everything that the record depends on. Paths are not part of it."""
+        """Hash of everything on which the record depends.
+
+        The photo counts with its content and not with its path.
+        """
         software = code_digest(), renderer_version(DEFAULT_RENDERER), packages()
         parts = [self.photo.digest, *software, self.variant, *self.dependencies]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
@@ -89,7 +98,13 @@ class Task:
 
 
 class Progress(NamedTuple):
-    """Progress of a grid: finished tasks, all tasks, kept runs, names of the current tasks."""
+    """Progress of a grid.
+
+    done   number of tasks that have a record
+    total  number of tasks that will have a record
+    kept   number of runs that are not made again, because the file already had their records
+    now    names of the tasks that are running
+    """
 
     done: int
     total: int
@@ -102,9 +117,9 @@ class Grid:
 
     path     file of all records
     records  record of each task, in the order of the tasks. A record is empty until its task has
-             ended, and has a text "error" if the task failed.
-    kept     number of runs whose records from before are still valid
-    total    number of tasks that will have a record
+             ended. If the task failed, the record has the entry "error", which says why.
+    kept     number of runs that are not made again, because `path` already had their records
+    total    number of tasks that will have a record. The tasks of a photo that fails get no record
     """
 
     def __init__(
@@ -119,7 +134,9 @@ class Grid:
             row = rows_before.get(task.columns.get("folder", task.key), {"key": ""})
             is_whole = "error" not in row and (task.file is None or task.file.exists())
             if is_whole and row["key"] == task.key:
-                self.records[task] = row | {"image": task.photo.name}  # it may have a new name
+                # The photo may have been renamed after the record was made, so its present name is
+                # put into the record.
+                self.records[task] = row | {"image": task.photo.name}
         self.kept = sum(1 for task, row in self.records.items() if row and task.variant)
 
     def has_succeeded(self, task: Task) -> bool:
@@ -129,16 +146,19 @@ class Grid:
     def run(
         self, tasks: Iterable[Task], pool: Pool, make: Callable[[Mapping[str, Any]], Row]
     ) -> Iterator[Row]:
-        """Make each missing record by `make` in a process of `pool`, save it, and yield it.
+        """Do the tasks that have no record. Save each new record, and yield it.
 
-        Raise OutputError if no other record can be made, for example because the disk is full.
+        To do a task, a process of `pool` calls the function `make`. Raise OutputError if a file
+        cannot be written, for example because the disk is full. The other tasks would then fail
+        too.
         """
 
         def submitted(task: Task) -> Future[Row]:
             self._now.append(task)
             self._report()
             if task.file is not None and task.file.exists():
-                # The old record of this file is wrong from now on, also after an interruption.
+                # The file will be replaced, so its old record must not be used again, even if this
+                # run is interrupted.
                 add_row(self._path, task.record({"error": "it was interrupted"}))
             return pool.submit(record_or_error, make, task.request)
 
@@ -164,10 +184,11 @@ class Grid:
 
 
 def rows_in(path: Path) -> dict[str, Row]:
-    """Return {folder of a row, or else its key: row} for a file of JSON lines.
+    """Read the rows of a file of JSON lines, and return {folder of a row: row}.
 
-    The last row of a folder or key counts. Damaged lines and rows without a key are left out. Raise
-    InputError if the file cannot be read.
+    For a row without the entry "folder", its entry "key" is used instead. If several rows have the
+    same folder or key, only the last one is returned. Damaged lines and rows without a key are left
+    out. Raise InputError if the file cannot be read.
     """
     rows: dict[str, Row] = {}
     if path.exists():
@@ -180,11 +201,13 @@ def rows_in(path: Path) -> dict[str, Row]:
 
 
 def add_row(path: Path, row: Row) -> None:
-    """Append a row to a file of JSON lines, and flush it. Raise OutputError if that fails."""
+    """Append a row to a file of JSON lines, and flush it. Raise OutputError on failure."""
     line = json.dumps(row, allow_nan=False).encode() + b"\n"
     with writing(path), path.open("a+b") as stream:
         if stream.tell():
-            stream.seek(-1, os.SEEK_END)  # an interruption may have left half a line
+            # An interruption may have cut off the last line, so a line break is added if it is
+            # missing.
+            stream.seek(-1, os.SEEK_END)
             stream.write(b"" if stream.read(1) == b"\n" else b"\n")
         stream.write(line)
         stream.flush()
@@ -201,7 +224,7 @@ def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return CSV text with a column for every name in any row. None becomes an empty cell."""
+    """Return CSV text with a column for each name that a row has. None becomes an empty cell."""
     flattened = [flat(row) for row in rows]
     columns = list(dict.fromkeys(name for row in flattened for name in row))
     stream = io.StringIO()
@@ -212,9 +235,13 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
 
 
 def output_folder(directory: str | os.PathLike[str], outputs: Iterable[str]) -> Path:
-    """Create a folder if missing. Return it, or raise OutputError if an output is not writable."""
+    """Create a folder if it does not exist, and return its path.
+
+    Raise OutputError if the folder or one of the outputs in it cannot be written.
+    """
     folder = Path(file_name("directory", directory, "the name of a folder, such as . for this one"))
     make_folder(folder)
     for name in outputs:
-        check_writable(folder / name)  # fail before the work, not after it
+        # If the output cannot be written, this raises an error now and not after hours of work.
+        check_writable(folder / name)
     return folder

@@ -1,7 +1,7 @@
 """Peers: other tools that turn a photo into a small file, for the benchmark and galleries.
 
-The package of a peer is imported only in the process that runs it. If a peer is a program, its time
-includes its start.
+The package of a peer is imported only in the process that runs the peer. If a peer is a program,
+its measured time includes the time that the program takes to start.
 """
 
 from __future__ import annotations
@@ -50,9 +50,11 @@ class Peer(NamedTuple):
 
     prepare   function that imports the tool, reads the PNG, and returns a second function, which
               writes the file. Only the time of the second function is measured.
-    suffix    suffix of the file. An .svg is rasterised for its scores. Others are read as images.
-    settings  sets of keyword arguments of `prepare`. The benchmark tries all, a gallery the first
-    version   returns the installed version, or None if the tool is not installed
+    suffix    suffix of the file. An .svg file is rasterised to compute its scores. Any other file
+              is read as an image.
+    settings  each item has keyword arguments of `prepare`. By default the benchmark runs the tool
+              with every item, and a gallery runs it with the first.
+    version   function that returns the installed version, or None if the tool is not installed
     """
 
     prepare: Callable[..., Conversion]
@@ -68,8 +70,8 @@ def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Conversion:
     return lambda: vtracer.convert_image_to_svg_py(*paths, **_VTRACER[style] | changes)
 
 
-# Environment variable with the path of a Python that has vtracer 1.0. One Python cannot have both
-# vtracer 0.6 and 1.0.
+# Environment variable with the path of a second Python, in which vtracer 1.0 is installed. A second
+# Python is needed, because vtracer 0.6 and vtracer 1.0 cannot be installed in the same one.
 VTRACER1 = "GAUSS2SVG_VTRACER1"
 _VTRACER1_STYLES: dict[str, dict[str, Any]] = {
     "default": {},
@@ -79,7 +81,7 @@ _VTRACER1_STYLES: dict[str, dict[str, Any]] = {
         "clustering": "watershed", "watershed_detail": 512, "optimize": 2, "path_precision": 1,
     },
 }  # fmt: skip
-_ISOLATED = "-I"  # option of the other Python, which then ignores PYTHONPATH
+_ISOLATED = "-I"  # option with which the other Python ignores PYTHONPATH
 _SAY_VERSION = (
     "import importlib.metadata, vtracer\n"
     "vtracer.Config; print(importlib.metadata.version('vtracer'))"
@@ -130,17 +132,18 @@ def _splatthis(png: Path, output: Path, style: str) -> Conversion:
 
 
 _SPLATTHIS: dict[str, dict[str, Any]] = {
-    # The defaults of splatthis's command line.
+    # This setting has the same values as the defaults of splatthis's command line.
     "default": {
         "max_splats": 2000, "stages": [200, 150, 100, 50], "quality_profile": "max-fidelity",
     },
-    # The image is reduced to `side` px, because at 160 px a run took 125 CPU seconds.
+    # With this setting, the image is reduced until its longest side is `side` px, because splatthis
+    # would take too long for a larger one. It took 125 CPU seconds for an image of 160 px.
     "fast": {"max_splats": 500, "stages": [60, 40], "quality_profile": "fast", "side": 128},
 }  # fmt: skip
 
 
 def _primitive_version() -> str | None:
-    """Return the first digits of the program's hash, because it reports no version."""
+    """Return the first digits of a hash of the program, because it does not report its version."""
     path = shutil.which("primitive")
     return path and hashlib.sha256(Path(path).read_bytes()).hexdigest()[:8]
 
@@ -167,7 +170,9 @@ def _swag(png: Path, output: Path, quality: str) -> Conversion:
             words = ["--quality", quality, "--max-edge", "0", "--background", "keep"]
             words += ["--workers", "1", "--no-measure", "--quiet"]
             _output(["swag", str(png), "--out", folder, *words])
-            for drawing in Path(folder).glob("*.svg"):  # another program named swag writes none
+            # The program may be another one that is also called swag. It then leaves no SVG in this
+            # folder, so the loop does not write `output`, and the run counts as failed.
+            for drawing in Path(folder).glob("*.svg"):
                 shutil.move(drawing, output)
 
     return convert
@@ -188,7 +193,8 @@ def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Conversi
 
     with Image.open(png) as image:
         pixels = image.convert("RGB")
-    pixels.save(io.BytesIO(), format_name, quality=quality)  # loads the codec, which is not timed
+    # The first save loads the codec, which must not be part of the measured time.
+    pixels.save(io.BytesIO(), format_name, quality=quality)
     return lambda: pixels.save(output, format_name, quality=quality)
 
 

@@ -1,4 +1,4 @@
-"""Records of runs: errors, costs and the machine. This module imports nothing heavy."""
+"""Records of runs: errors, costs and the machine. This module imports no large package."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ import psutil
 from gauss2svg.errors import Gauss2SvgError, OutputError, error_line, on_one_line
 
 Row = dict[str, Any]
-TOOL = "gauss2svg"  # value of "tool" in rows of gauss2svg itself
+TOOL = "gauss2svg"  # value of "tool" in the records of gauss2svg itself
 
 
 def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> dict[str, Any]:
     """Return the record that a function makes, or {"error": one line} if it raises an exception.
 
-    So a task that fails does not stop the others. The record also has "fatal" after an OutputError,
-    because no other task can succeed, for example if the disk is full. Infinities become None.
+    So a task that fails does not stop the others. But after an OutputError, the record also has the
+    key "fatal", because no other task can succeed either. The disk may be full, for example.
+    Infinity and NaN become None.
     """
     try:
         return json_safe(make(*arguments))
@@ -32,24 +33,31 @@ def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> 
         return {"error": error_line(str(error)), "fatal": True}
     except MemoryError as error:
         line = f"out of memory ({error}). Try smaller photos or fewer Gaussians"
-    except Exception as error:  # a peer may raise anything, and a bug is shown with its type
+    except Exception as error:
+        # Another tool may raise any exception. The message of a Gauss2SvgError says enough. For any
+        # other exception, the line begins with the type of the exception.
         line = f"{type(error).__name__}: " * (not isinstance(error, Gauss2SvgError)) + str(error)
     return {"error": error_line(on_one_line(line))}
 
 
 def json_safe(value: Any) -> Any:
-    """Return a value as JSON keeps it. Infinities and NaN become None, because JSON lacks them."""
+    """Return a value in the form that it has after it is written as JSON and read again.
+
+    Infinity and NaN become None, because JSON does not have them.
+    """
     return json.loads(json.dumps(value), parse_constant=lambda _: None)
 
 
 def start_watch() -> Callable[[], dict[str, Any]]:
-    """Start a watch, and return a function that returns the costs since the start.
+    """Start to measure costs. Return a function that returns the costs from then until its call.
 
     total_s      wall-clock seconds
     cpu_s        CPU seconds of this process and its children
-    other_cpu_s  CPU seconds of all other programs. If these programs occupy the cores, threads that
-                 wait for each other take much longer.
-    peak_bytes   peak memory of this process or an ended child since it began; None if unknown
+    other_cpu_s  CPU seconds of all other programs. If other programs use the cores, a run takes
+                 much longer, because its threads wait for each other.
+    peak_bytes   largest memory that this process has held since it started, even before this
+                 call. If a child that has ended held more, this is the largest memory of that
+                 child. None if it is unknown
     """
     start = _seconds()
 
@@ -62,9 +70,11 @@ def start_watch() -> Callable[[], dict[str, Any]]:
 
 
 def _seconds() -> tuple[float, float, float]:
-    """Return wall-clock seconds and two kinds of CPU seconds.
+    """Return three times in seconds, each counted from a fixed moment in the past.
 
-    The first kind is of this process and its children, the second is of all programs.
+    1. the wall-clock time
+    2. the CPU time of this process and of its children that have ended
+    3. the CPU time of all programs on the machine
     """
     own, busy = os.times(), psutil.cpu_times()._asdict()
     kinds = ("user", "nice", "system", "irq", "softirq", "steal")
@@ -76,18 +86,20 @@ def _seconds() -> tuple[float, float, float]:
 def _peak_bytes() -> int | None:
     try:
         import resource
-    except ImportError:  # Windows
+    except ImportError:  # Windows has no module `resource`
         return None
     unit = 1 if sys.platform == "darwin" else 1024
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * unit
     if peak := _from_proc("self/status", "VmHWM").removesuffix(" kB"):
-        return max(int(peak) * 1024, children)  # Linux adds the parent's peak to ru_maxrss
+        # On Linux, ru_maxrss of this process may be the peak of its parent, so VmHWM is read.
+        return max(int(peak) * 1024, children)
     return max(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit, children)
 
 
 def machine() -> dict[str, Any]:
     """Return the CPU model, the number of usable cores and the platform."""
-    affinity = getattr(os, "sched_getaffinity", None)  # macOS lacks it
+    # os.sched_getaffinity() gives the cores that this process may use. macOS and Windows lack it.
+    affinity = getattr(os, "sched_getaffinity", None)
     cores = len(affinity(0)) if affinity else os.cpu_count() or 1
     cpu = _from_proc("cpuinfo", "model name") or platform.processor() or platform.machine()
     return {"cpu": cpu, "cores": cores, "platform": platform.platform()}

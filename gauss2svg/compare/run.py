@@ -1,4 +1,6 @@
-"""A run of a photo in a variant: its scores and cost for the benchmark, its files for a gallery.
+"""Vectorise one photo with one variant, and measure the result.
+
+The benchmark takes the scores and the cost from such a run, and a gallery takes the files.
 
 Each run of the benchmark, and each run of another tool, has its own process, so that its time and
 memory can be measured.
@@ -36,8 +38,8 @@ from gauss2svg.pool import Pool
 from gauss2svg.processes import held_bytes
 
 Request = Mapping[str, Any]
-# Keys of a report that are also in a record of the benchmark: _FIT_KEYS for gauss2svg alone,
-# _FILE_KEYS for all tools.
+# Keys that a record of the benchmark takes from a report: _FILE_KEYS for all tools, and _FIT_KEYS
+# only for gauss2svg.
 _FIT_KEYS = (
     "fit_width", "fit_height", "gaussians", "iterations", "rounds", "stop_reason", "threads",
     "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
@@ -50,19 +52,21 @@ _FILE_KEYS = (
 PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"
 PICTURE, SCENE, REPORT = "picture.svg", "scene.npz", "report.json"
 OUTLINES, ERRORS = "outlines.svg", "errors.png"
-SIDE = 74  # px, side of a crop. Enlarged 3x, five fit side by side on the screen of a laptop
-_THUMBNAIL_PX = 320  # longest side of a thumbnail
+# Side (px) of a crop. Pages show crops enlarged 3 times, and five of them fit side by side on the
+# screen of a laptop.
+SIDE = 74
+_THUMBNAIL_PX = 320  # longest side (px) of a thumbnail
 
 
 class Run(NamedTuple):
     """A finished run.
 
-    data    bytes of the file, an SVG or a raster image
-    report  measurements, in the form in which the command line writes them
+    data    bytes of the file, which is an SVG or a raster image
+    report  measurements, as in the file of the option --report
     raster  pixels of the drawn file, from which the scores were computed
-    photo   pixels of the photo, in the same size, with which `raster` was compared
+    photo   pixels of the photo at the size of `raster`. The two were compared
     cost    total_s, cpu_s, other_cpu_s and peak_bytes, and for gauss2svg also warmup_s
-    result  result of gauss2svg; None for other tools
+    result  result of gauss2svg, or None for another tool
     """
 
     data: bytes
@@ -74,19 +78,23 @@ class Run(NamedTuple):
 
 
 def run(request: Request) -> Run:
-    """Make the file of a photo, and measure it at the size of the photo.
+    """Turn a photo into a file with gauss2svg or another tool, and measure the file.
 
-    request  source (path), tool, settings, options (further options of `vectorize`, among them
-             max_pixels), peer_timeout (s), and perhaps reference (a path and a scale)
-    Raise Gauss2SvgError if no file is made, or if it cannot be measured.
+    The file is drawn at the size of the photo and compared with it.
+
+    request  has the keys source (path of the photo), tool, settings, options (further options of
+             `vectorize`, among them max_pixels) and peer_timeout (s). If the photo has a reference,
+             the request also has the key reference (path and scale of the reference).
+    Raise Gauss2SvgError if no file is made, or if the file cannot be measured.
     """
     return _by_gauss2svg(request) if request["tool"] == TOOL else _by_peer(request)
 
 
 def measure_alone(request: Request) -> dict[str, Any]:
-    """Return the benchmark's record of a run, or {"error": line}.
+    """Make a run in a new process, and return its record for the benchmark, or {"error": line}.
 
-    A run of gauss2svg has its own process. For another tool, only the call of the tool has one.
+    If gauss2svg makes the file, the new process also measures it. If another tool makes the file,
+    the new process only runs the tool, and this process measures the file.
     """
     is_own = request["tool"] == TOOL
     return in_own_process(measure_run, request) if is_own else measure_run(request)
@@ -107,14 +115,15 @@ def measure_run(request: Request) -> dict[str, Any]:
 def in_own_process(function: Callable[..., Any], *arguments: Any, timeout_s: float = 0.0) -> Any:
     """Call a function in a new process, and return its record, or {"error": line}.
 
-    Raise WorkerDiedError if the process dies, and TimeoutError after timeout_s seconds. 0 seconds
-    mean no limit.
+    Raise WorkerDiedError if the process dies, and TimeoutError after timeout_s seconds. If
+    timeout_s is 0, there is no limit.
     """
     with Pool(1) as pool:
         return pool.submit(record_or_error, function, *arguments, timeout=timeout_s).result()
 
 
-# A process warms up once for all its runs with the same settings. Their time excludes the warm-up.
+# A process warms up once for all its runs with the same settings. The measured time of a run does
+# not include the warm-up.
 _warm_up_once = cache(lambda options_json: warm_up(json.loads(options_json)))
 
 
@@ -127,7 +136,8 @@ def _by_gauss2svg(request: Request) -> Run:
     warmup_s = read()["total_s"]
     read = start_watch()
     result = vectorize_by(options, request["source"])
-    cost = {**read(), "warmup_s": warmup_s}  # read before the scores are computed
+    # The cost is read here, because it must not include the computation of scores.
+    cost = {**read(), "warmup_s": warmup_s}
     memory = request["options"].get("max_memory")
     scores = perceptual_scores(result.raster, result.photo, memory and memory - held_bytes())
     report = {**result.report, "scores": not packages_missing(), **scores.report}
@@ -138,7 +148,7 @@ def _by_gauss2svg(request: Request) -> Run:
 
 
 def _by_peer(request: Request) -> Run:
-    """Return the run of another tool, which is given the photo over white."""
+    """Run another tool on the photo, with white behind its transparent parts."""
     tool, settings, limit_s = (request[name] for name in ("tool", "settings", "peer_timeout"))
     most = request["options"]["max_pixels"]
     photo = load_image(request["source"], matte=WHITE, max_pixels=most).pixels
@@ -175,9 +185,11 @@ def _measured_image(
 
 
 def make_photo(request: Request) -> dict[str, Any]:
-    """Write a photo as lossless WebP of at most photo_size, and its thumbnail. Return the record.
+    """Write a photo as lossless WebP, and its thumbnail. Return the record.
 
-    request  source, folder, photo_size, and options with max_pixels
+    The longest side of the WebP is at most photo_size px.
+
+    request  has the keys source, folder, photo_size, and options with max_pixels
     Raise InputError if the photo cannot be read, and OutputError if a file cannot be written.
     """
     most, needed = request["options"]["max_pixels"], request["photo_size"]
@@ -189,14 +201,16 @@ def make_photo(request: Request) -> dict[str, Any]:
 
 
 def make_svg(request: Request) -> dict[str, Any]:
-    """Write an SVG of a photo, and the files of a gallery that belong to it. Return the record.
+    """Write an SVG of a photo, and the other files that a gallery shows of it. Return the record.
 
-    request  folder, photo_size, page_photo (path of the page's photo), and all that `run` needs
+    request  has all keys that `run` needs, and also `folder`, `photo_size`, and `page_photo`, which
+             is the path of the WebP that make_photo wrote
     Raise Gauss2SvgError if the SVG cannot be made.
     """
     header = header_of(request["source"], max_pixels=request["options"]["max_pixels"])
-    # If the photo is larger than photo_size, the page's photo is read, which is reduced and has 8
-    # bits. Otherwise the photo is read as the command line reads it.
+    # The photo's own file is vectorised if the photo is not larger than photo_size. Otherwise the
+    # WebP that the page shows is vectorised in its place. This WebP is reduced to photo_size and
+    # has 8 bits per channel.
     if header and max(header.width, header.height) > request["photo_size"]:
         request = {**request, "source": request["page_photo"]}
     finished = run(request)
@@ -220,7 +234,7 @@ def make_svg(request: Request) -> dict[str, Any]:
 
 
 def rounds_of(svg: str) -> list[list[int]]:
-    """Return [number of a round, number of shapes up to its end] for each round of an SVG."""
+    """Return [number of a round, number of shapes after that round] for each round of an SVG."""
     rounds: list[list[int]] = []
     shapes = 0
     for group in svg.split('<g id="round-')[1:]:
@@ -232,12 +246,14 @@ def rounds_of(svg: str) -> list[list[int]]:
 def crops_of(
     image: NDArray[np.floating], other: NDArray[np.floating], side: int = SIDE
 ) -> dict[str, dict[str, Any]]:
-    """Return two windows: "worst" with the largest mean squared error, "typical" with the median.
+    """Choose the two windows of the image that a page shows enlarged. Return their positions.
+
+    "worst" is the window with the largest mean squared error. "typical" is the window whose mean
+    squared error is closest to the median of all windows. The entries of each window are the x and
+    y of its top left corner, its width and height (all in px), and its PSNR (dB).
 
     image, other  pixels (h, w, c) in 0..1
-    side          side of a window in px; smaller if the image is smaller
-    A window has the x and y of its top left corner, its width and height (all in px), and its PSNR
-    (dB).
+    side          side of a window in px. A window is never larger than the image.
     """
     from scipy.ndimage import uniform_filter  # its import takes a third of a second
 
@@ -245,12 +261,16 @@ def crops_of(
     down, across = min(side, height), min(side, width)
     squared = (np.subtract(image, other, dtype=np.float64) ** 2).mean(axis=2)
     means = uniform_filter(squared, (down, across))  # pyright: ignore[reportArgumentType]
-    means = means[down // 2 :, across // 2 :]  # now an index is a window's top left corner
+    # uniform_filter puts the mean of a window at the window's centre. Now each mean is moved to the
+    # top left corner of its window.
+    means = means[down // 2 :, across // 2 :]
     means = means[: height - down + 1, : width - across + 1]
     crops = {}
     for kind, distance in (("worst", -means), ("typical", np.abs(means - np.median(means)))):
         y, x = map(int, np.unravel_index(np.argmin(distance), means.shape))
-        error = squared[y : y + down, x : x + across].mean()  # exactly 0 if pixels are equal
+        # The mean of this window is computed anew. If the two images are equal in the window, this
+        # mean is exactly 0, but the mean in `means` may have a rounding error.
+        error = squared[y : y + down, x : x + across].mean()
         psnr = float(-10 * np.log10(error)) if error else np.inf
         crops[kind] = {"x": x, "y": y, "width": across, "height": down, "psnr": psnr}
     return crops

@@ -1,8 +1,8 @@
-"""The benchmark: every photo is run with every setting, and tables and plots show the results.
+"""The benchmark: every photo is vectorised with every setting. Tables and plots show the results.
 
 Runs are made one at a time, each in its own process. A table has a row for each setting, with means
-over the photos: cost, scores, and the distance below the Pareto fronts. Two plots (SVG) show each
-score over CPU seconds and over gzipped bytes.
+over the photos: the cost, the scores, and the distance below the Pareto fronts. For each score
+there are two plots, which are SVGs: the score over CPU seconds, and the score over gzipped bytes.
 """
 
 from __future__ import annotations
@@ -33,15 +33,18 @@ from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
-TOLERANCE = 0.1  # largest distance (dB) below a Pareto front that counts as on the front
-# Columns that are averaged over the photos.
+# A setting counts as being on a Pareto front if it is at most this far (dB) below the front.
+TOLERANCE = 0.1
+# The table shows these columns of the records as means over the photos.
 _MEANS = (
     *(axis.key for axis in SCORES), "psnr_svg_enlarged", "psnr_model", "cpu_s", "total_s",
     "svg_bytes", "svgz_bytes", "gaussians",
 )  # fmt: skip
-# Name of a Pareto front in columns such as below_both_dB -> keys of the costs of that front.
+# {name of a Pareto front: keys of the costs that count for this front}. Each front has a column in
+# the table. For example, the column of the front "both" is below_both_dB.
 _BELOW = {"seconds": ("cpu_s",), "bytes": ("svgz_bytes",), "both": ("cpu_s", "svgz_bytes")}
-# Columns of the table in summary.md: heading, key in a row, format, factor.
+# Columns of the table in summary.md: heading, key in a row, number format, and the factor by which
+# the number is multiplied.
 _COLUMNS = (
     *((axis.title, axis.key, axis.form, 1) for axis in SCORES),
     ("PSNR enlarged, dB", "psnr_svg_enlarged", ".2f", 1),
@@ -54,24 +57,33 @@ _COLUMNS = (
 )
 _COSTS = (
     Cost("cpu_s", "seconds", "CPU seconds, after a warm-up"),
-    # Web servers send SVGs gzipped. Raster images do not become smaller by gzip.
+    # Files are compared by their gzipped sizes, because web servers send SVGs gzipped. This is fair
+    # to raster images too, because gzip hardly changes their sizes.
     Cost("svgz_bytes", "bytes", "bytes, gzipped"),
 )
-_LEAST_COST = 1e-4  # smallest cost in a plot, because a logarithmic axis has no 0
+# Smallest cost that the plots can show, because a logarithmic axis has no 0. A smaller cost is
+# drawn at the position of this one.
+_LEAST_COST = 1e-4
 NAMES = tuple(f"{axis.slug}_{cost.unit}.svg" for axis in SCORES for cost in _COSTS)
-_MOST_SERIES = 8  # number of settings without a preset above which they share one colour in plots
+# In the plots, each setting of gauss2svg is a series of its own. But the settings that are not
+# presets form one series together if there are more of them than this.
+_MOST_SERIES = 8
 
 
 def summarise(rows: Iterable[Row], images: int) -> list[Row]:
     """Return one row for each setting that has finished for all photos.
 
-    rows    records. All records of a setting follow one another
+    rows    records, in which all records of a setting follow one another
     images  number of photos
 
-    Values are means over the photos. A mean is None if one of its values is None, such as an
-    infinite PSNR. peak_bytes is the maximum. below_*_dB is how far the mean PSNR is below that of
-    the best setting of gauss2svg that costs no more: in CPU seconds, in gzipped bytes, or in both.
-    It is None for peers, which have no front, and if the mean PSNR is None.
+    The numbers of a row are means over the photos, except for peak_bytes, which is the maximum. If
+    a value of one photo is None, the mean is None. A PSNR that is infinite counts as None.
+
+    The entries below_*_dB say how many dB the mean PSNR of a setting is below a Pareto front. At
+    this setting, the front is the best mean PSNR of those settings of gauss2svg that do not cost
+    more than this one. There are three fronts: for the cost in CPU seconds, for the cost in gzipped
+    bytes, and for both costs together. The entries are None for other tools, and for a setting
+    whose mean PSNR is None.
     """
     finished = (row for row in rows if "error" not in row)
     summary = []
@@ -87,7 +99,8 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
             **{f"below_{word}_dB": None for word in _BELOW},
         }
         summary += [mean] * (len(runs) == images)
-    # A mean PSNR of None, which includes an infinite one, cannot be compared.
+    # The mean PSNR of a row is None if one of its SVGs is exact. Such a row cannot be compared, so
+    # it is left out.
     own = [row for row in summary if row["tool"] == TOOL and row["psnr_svg"] is not None]
     for row in own:
         row |= {f"below_{word}_dB": below(row, own, PSNR, *costs) for word, costs in _BELOW.items()}
@@ -95,18 +108,26 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
 
 
 def below(row: Row, rows: Iterable[Row], axis: Score, *costs: str) -> float:
-    """Return how far (>= 0) the score of `row` is below the best in `rows` that cost no more."""
+    """Return how much worse (>= 0) the score of `row` is than the best score at the same cost.
+
+    This best score is the best one among those `rows` that do not cost more than `row`. A row costs
+    more if at least one of its `costs` is larger.
+    """
     affordable = [other for other in rows if all(other[cost] <= row[cost] for cost in costs)]
     return max(axis.sign * (other[axis.key] - row[axis.key]) for other in affordable)
 
 
 def plots_of(summary: Sequence[Row]) -> dict[str, str]:
-    """Return the plots as SVG text, by file name.
+    """Return {file name: plot as SVG text}.
 
-    A plot leaves out settings without a finite score. A score that no setting has gets no plot.
-    Each tool and each preset is a series. The other settings are a series each, or together one if
-    they are more than _MOST_SERIES. A line joins the Pareto front of gauss2svg. The tooltip of a
-    point has its label and its numbers.
+    A plot shows one score over one cost. It has a point for each setting, except for settings whose
+    score is missing or infinite. A plot without points is not made. A line joins the points on the
+    Pareto front of gauss2svg. The tooltip of a point shows its label and its numbers.
+
+    Each point belongs to a series. The points of a series have the same colour and shape. Each
+    preset is a series, and so is each tool other than gauss2svg. Any other setting of gauss2svg is
+    a series too. But if there are more than _MOST_SERIES such other settings, they form one series
+    together.
     """
     others = [row["label"] for row in summary if row["tool"] == TOOL and not row["preset"]]
     names = {row["label"]: row["label" if row["tool"] == TOOL else "tool"] for row in summary}
@@ -118,7 +139,9 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
         scored = [row for row in summary if row[axis.key] is not None]
         own = [row for row in scored if row["tool"] == TOOL]
         for cost in _COSTS if scored else ():
-            # If settings have equal scores, only the cheapest is on the front.
+            # If several settings have the same score, only the cheapest of them is on the front.
+            # After the sort, the cheapest comes last. So of these settings, only the cheapest stays
+            # in the dict.
             own.sort(key=operator.itemgetter(cost.key), reverse=True)
             cheapest = {row[axis.key]: row for row in own}.values()
             front = [row["label"] for row in cheapest if not below(row, own, axis, cost.key)]
@@ -158,38 +181,42 @@ def run_bench(
     """Vectorise every photo with all settings, each in its own process. Return the rows.
 
     images        paths of photos
-    directory     folder of the tables and plots, created if missing
-    axes          values for each option of `vectorize` to vary. Every combination is run, with the
-                  other options at their defaults. None: gauss2svg.compare.variants.DEFAULT_GRID
-    peers         names from gauss2svg.compare.peers.PEERS. Those not installed are skipped.
-    threads       CPU threads of gauss2svg; None: one for each core
+    directory     folder of the tables and plots. It is created if it does not exist.
+    axes          the values of each option of `vectorize` that is varied. Every combination is run,
+                  with the other options at their defaults. If it is None, the settings are
+                  gauss2svg.compare.variants.DEFAULT_GRID.
+    peers         other tools, by their names in gauss2svg.compare.peers.PEERS. Tools that are not
+                  installed are skipped.
+    threads       number of CPU threads of gauss2svg. None means one for each core.
     peer_timeout  maximum time (s) that a peer may take for a photo
     references    folder with the SVG that each photo was made from: logo.svg for logo.png
     reference_scale  factor by which SVGs are enlarged to be compared with their references
     progress      called with a Progress when a run begins or ends
 
     rows.jsonl, bench.json, bench.csv, summary.md and the plots are written after every run. The
-    same call continues an interrupted benchmark: it keeps rows of the same photo, settings and code
-    that have no error. A run that fails is a row with "error". Raise InputError for bad arguments
-    and photos, and OutputError if the folder cannot be written, both before the first run.
+    same call continues an interrupted benchmark. A row without an error is kept if its photo, its
+    settings and the code have not changed. If a run fails, its row has an "error". Raise InputError
+    for bad arguments and photos, and OutputError if the folder cannot be written, both before the
+    first run.
     """
     Field("seed", int, 0, 2**63 - 1).checked(seed)
     thread_count(threads)
-    # System calls refuse a timeout of more than 24 days.
+    # The limit is 1e6 s, because system calls refuse a timeout of more than 24 days.
     Field("peer_timeout", float, 1e-3, 1e6).checked(peer_timeout)
     Field("reference_scale", float, 1e-3, 1000.0).checked(reference_scale)
     others, absent = peer_variants(peers)
     variants = [*map(Variant, settings_of(axes)), *others]
     photos = listed_photos(images, "images")
     for photo in photos:
-        load_image(photo.path)  # report a bad photo now, not after hours of runs
+        load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
     sources = {} if references is None else _references(photos, Path(references))
     versions = {"gauss2svg": __version__, "python": platform.python_version()}
 
     options = {"seed": seed, "threads": threads, "max_pixels": DEFAULT_MAX_PIXELS}
 
     def task_of(photo: ListedPhoto, variant: Variant) -> Task:
-        # Other tools take neither a seed nor a number of threads.
+        # Other tools use neither the seed nor the number of threads, so a record of another tool is
+        # still valid if these change.
         dependencies = [seed, threads] if variant.is_own else []
         parameters = {"options": options, "peer_timeout": peer_timeout}
         if source := sources.get(photo):
@@ -204,7 +231,9 @@ def run_bench(
     with Pool(1) as pool:
         for _ in grid.run(plan, pool, measure_alone):
             _write_tables(folder, grid, absent)
-    return _write_tables(folder, grid, absent)  # the loop is empty if all runs are kept
+    # If an earlier benchmark has left the records of all runs, the loop makes no run and writes no
+    # tables. So the tables are also written here.
+    return _write_tables(folder, grid, absent)
 
 
 def _references(photos: Sequence[ListedPhoto], folder: Path) -> dict[ListedPhoto, Path]:
@@ -218,7 +247,7 @@ def _references(photos: Sequence[ListedPhoto], folder: Path) -> dict[ListedPhoto
 
 
 def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
-    """Write the tables and plots of the finished runs, and return their rows."""
+    """Write the tables and plots of the finished runs, and return the records of these runs."""
     images = list(dict.fromkeys(task.photo.name for task in grid.records))
     rows = [record for record in grid.records.values() if record]
     summary = summarise(rows, len(images))
@@ -238,6 +267,7 @@ def _write_tables(folder: Path, grid: Grid, absent: Sequence[str]) -> list[Row]:
     texts = {"bench.csv": csv_text(rows), "summary.md": text, **plots}
     tables = {"bench.json": as_json(document)} | {name: t.encode() for name, t in texts.items()}
     write_all_atomically({folder / name: data for name, data in tables.items()})
-    for name in set(NAMES) - plots.keys():  # plots that an earlier benchmark may have left
+    # An earlier benchmark may have left plots that this one does not have. They are removed.
+    for name in set(NAMES) - plots.keys():
         (folder / name).unlink(missing_ok=True)
     return rows

@@ -1,8 +1,9 @@
 """The variants of a comparison: presets, numbers of Gaussians, other tools, and axes.
 
-An axis is an option of `vectorize`, or a constant of a module as MODULE.NAME. For example,
-`--axis pipeline.limits.FULL=0.97,0.985` varies FULL of gauss2svg.pipeline.limits. The benchmark
-runs every combination of the axes' values.
+An axis is what the benchmark varies: an option of `vectorize`, or a constant of a module, which is
+written as MODULE.NAME. For example, `--axis pipeline.limits.FULL=0.97,0.985` varies the constant
+FULL of the module gauss2svg.pipeline.limits. The benchmark runs every combination of the values of
+all axes.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS, Plan
 from gauss2svg.version import __version__
 
-Settings = tuple[tuple[str, Any], ...]  # names and values, sorted by name
+Settings = tuple[tuple[str, Any], ...]  # (name, value) of each setting, sorted by name
 
 
 class Variant(NamedTuple):
-    """A way to make a file of a photo.
+    """A way to make a file from a photo: a tool and its settings.
 
     settings  (name, value) of options of gauss2svg or of another tool, sorted by name
     tool      "gauss2svg" or the name of a peer
@@ -40,25 +41,25 @@ class Variant(NamedTuple):
 
     @property
     def is_own(self) -> bool:
-        """Whether gauss2svg makes the file. Other files have no rounds, scene and outlines."""
+        """Whether gauss2svg makes the file. Only such files have rounds, a scene and outlines."""
         return self.tool == TOOL
 
     @property
     def preset(self) -> str | None:
-        """Preset, if the variant sets only this, or None."""
+        """Name of the preset, if the preset is the variant's only setting. Otherwise None."""
         only = dict(self.settings) if self.is_own and len(self.settings) == 1 else {}
         return only.get("quality")
 
     @property
     def label(self) -> str:
-        """Settings in short, for tables: "draft", "gaussians 500", "jpeg 30"."""
+        """Short text of the settings, for tables: "draft", "gaussians 500", "jpeg 30"."""
         if not self.is_own:
             return " ".join([self.tool, *(str(value) for _, value in self.settings)])
         return self.preset or ", ".join(f"{name} {value}" for name, value in self.settings)
 
     @property
     def name(self) -> str:
-        """Variant in words, for pages: "draft", "500 Gaussians", "vtracer"."""
+        """Text that pages show for the variant: "draft", "500 Gaussians", "vtracer"."""
         count = dict(self.settings).get("gaussians") if len(self.settings) == 1 else None
         name = f"{count} Gaussian{'s' * (count != 1)}"
         return self.label.removesuffix(" default") if count is None else name
@@ -81,8 +82,10 @@ def peer_variants(
     """Return variants of other tools, each once, and the names of tools that are not installed.
 
     texts   "vtracer" for all settings of the tool, or "vtracer:detailed" for one of them
-    most    number of settings, from the first, that "vtracer" stands for; None for all
-    suffix  suffix, such as ".svg", of the files that accepted tools write; "" accepts all tools
+    most    "vtracer" stands for at most this number of settings, which are the first ones of the
+            tool. If it is None, "vtracer" stands for all of them.
+    suffix  only tools that write files with this suffix are accepted, such as ".svg". If it is "",
+            all tools are accepted.
     Raise InputError for any other text.
     """
     by_text: dict[str, list[Variant]] = {}
@@ -107,10 +110,11 @@ def variants_of(
     """Return the variants of a gallery, each once, and the peers that are not installed.
 
     presets  names of PRESETS
-    counts   numbers of Gaussians, 0..MOST_GAUSSIANS. Without presets and counts: draft, balanced
-             and high.
-    peers    tools that write SVGs: "vtracer" for its first settings in gauss2svg.compare.peers, or
-             "vtracer:detailed" for others
+    counts   numbers of Gaussians, 0..MOST_GAUSSIANS. If neither presets nor counts are given, the
+             presets are draft, balanced and high.
+    peers    tools that write SVGs. "vtracer" stands for VTracer with the first of its settings in
+             gauss2svg.compare.peers, and "vtracer:detailed" for VTracer with the settings
+             "detailed"
     Raise InputError for any other value, and if there is no variant.
     """
     if presets is None and counts is None:
@@ -128,40 +132,51 @@ def variants_of(
 
 
 def main_variant(variants: Sequence[Variant]) -> Variant:
-    """Return the variant that pages show first: the default preset, or else a middle variant."""
+    """Return the variant that pages show first.
+
+    It is the default preset, or if that is missing, the variant in the middle of the list.
+    """
     own = [variant for variant in variants if variant.is_own] or variants
     return next((v for v in own if v.preset == DEFAULT_PRESET), own[len(own) // 2])
 
 
 def _sequence(name: str, values: Any) -> list[Any]:
-    """Return the values of an argument; [] for None. Raise InputError if it is no sequence."""
+    """Return the values of an argument as a list, which is empty for None.
+
+    Raise InputError if the argument is text, or if it cannot be iterated over.
+    """
     if isinstance(values, (str, bytes)) or not isinstance(values, Iterable | None):
         raise refusal(name, "a sequence", quoted(values), f"[{quoted(values)}]")
     return [] if values is None else list(values)
 
 
-# Options that can be an axis: the options of four groups, and two more. The seed cannot, because it
-# is an option of the command itself.
+# Options that can be an axis: all options of four groups, and also `renderer` and `max_size`. The
+# seed cannot be an axis, because `gauss2svg bench` has an option of its own for it. Each option
+# gets the name by which error messages call it, such as "axis gaussians".
 AXES: dict[str, Field] = {
-    field.name: replace(field, name=f"axis {field.name}")  # name in errors
+    field.name: replace(field, name=f"axis {field.name}")
     for key, group in GROUPS.items()
     for field in fields_of(group)
     if (key in ("goal", "fit", "densify", "svg") and field.name != "seed")
     or field.name in ("renderer", "max_size")
 }
 
-# Values for --axis NAME without values, for options of which some values need other programs.
+# If an axis is given as --axis NAME, without values, it usually takes all values of the option. But
+# for these two options it takes only the values listed here. Their other values need programs that
+# may not be installed, such as a browser.
 _USUAL = {"form": ("gradient",), "renderer": ("resvg", "cairo")}
 
-# Settings of the benchmark if no axis is given: the presets, then counts and iterations with the
-# default preset. They take about a minute for a photo of half a megapixel on two cores.
+# Settings of the benchmark if no axis is given: first the presets, and then some numbers of
+# Gaussians and of iterations with the default preset. On two cores, these runs take about a minute
+# for a photo of half a megapixel.
 DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
     {"quality": tuple(PRESETS)},
     {"gaussians": (500, 2000, 8000), "iterations": (100, 300)},
 )
 
 
-# Type of a module's constant -> range of the values that an axis may set.
+# An axis may vary a constant of a module if the constant is an int or a float. For each of the two
+# types, this is the range (smallest value, largest value) in which the values of the axis must be.
 _CONSTANTS = {int: (0, 2**63 - 1), float: (-1e300, 1e300)}
 
 
@@ -171,10 +186,12 @@ def options_in(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def apply_constants(settings: Mapping[str, Any]) -> None:
-    """Set the constants of modules that are among the settings.
+    """Set those module constants that the settings name.
 
-    The values stay, so this process must make no other run. A value has no effect if its constant
-    is compiled into kernels, is the default value of a parameter, or is imported by name.
+    The constants keep their new values, so this process must not be used for another run. A new
+    value has no effect in three places: in kernels into which the old value was compiled, in
+    parameters that have the old value as their default, and in modules that have imported the
+    constant by name.
     """
     for name in settings.keys() - options_in(settings):
         module, _, constant = name.rpartition(".")
@@ -184,8 +201,9 @@ def apply_constants(settings: Mapping[str, Any]) -> None:
 def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     """Return the values of each axis, from texts such as NAME or NAME=v1,v2 of a command line.
 
-    A value that contains commas, such as a list of inks, must be the only one, or be separated from
-    others by semicolons. Texts of one axis add their values. Raise InputError for an unknown axis.
+    If a value contains commas, such as a list of inks, semicolons must separate it from other
+    values. If several texts name the same axis, the axis has the values of all of them. Raise
+    InputError for an unknown axis or an invalid value.
     """
     axes: dict[str, tuple[Any, ...]] = {}
     for text in texts:
@@ -199,18 +217,20 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
 def _parsed(axis: Field, text: str) -> tuple[Any, ...]:
     try:
         return (axis.parsed(text.strip()),)
-    except InputError:  # the text is not a single value
+    except InputError:  # the text is not a single valid value, so it is taken as a list
         values = text.split(";" if ";" in text else ",")
         return tuple(axis.parsed(value.strip()) for value in values)
 
 
 def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
-    """Return every combination of the values of axes, each once. The default is DEFAULT_GRID.
+    """Return every combination of the values of axes, each once.
+
+    If there are no axes, return the settings of DEFAULT_GRID.
 
     Raise InputError for an unknown axis, an axis without values, an invalid value, and options that
     exclude each other.
     """
-    combinations: dict[Settings, None] = {}  # an ordered set
+    combinations: dict[Settings, None] = {}  # used as an ordered set
     for grid in [axes] if axes else DEFAULT_GRID:
         columns = []
         for name, values in grid.items():
@@ -223,7 +243,8 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
         try:
             Plan(Options.from_flat(options_in(dict(settings))))
         except Gauss2SvgError as error:
-            # The error has options in the form --NAME VALUE. Axes have the form --axis NAME=VALUE.
+            # The error message has options in the form --NAME VALUE. This changes them to the form
+            # --axis NAME=VALUE.
             line = re.sub(r"(--[\w-]+) (?!and\b|or\b|without\b)(?=\w)", r"\1=", str(error))
             raise InputError(f"axes: {line.replace('--', '--axis ')}") from error
     return list(combinations)

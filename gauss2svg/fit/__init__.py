@@ -1,6 +1,7 @@
 """Options, progress and result of a fit, which turns pixels into a scene.
 
---help reads the options without NumPy, so this module imports nothing that needs NumPy.
+--help reads the options from this module and must not wait for NumPy, so nothing that is imported
+here may need NumPy.
 """
 
 from __future__ import annotations
@@ -25,10 +26,12 @@ if TYPE_CHECKING:
 Tune = Literal["perceptual", "psnr"]
 PERCEPTUAL, PSNR = "perceptual", "psnr"
 DEFAULT_LOSS = "mse"
-# Falloffs. GAUSSIAN: beta is 1, as in the paper. ADAPTIVE: each shape learns its beta. CRISP: sharp
-# rims, for inks.
+# Kinds of falloff. GAUSSIAN: the exponent beta of every shape is 1, as in the paper. ADAPTIVE: each
+# shape learns its own beta. CRISP: shapes have sharp rims, as in a fit to inks.
 GAUSSIAN, ADAPTIVE, CRISP = "gaussian", "adaptive", "crisp"
-MOST_GAUSSIANS = 10_000_000  # largest number in a fit. Their state takes 2.5 GB, 253 bytes each
+# Largest number of Gaussians in a fit. The state of so many takes 2.5 GB, because each Gaussian
+# takes 253 bytes.
+MOST_GAUSSIANS = 10_000_000
 
 
 def has_ssim(loss: str) -> bool:
@@ -81,17 +84,24 @@ class FitOptions(OptionGroup):
 
     @property
     def tuned(self) -> Tune:
-        """Value of tune. Its default is PERCEPTUAL, or PSNR for inks (docs/decisions/inks.md)."""
+        """The option tune, or its default if it is None.
+
+        The default is PSNR in a fit to inks (docs/decisions/inks.md), and PERCEPTUAL in other fits.
+        """
         return self.tune or (PERCEPTUAL if self.inks is None else PSNR)
 
     @property
     def learned_falloff(self) -> bool:
-        """Whether each shape learns its exponent."""
+        """Whether each shape learns the exponent of its falloff."""
         return self.shaped == ADAPTIVE
 
     @property
     def shaped(self) -> str:
-        """CRISP for inks, else the value of falloff or its default."""
+        """The kind of falloff: GAUSSIAN, ADAPTIVE or CRISP.
+
+        It is CRISP in a fit to inks. In other fits it is the option falloff. If this option is
+        None, it is GAUSSIAN with additive blending, else ADAPTIVE.
+        """
         if self.inks is not None:
             return CRISP
         return self.falloff or (GAUSSIAN if self.blend == ADD else ADAPTIVE)
@@ -124,16 +134,18 @@ class DensifyOptions(OptionGroup):
 class FitConfig:
     """Settings of `fit`: two groups of options, and values from the run's preset and limits.
 
-    gaussians   number of Gaussians, >= 0. If it is 0, a policy decides, or the scene has none
-    iterations  number of optimiser steps, >= 1; None: only the deadline ends the fit
-    reduce      whether the early steps of few Gaussians run on reduced targets, which is faster
-    extend      whether the iterations are doubled if most of them run on reduced targets
+    gaussians   number of Gaussians, >= 0. If it is 0, the policy of the fit decides the number.
+                Without a policy, the scene then has no Gaussians
+    iterations  number of optimiser steps, >= 1. If it is None, only the deadline ends the fit
+    reduce      whether early steps run on a smaller copy of the picture while there are few
+                Gaussians, because such steps are faster
+    extend      whether the number of iterations is doubled if most of them run on a smaller copy
     opaque      whether all opacities stay 1, which makes files shorter
-    relocate_rarely  whether at least schedule.RELOCATE_SHARE of the steps lie between relocations,
-                as fits of many steps need
+    relocate_rarely  whether the number of steps between two relocations must be at least
+                schedule.RELOCATE_SHARE times the number of all steps. Fits of many steps need this
     enlarged    factor by which the picture was enlarged before the fit; 1: not enlarged. The last
-                steps reduce the error at the enlarged and at the original size, because ellipses
-                that fit an edge at one size may overlap visibly at the other
+                steps reduce the error both at the enlarged and at the original size, because
+                ellipses that match an edge at one size may visibly overlap at the other size
     """
 
     gaussians: int = 5000
@@ -157,12 +169,15 @@ class FitConfig:
 
     @property
     def totals(self) -> list[int]:
-        """Numbers of Gaussians after each round, ascending."""
+        """Total number of Gaussians after each round, in ascending order."""
         densify = self.densify
         return totals(densify.schedule, self.gaussians, self.iterations, densify.per_round)
 
     def steps(self, width: int, height: int) -> int | None:
-        """Return the number of steps for a picture of this size; None: only the deadline counts."""
+        """Return the number of steps for a picture of width x height px.
+
+        Return None if only the deadline ends the fit.
+        """
         if self.iterations is None or not (self.extend and self.reduce and self.gaussians):
             return self.iterations
         start = schedule.GROWTH_SHARE
@@ -170,7 +185,11 @@ class FitConfig:
         return self.iterations * (schedule.EXTENDED if is_reduced else 1)
 
     def _exclusions(self) -> Iterator[tuple[str, str, str, str]]:
-        """Yield for each conflict an option's name, what it must be or do, its value, advice."""
+        """Yield four texts for each option that conflicts with another option.
+
+        The texts are the name of the option, what the option must be or do, its value, and what the
+        user can try instead.
+        """
         fit, densify = self.fit, self.densify
         if fit.blend == ADD and fit.falloff not in (None, GAUSSIAN):
             needed = f"be {GAUSSIAN} with additive blending"
@@ -195,9 +214,11 @@ class FitConfig:
 class FitProgress:
     """Progress of a fit: counts so far, PSNR of the model in dB, seconds elapsed and remaining.
 
-    psnr   against the photo even in a fit to inks, at the size of the step's target
-    done   progress in 0..1, by iterations or by the clock
-    scene  returns the Gaussians so far on the working canvas; must be called before the next step
+    psnr   PSNR against the photo, even if the fit is to inks. It is measured at the size of the
+           target of the last step, which may be smaller than the photo
+    done   progress in 0..1. It counts iterations or time, whichever is further along
+    scene  function that returns the present Gaussians on the working canvas. It must be called
+           before the next step, because a step changes the Gaussians
     """
 
     round: int
@@ -214,11 +235,13 @@ class FitProgress:
 class FitResult:
     """A fitted scene on the working canvas, with the costs of the fit.
 
-    cpu_s        CPU seconds of all threads
-    pixel_pairs  number of pixel-Gaussian pairs in all steps, each counted once in a step
+    cpu_s        CPU seconds, summed over all threads
+    pixel_pairs  number of pairs of a pixel and a Gaussian that were evaluated, summed over all
+                 steps. The forward and the backward pass over a pair count as one evaluation
     stop_reason  one of gauss2svg.fit.session.STOP_REASONS
     rollbacks    number of times that the fit diverged and was rolled back to its best state
-    rate         final factor of the learning rates, without their scheduled decay
+    rate         factor by which all learning rates were multiplied at the end of the fit. It does
+                 not include their scheduled decay
     """
 
     scene: Scene
@@ -232,7 +255,10 @@ class FitResult:
     rate: float = 1.0
 
     def after(self, before: FitResult | None, stop_reason: str) -> FitResult:
-        """Return the result with the costs of an earlier fit added, and with `stop_reason`."""
+        """Return this result with another stop_reason, and with the costs of `before` added.
+
+        before: result of another fit, or None to add no costs.
+        """
         costs = ("iterations", "wall_s", "cpu_s", "pixel_pairs", "rollbacks")
         changes: dict[str, Any] = {
             name: getattr(self, name) + (getattr(before, name) if before else 0) for name in costs

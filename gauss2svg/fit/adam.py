@@ -1,27 +1,29 @@
 """Adam steps in each Gaussian's own frame, and a guard against steps that are too large.
 
-Mean and shape are stepped in whitened coordinates, x = mean + L z, where L is the Cholesky factor
-of the covariance:
+A step changes the mean and the shape in whitened coordinates z, where x = mean + L z and L is the
+Cholesky factor of the covariance:
 
-    mean <- mean + L t,    L <- cholesky of L exp(2 A) L^T,  A symmetric,
+    mean <- mean + L t,    L <- cholesky of L exp(2 A) L^T,  A symmetric.
 
-so that a step means the same for a large, a small and a thin Gaussian. The kernels return moments m
-of h (gauss2svg.render.kernels), from which the gradients follow:
+A step of a given size thus changes large, small and thin Gaussians equally, relative to their own
+size. The kernels return the moments m of a quantity h, which gauss2svg.render.kernels defines. The
+gradients follow from these moments:
 
     dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
     dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g,
     dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s.
 
-Sizes, ratios and exponents are stepped as logarithms, and opacities as logits. rho follows from L,
-and no step can make the covariance indefinite. The rim of a crisp shape is about sigma / beta wide,
-so steps of mean and shape are multiplied by beta^-0.35. Without this factor, drawings with plain
-ellipses diverge (docs/decisions/divergence.md). Colours are clipped to 0..1. A colour at a bound
-moves again with the first step that points inward. Colours as logits would be no better, because
-the gradient of a logit vanishes at the bounds (docs/decisions/adam.md).
+Steps change the logarithms of sizes, aspect ratios and exponents, and the logits of opacities. rho
+follows from L, and no step can make the covariance indefinite. The rim of a crisp shape is only
+about sigma / beta wide, so its steps of mean and shape are multiplied by beta^-0.35. Without this
+factor, fits of drawings with plain ellipses diverge (docs/decisions/divergence.md). Colours are
+clipped to 0..1, and a colour at a bound leaves it with the first step that points inward. Stepping
+the logits of colours would be no better, because the gradient of a logit vanishes at the bounds
+(docs/decisions/adam.md).
 
-If a fit diverges, the guard takes it back to its best state. The fit then continues in smaller
-steps. Detailed photos do not need the guard. Smooth images and images of few pixels do, because in
-them a single step can undo nearly all progress (docs/decisions/divergence.md).
+If a fit diverges, the guard takes it back to its best state, and the fit continues in smaller
+steps. Detailed photos do not need the guard. Smooth images and images of few pixels do need it,
+because in such images a single step can undo nearly all progress (docs/decisions/divergence.md).
 """
 
 from __future__ import annotations
@@ -45,28 +47,32 @@ from gauss2svg.scene.scene import PARAMETERS, STEPPED
 
 _Column = NDArray[np.float64]  # (n,), one number for each Gaussian
 
-# Learning rates by name of the parameter. Units are the Gaussian's own sigma for mean and sigma,
-# logits for opacity, and 0..1 for colour. A parameter of rate 0 is not stepped.
+# Learning rates by the name of the parameter. The rates of mean and sigma are relative to the
+# Gaussian's own sigma. The rate of opacity refers to its logit, and the rate of color to channels
+# in 0..1. Adam does not step a parameter whose rate is 0.
 Rates = Mapping[str, float]
 RATES: Rates = {parameter.name: parameter.rate for parameter in PARAMETERS if parameter.rate}
 
 FIRST_DECAY = 0.9  # decay of Adam's first moment (docs/decisions/adam.md)
 SECOND_DECAY = 0.95  # decay of Adam's second moment (docs/decisions/adam.md)
-# Steps of mean and shape are multiplied by beta to this power, because the rim of a crisp shape is
-# narrow (docs/decisions/divergence.md).
+# Steps of mean and shape are multiplied by beta to this power. So crisp shapes take smaller steps,
+# as their narrow rims need (docs/decisions/divergence.md).
 STEP_BY_BETA = -0.35
-# Largest ratio of major to minor axis. Thinner needles streak across flat areas
-# (docs/decisions/fit.md).
+# Largest ratio of the major axis to the minor axis. Thinner Gaussians leave visible streaks in flat
+# areas (docs/decisions/fit.md).
 MOST_ASPECT = 30.0
-# px of the working image, least distance along the minor axis in which a rim falls from 0.9 to 0.1.
-# Renderers differ in how they sample sharper rims (docs/decisions/fit.md).
+# Least width of a rim in px of the working image: the distance along the minor axis over which the
+# falloff drops from 0.9 to 0.1. Renderers differ in how they draw sharper rims
+# (docs/decisions/fit.md).
 LEAST_RIM = 0.5
 
-# px, least semi-axis. Below 0.3 px every renderer draws too little (docs/decisions/renderers.md).
+# Least semi-axis in px. Every renderer draws shapes below 0.3 px too faintly
+# (docs/decisions/renderers.md).
 LEAST_SIGMA = 0.35
-# Opacity logit of opaque and additive Gaussians, an opacity of nearly 1. It is not stepped.
+# Logit of the opacity of opaque and of additive Gaussians. Adam does not step this logit. The
+# opacity that it stands for is nearly 1.
 OPAQUE_LOGIT = 12.0
-# docs/decisions/fit.md has the figures for the next three constants.
+# The values of the next three constants were chosen by measurements (docs/decisions/fit.md).
 INITIAL_OPACITY_LOGIT = 1.0  # logit of the opacity of a new alpha-composited Gaussian
 SIGNED_COLOR_RATE = 0.025  # learning rate of signed colours
 MOST_SIGNED_COLOR = 0.5  # largest absolute value of a channel of a signed colour in the fit
@@ -76,10 +82,11 @@ MOST_SIGNED_COLOR = 0.5  # largest absolute value of a channel of a signed colou
 class Blending:
     """Learning rates, bounds and initial values of the shapes of a fit.
 
-    rates                    learning rates by parameter
+    rates                    learning rates by the name of the parameter
     initial_opacity_logit    logit of a new Gaussian's opacity
-    least_color, most_color  bounds of each colour channel. Those of signed colours are narrow,
-                             because a file holds partial sums in 8 bits
+    least_color, most_color  bounds of each colour channel. The bounds of signed colours are narrow,
+                             because renderers of the file keep partial sums of these colours in 8
+                             bits, and large sums would not fit
     """
 
     rates: Rates
@@ -88,17 +95,24 @@ class Blending:
     most_color: float = 1.0
 
     def without(self, *names: str) -> Blending:
-        """Return these settings with rates of 0 for some parameters."""
+        """Return these settings, but with a rate of 0 for each parameter named in `names`."""
         return dataclasses.replace(self, rates={**self.rates, **dict.fromkeys(names, 0.0)})
 
     @cached_property
     def sharing(self) -> Blending:
-        """Settings with rates of 0 for shared parameters. SharedColors steps colours instead."""
+        """These settings with a rate of 0 for each parameter whose values several shapes share.
+
+        `step` must not change these parameters: SharedColors steps the colours in its place, and
+        the exponents stay fixed.
+        """
         return self.without(*(p.name for p in PARAMETERS if p.shared))
 
 
 def blending_of(options: FitOptions, opaque: bool = False) -> Blending:
-    """Return the settings of a fit with these options; opaque: whether all opacities stay 1."""
+    """Return the learning rates, bounds and initial values for a fit with these options.
+
+    opaque: whether all shapes are opaque from the first step to the last.
+    """
     if options.blend == ADD:
         rates = {**RATES, "opacity": 0.0, "color": SIGNED_COLOR_RATE}
         most = MOST_SIGNED_COLOR
@@ -113,10 +127,11 @@ def blending_of(options: FitOptions, opaque: bool = False) -> Blending:
     return blending if options.learned_falloff else blending.without("beta")
 
 
-# Added to the root of Adam's second moment before the bias correction, so that a step is finite
-# even if the gradient has always been 0.
+# A small number that is added to the square root of Adam's second moment before the bias
+# correction, so that a step is finite even if the gradient has always been 0.
 EPSILON = 1e-12
-# Number of Gaussians that are stepped at a time. Their arrays stay in the cache of the CPU.
+# Number of Gaussians in a block. `step` handles block after block, because the arrays of a block
+# fit into the cache of the CPU.
 _BLOCK = 4096
 
 
@@ -125,9 +140,9 @@ def gradients(
 ) -> NDArray[np.float64]:
     """Return the gradients (n, STEPS) of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta.
 
-    moments  (n, MOMENTS) from gauss2svg.render.kernels, in the order of the gradients
-    price    decrease of the loss that each unit of ln beta must bring. It is added to the gradient
-             of ln beta
+    moments  (n, MOMENTS) from gauss2svg.render.kernels, in the same order as the gradients
+    price    a step raises ln beta only if this lowers the loss by more than this amount for each
+             unit of ln beta. The price is added to the gradient of ln beta
     """
     gradient = moments.copy()
     gradient[:, COLUMNS["opacity"]] *= 1 - splats.opacity[:, None]
@@ -143,17 +158,19 @@ def step(
     most_sigma: float,
     rate: float = 1.0,
 ) -> bool:
-    """Take an Adam step with every Gaussian of the state, in place. Return whether all were finite.
+    """Take an Adam step with every Gaussian of the state, in place.
 
-    most_sigma  largest major axis, px of the working image
-    rate        factor of all learning rates
+    Return whether the step of every Gaussian was finite. A Gaussian whose step would not be finite
+    stays as it is, but Adam's moments and its age become 0.
 
-    A Gaussian whose step would not be finite stays as it is. Its moments and age become 0.
+    most_sigma  largest major axis in px of the working image
+    rate        factor by which all learning rates are multiplied
     """
     columns = [*GEOMETRY, *(p.name for p, _ in STEPPED for _ in range(p.width))]
     sizes = rate * np.array([blending.rates[name] for name in columns])
     finite = True
-    with np.errstate(all="ignore"):  # _step_block finds numbers that are not finite
+    # NumPy need not warn of numbers that are not finite, because _step_block tests for them.
+    with np.errstate(all="ignore"):
         for begin in range(0, len(state), _BLOCK):
             block = slice(begin, begin + _BLOCK)
             finite &= _step_block(state, block, gradient[block], sizes, blending, most_sigma)
@@ -178,7 +195,7 @@ def _step_block(
     y = mean[:, 1] + l21 * d[0] + l22 * d[1]
     l11, l21, l22, minor = _stretched(l11, l21, l22, d[2], d[3], d[4], most_sigma)
     reach = np.abs(x) + np.abs(y) + l11 + np.abs(l21) + l22
-    # A sum is finite only if all of its terms are.
+    # A sum is finite only if all of its terms are finite, so one test of a sum tests them all.
     finite = (reach < FARTHEST) & (l22 > 0) & np.isfinite(sum(d[6:], d[5]))
     if not np.isfinite(adam_v.sum()):
         finite &= np.isfinite(adam_v).all(axis=1)
@@ -214,10 +231,10 @@ def _directions(
     gradient: NDArray[np.float64],
     sizes: NDArray[np.float64],
 ) -> list[_Column]:
-    """Return Adam's step for each column of the gradient. Update moments and ages in place.
+    """Return Adam's step (n,) for each column of the gradient. Update moments and ages in place.
 
-    One factor for each Gaussian corrects the bias of both moments, as "Adam: A Method for
-    Stochastic Optimization" (Kingma and Ba, 2015) suggests at the end of its section 2.
+    A single factor for each Gaussian corrects the bias of both moments. "Adam: A Method for
+    Stochastic Optimization" (Kingma and Ba, 2015) suggests this at the end of its section 2.
     """
     first_decay, second_decay = FIRST_DECAY, SECOND_DECAY
     age += 1
@@ -238,8 +255,13 @@ def _directions(
 def _stretched(
     l11: _Column, l21: _Column, l22: _Column, a: _Column, c: _Column, b: _Column, most_sigma: float
 ) -> tuple[_Column, _Column, _Column, _Column]:
-    """Return l11, l21, l22 and minor axis of L exp(A), A = [[a, c], [c, b]], with axes clipped."""
-    # e is exp(A) to second order, and F = L e. F F^T is a covariance however large the error is.
+    """Return the new l11, l21 and l22 of Gaussians, and the new minor semi-axis.
+
+    The new covariance is L exp(2 A) L^T, where L has the old l11, l21 and l22, and A is
+    [[a, c], [c, b]]. The new semi-axes and their ratio are clipped to the bounds of a fit.
+    """
+    # e is the Taylor series of exp(A) up to second order, and F = L e. However large the error of e
+    # is, F F^T is a covariance.
     e11 = 1 + a + 0.5 * (a * a + c * c)
     e12 = c + 0.5 * c * (a + b)
     e22 = 1 + b + 0.5 * (b * b + c * c)
@@ -248,7 +270,8 @@ def _stretched(
     xx = f11 * f11 + f12 * f12
     xy = f11 * f21 + f12 * f22
     yy = f21 * f21 + f22 * f22
-    # the singular values of F follow from their sum and difference, which is stable
+    # The singular values of F are computed from their sum and their difference. This method is
+    # numerically stable.
     axis_sum = np.sqrt(np.square(f11 + f22) + np.square(f21 - f12))
     axis_difference = np.sqrt(np.square(f11 - f22) + np.square(f21 + f12))
     major, minor = 0.5 * (axis_sum + axis_difference), 0.5 * np.abs(axis_sum - axis_difference)
@@ -268,62 +291,82 @@ def _stretched(
     return root, xy / root, l22, new_minor
 
 
-# Losses that count as diverged (docs/decisions/divergence.md).
-NEGLIGIBLE = 1e-5  # mean squared error (50 dB) under which no step counts as diverged
-# multiple of the least loss since a change, relocation or rollback above which a loss has diverged
+# Conditions under which a fit has diverged (docs/decisions/divergence.md).
+# No step counts as diverged if the mean squared error is at most this value (50 dB).
+NEGLIGIBLE = 1e-5
+# A fit has diverged if its loss exceeds this multiple of the recent least loss. This is the least
+# loss since the latest of three events: a reset of the guard, a relocation, or a rollback.
 DIVERGED = 2.0
-STALLED = 1.5  # multiple of the least loss above which a loss has stalled
-STALLED_STEPS = 25  # steps after the least loss from which on a stalled loss has diverged
-WORSE_AT_END = 1.2  # multiple of the least loss above which the last loss of a stage has diverged
-# Learning rates after a rollback (docs/decisions/divergence.md). The rate grows up to a ceiling.
-CEILING_SHARE = 0.5  # new ceiling, as a share of the rate that diverged
-CEILING_SHARE_AGAIN = 0.1  # CEILING_SHARE if the fit diverges again within AGAIN steps
-AGAIN = 3  # number of steps since a rollback below which a fit diverges "again"
-# Share of the ceiling with which the rate begins after a rollback. It grows to the ceiling, so one
-# bad step among many good ones costs little.
+# A fit has also diverged if its loss exceeds STALLED times the least loss, and if more than
+# STALLED_STEPS steps have passed since it had the least loss.
+STALLED = 1.5
+STALLED_STEPS = 25
+# A stage has diverged at its end if its last loss exceeds this multiple of its least loss.
+WORSE_AT_END = 1.2
+# Constants for the learning rate after a rollback (docs/decisions/divergence.md). A rollback lowers
+# the rate, and also the ceiling up to which the rate can grow again.
+CEILING_SHARE = 0.5  # new ceiling, as a share of the rate at which the fit diverged
+# This value replaces CEILING_SHARE if the fit diverges again less than AGAIN steps after a
+# rollback.
+CEILING_SHARE_AGAIN = 0.1
+AGAIN = 3
+# The rate after a rollback, as a share of the ceiling. From there the rate grows to the ceiling, so
+# one bad step among many good ones costs little.
 LOWERED = 0.5
 GROWTH = 1.1  # factor by which each step raises the rate, up to the ceiling
-GENTLE = 0.25  # share of the ceiling with which a finished fit continues
+# If a finished fit or a scene is refined, the rate begins at this share of the ceiling or below it.
+GENTLE = 0.25
 
 _Backup = TypeVar("_Backup")
 
 
 class DivergenceGuard(Generic[_Backup]):
-    """A guard against divergence. It keeps a fit's best state, and lowers its learning rate.
+    """A guard that keeps a fit's best state, and lowers the learning rate if the fit diverges.
 
     learning_rate  FitOptions.learning_rate
-    rate           present factor of learning_rate, up to 1
-    rollbacks      number of rollbacks
-    best           state of least loss since the last reset; None before the first step
-    least          loss of that state
+    rate           factor, at most 1, by which learning_rate is multiplied at present
+    rollbacks      number of rollbacks so far
+    best           copy of the state with the least loss since the last reset. It is None until a
+                   step after the reset has been accepted
+    least          loss of the state `best`
     """
 
     def __init__(self, learning_rate: float = 1.0) -> None:
-        self._usual = min(1 / learning_rate, 1.0)  # rate at which steps have their default size
+        # With this rate, steps are as large as with the default learning_rate.
+        self._default_rate = min(1 / learning_rate, 1.0)
         self.rate = self._ceiling = 1.0
         self.rollbacks = 0
         self._steps_since_rollback = 0
         self.reset()
 
     def reset(self) -> None:
-        """Forget the best state after a change of the problem, and raise the rate's ceiling."""
-        self._ceiling = max(self._ceiling, min(self._ceiling / CEILING_SHARE, self._usual))
+        """Forget the best state, because the problem has changed. Raise the ceiling of the rate.
+
+        The ceiling is divided by CEILING_SHARE. But it never rises above the rate that gives steps
+        of the same size as the default learning_rate gives.
+        """
+        self._ceiling = max(self._ceiling, min(self._ceiling / CEILING_SHARE, self._default_rate))
         self.best: _Backup | None = None
         self.least = self._recent_least = math.inf
         self._steps_since_best = 0
 
     def begin_gently(self) -> None:
-        """Lower the rate, which grows again. Full steps would undo a nearly exact drawing."""
+        """Lower the rate to at most GENTLE times its ceiling.
+
+        The drawing is nearly exact already, so full steps would spoil it. The next steps raise the
+        rate again.
+        """
         self.rate = min(self.rate, GENTLE * self._ceiling)
 
     def allow_rise(self) -> None:
-        """Forget the recent least loss, because a relocation may raise the loss."""
+        """Forget the recent least loss, because a relocation may raise the loss for a while."""
         self._recent_least = math.inf
 
     def accepts(self, loss: float, error: float, backup: Callable[[], _Backup]) -> bool:
-        """Return whether a fit with this loss and mean squared error has not diverged.
+        """Return False if a fit with this loss and mean squared error has diverged, else True.
 
-        If so, raise the rate, and keep the copy from backup() if the state is the best one.
+        If it has not diverged, raise the rate. If the loss is also the least so far, keep the copy
+        of the state that backup() returns.
         """
         if not math.isfinite(loss):
             return False
@@ -339,25 +382,34 @@ class DivergenceGuard(Generic[_Backup]):
         return True
 
     def ends_worse(self, loss: float, tolerant: bool) -> bool:
-        """Return whether a stage that ends at this loss should return to its best state.
+        """Return whether a stage that ends with this loss should return to its best state.
 
-        tolerant: whether a loss up to WORSE_AT_END times the least one is accepted.
-        A larger loss counts as a rollback if learning_rate is above 1 or there was one before.
+        The stage should return to it if it has diverged, that is, if the loss is above WORSE_AT_END
+        times the least loss. If `tolerant` is False, it should return even if the loss is only a
+        little above the least loss.
+
+        If the stage has diverged, a rollback is counted, which lowers the rate. This is not done if
+        learning_rate is at most 1 and the fit has never been rolled back.
         """
         diverged = not loss <= WORSE_AT_END * self.least
-        if diverged and (self._usual < 1 or self.rollbacks > 0):
+        if diverged and (self._default_rate < 1 or self.rollbacks > 0):
             self.roll_back()
         if tolerant:
             return diverged
-        return not loss <= self.least * (1 + 1e-6)  # sums in another order differ by rounding
+        # If the stage ends in its best state, `loss` and `least` are sums of the same terms. But
+        # the terms may be added in different orders, so that the sums differ slightly. The factor
+        # allows for such rounding errors.
+        return not loss <= self.least * (1 + 1e-6)
 
     def roll_back(self) -> None:
         """Count a rollback, and lower the rate and its ceiling."""
         self.rollbacks += 1
         again = self._steps_since_rollback < AGAIN
         share = CEILING_SHARE_AGAIN if again and self.rollbacks > 1 else CEILING_SHARE
-        # sqrt: a rate far above the usual one goes half of the way to it, on a logarithmic scale.
-        self._ceiling = min(self.rate * share, math.sqrt(self.rate * self._usual))
+        # Usually the new ceiling is `share` times the present rate. If the present rate is far
+        # above the default rate, this would still be too high. In this case the new ceiling is the
+        # geometric mean of the two rates, which is lower.
+        self._ceiling = min(self.rate * share, math.sqrt(self.rate * self._default_rate))
         self._steps_since_rollback = 0
         self.rate = self._ceiling * LOWERED
         self._recent_least, self._steps_since_best = math.inf, 0

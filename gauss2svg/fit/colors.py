@@ -1,12 +1,14 @@
-"""Colours that shapes share: a file's colours, which are stepped, and inks, which are fixed.
+"""Colours that shapes share: a file's colours, which the fit steps, and inks, which are fixed.
 
-Each colour of a file takes Adam steps by the summed gradient of its shapes, and shapes may change
-to another colour. This wins back part of the PSNR that a palette costs (docs/decisions/adam.md).
+Each colour of a file takes Adam steps. The gradient of the colour is the sum of the gradients of
+the shapes that have it. Shapes may also change to another colour of the file. Both together regain
+part of the PSNR that is lost when a file has only a palette of colours (docs/decisions/adam.md).
 
-In a fit to inks, shapes are opaque and crisp, each in one of a few fixed colours. The target is the
-picture with the nearest ink at each pixel. If the target were the picture itself, shapes thinner
-than a pixel would make halftones of colours between the inks. Shapes are placed where another ink
-would lower the error, and repeatedly change to the ink of least error (docs/decisions/inks.md).
+In a fit to inks, each shape is opaque and crisp and has one of a few fixed colours. The target is
+the picture with each pixel in its nearest ink. If the target were the picture itself, the fit would
+imitate the colours between the inks by halftones of shapes thinner than a pixel. New shapes are
+placed where another ink would lower the error. At regular intervals, each shape changes to the ink
+that gives the least error (docs/decisions/inks.md).
 """
 
 from __future__ import annotations
@@ -27,15 +29,16 @@ from gauss2svg.scene.scene import STEPPED
 from gauss2svg.svg.forms import LEAST_PLAIN_BETA
 from gauss2svg.without_scipy import nearest_entry
 
-# Factor of ln beta in the distance between pairs of a colour and an exponent. Colours in 0..1 have
-# the factor 1, so a shape never changes to a pair with another exponent.
-_FIXED_DISTANCE = 100.0
+# A shape may change its colour but not its exponent. So before the nearest pair of a colour and an
+# exponent is searched, ln beta is multiplied by this factor. A pair with another exponent is then
+# much farther away than pairs with another colour, because channels of colours are in 0..1.
+_FIXED_FACTOR = 100.0
 
-# Adam's learning rate of shared colours. Rates of 0.002 to 0.015 change the PSNR by less than
+# Adam's learning rate of shared colours. All rates from 0.002 to 0.015 give the same PSNR to within
 # 0.01 dB (docs/decisions/palette.md).
 COLOR_RATE = 0.006
-# A shape may change its colour or ink if the sum of its squared weights in pixels is above this
-# (docs/decisions/palette.md).
+# A shape may change its colour or ink only if its mass, the sum of its squared weights over all
+# pixels, is above this value (docs/decisions/palette.md).
 LEAST_MASS = 1e-3
 
 
@@ -43,15 +46,16 @@ LEAST_MASS = 1e-3
 class SharedColors:
     """The k distinct pairs of a colour and an exponent in a state, and the pair of each shape.
 
-    In general, a pair combines the values of all shared parameters (Parameter.shared).
+    More generally, an entry holds one value of each shared parameter (Parameter.shared). At present
+    these are the colour and the exponent.
 
-    color   (k, 3) colours
+    color   (k, 3) colours of the entries
     fixed   (k, m) raw values of the other shared parameters, which never change
     adam_m  (k, 3) Adam's first moments of the colours
-    adam_v  (k, 3) Adam's second moments
-    entry   (n,) index of each shape's pair
-    age     number of steps taken
-    bounds  least and largest value of each channel
+    adam_v  (k, 3) Adam's second moments of the colours
+    entry   (n,) index of each shape's entry
+    age     number of Adam steps that the colours have taken
+    bounds  least and largest value of a colour channel
     """
 
     color: NDArray[np.float64]
@@ -64,7 +68,7 @@ class SharedColors:
 
     @classmethod
     def of(cls, state: State, blending: Blending) -> SharedColors:
-        """Return the shared colours of a state."""
+        """Return the distinct pairs of a colour and an exponent in a state, with moments of 0."""
         keys = np.column_stack([state.color, _fixed_values(state)])
         shared, entry = np.unique(keys, axis=0, return_inverse=True)
         moments = np.zeros((len(shared), 3))
@@ -76,8 +80,9 @@ class SharedColors:
     def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:
         """Take one Adam step of the colours, and write the new colours to the state's shapes.
 
-        The gradient (n, STEPS) is summed over each entry's shapes. rate multiplies COLOR_RATE.
-        Arrays are replaced, not changed in place, so that a shallow copy keeps its colours.
+        The gradient of a colour is the sum of the rows of `gradient` (n, STEPS) of the shapes that
+        have this colour. COLOR_RATE is multiplied by `rate`. Arrays are replaced and not changed in
+        place, so that a shallow copy of this object keeps its own colours.
         """
         columns, count = gradient[:, COLOR].T, len(self.color)
         summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)
@@ -92,7 +97,7 @@ class SharedColors:
         self.assign(state, self.entry)
 
     def assign(self, state: State, entry: NDArray[Any]) -> None:
-        """Set the entry (n,) of each shape, and write the colours of these entries to the state."""
+        """Assign entry[i] to each shape i, and give the shape the colour of that entry."""
         self.entry = entry
         state.color = self.color[entry]
 
@@ -103,18 +108,23 @@ class SharedColors:
     def best(
         self, state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
     ) -> NDArray[Any]:
-        """Return for each shape the entry (n,) of least error among those with its exponent.
+        """Return an array (n,): for each shape, the entry that would give the least error.
 
-        If only one shape's colour changes by d, half the squared error changes by
-        g d + mass d^2 / 2. g is the shape's row of the columns COLOR of gradient (n, ...), and
-        mass (n,) is the sum of its squared weights. So its best colour is color - g / mass.
+        Only entries with the same exponent as the shape are considered.
+
+        gradient  (n, ...) has the gradients of the shapes' colours in the columns COLOR
+        mass      (n,) is, for each shape, the sum of its squared weights over all pixels
+
+        If the colour of a single shape changes by d, half the squared error changes by
+        g d + mass d^2 / 2, where g is the gradient of the colour. So the best colour of a shape is
+        color - g / mass, and its best entry is the one whose colour is nearest to that.
         """
         divisor = np.maximum(mass, LEAST_MASS)[:, None]
         change = np.where(mass[:, None] > LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
-        entries = np.hstack([self.color, _FIXED_DISTANCE * self.fixed])
-        targets = np.hstack([state.color - change, _FIXED_DISTANCE * _fixed_values(state)])
+        entries = np.hstack([self.color, _FIXED_FACTOR * self.fixed])
+        targets = np.hstack([state.color - change, _FIXED_FACTOR * _fixed_values(state)])
         distance, entry = nearest_entry(entries, targets)
-        return np.where(distance < _FIXED_DISTANCE * 0.1, entry, self.entry)
+        return np.where(distance < _FIXED_FACTOR * 0.1, entry, self.entry)
 
 
 def _fixed_values(state: State) -> NDArray[np.float64]:
@@ -123,32 +133,42 @@ def _fixed_values(state: State) -> NDArray[np.float64]:
     return np.column_stack([getattr(state, name) for name in raw])
 
 
-# px, distance along the minor axis in which the rim of a shape in inks falls from 0.9 to 0.1. Files
-# draw such shapes without a falloff, but the exponents set how far steps go.
+# Width in px of the rim of a shape in a fit to inks: the distance along the minor axis over which
+# the falloff drops from 0.9 to 0.1. The exponent of a shape is computed from this width. The width
+# cannot be seen, because such shapes are drawn without a falloff. But it decides how large the
+# steps of a shape are, because they depend on the exponent.
 _RIM_PX = 0.7
 _MOST_BETA = 128.0
 _NEIGHBOURS = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]
-_BAND = 32_768  # pixels of a band; work on a pixel takes 300 bytes (docs/decisions/memory.md)
+# Approximate number of pixels in a band of rows. Pictures are handled band by band, because the
+# work takes 300 bytes of memory per pixel (docs/decisions/memory.md).
+_BAND_PIXELS = 32_768
 
 
 @dataclass(frozen=True)
 class Inks:
-    """The inks of a fit. color (k, 3) is sRGB in 0..1."""
+    """The k inks of a fit.
+
+    color  (k, 3) their colours, sRGB in 0..1
+    """
 
     color: NDArray[np.float64]
 
     def background(self, target: Target) -> NDArray[np.float64]:
-        """Return the ink (3,) that is the nearest ink at more visible pixels than any other."""
+        """Return the commonest ink (3,) of the target.
+
+        Each visible pixel is counted for the ink that is nearest to its colour.
+        """
         entry = self._entries(np.moveaxis(target.source_color, 0, -1))
         if target.visible is not None:
             entry = entry[target.visible]
         return self.color[np.bincount(entry.ravel(), minlength=len(self.color)).argmax()]
 
     def inked(self, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the picture (h, w, 3) or (h, w, 4) with the nearest ink q at each pixel.
+        """Return the picture (h, w, 3) or (h, w, 4) with each pixel in its nearest ink q.
 
-        If the ink of a neighbouring pixel is another ink c, the pixel gets the colour between q and
-        c that is nearest to its colour in the picture, as in antialiased edges.
+        If the nearest ink of a neighbouring pixel is another ink c, the pixel instead gets the
+        mixture of q and c that is nearest to its colour in the picture. So edges stay antialiased.
         """
         picture = pixels.copy()
         around = np.pad(self._entries(pixels[:, :, :3]), 1, mode="edge")
@@ -160,7 +180,11 @@ class Inks:
     def _between(
         self, color: NDArray[np.float64], around: NDArray[np.uint8]
     ) -> NDArray[np.float64]:
-        """Return `inked` of colours (h, w, 3), from the indices (h + 2, w + 2) of their inks."""
+        """Do the work of `inked` on a band of rows, and return the new colours (h, w, 3).
+
+        color   (h, w, 3) colours of the pixels of the band
+        around  (h + 2, w + 2) indices of the nearest inks, with a margin of one pixel on each side
+        """
         height, width = color.shape[:2]
         entry = around[1:-1, 1:-1]
         own = self.color[entry]
@@ -178,7 +202,7 @@ class Inks:
         return nearest
 
     def _entries(self, color: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """Return the index (h, w) of the nearest ink for each colour (h, w, 3)."""
+        """Return for each colour (h, w, 3) the index (h, w) of the nearest ink."""
         height, width = color.shape[:2]
         entries = np.empty((height, width), np.uint8)
         for rows in _bands(height, width):
@@ -187,14 +211,17 @@ class Inks:
         return entries
 
     def nearest(self, color: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the nearest ink (n, 3) for each colour (n, 3)."""
+        """Return for each colour (n, 3) the nearest ink (n, 3)."""
         return self.color[nearest_entry(self.color, color)[1]]
 
     def reducible(self, target: Target, rendered: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Return a picture that differs from the target by the error that inks can reduce.
+        """Return a picture: the target minus the part of the error that other inks can reduce.
 
-        At a pixel with target p, render r and the ink q closest to p, the target minus the picture
-        has the direction of q - r and the length sqrt(|p - r|^2 - |p - q|^2).
+        New shapes are placed where this picture, and not the render, differs from the target.
+
+        Let p be the target at a pixel, r the render, and q the ink closest to p. Then the target
+        minus the picture has the direction of q - r and the length sqrt(|p - r|^2 - |p - q|^2). If
+        r is closer to p than q is, the length is 0.
         """
         picture = np.empty_like(target.planar)
         for rows in _bands(target.height, target.width):
@@ -205,7 +232,13 @@ class Inks:
     def _reducible_error(
         self, planar: NDArray[np.floating], rendered: NDArray[np.floating]
     ) -> NDArray[np.floating]:
-        """Return planar minus the picture of `reducible`, from planar and render (3 or 6, h, w)."""
+        """Return `planar` minus the picture that `reducible` returns, for some rows of both.
+
+        planar    these rows of target.planar: (3, h, w), or (6, h, w) if the target has alpha
+        rendered  the same rows of the render
+
+        The result has the shape of `planar`.
+        """
         views = len(planar) // 3
         least = np.full(planar.shape[1:], np.inf, np.float32)
         toward = np.zeros_like(planar)
@@ -225,17 +258,23 @@ class Inks:
     def best(
         self, state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
     ) -> NDArray[Any]:
-        """Return the ink (n, 3) that would give each shape the least error (see SharedColors)."""
+        """Return for each shape the ink (n, 3) that would give the least error.
+
+        SharedColors.best has the formula.
+        """
         best = state.color - gradient[:, COLOR] / np.maximum(mass, LEAST_MASS)[:, None]
         return np.where(mass[:, None] > LEAST_MASS, self.nearest(best), state.color)
 
     def assign(self, state: State, entry: NDArray[Any]) -> None:
-        """Write an ink (n, 3) to each shape of the state."""
+        """Set the ink of each shape i of the state to entry[i]. `entry` is (n, 3)."""
         state.color = entry
 
     @staticmethod
     def crisp_raw_betas(factor: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the ln beta (n,) for rims of about _RIM_PX, from Cholesky factors (n, 3) in px."""
+        """Return ln beta (n,) of shapes whose rims are to be about _RIM_PX wide.
+
+        factor: Cholesky factors (n, 3) of the shapes, in px.
+        """
         l11, l21, l22 = factor.T
         axis_sum, axis_difference = np.hypot(l11 + l22, l21), np.hypot(l11 - l22, l21)
         minor = np.maximum(0.5 * (axis_sum - axis_difference), 1e-9)
@@ -243,26 +282,30 @@ class Inks:
 
 
 def _bands(height: int, width: int) -> Iterator[slice]:
-    """Yield slices of a picture's rows, with about _BAND pixels each."""
-    step = max(1, _BAND // width)
+    """Yield slices of a picture's rows, with about _BAND_PIXELS pixels each."""
+    step = max(1, _BAND_PIXELS // width)
     for first in range(0, height, step):
         yield slice(first, min(first + step, height))
 
 
-# Constants of solved_colors (docs/decisions/small.md).
-BOUNDED_SWEEPS = 20  # sweeps that solve for the colours one by one within 0..1
-ROUNDED_SWEEPS = 3  # last sweeps, which also round the colours one by one
-DAMPING = 1e-6  # share of the diagonal, and of its maximum, that is added for nearly hidden shapes
+# Constants of solved_colors (docs/decisions/small.md). A sweep solves for one colour after another.
+BOUNDED_SWEEPS = 20  # number of sweeps that clip colours to 0..1 but do not round them
+ROUNDED_SWEEPS = 3  # number of further sweeps, which both clip and round the colours
+# DAMPING (d + m) is added to each element d of the diagonal, where m is the largest of these
+# elements. So the equations can be solved even if some shapes are nearly hidden.
+DAMPING = 1e-6
 
 
 def solved_colors(
     products: NDArray[np.float64], sums: NDArray[np.float64], levels: int
 ) -> NDArray[np.float64]:
-    """Return colours (k, 3) in 0..1, multiples of 1 / levels, that nearly solve normal equations.
+    """Return colours (k, 3) that approximately solve the normal equations products @ colors = sums.
 
-    The equations are products @ colors = sums. They are first solved without bounds, then colour by
-    colour within bounds. In the end the colours are rounded one by one. A colour that is rounded
-    later makes up for earlier rounding errors.
+    The colours lie in 0..1 and are multiples of 1 / levels. The equations are first solved without
+    these conditions. If a colour is then outside 0..1, BOUNDED_SWEEPS sweeps over all colours solve
+    for one colour after the other, and clip it to 0..1. At the end, ROUNDED_SWEEPS sweeps do the
+    same and also round each colour. Each colour is solved for the rounded values of the others, so
+    it makes up for their rounding errors.
     """
     diagonal = np.maximum(np.diag(products), 1e-9)
     damped = products + DAMPING * np.diag(diagonal + diagonal.max())

@@ -1,8 +1,9 @@
-"""The progressive fit: a background, then rounds of Gaussians where the error is.
+"""The progressive fit: a background, then rounds that each add Gaussians where the error is large.
 
-Every round is optimised before the next one, from coarse to fine, and all Gaussians keep moving
-until the end. Constants of this package come from ablations: docs/decisions/fit.md (rounds, rates,
-relocation, exponents, additive blending), placement.md, palette.md, divergence.md and numbers.md.
+The Gaussians of a round are optimised before the next round adds finer ones, and all Gaussians keep
+moving until the end. The constants of this package come from ablations. docs/decisions/fit.md has
+the ablations of rounds, rates, relocation, exponents and additive blending. The others are in
+placement.md, palette.md, divergence.md and numbers.md in the same folder.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ def fit(
 ) -> FitResult:
     """Fit config.gaussians Gaussians to pixels (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha.
 
-    The same seed gives the same result. progress is called after every iteration, in this thread.
+    The same seed gives the same result. `progress` is called after every iteration, in the thread
+    that calls this function.
     """
     config = config or FitConfig()
     with kernel_lock:
@@ -45,10 +47,11 @@ def convert_additive(
 ) -> FitResult:
     """Convert an additive scene to the same number of alpha-composited shapes.
 
-    Every renderer draws such shapes. They are fitted to pixels (h, w, 3) float32 in 0..1, by
-    default to the render of the scene. The module gauss2svg.fit.population describes the method.
-    config.gaussians and config.densify are not used. Raise InputError unless the scene is additive
-    and config.fit.blend is "over".
+    Alpha-composited shapes are useful because every renderer draws them. They are fitted to
+    `pixels`, which are (h, w, 3) float32 in 0..1, or to the render of the scene if `pixels` is
+    None. The module gauss2svg.fit.population describes the method. The values of config.gaussians
+    and config.densify are ignored. Raise InputError unless the scene is additive and
+    config.fit.blend is "over".
     """
     config = dataclasses.replace(
         config or FitConfig(), gaussians=len(scene), densify=DensifyOptions()

@@ -1,7 +1,7 @@
 """Placement of new Gaussians: position, size, direction, colour (docs/decisions/placement.md).
 
-A kernel of this module finds connected components, because scikit-image would take a third of a
-second to import (docs/decisions/start.md).
+This module has a numba kernel of its own that finds connected components. scikit-image has one too,
+but importing it would take a third of a second (docs/decisions/start.md).
 """
 
 from __future__ import annotations
@@ -18,28 +18,34 @@ from gauss2svg.fit.target import Target
 from gauss2svg.render.tiles import kernel
 from gauss2svg.without_scipy import smoothed
 
-_PIXEL_VARIANCE = 1 / 12  # px^2, variance of positions within a pixel
+# Variance of x within a pixel, a square with sides of 1 px, in px^2. The variance of y is the same.
+_PIXEL_VARIANCE = 1 / 12
 
-# docs/decisions/placement.md has the figures for these constants.
-INITIAL_SIGMA = 0.3  # sigma of a Gaussian placed by error, as a share of _Placer's spacing
+# The values of the constants from here on were chosen by measurements
+# (docs/decisions/placement.md).
+INITIAL_SIGMA = 0.3  # sigma of a Gaussian that `by_error` places, as a share of _Placer's spacing
 FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian with a learned falloff. The value hardly matters
-LEAST_SIGMA = 0.8  # px, least sigma of a new Gaussian before it is stretched
-LEAST_MINOR = 0.6  # px, least minor axis of a new Gaussian on a component
-# A Gaussian placed by error is up to e^ELONGATION times longer along an edge and narrower across.
+LEAST_SIGMA = 0.8  # least sigma in px of a new Gaussian, before it is stretched in one direction
+LEAST_MINOR = 0.6  # least minor semi-axis in px of a new Gaussian on a component
+# At an edge, `by_error` stretches a round Gaussian: along the edge it becomes longer by a factor of
+# up to e^ELONGATION, and across the edge it becomes narrower by the same factor.
 ELONGATION = 0.5
-REJECTED_SHARE = 0.2  # residuals below this share of the largest belong to no component
-BINS = 8  # bins of equal width into which residuals are quantised, as in LIVE
-# Largest aspect of a new Gaussian on a component. Round ones cost PSNR, most of all in drawings.
+# A pixel whose residual is below this share of the largest residual belongs to no component.
+REJECTED_SHARE = 0.2
+BINS = 8  # number of bins of equal width into which residuals are quantised, as in LIVE
+# Largest ratio of the axes of a new Gaussian on a component. If all new Gaussians were round, the
+# PSNR would be lower, most of all in drawings.
 MOST_FIRST_ASPECT = 6.0
-# Surplus of alpha above which a pixel is covered too much. More Gaussians cannot repair this.
+# A pixel is covered too much if the render's alpha exceeds the target's alpha by more than this.
+# More Gaussians cannot repair such a pixel, so its residual is multiplied by COVERED_WEIGHT.
 TOO_COVERED = 0.03
-COVERED_WEIGHT = 0.3  # weight of the residual at a pixel that is covered too much
+COVERED_WEIGHT = 0.3
 
 
 class NewGaussians(NamedTuple):
     """n Gaussians to add: mean (n, 2), Cholesky factor (n, 3), color (n, 3); float64.
 
-    color is taken from the target, or from the residual with additive blending.
+    The colours are taken from the target, or, with additive blending, from the residual.
     """
 
     mean: NDArray[np.float64]
@@ -47,7 +53,10 @@ class NewGaussians(NamedTuple):
     color: NDArray[np.float64]
 
     def filled_up(self, others: Callable[[int], NewGaussians], count: int) -> NewGaussians:
-        """Return the Gaussians, filled up to `count` by those that others(missing) returns."""
+        """Return these Gaussians, filled up to `count` Gaussians.
+
+        others(number) is called for the number of Gaussians that are missing, and returns them.
+        """
         if len(self.mean) == count:
             return self
         rest = others(count - len(self.mean))
@@ -55,7 +64,7 @@ class NewGaussians(NamedTuple):
 
 
 def first_raw_betas(count: int, options: FitOptions) -> NDArray[np.float64]:
-    """Return the raw exponents of `count` new Gaussians."""
+    """Return ln beta (count,) of new Gaussians in a fit with these options."""
     return np.full(count, FIRST_RAW_BETA if options.learned_falloff else 0.0)
 
 
@@ -68,12 +77,15 @@ def place(
     rng: np.random.Generator,
     additive: bool = False,
 ) -> NewGaussians:
-    """Return `count` new Gaussians for a scene that will then have `total`.
+    """Return `count` new Gaussians, which are to be added to a scene.
 
-    placement  one of DensifyOptions.init
-    rendered   render of the scene so far, with the shape of target.planar
-    additive   whether new Gaussians have the residual's colours, not the target's
-    Invisible pixels of a target with alpha have no residual, and "random" skips them.
+    placement  one of the values of DensifyOptions.init
+    rendered   render of the scene so far, an array of the shape of target.planar
+    total      number of Gaussians of the scene, including the new ones
+    additive   whether new Gaussians get their colours from the residual instead of the target
+
+    A target with alpha may have invisible pixels. Their residual counts as 0, and the placement
+    "random" puts no Gaussians on them.
     """
     spacing = float(np.sqrt(target.width * target.height / (max(total, 1) * np.pi)))
     placer = _Placer(target, rendered, spacing, rng, additive)
@@ -85,10 +97,11 @@ def place(
 
 
 class _Placer:
-    """Placement of Gaussians by the residual of a render.
+    """The ways to place new Gaussians. Most of them read the residual, the target minus the render.
 
-    spacing is the radius in px of a disc of the picture's area / number of Gaussians. The residual
-    is multiplied by the square root of target.visible_weight.
+    The residual is multiplied by the square root of target.visible_weight, so that the squared
+    residual is multiplied by this weight. `spacing` is the radius in px of a disc whose area is the
+    area of the picture divided by the number of Gaussians.
     """
 
     def __init__(
@@ -104,7 +117,9 @@ class _Placer:
         if target.visible is not None:
             self._residual *= target.visible
             over_white, over_black = self._residual[:3], self._residual[3:]
-            surplus = (over_white - over_black).mean(axis=0)  # render's minus target's alpha
+            # The residual over white minus the residual over black is the alpha of the render minus
+            # the alpha of the target.
+            surplus = (over_white - over_black).mean(axis=0)
             too_covered = surplus > TOO_COVERED
             self._residual *= np.where(too_covered, COVERED_WEIGHT, 1.0)
         self._color = self._residual if additive else target.source_color
@@ -114,7 +129,10 @@ class _Placer:
         self._rng = rng
 
     def by_error(self, count: int) -> NewGaussians:
-        """Return Gaussians at pixels sampled in proportion to the smoothed squared residual."""
+        """Return Gaussians at random pixels.
+
+        The probability of a pixel is proportional to the smoothed squared residual.
+        """
         error = np.square(self._residual).sum(axis=0)
         smooth = smoothed(error, min(max(0.5 * self._spacing, 0.5), 4.0))
         if self._target.visible is not None:
@@ -122,7 +140,7 @@ class _Placer:
         total = np.cumsum(smooth.ravel(), dtype=np.float64)
         sampled = (np.arange(count) + self._rng.random(count)) / count * total[-1]
         pixel = np.minimum(np.searchsorted(total, sampled), total.size - 1)
-        if not total[-1] > 0:  # the render is exact
+        if not total[-1] > 0:  # the render equals the target, so any pixel is as good as another
             pixel = self._rng.integers(total.size, size=count)
         y, x = np.divmod(pixel, self._target.width)
         sigma = max(self._spacing * INITIAL_SIGMA, LEAST_SIGMA)
@@ -132,12 +150,14 @@ class _Placer:
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
     def by_component(self, count: int) -> NewGaussians:
-        """Return a Gaussian on each of the largest components of the quantised residual.
+        """Return `count` Gaussians, one on each of the largest components of the residual.
 
-        If components are fewer than `count`, `by_error` places the rest. Components are as in LIVE.
-        A Gaussian has the mean colour of its component, and a direction and an aspect from the
-        component's second moments. Its sigma sqrt(A / pi) / 2 is that of a disc of the component's
-        area A.
+        `_components` finds the components as in LIVE. If it finds fewer than `count`, `by_error`
+        places the other Gaussians. Each Gaussian gets the mean colour of its component. At first
+        the Gaussian is round, and as wide as a disc with the area A of the component: its sigma is
+        sqrt(A / pi) / 2, which is the standard deviation of the points of this disc along any axis.
+        Then the Gaussian is stretched. Its direction and the ratio of its axes follow from the
+        second moments of the component.
         """
         parts = self._components(count)
         if parts is None:
@@ -157,15 +177,17 @@ class _Placer:
         return gaussians.filled_up(self.by_error, count)
 
     def as_in_live(self, count: int) -> NewGaussians:
-        """Return Gaussians on components as in the paper. `at_random` places the rest of `count`.
+        """Return `count` Gaussians, one on each of the largest components, as in the paper.
 
         On a component of area A px^2, a Gaussian has sigma = sqrt(A / 7) px, rho = 0, and the
-        colour at the centre of mass.
+        colour at the centre of mass. If there are fewer components than `count`, `at_random` places
+        the other Gaussians.
         """
         parts = self._components(count)
         if parts is None:
             return self.at_random(count)
-        # The paper has sigma = sqrt(A / (r s^2)), r = 0.07, in units of s / 10 px: s cancels.
+        # In the paper, sigma is sqrt(A / (r s^2)) with r = 0.07, in units of s / 10 px. Times
+        # s / 10, this is sqrt(A / (r 10^2)) px, so s cancels.
         sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), LEAST_SIGMA)
         center = parts.center()
         x, y = np.round(center).astype(np.intp).T
@@ -175,14 +197,18 @@ class _Placer:
         )
 
     def at_random(self, count: int) -> NewGaussians:
-        """Return Gaussians on random visible pixels, with sigma up to spacing and |rho| < 0.95."""
+        """Return Gaussians on random visible pixels.
+
+        Their sigmas are random from LEAST_SIGMA to `spacing`, and |rho| < 0.95.
+        """
         target, rng = self._target, self._rng
         mean = rng.random((count, 2)) * [target.width, target.height]
         if target.visible is not None:
             y, x = np.divmod(rng.choice(np.flatnonzero(target.visible), count), target.width)
             mean = rng.random((count, 2)) + np.stack([x, y], axis=1)
         sigma = np.maximum(rng.random((count, 2)) * self._spacing, LEAST_SIGMA)
-        rho = rng.uniform(-1, 1, count) * 0.95  # nearer to 1, Gaussians would start as needles
+        # If |rho| were nearer to 1, some Gaussians would start as needles.
+        rho = rng.uniform(-1, 1, count) * 0.95
         x, y = np.minimum(mean.astype(np.intp), [target.width - 1, target.height - 1]).T
         rest = np.sqrt(1 - rho**2)
         factor = np.stack([sigma[:, 0], rho * sigma[:, 1], rest * sigma[:, 1]], axis=1)
@@ -192,10 +218,12 @@ class _Placer:
         return self._color[:, y, x].T.astype(np.float64)
 
     def _components(self, count: int) -> _Components | None:
-        """Return the largest components, at most `count`; None if the residual is 0 everywhere.
+        """Return the `count` largest components, or fewer if there are not so many.
 
-        The absolute residual is summed over channels. Small sums are rejected, and the other sums
-        are quantised into bins of equal width between 0 and the largest sum.
+        The absolute residual of each pixel is summed over the channels. Pixels with small sums
+        belong to no component. The sums of the other pixels are sorted into bins of equal width
+        between 0 and the largest sum. A component is a connected set of pixels of the same bin.
+        Return None if the residual is 0 everywhere.
         """
         difference = np.abs(self._residual).sum(axis=0)
         largest = float(difference.max())
@@ -205,7 +233,7 @@ class _Placer:
         bins[difference < REJECTED_SHARE * largest] = 0
         components = components_of(bins).ravel()
         area = np.bincount(components)
-        area[0] = 0  # number 0 is that of rejected pixels
+        area[0] = 0  # rejected pixels have the number 0 and are no component
         order = np.argsort(-area, kind="stable")[: min(count, len(area) - 1)]
         rank = np.full(components.max() + 1, -1)
         rank[order] = np.arange(len(order))
@@ -217,7 +245,14 @@ class _Placer:
 
 @dataclass(frozen=True)
 class _Components:
-    """k components: area (k,) in px^2; for their p pixels x, y (p,) and component rank (p,)."""
+    """k components of a picture, sorted from the largest to the smallest.
+
+    Together they have p pixels, which the arrays rank, x and y list.
+
+    area  (k,) areas in px^2
+    rank  (p,) index of the component to which each pixel belongs, 0 for the largest component
+    x, y  (p,) column and row of each pixel
+    """
 
     area: NDArray[np.intp]
     rank: NDArray[np.intp]
@@ -225,15 +260,18 @@ class _Components:
     y: NDArray[np.intp]
 
     def means(self, values: NDArray[np.number]) -> NDArray[np.float64]:
-        """Return the mean (k,) of values (p,) over each component."""
+        """Return the mean (k,) of `values` (p,) over the pixels of each component."""
         return np.bincount(self.rank, values, len(self.area)) / self.area
 
     def center(self) -> NDArray[np.float64]:
-        """Return the centres of mass (k, 2) in pixel indices."""
+        """Return the mean column and the mean row (k, 2) of the pixels of each component."""
         return np.stack([self.means(self.x), self.means(self.y)], axis=1)
 
     def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the central second moments xx, xy, yy (k,) in px^2, with pixels as squares."""
+        """Return the central second moments xx, xy, yy (k,) of the components in px^2.
+
+        Pixels count as squares and not as points, so no component is infinitely thin.
+        """
         x, y = self.x, self.y
         mx, my = self.center().T
         xx = self.means(x * x) - mx * mx + _PIXEL_VARIANCE
@@ -244,18 +282,24 @@ class _Components:
 def _oriented(
     major: NDArray[np.floating], minor: NDArray[np.floating], angle_rad: NDArray[np.floating]
 ) -> NDArray[np.float64]:
-    """Return the Cholesky factors (n, 3) of ellipses, from semi-axes and the major's direction."""
+    """Return the Cholesky factors (n, 3) of ellipses.
+
+    An ellipse is described by its semi-axes (n,) and the direction (n,) of the major semi-axis.
+    """
     co, si = np.cos(angle_rad, dtype=np.float64), np.sin(angle_rad, dtype=np.float64)
     l11 = np.hypot(co * major, si * minor)
     l21 = co * si * (np.square(major) - np.square(minor)) / l11
     return np.stack([l11, l21, major * minor / l11], axis=1).astype(np.float64)
 
 
-def components_of(levels: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for each pixel of levels (h, w) the number (h, w) of its component.
+def components_of(levels: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return an array (h, w) that gives, for each pixel of `levels`, the number of its component.
 
-    A component's pixels have one level and touch along sides or at corners. Components are numbered
-    from 1 in the order of their first pixels, row by row. Pixels of level 0 have number 0.
+    levels: (h, w) whole numbers.
+
+    All pixels of a component have the same level, and they touch along sides or at corners.
+    Components are numbered from 1 in the order of their first pixels, row by row. Pixels of level 0
+    have the number 0.
     """
     numbers = np.zeros(levels.shape, np.int64)
     _number_components(levels, np.zeros(levels.size, np.int64), numbers)
@@ -264,10 +308,10 @@ def components_of(levels: NDArray[np.int64]) -> NDArray[np.int64]:
 
 @kernel
 def _number_components(levels, parent, numbers):
-    """Write the numbers of components_of (h, w), which are 0 on entry.
+    """Write the result of components_of to `numbers` (h, w), which must be 0 on entry.
 
-    parent (h w,) is a buffer of the union-find, 0 on entry. For each pixel it has an earlier pixel
-    of its component, or the pixel itself.
+    parent (h w,) must be 0 on entry too. It becomes a union-find forest: the parent of each pixel
+    is an earlier pixel of its component, or the pixel itself.
     """
     height, width = levels.shape
     for y in range(height):
@@ -277,7 +321,7 @@ def _number_components(levels, parent, numbers):
                 continue
             at = y * width + x
             root = at
-            for k in range(4):  # the neighbour on the left, and three above
+            for k in range(4):  # only earlier neighbours: the left one and the three above
                 ny, nx = (y, x - 1) if k == 0 else (y - 1, x + k - 2)
                 if ny < 0 or nx < 0 or nx >= width or levels[ny, nx] != level:
                     continue

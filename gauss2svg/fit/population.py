@@ -1,9 +1,9 @@
 """The Gaussians of a fit on the current target, and how they are added, relocated and pruned.
 
-An alpha-composited fit can begin with an additive scene, so that every renderer draws the result.
-Additive Gaussians have no order and no opacity. The fit begins with the largest at the bottom, each
-in the target's colour at its mean, and keeps their position, size and direction at first
-(docs/decisions/fit.md).
+An alpha-composited fit can begin with the Gaussians of an additive scene, to convert the scene to
+shapes that every renderer draws. Additive Gaussians have no order and no opacity. So the fit puts
+the largest Gaussian at the bottom, and gives each Gaussian the target's colour at its mean. Their
+positions, sizes and directions start as in the additive scene (docs/decisions/fit.md).
 """
 
 from __future__ import annotations
@@ -30,29 +30,36 @@ from gauss2svg.scene import ADD, PLAIN, SOFT, Scene
 from gauss2svg.scene.inks import ink_colors, inks_of
 from gauss2svg.scene.scene import LEAST_RAW_BETA
 
-# Least opacity of a finished fit. Fainter shapes vanish on 8-bit canvases, or renderers draw them
-# with errors of 10 to 60 % (docs/decisions/renderers.md).
+# Least opacity of a shape in a finished fit. Renderers that composite in 8 bits omit fainter shapes
+# or draw them with errors of 10 to 60 % (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
 RELOCATED = 0.08  # share of the Gaussians that a relocation moves (docs/decisions/fit.md)
-# Each unit of ln beta must lower the loss by this share of the mean loss per Gaussian. So a shape
-# stays a Gaussian if another exponent gains nothing (docs/decisions/fit.md).
+# A fit raises the exponent beta of a shape only if this lowers the loss enough: a unit of ln beta
+# must lower it by at least BETA_PRICE times the loss of the picture divided by the number of
+# Gaussians. So a shape stays a Gaussian if another exponent gains nothing (docs/decisions/fit.md).
 BETA_PRICE = 0.06
-# Opacity above which a shape becomes opaque, which saves bytes (docs/decisions/fit.md).
+# A shape whose opacity is above this value becomes opaque, because opaque shapes take fewer bytes
+# (docs/decisions/fit.md).
 OPAQUE_FROM = 0.953
-# The optical flow that moves the shapes of a scene to another picture (docs/decisions/refine.md).
-FLOW_REDUCTION = 2  # divisor of the picture's width and height
-FLOW = {"radius": 15, "num_warp": 4}  # px of the windows, number of refinements of the flow
+# A fit that starts with a scene moves its shapes along the optical flow from the scene to the
+# picture (docs/decisions/refine.md). The flow is computed on copies of both whose width and height
+# are divided by FLOW_REDUCTION. FLOW has options of optical_flow_ilk: `radius` is the radius in px
+# of the windows in which the flow is taken to be constant, and `num_warp` is the number of times
+# that the flow is refined.
+FLOW_REDUCTION = 2
+FLOW = {"radius": 15, "num_warp": 4}
 
-AsWritten = Callable[[Scene, float], Scene]  # scene and its PSNR (dB) -> scene of its file
+# A function that takes a scene and its PSNR in dB, and returns the scene as its file would hold it.
+AsWritten = Callable[[Scene, float], Scene]
 Backup = tuple[State, SharedColors | None]
 
 
 class Population:
-    """The Gaussians of a fit, in px of the current target, and how they change.
+    """The Gaussians of a fit, in px of the current target, with the methods that change them.
 
     pixels   (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
-    targets  TargetPyramid of these pixels if the caller has one
-    shared   colours that shapes share in the last steps; None before these steps
+    targets  TargetPyramid of these pixels. If it is None, one is built
+    shared   the colours that shapes share during the last steps. Before these steps it is None
     """
 
     def __init__(
@@ -70,7 +77,7 @@ class Population:
         self._photo = self._pyramid = targets or TargetPyramid(pixels, config.fit.tuned)
         self.inks: Inks | None = None
         if config.fit.inks is not None:
-            inks: Any = config.fit.inks  # check_inks has checked them
+            inks: Any = config.fit.inks  # already checked by check_inks
             self.inks = Inks(ink_colors(inks_of(pixels, inks)))
             focus = self._photo.focus
             self._pyramid = TargetPyramid(
@@ -78,10 +85,13 @@ class Population:
             )
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
-        # The background is rounded to 8 bits as in the file, so that the fit corrects the rounding.
+        # The background is rounded to 8 bits, because it is rounded in the file too. So the fit can
+        # make up for the rounding error.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
         if has_alpha(pixels):
-            self.background = np.ones(3)  # white; the file has no background
+            # The file of a picture with alpha has no background. But every scene must have one, so
+            # it is white.
+            self.background = np.ones(3)
         elif self.inks is not None:
             self.background = self.inks.background(self.target)
 
@@ -89,11 +99,11 @@ class Population:
         return len(self.state)
 
     def splats(self) -> Splats:
-        """Return the Gaussians as the kernels read them."""
+        """Return the Gaussians as the arrays that the kernels read."""
         return self.state.splats(self.background, self.config.fit.blend)
 
     def rendered(self) -> NDArray[np.floating]:
-        """Return the render of the Gaussians, in the shape of target.planar."""
+        """Return the render of the Gaussians, an array of the shape of target.planar."""
         return self.target.rendered(self.splats())
 
     def scene(self) -> Scene:
@@ -102,7 +112,9 @@ class Population:
         scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
             scene = scene.replace(transparent=True)
-        if self.inks is not None:  # the logits give only nearly 1
+        # All shapes of a fit to inks are opaque, but a logit always stands for an opacity slightly
+        # below 1. So set the opacities to 1.
+        if self.inks is not None:
             scene = scene.replace(opacity=np.ones(len(scene)))
         height, width = self._pyramid.pixels.shape[:2]
         if (width, height) == size:
@@ -110,22 +122,30 @@ class Population:
         return scene.scaled(width / size[0], height / size[1])
 
     def psnr(self) -> float:
-        """Return the PSNR in dB against the photo at full size, even if the target is reduced."""
+        """Return the PSNR in dB against the photo.
+
+        It is measured at the full size of the photo, even if the current target is smaller.
+        """
         photo = self._photo.reduced(1)
         factors = photo.width / self.target.width, photo.height / self.target.height
         state = self._with_crisp_rims(self.state.scaled(*factors))
         return psnr_of(photo.error(state.splats(self.background, self.config.fit.blend)))
 
     def error_of(self, evaluated: LossAndGradient) -> float:
-        """Return the mean squared error of evaluated renders against the photo, not its inks."""
+        """Return the mean squared error between the photo and the renders in `evaluated`.
+
+        In a fit to inks, this is not evaluated.error, which is the error between the picture in
+        inks and the renders.
+        """
         if self.inks is None:
             return evaluated.error
         return self._photo.reduced(self.reduction).error_of(evaluated.rendered)
 
     def evaluate(self, splats: Splats, at_both_sizes: bool = False) -> LossAndGradient:
-        """Return the loss and its gradient.
+        """Return the loss of the Gaussians and its gradient.
 
-        at_both_sizes: whether to average both over the enlarged and the original picture.
+        at_both_sizes: whether to average the loss and the gradient over the enlarged picture and
+        the picture at its original size. It has no effect if the picture was not enlarged.
         """
         options, times = self.config.fit, self.config.enlarged
         evaluated = self.target.evaluate(splats, options.loss, options.ssim_weight)
@@ -133,7 +153,8 @@ class Population:
             return evaluated
         splats = self.state.scaled(1 / times, 1 / times).splats(self.background, options.blend)
         own = self._pyramid.reduced(times).evaluate(splats, options.loss, options.ssim_weight)
-        # Gradients are in each shape's own frame, so those of both sizes can be added.
+        # Each gradient refers to the frame of its shape. This frame is enlarged together with the
+        # picture, so the gradients of the enlarged picture and of the original one can be added.
         return evaluated._replace(
             loss=(evaluated.loss + times**2 * own.loss) / 2,
             moments=(evaluated.moments + times**2 * own.moments) / 2,
@@ -141,15 +162,18 @@ class Population:
         )
 
     def backup(self) -> Backup:
-        """Return a copy of the state and of the shared colours, for `restore`."""
+        """Return copies of the state and of the shared colours, for a later call of `restore`."""
         return self.state.copy(), copy(self.shared)
 
     def restore(self, backup: Backup) -> None:
-        """Restore the state and the shared colours that backup() returned."""
+        """Restore the state and the shared colours from a copy that `backup` returned."""
         self.state, self.shared = backup[0].copy(), copy(backup[1])
 
     def step(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> bool:
-        """Take an Adam step; `rate` multiplies learning rates. Return whether all were finite."""
+        """Take an Adam step. Return whether the steps of all Gaussians were finite.
+
+        rate: factor by which all learning rates are multiplied.
+        """
         share = evaluated.loss / max(len(self), 1)
         gradient = adam.gradients(evaluated.moments, splats, BETA_PRICE * share)
         most_sigma = float(max(self.target.width, self.target.height))
@@ -161,10 +185,13 @@ class Population:
         return finite
 
     def reduce_to(self, factor: int, scale_moments: bool = False) -> None:
-        """Change to the target of 1 / factor of the width and height. Scale the Gaussians.
+        """Change to a target with 1 / factor of the full width and height, and scale the Gaussians.
 
-        scale_moments: whether Adam's moments are scaled like gradients, which are sums over pixels.
-        Scaling pays only in refinement (docs/decisions/few.md).
+        scale_moments: whether to scale Adam's moments too.
+
+        Gradients are sums over pixels, so they are smaller on a smaller target. If the moments
+        are scaled too, they match the new gradients. This improves the result in refinement but
+        not in growth (docs/decisions/few.md).
         """
         if factor == self.reduction:
             return
@@ -176,16 +203,22 @@ class Population:
         state.adam_m, state.adam_v = state.adam_m * area, state.adam_v * area**2
 
     def reduction_of_round(self, total: int) -> int:
-        """Return the factor by which the target is reduced in a round up to `total` Gaussians."""
+        """Return the factor by which the target is reduced in a round of growth.
+
+        total: number of Gaussians at the end of the round.
+        """
         height, width = self._pyramid.pixels.shape[:2]
         if self.config.enlarged > 1:
             return enlarged_reduction(0.0, width, height)
         return reduction(total, width, height) if self.config.reduce else 1
 
     def reduction_at(self, done: float) -> int:
-        """Return the factor by which the target is reduced at progress `done` of refinement.
+        """Return the factor by which the target is reduced in refinement, at progress `done`.
 
-        It is 1 if config.gaussians is 0. A policy then decides the count by errors at full size.
+        enlarged_reduction gives the factor of a fit to an enlarged picture. For all other fits,
+        refinement_reduction gives the factor, except in two cases in which it is 1. The first case
+        is that config.reduce is False. The second is that config.gaussians is 0: then a policy
+        decides the number of Gaussians, and the policy needs the errors at full size.
         """
         if self.config.enlarged > 1:
             return enlarged_reduction(done, *self._pyramid.pixels.shape[1::-1])
@@ -195,14 +228,15 @@ class Population:
         return refinement_reduction(done, len(self), width, height)
 
     def adopt(self, scene: Scene) -> None:
-        """Replace the Gaussians by those of an additive scene, alpha-composited."""
+        """Convert an additive scene to alpha-composited Gaussians, with which the fit begins."""
         self.state = composited(scene, self.target, self.config.fit)
         self.round_index = int(self.state.round_index.max(initial=0))
 
     def begin_with(self, scene: Scene) -> None:
-        """Begin with the shapes of a scene, scaled to the target, moved if that is closer to it.
+        """Begin with the shapes of a scene, scaled to the size of the target.
 
-        The optical flow from the scene's render to the target moves each shape.
+        The optical flow from the scene's render to the target says how far each shape should move.
+        The shapes are moved by it only if this lowers the error.
         """
         from skimage.registration import optical_flow_ilk  # slow to import, seldom needed
 
@@ -215,7 +249,8 @@ class Population:
         if not self.config.fit.learned_falloff:
             state.raw_beta[:], state.drawn[:] = 0.0, SOFT
         pictures = small.rendered(state.splats(self.background)), small.planar
-        # A row and a column more, because the flow of a single one is not defined.
+        # optical_flow_ilk needs at least two rows and two columns. So the last row and the last
+        # column are repeated.
         grey = (np.pad(picture.mean(axis=0), (0, 1), "edge") for picture in pictures)
         flow = optical_flow_ilk(*grey, **FLOW)
         x, y = np.clip(state.mean.astype(np.intp), 0, np.array(size) - 1).T
@@ -225,7 +260,11 @@ class Population:
         self.state = min(states, key=lambda one: target.error(one.splats(self.background)))
 
     def densify_or_prune(self, count: int) -> None:
-        """Add Gaussians where the error is, or remove the least useful, until there are `count`."""
+        """Change the number of Gaussians to `count`.
+
+        New Gaussians are added where the error is large. Surplus Gaussians are removed, the least
+        useful first.
+        """
         surplus = len(self) - count
         if surplus > 0:
             _, cost = self.target.removal_cost(self.splats())
@@ -235,7 +274,7 @@ class Population:
             self._add(self.rendered(), -surplus, count)
 
     def relocate(self) -> bool:
-        """Move the least useful Gaussians to where the error is; return whether any moved."""
+        """Move the least useful Gaussians to where the error is large. Return whether any moved."""
         rendered, cost = self.target.removal_cost(self.splats())
         total = len(self)
         count = int(RELOCATED * total)
@@ -243,25 +282,32 @@ class Population:
             return False
         keep = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
         self.state = self.state.select(keep)
-        if self.config.fit.blend == ADD:  # removing several may cost more than the sum of costs
+        # With additive blending, removing several Gaussians may raise the error by more than the
+        # sum of their costs, so the remaining Gaussians are rendered anew.
+        if self.config.fit.blend == ADD:
             rendered = self.rendered()
         self._add(rendered, count, total)
         return True
 
     def prune(self, least: float) -> None:
-        """Remove each Gaussian whose removal costs at most `least` dB of weighted PSNR."""
+        """Remove each Gaussian that raises the weighted PSNR by at most `least` dB.
+
+        This gain is computed for each Gaussian as if it were the only one to be removed.
+        """
         if least == -math.inf or not len(self):
             return
         rendered, cost = self.target.removal_cost(self.splats())
         error = self.target.weighted_squares(rendered)
-        # Removal turns the error e into e + cost, so a Gaussian gains 10 log10(1 + cost / e) dB.
+        # If a Gaussian were removed, the error e would become e + cost. So this Gaussian raises the
+        # PSNR by 10 log10(1 + cost / e) dB.
         least_cost = error * (10 ** (least / 10) - 1)
         self.state = self.state.select(cost[:, 0] > least_cost)
 
     def prune_invisible(self) -> None:
-        """Remove Gaussians that do not show: too faint, covered, or off the canvas.
+        """Remove Gaussians that cannot be seen: too faint, covered by others, or off the canvas.
 
-        On a target with alpha, also remove haze: Gaussians that do not lower the error.
+        If the target has alpha, also remove Gaussians that do not lower the error, because they
+        would be visible as haze.
         """
         splats = self.splats()
         _, cost = self.target.removal_cost(splats)
@@ -271,7 +317,14 @@ class Population:
         self.state = self.state.select(keep)
 
     def quantize(self, as_written: AsWritten, psnr: float) -> None:
-        """Set exponents and colours to the file's, and high opacities to 1. Share the colours."""
+        """Give the Gaussians the values that the file will hold, before the last steps of the fit.
+
+        Opacities above OPAQUE_FROM become 1, and exponents and colours become those of the file.
+        From here on, shapes share the colours of the file, except in a fit to inks.
+
+        as_written  function that returns the scene as its file would hold it
+        psnr        PSNR of the present scene in dB, which `as_written` needs
+        """
         least = math.log(OPAQUE_FROM / (1 - OPAQUE_FROM))
         self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT
         self.state = self._with_crisp_rims(self.state.quantized(as_written(self.scene(), psnr)))
@@ -279,16 +332,20 @@ class Population:
             self.shared = SharedColors.of(self.state, self.blending)
 
     def soften(self) -> None:
-        """After `quantize`, let exponents be learned again, and let files draw shapes softly."""
+        """Undo the limits that `quantize` has set, so that the fit can be continued.
+
+        If the fit learns exponents, all exponents may then change again, and files may draw all
+        shapes with soft edges again.
+        """
         if self.config.fit.learned_falloff:
             self.state.raw_beta = np.maximum(self.state.raw_beta, LEAST_RAW_BETA)
             self.state.drawn[:] = SOFT
 
     def exchange(self, choices: SharedColors | Inks | None) -> None:
-        """Let shapes change to their best shared colour or ink if this lowers the error.
+        """Let each shape change to its best shared colour or ink, if this lowers the total error.
 
-        Overlapping shapes that change together may overshoot. Then only half of the shapes change,
-        or none.
+        Shapes that overlap and change together may overshoot, so that the error rises. In this case
+        only a random half of the shapes change. If the error rises even then, no shape changes.
         """
         if choices is None or not len(self):
             return
@@ -305,13 +362,16 @@ class Population:
         choices.assign(self.state, current)
 
     def _with_crisp_rims(self, state: State) -> State:
-        """In a fit to inks, set the exponents of crisp rims in the state. Return the state."""
+        """In a fit to inks, set the exponents of `state` so that rims are crisp. Return `state`."""
         if self.inks is not None:
             state.raw_beta = self.inks.crisp_raw_betas(state.factor)
         return state
 
     def _inked(self, state: State) -> State:
-        """In a fit to inks, make the shapes of the state opaque and of inks. Return the state."""
+        """In a fit to inks, make each shape an opaque ellipse in its nearest ink. Return `state`.
+
+        Files draw such an ellipse without a falloff. In other fits the state is not changed.
+        """
         if self.inks is not None:
             state.color, state.drawn[:] = self.inks.nearest(state.color), PLAIN
             state.raw_opacity[:] = OPAQUE_LOGIT
@@ -335,10 +395,12 @@ class Population:
         self.state = self.state.append(self._inked(added))
 
     def _overlap(self, new: NewGaussians) -> NDArray[np.float64]:
-        """Return the sum (n,) of all new falloffs at each new mean, at least 1.
+        """Return numbers (n,) >= 1 by which the colours of new additive Gaussians are divided.
 
-        New additive Gaussians that overlap share the residual. If each added the whole residual,
-        they would overshoot and attract more Gaussians, and the fit would diverge.
+        The number of a Gaussian is the sum of the falloffs of all new Gaussians at its mean, but at
+        least 1. So new Gaussians that overlap share the residual. If each of them added the whole
+        residual, the picture would overshoot, the error would attract more Gaussians, and the fit
+        would diverge.
         """
         alone = State.of(new.mean, new.factor, 0, color=np.ones((len(new.mean), 3)))
         target = self.target
@@ -348,10 +410,11 @@ class Population:
 
 
 def composited(scene: Scene, target: Target, options: FitOptions) -> State:
-    """Return the initial state of an alpha-composited fit to target, from an additive scene.
+    """Return an additive scene as the state with which an alpha-composited fit begins.
 
-    options: those of the fit. New rounds, with the largest Gaussians first, replace the scene's
-    rounds. Gaussians whose mean lies on an invisible pixel of the target are left out.
+    `target` and `options` are those of the fit. Gaussians whose mean lies on an invisible pixel of
+    the target are left out. The others are sorted from the largest, which is at the bottom, to the
+    smallest. They get new round numbers in this order: the largest ones belong to the first round.
     """
     height, width = target.height, target.width
     scene = scene.scaled(width / scene.width, height / scene.height)

@@ -1,6 +1,7 @@
 """The schedule of a fit: rounds of growth, reduced sizes, learning rates, and progress.
 
-Progress is measured both by iterations and by the wall clock. The larger value counts.
+Progress is a number in 0..1. It is measured both by iterations and by the wall clock, and the
+larger of the two values counts.
 """
 
 from __future__ import annotations
@@ -10,51 +11,61 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-LARGEST_REDUCTION = 8  # largest factor by which growth divides width and height
-# px, longest side up to which an enlarged target is never reduced (docs/decisions/enlarged.md).
+LARGEST_REDUCTION = 8  # largest factor by which a target's width and height are divided in growth
+# An enlarged target is never reduced if its longer side is at most this number of px
+# (docs/decisions/enlarged.md).
 LARGEST_UNREDUCED = 640
 
-# Constants of a fit's schedule (docs/decisions/fit.md). Progress is in 0..1.
-ROUNDS = 6  # number of rounds of growth. 4 to 20 rounds change the PSNR by less than 0.1 dB
+# Constants of a fit's schedule (docs/decisions/fit.md).
+# Number of rounds of growth. Any number from 4 to 20 gives the same PSNR to within 0.1 dB.
+ROUNDS = 6
 GROWTH_SHARE = 0.3  # progress at which all Gaussians have been added
-DECAY_START = 0.75  # progress at which the learning rate begins to decay by a cosine
-LAST_RATE = 0.02  # share of the learning rate that is left at the end
-# Progress at which exponents and colours become those of the file. A lower value is worse.
+DECAY_START = 0.75  # progress at which the learning rate begins to fall along a cosine
+LAST_RATE = 0.02  # learning rate at the end, as a share of the full learning rate
+# Progress at which the shapes get the exponents and colours that they will have in the file. If
+# they got them earlier, the picture would be worse.
 QUANTIZED_FROM = 0.85
-# Fewest pixels per Gaussian on a reduced target. Reduced targets save a fifth of the pixel-Gaussian
-# pairs at no loss of PSNR.
+# A target is reduced only if the reduced target has at least this many pixels per Gaussian. Reduced
+# targets save a fifth of the pixel-Gaussian pairs without a loss of PSNR.
 PIXELS_PER_GAUSSIAN = 36
-SMALLEST_SIDE = 32  # px, shortest side that a reduced target may have in growth
-# The constants down to EXTENDED are for few Gaussians, which are first refined on reduced targets
-# (docs/decisions/few.md).
+# Growth reduces a target only if the shorter side of the reduced target has at least this many px.
+SMALLEST_SIDE = 32
+# The constants from here to EXTENDED are for fits of few Gaussians, whose refinement begins on
+# reduced targets (docs/decisions/few.md).
 FULL_FROM = 0.55  # progress from which targets have their full size
-HALF_FROM = 0.45  # progress from which targets have half the width and height (earlier: a fourth)
-# px, shortest side that a reduced target may have in refinement. Steps on smaller targets take no
-# less time.
+# Before this progress, targets have a fourth of the full width and of the full height. From this
+# progress to FULL_FROM, they have half of the full width and of the full height.
+HALF_FROM = 0.45
+# Refinement reduces a target only if the shorter side of the reduced target has at least this many
+# px. Steps on even smaller targets would take no less time.
 SMALLEST_REFINED_SIDE = 128
-REDUCED_STEPS = 0.72  # share of refinement's steps that are on reduced targets
-# Share of refinement's time that steps on reduced targets take if a deadline ends the fit
+REDUCED_STEPS = 0.72  # share of the steps of refinement that run on reduced targets
+# If a deadline ends the fit, refinement spends this share of its time on steps on reduced targets
 # (docs/decisions/time.md).
 REDUCED_TIME = 0.4
-EXTENDED = 2  # factor by which a preset's steps are multiplied if most are on reduced targets
+# If refinement begins on reduced targets, the preset's number of steps is multiplied by this
+# factor, because steps on reduced targets take less time.
+EXTENDED = 2
 RELOCATE_FROM = 0.2  # progress at which relocation begins
 RELOCATE_UNTIL = 0.75  # progress at which relocation ends
-RELOCATE_EVERY = 10  # steps between relocations
-# Least number of steps between two relocations of a long fit, as a share of its steps
-# (docs/decisions/time.md).
+RELOCATE_EVERY = 10  # number of steps from one relocation to the next
+# In a long fit, relocations are less frequent: the number of steps from one to the next is at least
+# this share of the number of all steps (docs/decisions/time.md).
 RELOCATE_SHARE = 0.05
 
 
 def totals(
     schedule: str, gaussians: int, iterations: int | None, per_round: int | None = None
 ) -> list[int]:
-    """Return the number of Gaussians after each round, ascending to `gaussians` (>= 0).
+    """Return the number of Gaussians after each round. After the last round it is `gaussians`.
 
-    schedule   "exponential": the total doubles in each round; "linear": equal parts; "all-at-once":
-               one round
-    per_round  if given, >= 1: as in the paper, round i = 0, 1, .. adds min(2^i, per_round) if the
-               schedule is exponential, and per_round if it is linear
-    Without per_round there are at most ROUNDS rounds, and at most as many as iterations.
+    gaussians   number >= 0. If it is 0, there are no rounds
+    schedule    "exponential": each round doubles the number. "linear": each round adds the same
+                number. "all-at-once": there is only one round
+    iterations  number of steps, or None if the time limits the fit
+    per_round   number of Gaussians that a linear round adds, >= 1. An exponential round
+                i = 0, 1, .. adds min(2^i, per_round), as in the paper. If per_round is None, there
+                are at most ROUNDS rounds, and at most as many rounds as iterations
     """
     if per_round is not None:
         return _totals_by_round(schedule, gaussians, per_round)
@@ -77,7 +88,10 @@ def _totals_by_round(schedule: str, gaussians: int, per_round: int) -> list[int]
 
 
 def reduction(gaussians: int, width: int, height: int) -> int:
-    """Return the divisor of a target's sides in a round that ends with `gaussians` Gaussians."""
+    """Return the divisor of a target's width and height in a round of growth.
+
+    gaussians: number of Gaussians at the end of the round.
+    """
     factor = 1
     while (
         factor < LARGEST_REDUCTION
@@ -89,10 +103,13 @@ def reduction(gaussians: int, width: int, height: int) -> int:
 
 
 def refinement_reduction(done: float, gaussians: int, width: int, height: int) -> int:
-    """Return the divisor of a target's width and height in refinement at progress `done` in 0..1.
+    """Return the number by which a target's width and height are divided in refinement.
 
-    It is 4 before HALF_FROM, 2 before FULL_FROM and then 1. It is less if a Gaussian would have
-    fewer than PIXELS_PER_GAUSSIAN pixels, or the target a side below SMALLEST_REFINED_SIDE.
+    done: progress in 0..1.
+
+    The number is 4 before HALF_FROM, 2 from HALF_FROM to FULL_FROM, and 1 from FULL_FROM on. A
+    smaller number is returned if the reduced target would have fewer than PIXELS_PER_GAUSSIAN
+    pixels per Gaussian, or a side below SMALLEST_REFINED_SIDE.
     """
     factor = 1
     for until in (FULL_FROM, HALF_FROM):
@@ -104,18 +121,19 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
 
 
 def enlarged_reduction(done: float, width: int, height: int) -> int:
-    """Return the divisor of a target's width and height in a fit to an enlarged picture.
+    """Return by which number a fit to an enlarged picture divides both sides of the target.
 
-    All but the last steps run at half the size if a side is longer than LARGEST_UNREDUCED.
+    It is 2 while the progress `done` is below QUANTIZED_FROM, if the longer side is above
+    LARGEST_UNREDUCED. Otherwise it is 1.
     """
     is_large = max(width, height) > LARGEST_UNREDUCED
     return 2 if is_large and done < QUANTIZED_FROM else 1
 
 
 def relocates(done: float, iteration: int, rarely: bool = False) -> bool:
-    """Return whether Gaussians are relocated before this step, at progress `done` in 0..1.
+    """Return whether Gaussians are relocated before step `iteration`, at progress `done` in 0..1.
 
-    rarely  whether at least RELOCATE_SHARE of the steps lie between relocations
+    rarely: whether RELOCATE_SHARE limits how often relocations occur.
     """
     every = RELOCATE_EVERY
     if rarely and done > RELOCATE_FROM:
@@ -124,7 +142,10 @@ def relocates(done: float, iteration: int, rarely: bool = False) -> bool:
 
 
 def rate(done: float) -> float:
-    """Return the factor (LAST_RATE..1) of the learning rate at progress `done` in 0..1."""
+    """Return the factor in LAST_RATE..1 by which the learning rate is multiplied.
+
+    done: progress in 0..1.
+    """
     start = DECAY_START
     if done < start:
         return 1.0
@@ -132,19 +153,24 @@ def rate(done: float) -> float:
     return max(LAST_RATE, fall)
 
 
-# Largest number of steps in a round of growth if only time limits the fit. The rest of the time is
-# better spent once all Gaussians exist (docs/decisions/time.md).
+# If only the time limits the fit, a round of growth takes at most this many steps. The time that is
+# left is of more use in refinement, when all Gaussians have been added (docs/decisions/time.md).
 MOST_STEPS_A_ROUND = 30
 
 
 class Clock:
-    """A clock of progress in 0..1. Growth takes it to GROWTH_SHARE, and refinement to 1.
+    """A clock of the progress of a fit in 0..1.
 
-    iterations        number of steps in both stages, or None for as many as the time allows
+    Growth takes the progress from 0 to GROWTH_SHARE, and refinement takes it to 1.
+
+    iterations        number of steps in growth and refinement together, or None for as many as the
+                      time allows
     rounds            largest number of rounds of growth
-    deadline          returns the end of the fit in s of time.perf_counter(), or None
-    round_iterations  number of steps in each round; None: rounds share GROWTH_SHARE of iterations
-    stop              polled at every step; the fit ends once it returns True
+    deadline          function that returns the time in s of time.perf_counter() at which the fit
+                      must end, or None if no time limits the fit
+    round_iterations  number of steps in each round. If it is None, the rounds share the first
+                      GROWTH_SHARE of the iterations equally
+    stop              function that is called at every step. The fit ends when it returns True
     """
 
     def __init__(
@@ -166,7 +192,11 @@ class Clock:
 
     @property
     def elapsed_s(self) -> float:
-        """Wall-clock seconds since the start of the fit, without pauses since begin_refinement."""
+        """Wall-clock seconds since the start of the fit, without the latest `paused` blocks.
+
+        The latest blocks are those since begin_refinement was last called. The time of earlier
+        blocks is included.
+        """
         return time.perf_counter() - self._started_s - self._paused_s
 
     @property
@@ -176,7 +206,7 @@ class Clock:
         return self._stopped
 
     def round_is_over(self, index: int) -> bool:
-        """Return whether round `index` (0, 1, ...) of growth has used its steps or its time."""
+        """Return whether round `index` (0, 1, ...) of growth has used up its steps or its time."""
         growth = GROWTH_SHARE
         steps = (self._round_iterations or MOST_STEPS_A_ROUND) * (index + 1)
         if self._round_iterations is None and self.iterations is not None:
@@ -186,31 +216,44 @@ class Clock:
 
     @property
     def growth_is_late(self) -> bool:
-        """Whether growth has used its share of the time."""
+        """Whether growth has used up its share of the time."""
         return self._share_of_time(0.0) >= GROWTH_SHARE
 
     def growth_progress(self, index: int) -> float:
-        """Return the progress in 0..GROWTH_SHARE at the end of round `index`."""
+        """Return the progress in 0..GROWTH_SHARE at the end of round `index` of growth."""
         return GROWTH_SHARE * min((index + 1) / self._rounds, 1.0)
 
     def begin_refinement(self, steps: int | None, progress: float, reduced: bool = False) -> None:
         """Begin refinement at `progress`. It ends after `steps` iterations or at the deadline.
 
-        reduced: whether its first steps, which are the majority, run on reduced pictures.
+        If `steps` is None, only the deadline ends it.
+
+        reduced: whether refinement begins on smaller copies of the picture, and takes most of its
+        steps on them.
         """
         self._start, self._reduced = progress, reduced
-        self._paused_s = 0.0  # earlier pauses no longer delay the end
+        # From now on, elapsed_s includes the pauses so far. If it did not, refinement would end
+        # after the deadline.
+        self._paused_s = 0.0
         self._first_step, self._steps, self._start_s = self.iteration, steps, self.elapsed_s
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Stop the clock during the `with` block, which delays the end of the fit."""
+        """Stop the clock during the `with` block.
+
+        So the block takes no time from the present refinement. When a later refinement begins, the
+        clock is set forward by the time of the block.
+        """
         started_s = time.perf_counter()
         yield
         self._paused_s += time.perf_counter() - started_s
 
     def refinement_progress(self) -> float:
-        """Return the progress during refinement, 1 at its end. Update `out_of_time`."""
+        """Return the progress during refinement, which is 1 at its end.
+
+        Also set `out_of_time` to whether progress measured by time is larger than progress measured
+        by iterations.
+        """
         if self.stopped:
             return 1.0
         by_steps = 0.0
@@ -220,7 +263,8 @@ class Clock:
         if not self._reduced:
             self.out_of_time = by_time > by_steps
             return self._start + (1 - self._start) * min(max(by_steps, by_time), 1.0)
-        # REDUCED_STEPS of the steps run on reduced pictures, in REDUCED_TIME of the time.
+        # A fraction REDUCED_STEPS of the steps runs on reduced pictures. These steps take a
+        # fraction REDUCED_TIME of the time.
         until = FULL_FROM
         steps, seconds = (
             self._start + (until - self._start) * share / reduced
@@ -235,7 +279,10 @@ class Clock:
         return min(max(steps, seconds), 1.0)
 
     def _share_of_time(self, since_s: float) -> float:
-        """Return the elapsed share of the time from `since_s` (s of this clock) to the deadline."""
+        """Return which share of the time from `since_s` to the deadline has passed.
+
+        `since_s` is an earlier value of `elapsed_s`. If there is no deadline, the share is 0.
+        """
         deadline = self._deadline()
         if deadline is None:
             return 0.0

@@ -1,16 +1,17 @@
-"""A fit in progress: rounds of growth, then steps of refinement with events.
+"""A fit in progress: rounds of growth, then steps of refinement with events between them.
 
     progress           event
-    0 to 0.3           rounds, each of which begins with new Gaussians
+    0 to 0.3           rounds of growth, each of which begins with new Gaussians
     0.2 to 0.75        useless Gaussians move to where the error is large, every few steps
-    0.45, 0.55         a larger target, for few Gaussians
-    0.45, 0.55, 0.65   another count, if the policy wants it
+    0.45, 0.55         a fit of few Gaussians changes to a larger target
+    0.45, 0.55, 0.65   the policy may change the number of Gaussians
     0.75               Gaussians that gain too little are pruned
     0.85               exponents and colours become those of the file
     0.855 to 0.935     shapes exchange their colours
 
-A loss before a change of target, count or exponents cannot be compared to a loss after it. So
-`FitSession` restores the best state just before such an event, and resets its guard just after it.
+When the target, the number of Gaussians or the exponents change, losses before the change cannot be
+compared with losses after it. So `FitSession` restores the best state just before such an event,
+and resets its guard just after it.
 """
 
 from __future__ import annotations
@@ -35,40 +36,53 @@ from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid, psnr_of
 from gauss2svg.scene import Scene
 
-# Largest mean squared error at which no step is taken. At this error, 120 dB, no pixel of a million
-# is off by half a level, but Adam would still take full steps.
+# At this mean squared error (120 dB), even the worst pixel of a picture of a million pixels is off
+# by less than half a level of 255. Adam would still take full steps, which could make the fit
+# worse. So no step is taken.
 EXACT = 1e-12
-# Progress at which shapes may exchange their colours. After the last, hardly any would do so.
+# Values of the progress at which shapes may exchange their colours. There is no later exchange,
+# because hardly any shape would still change its colour.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
-INKS_EXCHANGED_EVERY = 20  # steps. 10 give no better fits to inks (docs/decisions/inks.md)
-# Progress at which a fit resumes after its count has changed. Some relocation and the decay of the
-# learning rate follow.
+# Number of steps between two exchanges of inks. Exchanges every 10 steps give no better fits
+# (docs/decisions/inks.md).
+INKS_EXCHANGED_EVERY = 20
+# When the number of Gaussians of a finished fit is changed, the fit resumes at this progress. It is
+# early enough for some more relocations and for the whole decay of the learning rate.
 RESUME_AT = 0.6
-# In refinement, a policy sees the PSNR of the mean error of this many last steps, because the error
-# of a single step scatters.
+# In refinement, the error varies from step to step. So a policy does not see the PSNR of the last
+# step, but the PSNR of the error averaged over the last STEPS_AVERAGED steps.
 STEPS_AVERAGED = 5
 
-# Reasons why a fit ended. iterations: all steps are done. gaussians: the count is 0. gain: another
-# round would gain less than the preset asks for. enough: the preset's PSNR is reached. cap: the
-# largest number of Gaussians is reached. start: there are as many as in the scene that the run
-# started with. interrupted: the caller stopped the fit. max_bytes, time_limit: the option of this
-# name ended growth. A run that meets a target reports that option.
+# Reasons why growth or the whole fit ended:
+# iterations   all steps are done
+# gaussians    the fit has the number of Gaussians that the option gaussians sets, which may be 0
+# gain         one more round would have gained less PSNR than the preset asks for
+# enough       the PSNR that the preset asks for is reached, or nearly no error is left
+# cap          the largest allowed number of Gaussians is reached
+# start        the fit has as many Gaussians as the scene with which it started
+# max_bytes    the limit of the file size ended growth
+# time_limit   the limit of the time ended growth or the fit
+# interrupted  the caller stopped the fit
+# If a run ends because it meets a target, its report has none of these reasons but the name of the
+# option that sets the target.
 STOP_REASONS = (
     "iterations", "gaussians", "gain", "enough", "cap", "start", "max_bytes", "time_limit",
     "interrupted",
 )  # fmt: skip
-ADJUST_AT = (0.45, 0.55, 0.65)  # progress in refinement at which a policy may change the count
+# Progress in refinement at which a policy may change the number of Gaussians.
+LEAST_REFINED = 0.05  # dB. To quantise refined shapes again may cost nearly as much
+ADJUST_AT = (0.45, 0.55, 0.65)
 
 
 @dataclass
 class Snapshot:
-    """A fit as its policy sees it. Snapshots are equal if they have the same count and done.
+    """A fit as its policy sees it. Snapshots are equal if their `count` and `done` are equal.
 
     count    number of Gaussians
     done     progress in 0..1
-    measure  returns the PSNR in dB
-    scene    returns the Gaussians on the working canvas
-    late     whether growth has used its share of the time
+    measure  function that returns the PSNR in dB
+    scene    function that returns the Gaussians on the working canvas
+    late     whether growth has used up its share of the time
     """
 
     count: int
@@ -79,7 +93,7 @@ class Snapshot:
 
     @cached_property
     def psnr(self) -> float:
-        """PSNR in dB of the model on the working image, measured on first use."""
+        """PSNR in dB of the model on the working image. It is measured when it is first read."""
         return self.measure()
 
 
@@ -87,8 +101,9 @@ class DensificationPolicy:
     """A policy that decides the number of Gaussians. This base class follows FitConfig.totals.
 
     rounds       approximate number of rounds of growth
-    stop_reason  reason why growth ended, one of STOP_REASONS. Valid once growth has ended
-    least_gain   gain in dB below which a Gaussian is pruned before the last steps
+    stop_reason  reason why growth ended, one of STOP_REASONS. It is valid once growth has ended
+    least_gain   gain in dB that a Gaussian must bring. Gaussians that gain less are pruned before
+                 the last steps
     """
 
     least_gain = -math.inf
@@ -99,21 +114,33 @@ class DensificationPolicy:
         self.stop_reason = "iterations" if config.gaussians else "gaussians"
 
     def grow(self, now: Snapshot) -> int:
-        """Return the number of Gaussians after the next round, or the present one to end growth."""
+        """Return the number of Gaussians after the next round.
+
+        If it is not above the present number, growth ends.
+        """
         return next((total for total in self._totals if total > now.count), now.count)
 
     def adjust(self, now: Snapshot) -> int:
-        """Return the number of Gaussians from now on. Called in refinement, at ADJUST_AT."""
+        """Return the number of Gaussians with which refinement continues.
+
+        It is called whenever the progress reaches one of the values ADJUST_AT.
+        """
         return now.count
 
     def max_count(self, now: Snapshot) -> int:
-        """Return the largest number of Gaussians to write. Called before the last steps."""
+        """Return the largest number of Gaussians that a file may have.
+
+        It is called before the last steps.
+        """
         return now.count
 
 
 @dataclass(frozen=True)
 class Event:
-    """An action at a progress of a fit. A needed action is done even if the fit ends earlier."""
+    """An action `do` that is due when the progress of a fit reaches `at`.
+
+    If `needed` is True, the action is done even if the fit ends before its progress reaches `at`.
+    """
 
     at: float
     do: Callable[[], None]
@@ -121,16 +148,21 @@ class Event:
 
 
 class FitSession:
-    """A fit of a picture. After a change of its number of Gaussians it can be refined again.
+    """A fit of a picture. When it is finished, `resize` can change it and refine it again.
 
     pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
-    policy      decides the number of Gaussians; None: the base class, which follows config
-    deadline    returns the end of the fit in s of time.perf_counter(), or None
-    progress    called after every iteration, in this thread
-    as_written  maps a scene and its PSNR in dB to the scene with the exponents and colours of its
-                file; called before the last steps, which make up for the change
-    stop        polled before every step; True ends the fit with its present state
-    targets     TargetPyramid of these pixels for config.fit.tuned, if the caller has one
+    policy      policy that decides the number of Gaussians. If it is None, the number follows
+                config.totals
+    deadline    function that returns the time in s of time.perf_counter() at which the fit must
+                end, or None if no time limits the fit
+    progress    function that is called after every iteration, in the thread that fits
+    as_written  function from a scene and its PSNR in dB to the scene with the exponents and colours
+                of its file. It is called before the last steps, so that these steps can make up for
+                the change
+    stop        function that is called before every step. If it returns True, the fit ends with its
+                present state
+    targets     TargetPyramid of these pixels, made with config.fit.tuned. If it is None, one is
+                built
     """
 
     def __init__(
@@ -165,7 +197,11 @@ class FitSession:
 
     @property
     def psnr(self) -> float:
-        """PSNR in dB of the last steps, or of the state at full size if its target is reduced."""
+        """PSNR in dB of the mean error of the last steps.
+
+        If there was no step yet, or if the target is reduced, it is the PSNR of a new render at
+        full size instead.
+        """
         if not self._errors or self.population.reduction > 1:
             return self.population.psnr()
         return psnr_of(float(np.mean(self._errors)))
@@ -185,35 +221,41 @@ class FitSession:
             self._refine(steps, schedule.GROWTH_SHARE, [*adjustments, pruning])
 
     def resize(self, count: int, iterations: int) -> None:
-        """Change the number of Gaussians of a finished fit, and refine it by `iterations` steps."""
+        """Change the number of Gaussians of a finished fit to `count`, and refine the fit again.
+
+        iterations: number of further steps.
+        """
         with self._timed():
             self.population.densify_or_prune(count)
             self.population.soften()
             self._refine(iterations, RESUME_AT, [], gently=True)
 
-    def refine(self, scene: Scene, count: int, iterations: int) -> None:
-        """Begin with the shapes of an alpha-composited scene, as `resize` changes and refines them.
+    def refine(self, scene: Scene, count: int, iterations: int, keeps: bool) -> None:
+        """Begin with the shapes of an alpha-composited scene, and let `resize` refine them.
 
-        Keep the shapes as they were if those are closer and not more than `count`.
+        `resize` changes their number to `count` and takes `iterations` steps. If this gains less
+        than LEAST_REFINED dB, it is undone, unless there were more than `count` shapes before or
+        `keeps` is False.
         """
         population = self.population
         with self._timed():
             population.begin_with(scene)
         before, psnr = population.backup(), population.psnr()
         self.resize(count, iterations)
-        if len(before[0]) <= count and psnr > population.psnr():
+        if keeps and len(before[0]) <= count and population.psnr() - psnr < LEAST_REFINED:
             population.restore(before)
 
     def adopt(self, scene: Scene, count: int) -> None:
-        """Begin with the Gaussians of an additive scene, alpha-composited, filled up to `count`.
+        """Begin with the Gaussians of an additive scene, as alpha-composited shapes.
 
-        Call it before `fit`, which then only refines them.
+        If they are fewer than `count`, more are added. Call it before `fit`, which then has no
+        rounds of growth but only refines these Gaussians.
         """
         self.population.adopt(scene)
         self.population.densify_or_prune(max(count, len(self.state)))
 
     def prune_to(self, count: int) -> None:
-        """Remove the least useful Gaussians of a finished fit, down to `count`."""
+        """Remove the least useful Gaussians until at most `count` are left."""
         self.population.densify_or_prune(min(count, len(self.state)))
 
     def scene(self) -> Scene:
@@ -236,7 +278,10 @@ class FitSession:
         )
 
     def _grow(self) -> None:
-        """Add Gaussians in rounds until the policy adds none, then set the size for refinement."""
+        """Run rounds of growth until the policy ends them.
+
+        Then set the size of the target and the number of Gaussians with which refinement begins.
+        """
         population, clock = self.population, self.clock
         for index in itertools.count():
             count = total = len(population)
@@ -260,9 +305,10 @@ class FitSession:
     def _refine(
         self, steps: int | None, start: float, events: Iterable[Event], gently: bool = False
     ) -> None:
-        """Step from progress `start` to 1. Do `events` and those of every refinement on the way.
+        """Take steps from progress `start` to 1.
 
-        steps   number of iterations; None for as many as the time allows
+        steps   number of steps, or None for as many as the time allows
+        events  events to do on the way, in addition to the events of every refinement
         gently  whether the first steps are small
         """
         population = self.population
@@ -283,7 +329,9 @@ class FitSession:
             self._done = done
             due = [event for event in remaining if event.at <= done]
             remaining = [event for event in remaining if event.at > done]
-            for do in dict.fromkeys(event.do for event in due):  # one action may be due twice
+            # Two due events may have the same action. fromkeys leaves out duplicates, so that the
+            # action is done only once.
+            for do in dict.fromkeys(event.do for event in due):
                 do()
             self._step(done)
         self._done = 1.0
@@ -295,13 +343,17 @@ class FitSession:
 
     @contextmanager
     def _changing(self, tolerant: bool = True) -> Iterator[None]:
-        """Restore the best state before the `with` block changes the fit, reset the guard after."""
+        """Restore the best state before the `with` block, and reset the guard after it.
+
+        The block makes a change after which losses cannot be compared with earlier losses.
+        `tolerant` is passed to _restore_best.
+        """
         self._restore_best(tolerant)
         yield
         self.guard.reset()
 
     def _change_size(self) -> None:
-        """Change the target to its size at the present progress."""
+        """Change the target to the size for the present progress, if it has another size."""
         factor = self.population.reduction_at(self._done)
         if factor != self.population.reduction:
             with self._changing():
@@ -319,9 +371,10 @@ class FitSession:
             self.population.prune(self.policy.least_gain)
 
     def _quantize(self) -> None:
-        """Remove the least useful Gaussians beyond the number that may be written, then quantise.
+        """Quantise the Gaussians: give them the exponents and colours of the file.
 
-        From here on, exponents stay those of the file, and shapes share the colours of the file.
+        If there are more Gaussians than the file may have, the least useful ones are removed first.
+        After quantising, exponents no longer change, and shapes share the colours of the file.
         """
         with self._changing(tolerant=False):
             self.prune_to(self.policy.max_count(self._snapshot()))
@@ -337,15 +390,16 @@ class FitSession:
         return Snapshot(len(self.state), self._done, lambda: self.psnr, self.population.scene)
 
     def _restore_best(self, tolerant: bool = False) -> None:
-        """Restore the best state of a stage if the stage ends worse.
+        """Restore the best state of a stage if its last state is worse.
 
-        tolerant: whether an end that is worse by less than WORSE_AT_END is accepted, because recent
-        relocations may still pay.
+        tolerant: whether the last state is kept if its loss is at most WORSE_AT_END times the least
+        loss, because recent relocations may still improve the picture.
         """
         population, best = self.population, self.guard.best
         if not len(population) or best is None:
             return
-        # A loss without its gradient takes a third of the time.
+        # Target.loss takes a third of the time of `evaluate`, because it computes no gradient. So
+        # it is used in the cases in which both give the same loss.
         if self.config.fit.loss == DEFAULT_LOSS and self.config.enlarged == 1:
             loss = population.target.loss(population.splats())
         else:
@@ -354,7 +408,10 @@ class FitSession:
             population.restore(best)
 
     def _step(self, done: float) -> None:
-        """Relocate or exchange inks if due, take a step or roll back, and report progress."""
+        """Take a step, or roll back if the fit has diverged. Then report the progress.
+
+        If a relocation of Gaussians or an exchange of inks is due, it is done before the step.
+        """
         population, guard = self.population, self.guard
         is_due = schedule.relocates(done, self.clock.iteration, self.config.relocate_rarely)
         is_due = is_due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
@@ -392,7 +449,7 @@ class FitSession:
 
     @contextmanager
     def _timed(self) -> Iterator[None]:
-        """Add the wall-clock seconds and the CPU seconds of the `with` block to the costs."""
+        """Add the wall-clock and CPU seconds of the `with` block to the costs of the fit."""
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         yield
         self.wall_s += time.perf_counter() - wall_s

@@ -13,15 +13,18 @@ from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.scene import STEPPED
 
-FARTHEST = 1e9  # px, bound of |x| + |y| + size of a shape, within the domain of scenes
-# Parameters of the first five columns of gradients and of Adam's moments: two shifts along the
-# whitened axes, and A11, A12, A22 (gauss2svg.fit.adam). The columns of STEPPED follow.
+# Bound in px of |x| + |y| + l11 + |l21| + l22 of a Gaussian. A step that would exceed it is not
+# taken, so means and sizes stay in the domain of scenes.
+FARTHEST = 1e9
+# The first five columns of gradients and of Adam's moments are two shifts of the mean along the
+# whitened axes, and A11, A12 and A22 (gauss2svg.fit.adam). Each of these columns takes the learning
+# rate of the parameter that is listed here for it. The columns of the parameters in STEPPED follow.
 GEOMETRY = ("mean", "mean", "sigma", "rho", "sigma")
 _ENDS = np.cumsum([len(GEOMETRY), *(p.width for p, _ in STEPPED)]).tolist()
 COLUMNS = {
     p.name: slice(end - p.width, end) for (p, _), end in zip(STEPPED, _ENDS[1:], strict=True)
 }
-STEPS = _ENDS[-1]  # number of all columns
+STEPS = _ENDS[-1]  # number of columns of a gradient and of each of Adam's arrays
 COLOR = COLUMNS["color"]
 
 
@@ -29,16 +32,16 @@ COLOR = COLUMNS["color"]
 class State:
     """Raw parameters of n Gaussians, bottom first; float64 by default.
 
-    mean         (n, 2) px
-    factor       (n, 3) entries l11, l21, l22 of the covariance's Cholesky factor, px
+    mean         (n, 2) in px
+    factor       (n, 3) entries l11, l21, l22 of the Cholesky factor of the covariance, in px
     raw_opacity  (n,) logit of the opacity
     color        (n, 3) sRGB, signed with additive blending
-    raw_beta     (n,) ln of the falloff exponent
-    round_index  (n,) int32
+    raw_beta     (n,) natural logarithm of the exponent of the falloff
+    round_index  (n,) int32, the round of growth that added each Gaussian
     drawn        (n,) int8, how a file draws each shape (Scene.drawn)
     adam_m       (n, STEPS) Adam's first moments
     adam_v       (n, STEPS) Adam's second moments
-    age          (n,) number of Adam steps taken
+    age          (n,) number of Adam steps that each Gaussian has taken
     """
 
     mean: NDArray[np.float64]
@@ -60,15 +63,16 @@ class State:
         round_index: int,
         **raw: NDArray[np.float64],
     ) -> State:
-        """Return new Gaussians of one round, with Adam's moments of 0.
+        """Return new Gaussians of one round, whose Adam moments are 0.
 
-        raw: arrays by the names of fields. Parameters without an array start at their Raw.first.
+        raw: arrays of raw parameters, by the names of the fields of State. A parameter that is not
+        passed starts at its value Raw.first.
         """
         count = len(mean)
         for parameter, raw_form in STEPPED:
             raw.setdefault(raw_form.name, np.full(parameter.shape(count), raw_form.first))
         moments = np.zeros((count, STEPS))
-        # The kernels are compiled for arrays in C order.
+        # The arrays are copied to C order, because the kernels are compiled for it.
         return cls(
             mean=np.array(mean, order="C"),
             factor=np.array(factor, order="C"),
@@ -85,7 +89,8 @@ class State:
         """Return the shapes of an alpha-composited scene, with Adam's moments of 0."""
         raw: dict[str, Any] = {}
         for parameter, form in STEPPED:
-            with np.errstate(divide="ignore"):  # the logits of opacities 0 and 1 are infinite
+            # Opacities 0 and 1 have infinite logits. NumPy need not warn, because they are clipped.
+            with np.errstate(divide="ignore"):
                 values = form.inverse(getattr(scene, parameter.name))
             raw[form.name] = np.clip(values, form.least, form.most)
         state = cls.of(scene.mean, scene.factor.reshape(-1, 4)[:, [0, 2, 3]], 0, **raw)
@@ -100,16 +105,24 @@ class State:
         return State(**{name: array.copy() for name, array in vars(self).items()})
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:
-        """Return the Gaussians that a mask or index picks. An index must keep rounds in order."""
+        """Return the state of the Gaussians that `index`, a mask or an index array, picks.
+
+        An index array must keep the rounds in ascending order.
+        """
         return State(**{name: array[index] for name, array in vars(self).items()})
 
     def append(self, new: State) -> State:
-        """Return the state with new Gaussians on top."""
+        """Return the state with the Gaussians of `new` on top."""
         new_arrays = vars(new)
         return State(**{n: np.concatenate([a, new_arrays[n]]) for n, a in vars(self).items()})
 
     def quantized(self, scene: Scene) -> State:
-        """Return the state with factor, drawn, shared values of a scene. Shared moments are 0."""
+        """Return the state with some values replaced by those of `scene`, the scene of a file.
+
+        The replaced values are those that change when a scene is written to a file: the Cholesky
+        factors, `drawn` and the shared parameters. Adam's moments of the shared parameters become
+        0.
+        """
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         adam_m, adam_v = self.adam_m.copy(), self.adam_v.copy()
         shared = {}
@@ -127,7 +140,7 @@ class State:
         )
 
     def scaled(self, scale_x: float, scale_y: float) -> State:
-        """Return the state on a working image scaled by scale_x and scale_y."""
+        """Return the state on a working image whose sides are scaled by scale_x and scale_y."""
         return dataclasses.replace(
             self,
             mean=self.mean * [scale_x, scale_y],
@@ -138,7 +151,10 @@ class State:
         return {p.name: raw.activated(getattr(self, raw.name)) for p, raw in STEPPED}
 
     def splats(self, background: NDArray[np.float64], blend: str = OVER) -> Splats:
-        """Return the Gaussians, with activated values, as the kernels read them."""
+        """Return the Gaussians as the arrays that the kernels read.
+
+        The raw parameters are converted, for example logits to opacities.
+        """
         sigma, rho, whitening = _activate(self.factor)
         return splats_from(
             self.mean,
@@ -154,7 +170,11 @@ class State:
     def scene(
         self, background: NDArray[np.float64], width: float, height: float, blend: str = OVER
     ) -> Scene:
-        """Return the Gaussians as a scene, with activated values clipped to its domain."""
+        """Return the Gaussians as a scene.
+
+        The raw parameters are converted, for example logits to opacities, and the values are
+        clipped to the domain of scenes.
+        """
         sigma, rho, _ = _activate(self.factor)
         activated = self._activated()
         clipped: dict[str, Any] = {
@@ -177,7 +197,7 @@ class State:
 def _activate(
     factor: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return sigma (n, 2), rho (n,) and whitening w11, w21, w22 (n, 3) of factors (n, 3)."""
+    """Return sigma (n, 2), rho (n,) and the whitening w11, w21, w22 (n, 3) of Cholesky factors."""
     l11, l21, l22 = factor.T
     sy = np.sqrt(l21 * l21 + l22 * l22)
     rho = np.clip(l21 / sy, -RHO_LIMIT, RHO_LIMIT)

@@ -1,13 +1,18 @@
-"""The image to fit: colours and edges, and the loss of Gaussians against it.
+"""The image to fit: its colours and edges, and the loss of Gaussians against it.
 
-The weight w of a pixel says how much an error there counts. Tuned for perception, w is
-(1 + min(v, m) / c^2)^-g divided by its mean over the picture. v is the local variance of luma. m is
-a hundred times the median of v, clipped to .025 and .04. An error hides in texture and shows on
-smooth areas, as in visual masking (Daly, "The Visible Differences Predictor", 1993). Because of m,
-crisp edges still count in drawings, which are half flat. Tuned for PSNR, w is 1, or up to 1 + FLAT
-on flat areas, where a streak of two levels is visible but hardly changes the squared error.
-docs/decisions/perceptual.md has the gains of both weights. A mask of where detail matters
-multiplies w, and all errors and losses are means by its weight (docs/decisions/focus.md).
+Each pixel has a weight w, which says how much an error there counts. If the target is tuned for
+perception, w is (1 + min(v, m) / c^2)^-g, divided by its mean over the picture. v is the local
+variance of luma, and m is a hundred times the median of v, clipped to 0.025..0.04. So errors count
+less in texture, which hides them, than on smooth areas, where they are visible. This is visual
+masking (Daly, "The Visible Differences Predictor", 1993). The bound m keeps the weight of crisp
+edges from becoming too small in drawings, half of which is flat.
+
+If the target is tuned for PSNR, w is larger on flat areas, up to 1 + FLAT, and nearly 1 elsewhere.
+On a flat area, a streak of two levels is visible, although it hardly changes the squared error.
+docs/decisions/perceptual.md says how much both kinds of weights improve pictures.
+
+A mask of where detail matters (docs/decisions/focus.md) multiplies w. All errors and losses are
+then means that are weighted by the mask.
 """
 
 from __future__ import annotations
@@ -32,7 +37,7 @@ from gauss2svg.render.cpu import (
 )
 from gauss2svg.without_scipy import smoothed
 
-# Bounds of the opacity with which a Gaussian begins on a target with alpha.
+# Bounds of the initial opacity of a Gaussian in a fit to a target with alpha.
 LEAST_OPACITY = 0.02
 MOST_OPACITY = 0.98
 
@@ -40,12 +45,14 @@ MOST_OPACITY = 0.98
 class LossAndGradient(NamedTuple):
     """The loss of a state, and the gradient that the optimiser follows.
 
-    loss      sum over all values, weighted by Target.focus; for "mse" half the squared error
+    loss      sum of the losses of all channels of all pixels, weighted by Target.focus. For "mse"
+              it is half the sum of squared errors
     error     mean squared error, weighted by Target.focus
-    moments   (n, MOMENTS) of a gradient (gauss2svg.render.kernels). With "mse" this is the gradient
-              of half the sum of squared errors weighted by Target.weight, not of `loss`
+    moments   (n, MOMENTS) moments of the gradient (gauss2svg.render.kernels). For "mse" this is not
+              the gradient of `loss`, but of half the sum of squared errors with the weights
+              Target.weight
     pairs     number of pixel-Gaussian pairs that were evaluated
-    rendered  renders (3, h, w), one for each of the target's backdrops
+    rendered  the renders (3, h, w): one render for each backdrop of the target
     """
 
     loss: float
@@ -56,24 +63,27 @@ class LossAndGradient(NamedTuple):
 
 
 def _on_backdrop(splats: Splats, backdrop: float | None) -> Splats:
-    """Return the splats on a backdrop of a grey level, or unchanged if `backdrop` is None."""
+    """Return the splats over the grey level `backdrop`, or unchanged if it is None."""
     return splats if backdrop is None else splats._replace(background=np.full(3, backdrop))
 
 
 class Target:
     """An image to fit, with the weight of an error and the direction of edges at each pixel.
 
-    color (3, h, w) is float32 or float64, and kernels compute in its dtype. alpha (h, w) is None if
-    the image is opaque. An image with alpha is fitted over a white and a black backdrop at once.
-    The two renders determine the one over any other backdrop b, because Gaussians over b are
-    C + T_end b, with C = sum w_k c_k and the transmittance T_end. The kernels run once for each
-    backdrop.
+    color (3, h, w) is float32 or float64, and the kernels compute in its dtype. alpha (h, w) is
+    None if the image is opaque. An image with alpha is fitted over a white and a black backdrop at
+    the same time. The render over any other backdrop b follows from these two renders, because it
+    is C + T_end b with the Gaussians' colour C = sum w_k c_k and their transmittance T_end. The
+    kernels run once for each backdrop.
 
-    planar        (3, h, w), or (6, h, w) over both backdrops: image with which renders are compared
-    source_color  (3, h, w) colours for new Gaussians, taken from the nearest visible pixel
+    planar        image with which renders are compared: (3, h, w), or (6, h, w) if the image has
+                  alpha, first over white and then over black
+    source_color  (3, h, w) colours for new Gaussians. An invisible pixel has the colour of the
+                  nearest visible pixel
     visible       (h, w) whether alpha is at least half of 1/255; None if the image is opaque
     focus         (h, w) weight of errors by the mask, of mean 1; None without a mask
-    weight        (h, w) weight of the squared error, by pixel_weight and the mask
+    weight        (h, w) weight of the squared error at each pixel: that of pixel_weight, multiplied
+                  by `focus`
     """
 
     def __init__(
@@ -105,7 +115,11 @@ class Target:
 
     @property
     def visible_weight(self) -> NDArray[np.floating] | None:
-        """Weight (h, w) of errors as they are seen, of mean 1; None for 1 everywhere."""
+        """Weight (h, w) that says how much an error at each pixel matters to a viewer.
+
+        Its mean is 1. It is None if all weights are 1. In contrast to `weight`, it never contains
+        the larger weights that flat areas have if the target is tuned for PSNR.
+        """
         return self.weight if self.tune == PERCEPTUAL else self.focus
 
     @property
@@ -120,9 +134,10 @@ class Target:
 
     @cached_property
     def edges(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Direction of least change (h, w) in rad, and its coherence (h, w) in 0..1.
+        """Direction (h, w) in rad in which the image changes least, and its coherence (h, w).
 
-        Both come from the structure tensor, the smoothed products of the gradient.
+        The coherence is in 0..1, and 1 where all edges nearby have one direction. Both arrays are
+        computed from the structure tensor, the smoothed products of the gradient's components.
         """
         by_view = [slopes(planar.mean(axis=0)) for planar, _ in self._views]
         products = [(gx * gx, gy * gy, gx * gy) for gx, gy in by_view]
@@ -132,14 +147,16 @@ class Target:
         return along.astype(np.float32), coherence.astype(np.float32)
 
     def opacity_logits(self, mean: NDArray[np.float64], usual_logit: float) -> NDArray[np.float64]:
-        """Return logits (n,) of the initial opacities of Gaussians with means (n, 2).
+        """Return the logits (n,) of the initial opacities of Gaussians with means `mean` (n, 2).
 
-        The opacity of usual_logit is multiplied by the target's alpha, so that Gaussians do not
-        begin by covering a translucent target too much (docs/decisions/placement.md).
+        The logit is `usual_logit` on an opaque target. On a target with alpha, the opacity is the
+        usual opacity times the alpha at the mean, so that new Gaussians do not cover a translucent
+        area too much (docs/decisions/placement.md).
         """
         if self._alpha is None:
             return np.full(len(mean), usual_logit)
-        from scipy.special import expit, logit  # slow to import, seldom needed
+        # This import is slow and seldom needed.
+        from scipy.special import expit, logit
 
         x, y = np.clip(mean.astype(np.intp), 0, [self.width - 1, self.height - 1]).T
         opacity = expit(usual_logit) * self._alpha[y, x]
@@ -147,7 +164,7 @@ class Target:
         return logit(opacity.astype(np.float64))
 
     def rendered(self, splats: Splats) -> NDArray[np.floating]:
-        """Return the render of the Gaussians, in the shape of `planar`."""
+        """Return the render of the Gaussians, an array of the shape of `planar`."""
         real, size = self.planar.dtype.type, (self.height, self.width)
         return _join([render_planar(_on_backdrop(splats, b), *size, real) for _, b in self._views])
 
@@ -156,7 +173,7 @@ class Target:
         return self._mean_square(self.rendered(splats), self.planar)
 
     def error_of(self, rendered: Sequence[NDArray[np.floating]]) -> float:
-        """Return the mean squared error of renders (3, h, w), one for each of the backdrops."""
+        """Return the mean squared error of renders (3, h, w), one over each backdrop."""
         pairs = zip(rendered, self._views, strict=True)
         return float(np.mean([self._mean_square(own, view[0]) for own, view in pairs]))
 
@@ -167,11 +184,15 @@ class Target:
         return float(np.mean(squares, dtype=np.float64))
 
     def loss(self, splats: Splats) -> float:
-        """Return the loss of `evaluate` for "mse", without the gradient."""
+        """Return the loss that `evaluate` returns for "mse", without computing the gradient."""
         return 0.5 * self.error(splats) * self.planar.size
 
     def evaluate(self, splats: Splats, loss: str, ssim_weight: float | None) -> LossAndGradient:
-        """Return the loss and its gradient. `loss` is a name as in FitOptions.loss."""
+        """Return the loss of the Gaussians and its gradient.
+
+        loss         name of the loss, one of the values of FitOptions.loss
+        ssim_weight  weight of 1 - SSIM in 0..1, or None for SSIM_WEIGHT
+        """
         parts: list[LossAndGradient] = []
         for planar, backdrop in self._views:
             on_backdrop = _on_backdrop(splats, backdrop)
@@ -182,13 +203,17 @@ class Target:
             if loss != DEFAULT_LOSS:
                 mean, gradient = image_gradient(loss, image, planar, ssim_weight, self.focus)
                 value, moments = mean * planar.size, moments_of_gradient(on_backdrop, gradient)
-            # squared_error counts rows of 16 px, and a row is 16 pixel-Gaussian pairs.
+            # squared_error counts pair rows. A pair row has 16 px, so it is 16 pixel-Gaussian
+            # pairs.
             error = squares / planar.size / len(self._views)
             parts.append(LossAndGradient(value, error, moments, rows * 16, (image,)))
         return LossAndGradient(*(reduce(add, values) for values in zip(*parts, strict=True)))
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
-        """Return the weighted sum of squared errors, and the moments of half the sum's gradient."""
+        """Return the weighted sum of squared errors, and moments (n, MOMENTS).
+
+        The moments are those of the gradient of half this sum.
+        """
         parts = [
             squared_error(_on_backdrop(splats, b), planar, self.weight) for planar, b in self._views
         ]
@@ -196,12 +221,19 @@ class Target:
         return self.weighted_squares(rendered), reduce(add, (part[2] for part in parts))
 
     def weighted_squares(self, rendered: NDArray[np.floating]) -> float:
-        """Return the weighted sum of squared errors of a render in the shape of `planar`."""
+        """Return the sum of the squared errors of a render, weighted by `weight`.
+
+        rendered: render of the shape of `planar`.
+        """
         squares = np.square(rendered - self.planar) * self.weight
         return float(np.sum(squares, dtype=np.float64))
 
     def removal_cost(self, splats: Splats) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
-        """Return the render in the shape of `planar`, and (n, 2) costs and masses (render.cpu)."""
+        """Return the render, and an array (n, 2).
+
+        The render has the shape of `planar`. The array has the removal cost and the mass of each
+        Gaussian, which gauss2svg.render.cpu.removal_cost defines.
+        """
         parts = [
             removal_cost(_on_backdrop(splats, b), planar, self.weight) for planar, b in self._views
         ]
@@ -221,10 +253,14 @@ def _join(images: list[NDArray[np.floating]]) -> NDArray[np.floating]:
 
 
 def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[np.floating]:
-    """Return colours (3, h, w). Invisible pixels get the colour of the nearest visible one."""
+    """Return `color` (3, h, w) with the colours of invisible pixels replaced.
+
+    Each invisible pixel gets the colour of the nearest visible pixel, if there is one.
+    """
     if visible.all() or not visible.any():
         return color
-    from scipy.ndimage import distance_transform_edt  # slow to import, seldom needed
+    # This import is slow and seldom needed.
+    from scipy.ndimage import distance_transform_edt
 
     nearest = distance_transform_edt(~visible, return_distances=False, return_indices=True)
     y, x = np.asarray(nearest)
@@ -234,11 +270,13 @@ def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[
 class TargetPyramid:
     """Targets of an image (h, w, 3) or (h, w, 4) at reduced sizes.
 
-    tune       as in FitOptions
-    dtype      np.float32 or np.float64, in which the kernels compute; float64 takes twice the time
-               and gains no PSNR (docs/decisions/numbers.md)
-    transform  maps a reduced image to the picture to fit; None: the reduced image is fitted
-    focus      mask of where detail matters
+    tune       value of FitOptions.tune
+    dtype      np.float32 or np.float64, the dtype in which the kernels compute. float64 takes twice
+               the time and does not raise the PSNR (docs/decisions/numbers.md)
+    transform  function from a reduced image to the picture that is fitted. If it is None, the
+               reduced image itself is fitted
+    focus      mask of the parts of the image where detail matters most. If it is None, detail
+               matters equally everywhere
     """
 
     def __init__(
@@ -256,7 +294,7 @@ class TargetPyramid:
         self._targets: dict[int, Target] = {}
 
     def reduced(self, factor: int) -> Target:
-        """Return the target at 1 / factor of width and height. Each is computed only once."""
+        """Return the target at 1 / factor of width and height. Each target is made only once."""
         if factor not in self._targets:
             height, width = self.pixels.shape[:2]
             size = max(1, height // factor), max(1, width // factor)
@@ -267,20 +305,24 @@ class TargetPyramid:
         return self._targets[factor]
 
 
-# Constants of pixel_weight. c, g and m are those of the module (docs/decisions/perceptual.md).
-CONTRAST = 0.03  # c: standard deviation of luma, in 0..1, above which errors are masked
-EXPONENT = 0.5  # g: power by which the weight falls with the variance
-TIMES_MEDIAN = 100.0  # m is this multiple of the picture's median variance
-LEAST_BOUND = 0.025  # least value of m
-MOST_BOUND = 0.04  # largest value of m
-WINDOW = 2.0  # px, sigma of the window in which the variance is computed
-FLAT = 8.0  # weight that a flat area has in addition to 1 (docs/decisions/metrics.md)
-FLAT_GRADIENT = 0.02  # gradient of luma per px below which an area is flat: 5 levels of 255
-FLAT_REACH = 4.0  # px, sigma of the window in which the squared gradient is averaged
+# Constants of pixel_weight (docs/decisions/perceptual.md). The module's docstring defines c, g, m.
+CONTRAST = 0.03  # c: standard deviation of luma (0..1) above which texture masks errors
+EXPONENT = 0.5  # g: in texture, the weight falls as the variance to the power -g
+# m is the median variance in the picture times TIMES_MEDIAN, clipped to LEAST_BOUND..MOST_BOUND.
+TIMES_MEDIAN = 100.0
+LEAST_BOUND = 0.025
+MOST_BOUND = 0.04
+WINDOW = 2.0  # sigma in px of the window in which the variance is computed
+FLAT = 8.0  # the weight of a perfectly flat area is 1 + FLAT (docs/decisions/metrics.md)
+FLAT_GRADIENT = 0.02  # change of luma per px below which an area is flat: 5 levels of 255
+FLAT_REACH = 4.0  # sigma in px of the window in which the squared gradient is averaged
 
 
 def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.floating]:
-    """Return the weights (h, w) > 0 of errors, from a picture's views (3, h, w) over backdrops."""
+    """Return the weight (h, w) > 0 of the squared error at each pixel of a picture.
+
+    views: the picture (3, h, w) over each of its backdrops, or only the picture if it is opaque.
+    """
     lumas = [view.mean(axis=0) for view in views]
     if tune == PSNR:
         energy = reduce(add, map(_gradient_energy, lumas)) / len(lumas)
@@ -296,7 +338,7 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
 
 
 def slopes(luma: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Return the derivatives (h, w) of the smoothed luma (h, w) along x and y."""
+    """Smooth `luma` (h, w). Return its derivatives (h, w) along x and along y."""
     luma = smoothed(luma, 1.0)
     height, width = len(luma), len(luma[0])
     gy = np.gradient(luma, axis=0) if height > 1 else np.zeros_like(luma)
@@ -318,7 +360,8 @@ def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
 # Rendering" (Kerbl et al., 2023).
 SSIM_WEIGHT = 0.2
 
-# Functions that map the difference between a value and its target to the loss and its derivative.
+# A function for each loss, by the name of the loss. The function takes the differences between
+# values and their targets. It returns the loss of each value, and the derivative of this loss.
 PIXEL_LOSSES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     "mse": lambda difference: (difference**2, 2 * difference),
     "l1": lambda difference: (np.abs(difference), np.sign(difference)),
@@ -334,10 +377,14 @@ def image_gradient(
 ) -> tuple[float, NDArray[np.floating]]:
     """Return the loss and its gradient (3, h, w) with respect to rendered (3, h, w).
 
-    The loss is the mean of a pixel loss p. With +ssim it is (1 - w) p + w (1 - SSIM), where w is
-    ssim_weight in 0..1, or SSIM_WEIGHT if None. Both means are weighted by focus (h, w) if it is
-    given. The gradient is multiplied by the number of values, so that its scale does not depend on
-    the size.
+    loss         a name in PIXEL_LOSSES, which may be followed by +ssim
+    ssim_weight  weight w of the SSIM term in 0..1. If it is None, w is SSIM_WEIGHT
+    focus        (h, w) weight of each pixel, of mean 1. If it is None, all weights are 1
+
+    Let p be the mean of the pixel loss over all values of the image, weighted by `focus`. Without
+    +ssim, the loss is p. With +ssim, it is (1 - w) p + w (1 - SSIM). The gradient of the loss is
+    multiplied by the number of values of the image, so that its scale does not depend on the size
+    of the image.
     """
     losses, gradient = PIXEL_LOSSES[loss.removesuffix("+ssim")](rendered - target)
     if focus is not None:
@@ -359,28 +406,36 @@ def structural_similarity(
     target: NDArray[np.floating],
     focus: NDArray[np.floating] | None = None,
 ) -> tuple[float, NDArray[np.floating]]:
-    """Return the mean SSIM of two planes (h, w), and h w times its gradient with respect to image.
+    """Return the mean SSIM of two planes (h, w), and its gradient (h, w) multiplied by h w.
 
-    focus (h, w) is the weight of each window by its centre; None for 1.
+    The gradient is the derivative of the mean SSIM with respect to each pixel of `image`. In the
+    mean, the weight of a window is that of its centre in focus (h, w). If focus is None, all
+    weights are 1.
 
-    Let x be image, t target, and a, b, p, s, q the blurred x, t, x^2, t^2, x t. A window then has
+    Let x be the image, t the target, and a, b, p, s, q the blurred planes x, t, x^2, t^2 and x t.
+    Then the SSIM of a window is
 
         SSIM = A1 A2 / (B1 B2),  A1 = 2 a b + C1,        A2 = 2 (q - a b) + C2,
                                  B1 = a^2 + b^2 + C1,    B2 = p - a^2 + s - b^2 + C2.
 
-    Blurring is its own transpose, so the gradient is blur(d/da) + 2 x blur(d/dp) + t blur(d/dq).
+    Blurring is its own transpose, so the gradient is blur(d/da) + 2 x blur(d/dp) + t blur(d/dq),
+    where d/da is the derivative of the SSIM with respect to a.
 
-    Windows are Gaussians of sigma 1.5 over 11 x 11 pixels (Wang et al., 2004) inside the image. For
-    a smaller image they have the largest odd size that fits.
+    A window is a Gaussian of sigma 1.5 over 11 x 11 pixels (Wang et al., 2004), and only windows
+    inside the image count. In an image smaller than this, windows have the largest odd size that
+    fits.
     """
     height, width = image.shape
     c1, c2 = 0.01**2, 0.03**2
     radius = min(5, (height - 1) // 2, (width - 1) // 2)
     windows = slice(radius, height - radius), slice(radius, width - radius)
-    # The weighted mean of equal images must be 1, because ratios of losses tell divergence.
+    # The weights are divided by their mean, so that the mean SSIM of equal images is 1 and their
+    # loss is 0. With a larger loss, the ratio of two losses would not show whether a fit has
+    # diverged.
     weight = 1 if focus is None else focus[windows] / focus[windows].mean()
 
-    from scipy.ndimage import gaussian_filter  # slow to import, seldom needed
+    # This import is slow and seldom needed.
+    from scipy.ndimage import gaussian_filter
 
     def blurred(plane: NDArray[np.floating]) -> NDArray[np.floating]:
         return gaussian_filter(plane, 1.5, radius=radius, mode="constant")
@@ -404,5 +459,5 @@ def structural_similarity(
 
 
 def psnr_of(error: float) -> float:
-    """Return the PSNR in dB of a mean squared error; infinity for 0."""
+    """Return the PSNR in dB that belongs to a mean squared error, or infinity for an error of 0."""
     return -10 * math.log10(error) if error > 0 else math.inf

@@ -1,7 +1,8 @@
 """Scores that say how closely an SVG matches a photo, and the options of `check`.
 
-The targets, the search and the report of a run read SCORES, and so do the benchmark, the galleries
-and the studio. The help imports this module, so this module does not import NumPy.
+SCORES lists them. A run reads this list for its targets, its search and its report, and so do the
+benchmark, the galleries and the studio. The help of the command line imports this module, so this
+module does not import NumPy, which would make the help slow.
 """
 
 from __future__ import annotations
@@ -19,20 +20,20 @@ from gauss2svg.options import OptionGroup, Renderer, byte_size
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 
 SPACE = "\N{NARROW NO-BREAK SPACE}"
-NONE = "\N{EN DASH}"  # text in tables in place of a value that was not measured
+NONE = "\N{EN DASH}"  # text that tables show for a value that was not measured
 
 
 @dataclass(frozen=True, kw_only=True)
 class Search:
-    """The tolerances of a search for a target, in units of the score.
+    """The tolerances of a search for a target. All are in units of the score.
 
-    tolerance   largest shortfall at which the target counts as reached
-    margin      excess over the target that a correction of the count aims at
-    too_little  shortfall beyond which Gaussians are added
-    too_good    excess beyond which Gaussians are removed
-    slope       expected gain of the score if the number of Gaussians doubles. None for PSNR: its
-                gain is measured while the fit grows
-    slopes      smallest and largest plausible slope
+    tolerance   the target counts as reached if the score is at most this much below the target
+    margin      a correction of the number of Gaussians aims at the target plus this margin
+    too_little  Gaussians are added if the score is more than this below the target
+    too_good    Gaussians are removed if the score is more than this above the target
+    slope       expected gain of the score if the number of Gaussians doubles. It is None for PSNR,
+                whose gain is measured while the fit grows
+    slopes      smallest and largest plausible value of the slope
     """
 
     tolerance: float
@@ -47,21 +48,22 @@ class Search:
 class Score:
     """A score of an SVG against its photo.
 
-    slug         name in file names, addresses and reports, and in the option target_SLUG
-    name         name in texts
+    slug         short name in file names, addresses and reports, and in the option target_SLUG
+    name         name that people read
     defined_in   module of gauss2svg.measure that defines the function SLUG(raster, photo). Both
                  pictures are (h, w, 3) float32 in 0..1
-    form, unit   format and unit of a value in tables and tooltips
-    least_step   smallest step between two ticks of a chart's axis
-    best         score of two equal pictures. The axis has no tick beyond. None: infinite
+    form, unit   number format and unit of the score in tables and tooltips
+    least_step   smallest step between two ticks on the axis of a chart
+    best         score of two equal pictures. No tick of an axis is beyond it. None: infinite
     title        title of the axis
     about        explanation of the score in galleries
     lower_wins   whether lower values are better. The axis is then upside down
-    always       whether every run measures the score. If not, it is measured on request
-    module       Python module that the score needs, or ""
+    always       whether every run measures the score. If False, it is measured on request only
+    module       Python module that must be installed to measure the score, or ""
     package      package on PyPI that contains this module, or ""
-    least_side   least width and height in px of a picture that can have this score
-    pixel_bytes  bytes per pixel to measure the score, with a margin of a tenth or more
+    least_side   least width and height in px of a picture for which the score can be measured
+    pixel_bytes  bytes of memory per pixel that measuring the score takes. The number includes a
+                 margin of at least a tenth
     search       tolerances of the option target_SLUG. None: the score cannot be a target
     """
 
@@ -87,7 +89,7 @@ class Score:
 
     @property
     def key(self) -> str:
-        """Name of the score in a report."""
+        """Key of the score in a report."""
         return f"{self.slug}_svg"
 
     @property
@@ -97,12 +99,15 @@ class Score:
 
     @property
     def sign(self) -> int:
-        """Factor that makes the better of two values the larger one."""
+        """1 if higher values are better, and -1 if lower ones are.
+
+        After values are multiplied by this sign, a larger one is always better.
+        """
         return -1 if self.lower_wins else 1
 
     @property
     def digits(self) -> int:
-        """Number of decimals of a value in tables."""
+        """Number of decimals with which tables show the score."""
         return int(self.form[1:-1])
 
     @property
@@ -116,15 +121,21 @@ class Score:
         return resolve_name(f"gauss2svg.measure.{self.defined_in}:{self.slug}")
 
     def worst(self, values: Iterable[float]) -> float:
-        """Return the worst of some values."""
+        """Return the worst of several values of the score."""
         return max(values) if self.lower_wins else min(values)
 
     def can_show(self, value: float | None) -> bool:
-        """Return whether a value can be shown. For PSNR None can: it means equal pictures."""
+        """Return whether a value can be shown.
+
+        None cannot be shown, except for PSNR, where it means that the pictures are equal.
+        """
         return value is not None or self.best is None
 
     def text(self, value: float | None) -> str:
-        """Return a value with its unit. For None, return "equal" for PSNR, else NONE."""
+        """Return a value with its unit as text.
+
+        None becomes "equal" for PSNR, and NONE for all other scores.
+        """
         if value is None:
             return "equal" if self.best is None else NONE
         return f"{value:{self.form}}" + (SPACE + self.unit if self.unit else "")
@@ -160,8 +171,11 @@ SSIMULACRA2 = Score(
     best=100.0,
     module="ssimulacra2",
     package="ssimulacra2",
-    least_side=225,  # px. At the smallest scale, a thirty-second of the size, 8 px are left
-    pixel_bytes=560,  # docs/decisions/metrics.md has the measurements for this and for FLIP
+    # SSIMULACRA2 compares the images at several scales. The smallest scale divides each side by 32
+    # and rounds the result up. There, each side must have at least 8 px.
+    least_side=225,
+    # docs/decisions/metrics.md has the measurements of pixel_bytes for SSIMULACRA2 and FLIP.
+    pixel_bytes=560,
     search=Search(
         tolerance=0.3, margin=0.8, too_little=0.2, too_good=2.5, slope=18.0, slopes=(4.0, 60.0)
     ),
@@ -193,10 +207,14 @@ class ScoresMissingError(InputError, ImportError):
 
 @dataclass(frozen=True)
 class Scores:
-    """Requested scores of a raster. With alpha, each is the worse of its values on white and black.
+    """The scores of a raster that are measured on request.
 
-    values   scores by slug. Each slug is also an attribute, None if that score is not measured
-    missing  one line for each reason why a score is None
+    If the photo has alpha, a score is measured over white and over black, and the worse value
+    counts.
+
+    values   scores by slug. Each slug is also the name of an attribute, which is None if that score
+             is not measured
+    missing  lines of text that say why scores are None
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -209,13 +227,16 @@ class Scores:
 
     @property
     def report(self) -> dict[str, Any]:
-        """Entries of a report: the requested scores by their keys, and `scores_missing`."""
+        """Dict for a report. It has each score under the score's key, and `scores_missing`."""
         scores = {score.key: self.values.get(score.slug) for score in ON_REQUEST}
         return {**scores, "scores_missing": list(self.missing)}
 
 
 def packages_missing() -> tuple[str, ...]:
-    """Return one line that names the scores without an installed package, () if there are none."""
+    """Return a tuple of one line that names the scores whose packages are not installed.
+
+    The tuple is empty if all packages are installed.
+    """
     names = [score.name for score in ON_REQUEST if not score.is_installed]
     return (_not_installed(names),) if names else ()
 
@@ -226,10 +247,10 @@ def _not_installed(names: Sequence[str]) -> str:
 
 
 def require_packages(score: Score | None = None) -> None:
-    """Raise ScoresMissingError unless the package of `score` is installed.
+    """Raise ScoresMissingError unless the package that `score` needs is installed.
 
-    If `score` is None, one installed package is enough, because FLIP has no package for the newest
-    Python.
+    If `score` is None, all scores are wanted, but it is enough if the package of one score is
+    installed. This is because FLIP has no package for the newest Python.
     """
     scores = [each for each in ON_REQUEST if each.module] if score is None else [score]
     if not any(each.is_installed for each in scores):
@@ -237,15 +258,17 @@ def require_packages(score: Score | None = None) -> None:
 
 
 def packages() -> dict[str, str]:
-    """Return the versions of the installed packages of scores, by the packages' names on PyPI."""
-    from importlib.metadata import version  # slow to import, and the help does not need it
+    """Return the versions of the installed packages that scores need, by their names on PyPI."""
+    # This is imported here, because it is slow to import and the help does not need it.
+    from importlib.metadata import version
 
     return {s.package: version(s.package) for s in ON_REQUEST if s.package and s.is_installed}
 
 
 def color_name(name: str, value: Any) -> str:
-    """Return the colour `value`. Raise InputError with the option `name` if it is no colour."""
-    from gauss2svg.photo.pixels import matte_color  # imports NumPy, which the help does not need
+    """Return `value` if it is a colour. Otherwise raise InputError that names the option `name`."""
+    # This is imported here, because it imports NumPy, which the help does not need.
+    from gauss2svg.photo.pixels import matte_color
 
     matte_color(value, name)
     return value
@@ -285,5 +308,5 @@ class CheckOptions(OptionGroup):
 
 
 def decibels(value: float | None) -> str:
-    """Return a PSNR (dB) of a report as text. None stands for equal images."""
+    """Return a report's PSNR in dB as text. None stands for equal images and becomes "equal"."""
     return "equal" if value is None else f"{value:.2f} dB"

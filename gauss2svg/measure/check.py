@@ -1,4 +1,4 @@
-"""Comparison of any SVG with a photo, by the scores that `vectorize` reports."""
+"""Compare any SVG with a photo, by the scores that `vectorize` reports."""
 
 from __future__ import annotations
 
@@ -35,16 +35,18 @@ from gauss2svg.svg.file import (
 from gauss2svg.svg.untrusted import Survey
 
 REFERENCE_SCALE = 4.0
-# Elements that change a web page, but not the raster. Browsers would draw animations, so
-# gauss2svg.raster refuses files with animations if the renderer is a browser.
+# Elements that may change what a web page shows, but do not change a raster. Browsers would draw
+# animations, so gauss2svg.raster refuses an animated file if the renderer is a browser.
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
 
 
 class Enlarged(NamedTuple):
-    """Scores of an enlarged SVG against the larger source of its photo, both over white.
+    """Scores of an enlarged SVG against the larger picture from which its photo was made.
 
-    scale          factor from the photo's size to the size of the comparison
-    width, height  size of the comparison in px
+    Both are composited over white.
+
+    scale          size of the comparison divided by the size of the photo
+    width, height  size in px at which the two are compared
     psnr           dB, infinite if equal
     ssim           -1..1, None under 3 px a side
     """
@@ -58,25 +60,26 @@ class Enlarged(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """Scores of an SVG against a photo, over white unless said otherwise.
+    """Scores of an SVG against a photo. Both are composited over white unless said otherwise.
 
     psnr           dB, infinite if equal
     ssim           -1..1, None under 3 px a side
     ms_ssim        0..1, None under 176 px a side
     largest_error  largest error of any channel, in levels of 255
-    bias           mean of SVG - photo, in levels of 255
-    svg_bytes      bytes of the file, gunzipped
-    svgz_bytes     bytes of the file, gzipped at level 9
+    bias           mean of the SVG's raster minus the photo, in levels of 255
+    svg_bytes      bytes of the file without compression
+    svgz_bytes     bytes of the file after gzip at level 9
     survey         counts of the SVG's elements
-    frame          the SVG's own size
+    frame          width, height and viewBox that the SVG itself has
     renderer       name and version of the renderer
     raster, photo  (h, w, 3) float32 in 0..1: the SVG's raster, and the photo as it was compared.
                    (h, w, 4) if the photo has alpha
     notes          remarks on the comparison
-    scores         SSIMULACRA2 and FLIP. With alpha, each is the worse over white and over black
+    scores         SSIMULACRA2 and FLIP. If the photo has alpha, each is measured over white and
+                   over black, and the worse value counts
     psnr_black     PSNR over black in dB, None if the photo is opaque
     psnr_alpha     PSNR of the alpha channel in dB, None if the photo is opaque
-    enlarged       scores against the reference, None without a reference
+    enlarged       scores of the enlarged SVG against the reference, None without a reference
     """
 
     psnr: float
@@ -131,7 +134,10 @@ class CheckResult:
         }
 
     def heatmap(self) -> bytes:
-        """Return a PNG of the error at each pixel, over white (gauss2svg.measure.heatmap)."""
+        """Return a PNG that shows the error at each pixel over white.
+
+        See gauss2svg.measure.heatmap.
+        """
         return heatmap(over(self.raster), over(self.photo))
 
     def __repr__(self) -> str:
@@ -147,28 +153,31 @@ def check(
     reference: ImageSource | SvgSource | None = None,
     **options: Any,
 ) -> CheckResult:
-    """Rasterise an SVG at the size of a photo, or max_size, and measure how closely it matches.
+    """Rasterise an SVG at the size of a photo, and measure how closely it matches the photo.
 
-    The two are compared over white. If the photo has alpha, they are also compared over black, and
-    their alpha channels too. SSIMULACRA2 and FLIP need the extra gauss2svg[scores].
+    Both are composited over white and compared. If the photo has alpha, they are also compared over
+    black, and their alpha channels are compared too. SSIMULACRA2 and FLIP need the extra
+    gauss2svg[scores].
 
     photo          any image that `vectorize` accepts
-    svg            a path, text that begins with <, bytes or a binary file, gzipped or not
-    reference      larger source of the photo, with which the SVG is also compared: an SVG, or a
-                   picture of at least reference_scale times the photo's width and height
+    svg            a path, text that begins with <, bytes or a binary file. It may be gzipped
+    reference      larger picture from which the photo was made. The SVG is enlarged and compared
+                   with it too. It is an SVG, or a picture that has at least reference_scale times
+                   the photo's width and height
     options        fields of gauss2svg.measure.CheckOptions:
       renderer         one of RENDERERS
-      max_svg_bytes    limit of the SVG's size, gunzipped: 256000000, "256M"
-      max_elements     limit of the SVG's number of elements, >= 1
-      draw_timeout     time limit of the drawing in s, > 0
-      max_pixels       limit of the photo's number of px, as in `vectorize`
-      max_size         longest side in px to which a larger photo is reduced first
+      max_svg_bytes    largest size of the SVG without compression: 256000000, "256M"
+      max_elements     largest number of elements in the SVG, >= 1
+      draw_timeout     longest time in s that rasterising the SVG may take, > 0
+      max_pixels       largest number of pixels of the photo, as in `vectorize`
+      max_size         longest side in px to which a larger photo is reduced before the comparison
       matte            colour, such as white or #fa0, over which the photo is composited first.
-                       Without it, the photo's alpha is compared
-      reference_scale  factor from the photo's size to that of the second comparison, > 0. None: 4
+                       If None, the photo keeps its alpha, which is compared too
+      reference_scale  factor by which the SVG is enlarged from the photo's size to compare it
+                       with the reference, > 0. None: 4
 
     The SVG is not trusted. Entities, references to anything outside the file, and files beyond the
-    limits are refused. A separate process draws the SVG. On Linux its memory is limited.
+    limits are refused. A separate process draws the SVG, and on Linux its memory is limited.
 
     Raise InputError for a photo or an SVG that cannot be used. Raise RendererError for an SVG that
     cannot be drawn, and for a missing renderer. Raise TypeError for an unknown option.
@@ -217,9 +226,10 @@ def enlarged(
 ) -> Enlarged:
     """Draw the SVG `text` at `scale` times the photo's size, and compare it with the reference.
 
-    reference  source of the photo: an SVG, or a picture of at least the enlarged size
+    reference  larger picture from which the photo was made: an SVG, or a picture that has at least
+               the enlarged size
     size       width and height of the photo in px
-    matte      colour in 0..1 over which a transparent source is composited
+    matte      colour in 0..1 over which a transparent reference is composited
 
     Raise InputError and RendererError as `check` does.
     """
@@ -231,7 +241,8 @@ def enlarged(
 
     def drawn_over(svg: str, color: float | tuple[float, float, float]) -> NDArray[np.float32]:
         sized_text = sized_svg(svg, width, height, options.renderer, options.max_elements)[2]
-        channels = 3 if color == WHITE else 4  # browsers draw twice as fast without alpha
+        # Browsers rasterise twice as fast if no alpha channel is wanted.
+        channels = 3 if color == WHITE else 4
         raster = draw(sized_text, width, height, options.renderer, options.draw_timeout, channels)
         return over(raster, color)
 
@@ -250,7 +261,11 @@ def enlarged(
 
 
 def _is_svg(source: ImageSource | SvgSource) -> bool:
-    """Return whether a source is an SVG, not a picture, by its first bytes or its suffix."""
+    """Return whether a source is an SVG and not a picture.
+
+    Bytes and text are judged by how they begin, and paths by their suffix. A binary file counts as
+    a picture.
+    """
     if isinstance(source, bytes):
         return source.lstrip(BLANKS.encode()).startswith((b"<", b"\x1f\x8b"))
     if not isinstance(source, (str, os.PathLike)):
@@ -262,8 +277,9 @@ def _is_svg(source: ImageSource | SvgSource) -> bool:
 def sized_svg(
     text: str, width: int, height: int, renderer: str, most_elements: int
 ) -> tuple[Survey, Frame, str]:
-    """Return the survey and the frame of an untrusted SVG, and its text stretched to a size in px.
+    """Survey an untrusted SVG, and stretch it to width x height px.
 
+    Return the survey, the frame of the SVG before it is stretched, and the stretched text.
     Raise InputError and RendererError as `check` does.
     """
     text = from_root(text)
@@ -286,7 +302,8 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
             stretch = f"and was stretched to {photo.width}x{photo.height} px"
             shape = f"{own[0]:g}x{own[1]:g}, not in the photo's proportions"
             notes.append(f"{name} is {shape}, {stretch}")
-            break  # a second note would report the same distortion
+            # One note is enough if neither the SVG nor its viewBox has the photo's proportions.
+            break
     if texts := tags.get("text", 0):
         no_fonts = "not drawn, because resvg gets no fonts. Try paths"
         how = no_fonts if renderer == "resvg" else "drawn in the fonts of this machine"
@@ -304,6 +321,10 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
 
 
 def _has_proportions_of(own: tuple[float, ...], size: tuple[int, int]) -> bool:
-    """Return whether `own`, scaled to fit into `size`, fills it to within a pixel a side."""
+    """Return whether the sizes `own` and `size` have the same proportions.
+
+    They do if `own`, after it is enlarged or reduced until it fits into `size`, is at most a pixel
+    smaller than `size` in width and in height.
+    """
     scale = min(size[0] / own[0], size[1] / own[1])
     return all(side - scale * mine <= 1 for side, mine in zip(size, own, strict=True))

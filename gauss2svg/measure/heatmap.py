@@ -1,4 +1,4 @@
-"""Error maps of two images. They have one fixed scale, so that maps can be compared."""
+"""Maps of the error between two images. All have the same scale, so that they can be compared."""
 
 from __future__ import annotations
 
@@ -11,26 +11,34 @@ from PIL.PngImagePlugin import PngInfo
 
 from gauss2svg.measure.metrics import LEVELS
 
-MOST = 64  # end of the scale in levels of 255. Larger errors have the last colour, the brightest
+# Error at the bright end of the scale, in levels of 255. Larger errors have the same colour.
+MOST = 64
 # Every sixteenth colour of matplotlib's inferno, by Nathaniel J. Smith and Stefan van der Walt
-# (CC0). It is perceptually uniform, from black for no error to pale yellow for the largest.
+# (CC0). This scale is perceptually uniform. It runs from black for no error to pale yellow for the
+# largest errors.
 _COLORS = np.array(
     [
         0x000004, 0x0B0724, 0x210C4A, 0x3D0965, 0x57106E, 0x71196E, 0x8A226A, 0xA32C61, 0xBC3754,
         0xD04545, 0xE35933, 0xF1711F, 0xF98C0A, 0xFCAA0F, 0xF9C932, 0xF2E865, 0xFCFFA4,
     ]
 )[:, None] >> (16, 8, 0) & 0xFF  # fmt: skip
-_BAR, _TEXT = 10, 12  # px, heights of the legend's bar of colours and of its labels
+_BAR, _TEXT = 10, 12  # px, height of the bar of colours in the legend, and height of its labels
 _SCALE = f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
 
 
 def errors(image: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the largest difference of any channel at each pixel (h, w), in levels of 255."""
+    """Return the error (h, w) of each pixel in levels of 255.
+
+    This is the largest absolute difference among the pixel's channels.
+    """
     return np.abs(np.subtract(image, other, dtype=np.float64)).max(axis=2) * LEVELS
 
 
 def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image.Image:
-    """Return the map of `heatmap` without its legend, in 65 colours for errors of 0..64 levels."""
+    """Return the map of `heatmap` without its legend, as a picture with a palette of 65 colours.
+
+    Errors are rounded to whole levels, and each of the levels 0..64 has a colour.
+    """
     levels = np.minimum(np.round(errors(image, other)), MOST).astype(np.uint8)
     picture = Image.fromarray(levels, "P")
     picture.putpalette(colors_of(np.arange(MOST + 1.0)).tobytes())
@@ -38,7 +46,10 @@ def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image
 
 
 def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Return the colours (..., 3) of errors (...) in levels of 255. Above MOST it is the last."""
+    """Return the colours (..., 3) of errors (...) in levels of 255.
+
+    Errors above MOST have the colour of MOST.
+    """
     position = np.clip(levels, 0, MOST) * ((len(_COLORS) - 1) / MOST)
     low = np.minimum(position.astype(np.intp), len(_COLORS) - 2)
     weight = (position - low)[..., None]
@@ -46,20 +57,22 @@ def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 
 def legend() -> list[str]:
-    """Return nine colours as #rrggbb, at even steps from no error to MOST."""
+    """Return nine colours of the scale as #rrggbb, for errors at even steps from 0 to MOST."""
     return ["#" + bytes(color).hex() for color in colors_of(np.linspace(0, MOST, 9))]
 
 
 def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:
-    """Return a PNG of the largest difference of any channel at each pixel, 0..64 levels of 255.
+    """Return a PNG in which the colour of each pixel shows the error there.
 
-    Both images are (h, w, 3) in 0..1. The map is the first h rows of the PNG. Below it is a legend,
-    which has labels if the image is at least 120 px wide.
+    The error is the largest absolute difference among the pixel's channels. The colours stand for
+    errors from 0 to 64/255. A larger error has the colour of 64/255. Both images are (h, w, 3)
+    in 0..1. The map is the first h rows of the PNG. Below it is a legend, which has labels if the
+    image is at least 120 px wide.
     """
     height, width = image.shape[:2]
     labelled = width >= 120
     sheet = Image.new("RGB", (width, height + _BAR + (_TEXT if labelled else 0)), "white")
-    # Bands save memory, because colours are looked up in float64.
+    # The map is made in bands of rows. This saves memory, because colours are computed in float64.
     for top in range(0, height, _BAR):
         band = slice(top, top + _BAR)
         sheet.paste(Image.fromarray(colors_of(errors(image[band], other[band]))), (0, top))

@@ -10,19 +10,24 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError
 from gauss2svg.without_scipy import smoothed
 
-LEVELS = 255  # largest level of an 8-bit channel; reported differences are in levels
+LEVELS = 255  # largest level of an 8-bit channel. Differences are reported in these levels
 LEAST_SIDE_FOR_SSIM = 3  # px
-LEAST_SIDE_FOR_MS_SSIM = 176  # px. At a sixteenth of the size, one window of 11 px fits
-_SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # weights of scales in MS-SSIM's paper
-# Gaussian window of SSIM: its side in px, its sigma in px, and the number of sigmas it extends to.
+# px. MS-SSIM divides the sides by 16 at its smallest scale. A side of this length
+# then has 11 px, as many as a window.
+LEAST_SIDE_FOR_MS_SSIM = 176
+_SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # the scales' weights from the paper
+# SSIM's Gaussian window: its side in px, its sigma in px, and the number of sigmas at which the
+# Gaussian is cut off.
 _FULL_WINDOW, _SIGMA, _CUT = 11, 1.5, 3.5
-_K1, _K2 = 0.01, 0.03  # constants of SSIM
-# K1 for which the luminance term of SSIM is 1, so that only contrast times structure is left.
+_K1, _K2 = 0.01, 0.03  # constants of SSIM from its paper
+# With a K1 this large, SSIM's luminance term is 1, so that only contrast times structure is left.
 _NO_LUMINANCE = 1e6
-_BAND = 256  # rows of windows that SSIM computes at a time
-_BAND_VALUES = 65536  # differences that `_mean` computes at a time; they fit into the CPU's cache
-_STEEP = 0.02  # least difference in 0..1 of neighbouring pixels that is a steep step: five levels
-_FLAT_DISTANCE = 4  # number of px on each side of a flat pixel without a steep step
+_BAND = 256  # number of rows of windows for which SSIM is computed at a time
+_BAND_VALUES = 65536  # number of values that are compared at a time. They fit into the CPU's cache
+# A step between neighbouring pixels is steep if a channel, in 0..1, changes by this much or more:
+# about five levels of 255.
+_STEEP = 0.02
+_FLAT_DISTANCE = 4  # px. A pixel is flat if there is no steep step within this distance of it
 
 
 def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
@@ -36,7 +41,11 @@ def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> No
 def _bands(
     image: NDArray[np.floating], other: NDArray[np.floating]
 ) -> Iterator[tuple[NDArray[np.floating], NDArray[np.floating]]]:
-    """Yield bands of rows (n, w * channels) of both images, so that copies stay small."""
+    """Yield pairs of bands (n, w * channels), so that callers can compare two images in parts.
+
+    The bands of a pair are the same n rows of the two images. n is small, so that the arrays that
+    callers compute from the bands take little memory.
+    """
     check_shapes(image, other)
     height = len(image)
     step = max(1, _BAND_VALUES * height // max(image.size, 1))
@@ -51,7 +60,10 @@ def _mean(
     image: NDArray[np.floating],
     other: NDArray[np.floating],
 ) -> float:
-    """Return the mean of `difference` over pixels and channels, summed in float64."""
+    """Return the mean of difference(image, other) over all pixels and channels.
+
+    The values are summed in float64.
+    """
     total = math.fsum(
         row
         for a, b in _bands(image, other)
@@ -67,7 +79,8 @@ def mean_squared_error(
 ) -> float:
     """Return the mean squared difference over pixels and channels, summed in float64.
 
-    weight  (h, w) of each pixel; None for 1. It is repeated if the images are views in a stack
+    weight  (h, w) weight of each pixel. None: all weights are 1. If the images are stacks of views,
+            each view has these weights
     """
     if weight is not None:
         squares = np.square(np.subtract(image, other, dtype=np.float64)).mean(axis=2)
@@ -89,36 +102,45 @@ def psnr(
 
 
 def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Return the structural similarity in -1..1, the mean over channels.
+    """Return the structural similarity (SSIM) in -1..1, averaged over the channels.
 
-    It is the mean of (2 m_a m_b + C1) (2 s_ab + C2) / ((m_a^2 + m_b^2 + C1) (s_aa + s_bb + C2))
-    over all windows inside the image, with means m and covariances s under a Gaussian window of
-    sigma 1.5 px.
+    A channel's SSIM is the mean of
+
+        (2 m_a m_b + C1) (2 s_ab + C2) / ((m_a^2 + m_b^2 + C1) (s_aa + s_bb + C2))
+
+    over all windows that lie inside the image. m_a and m_b are the means of the two images in a
+    window, s_aa and s_bb are their variances, and s_ab is their covariance. A window weights its
+    pixels by a Gaussian with a sigma of 1.5 px. C1 = .01^2 and C2 = .03^2. If a side of the image
+    is under 11 px, the windows are boxes of the largest odd side that fits. An image needs at least
+    LEAST_SIDE_FOR_SSIM px a side.
+
     Source: Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment", 2004. scikit-image gives
-    the same numbers. If a side is under 11 px, the windows are the largest odd boxes that fit. An
-    image needs at least LEAST_SIDE_FOR_SSIM px a side.
+    the same numbers.
     """
     check_shapes(image, other)
     height, width, channels = image.shape
     side = min(height, width)
     box = None if side >= _FULL_WINDOW else side - 1 + side % 2
-    # float32, like photos and rasters, takes half the memory of float64.
+    # SSIM is computed in float32, the type of photos and rasters. float64 takes twice the memory.
     planes = ((image[:, :, c], other[:, :, c]) for c in range(channels))
     return math.fsum(_similarity(a, b, np.float32, box=box) for a, b in planes) / channels
 
 
 def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Return the multi-scale structural similarity in 0..1, the mean over channels.
+    """Return the multi-scale structural similarity (MS-SSIM) in 0..1, averaged over the channels.
 
-    It is the product of cs_j^w_j over five scales, w = .0448 .2856 .3001 .2363 .1333. Each scale
-    averages the scale before over blocks of 2x2 px. An odd last row or column counts twice. cs_j
-    is the mean of contrast times structure over the windows inside the image. At scale five, it is
-    the mean SSIM. The windows and constants are those of SSIM. Source: Wang, Simoncelli
-    and Bovik, "Multi-scale structural similarity for image quality assessment", 2003, and their
-    implementation. A negative cs_j, as between a photo and its negative, counts as 0, because its
-    fractional power is not a real number.
+    A channel's MS-SSIM is the product of cs_j^w_j over five scales, with the weights w = .0448,
+    .2856, .3001, .2363, .1333. Scale 1 is the image, and each further scale has the means of blocks
+    of 2x2 px of the scale before it. If a side of that scale is odd, its last row or column counts
+    twice. cs_j is the mean of contrast times structure, which is SSIM without its luminance term,
+    over all windows inside the image. At scale 5, cs_j is the mean SSIM. The windows and constants
+    are those of SSIM. A negative cs_j, as between a photo and its negative, counts as 0, because
+    its fractional power is not a real number.
 
-    An image needs at least LEAST_SIDE_FOR_MS_SSIM px a side, so that a window fits at scale five.
+    An image needs at least LEAST_SIDE_FOR_MS_SSIM px a side, so that a window fits at scale 5.
+
+    Source: Wang, Simoncelli and Bovik, "Multi-scale structural similarity for image quality
+    assessment", 2003, and their implementation.
     """
     check_shapes(image, other)
     channels = []
@@ -140,11 +162,14 @@ def _similarity(
     box: int | None = None,
     k1: float = _K1,
 ) -> float:
-    """Return the mean SSIM of two planes (h, w) over Gaussian windows, or boxes of `box` px."""
+    """Return the mean SSIM of two planes (h, w).
+
+    The windows are boxes of `box` x `box` px, or Gaussian windows if `box` is None.
+    """
     rim = (box or _FULL_WINDOW) // 2
     rows, total = plane.shape[0] - 2 * rim, 0.0
     assert rows > 0
-    # Bands of windows save memory. Whole planes of float32 would take 60 bytes a pixel.
+    # SSIM is computed in bands to save memory. Whole planes of float32 would take 60 bytes a pixel.
     for top in range(0, rows, _BAND):
         a, b = (
             np.ascontiguousarray(each[top : top + _BAND + 2 * rim], dtype)
@@ -156,7 +181,10 @@ def _similarity(
 
 
 def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K1) -> float:
-    """Return the mean SSIM over Gaussian windows, as scikit-image does but without its import."""
+    """Return the mean SSIM over Gaussian windows.
+
+    The result is that of scikit-image, which is not used because it is slow to import.
+    """
     mean_x, mean_y, xx, yy, xy = (
         smoothed(plane, _SIGMA, _CUT) for plane in (x, y, x * x, y * y, x * y)
     )
@@ -169,8 +197,8 @@ def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K
 
 
 def _in_boxes(x: NDArray[np.floating], y: NDArray[np.floating], side: int) -> float:
-    """Return the mean SSIM over boxes of `side` px inside the image, by scikit-image."""
-    from skimage.metrics import structural_similarity  # the import takes 0.3 s
+    """Return the mean SSIM over all boxes of `side` x `side` px inside the image."""
+    from skimage.metrics import structural_similarity  # imported here, because it takes 0.3 s
 
     mean: Any = structural_similarity(
         x, y, data_range=1.0, use_sample_covariance=False, win_size=side
@@ -185,28 +213,30 @@ def _halved(plane: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def largest_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Return the largest absolute difference of any channel, in levels of 255."""
+    """Return the largest absolute difference at any pixel in any channel, in levels of 255."""
     return max(float(np.abs(a - b).max()) for a, b in _bands(image, other)) * LEVELS
 
 
 def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Return the mean of image - other over pixels and channels, in levels of 255."""
+    """Return the mean of image - other over all pixels and channels, in levels of 255."""
     return _mean(np.subtract, image, other) * LEVELS
 
 
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
-    """Return the mean error of the worst thousandth of flat pixels, in levels of 255.
+    """Return the mean error of the worst thousandth of the flat pixels, in levels of 255.
 
-    It grows with the height, length and number of streaks across paper or a flat colour, which
-    hardly change the squared error (docs/decisions/metrics.md). A pixel is flat if the reference
-    has no step of 0.02 or more within 4 px. A pixel's error is that of its worst channel.
-    Return NaN if no pixel is flat.
+    A pixel is flat if the reference has no step of 0.02 or more within 4 px of it. A pixel's error
+    is the error of its worst channel. Return NaN if no pixel is flat.
+
+    This error shows streaks across paper or a flat colour, which hardly change the mean squared
+    error (docs/decisions/metrics.md). It grows with the contrast, the length and the number of the
+    streaks.
     """
     from scipy.ndimage import maximum_filter
 
     check_shapes(image, reference)
     steep = np.zeros(reference.shape[:2], bool)
-    for axis in (0, 1):  # both sides of a step are steep
+    for axis in (0, 1):  # the pixels on both sides of a steep step are marked
         steps = np.abs(np.diff(reference, axis=axis)).max(axis=2, initial=0) >= _STEEP
         lead = (slice(None),) * axis
         steep[(*lead, slice(1, None))] |= steps

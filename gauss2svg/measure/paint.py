@@ -10,20 +10,21 @@ from gauss2svg.scene.scene import narrowing_of
 from gauss2svg.svg import Document
 from gauss2svg.svg.file import pixels_of
 
-# Milliseconds that a browser takes for each shape, and for each million pixels: if soft shapes are
-# drawn by gradients, and by masks (docs/benchmarks/paint.md).
+# A file draws soft shapes by gradients or by masks. For each of these two ways, a pair of numbers
+# says how many milliseconds a browser takes for a shape, and how many for a million pixels
+# (docs/benchmarks/paint.md).
 _BY_GRADIENTS, _BY_MASKS = np.array([0.03, 20.0]), np.array([0.9, 52.0])
-# ms, least paint time of a heavy file. A tenth of a second seems immediate to people
-# (Miller, "Response time in man-computer conversational transactions", 1968).
+# Paint time in ms from which a file counts as heavy. People perceive a response within a tenth of a
+# second as immediate (Miller, "Response time in man-computer conversational transactions", 1968).
 HEAVY_MS = 100.0
-WIDEST_SHOWN = 1600.0  # px, about the greatest width at which pages show a picture
+WIDEST_SHOWN = 1600.0  # px, about the largest width at which web pages show a picture
 
 
 def drawn_pixels(scene: Scene) -> float:
-    """Return the number of pixels that a renderer blends at the scene's size.
+    """Return the number of pixels that a renderer blends when it draws the scene at its own size.
 
-    It is the sum of all ellipses' areas in px^2, each times the share of the ellipse's bounding box
-    that is on the canvas.
+    This is the sum of the areas of all ellipses in px^2. Each area is multiplied by the share of
+    the ellipse's bounding box that is on the canvas.
     """
     half = cut_radius(scene.beta)[:, None] * scene.sigma
     size = np.array([scene.width, scene.height])
@@ -32,23 +33,33 @@ def drawn_pixels(scene: Scene) -> float:
 
 
 def shown_width(document: Document, scene: Scene) -> float:
-    """Return a file's probable width in px on a page: by --size, or its own width up to 1600."""
+    """Return the width in px at which a web page probably shows a file.
+
+    This is the width that --size gives. Without --size, it is the scene's width, but at most
+    WIDEST_SHOWN.
+    """
     sides = document.sides(scene.width, scene.height)
     return (pixels_of(sides[0]) or 0.0) if sides else min(scene.width, WIDEST_SHOWN)
 
 
 def paint_ms(scene: Scene, svg: str, width: float) -> float | None:
-    """Return the estimated CPU milliseconds of a browser's first paint and of each repaint.
+    """Return an estimate of the CPU time in ms that a browser takes each time it paints the file.
 
-    The time of n shapes is a n + b drawn_pixels (width / scene.width)^2 / 1e6. `width` is in px. a
-    and b depend on how the file draws soft shapes, and were measured in Chromium without a GPU.
-    Other machines may be several times faster or slower. Return None for a file with filters, which
-    were not measured.
+    For n shapes the estimate is
+
+        a n + b drawn_pixels (width / scene.width)^2 / 1e6,
+
+    where `width` is the width in px at which the file is shown. a and b depend on how the file
+    draws soft shapes. They were measured in Chromium without a GPU, and other machines may be
+    several times faster or slower. Return None for a file with filters, whose time was not
+    measured.
     """
     if "<filter" in svg:
         return None
     share = float("<mask" in svg)
-    if share and "<style" in svg:  # only some of the soft shapes are under masks
+    # A file with masks and a style sheet draws some soft shapes by masks, as <use>, and the others
+    # by gradients, as <circle>.
+    if share and "<style" in svg:
         masked = svg.count("<use ")
         share = masked / (masked + svg.count("<circle "))
     each, million = share * _BY_MASKS + (1 - share) * _BY_GRADIENTS

@@ -1,8 +1,9 @@
 """Scores that are measured on request. They need packages of the extra gauss2svg[scores].
 
-SSIMULACRA2 (package ssimulacra2) and FLIP (package flip-evaluator) are nearer to what people see
-than PSNR and SSIM. Each takes about a second for half a megapixel (docs/decisions/metrics.md). Both
-get pictures of 8 bits a channel, as their command lines do. FLIP runs in a process of its own,
+SSIMULACRA2 (package ssimulacra2) and FLIP (package flip-evaluator) agree better with what people
+see than PSNR and SSIM do. Each takes about a second for half a megapixel
+(docs/decisions/metrics.md). Both are given pictures of 8 bits a channel, like the pictures that
+their command lines read. FLIP runs in a process of its own,
 `python -m gauss2svg.measure.perceptual`.
 """
 
@@ -38,14 +39,15 @@ def perceptual_scores(
     spare: int | None = None,
     known: Mapping[str, float] | None = None,
 ) -> Scores:
-    """Return the requested scores of a raster against its photo, (h, w, 3) or (h, w, 4) in 0..1.
+    """Measure the scores of a raster against its photo, both (h, w, 3) or (h, w, 4) in 0..1.
 
-    spare  bytes of memory that each score may take. None means MEMORY_SHARE of the free memory
-    known  scores by slug that are already measured
+    spare  bytes of memory that measuring each score may take. None means MEMORY_SHARE of the free
+           memory
+    known  scores that are already measured, by slug
 
     A score is None if its package is not installed or fails, if the picture is too small or too
-    large for it, or if measuring it would take more than `spare`. `missing` then says why.
-    Raise InputError for pictures that differ in shape.
+    large for it, or if measuring it would take more than `spare` bytes. `missing` then says why.
+    Raise InputError if the two pictures differ in shape.
     """
     check_shapes(raster, photo)
     spare = int(MEMORY_SHARE * free_bytes()) if spare is None else spare
@@ -65,7 +67,10 @@ def perceptual_scores(
 
 
 def _obstacle(score: Score, height: int, width: int, spare: int) -> str:
-    """Return why a picture of this size cannot be measured in `spare` bytes, "" if it can."""
+    """Return why the score cannot be measured for a picture of this size, "" if it can.
+
+    spare  bytes of memory that measuring the score may take
+    """
     needed = score.pixel_bytes * height * width
     if min(height, width) < score.least_side:
         return f"it needs at least {score.least_side} px a side"
@@ -78,17 +83,19 @@ def _obstacle(score: Score, height: int, width: int, spare: int) -> str:
 
 
 def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
-    """Return SSIMULACRA2 of an image against its photo, (h, w, 3) in 0..1. 100 if they are equal.
+    """Return the SSIMULACRA2 of an image against its photo, both (h, w, 3) in 0..1.
 
-    It is 100 - 10 s^0.63, where s is a cubic polynomial of a weighted sum of 108 means: for each of
-    three channels of XYB and six scales, the 1-norm and the 4-norm of three errors, which are in
-    structure, added edges and lost edges. The weights were fitted to people's opinions of
-    compressed photos: 30 is low quality, 50 medium, 70 high, 90 visually lossless. Poor pictures
-    are below 0. The order of the arguments matters. Source: Jon Sneyers,
+    It is 100 for equal images. 90 stands for visually lossless, 70 for high quality, 50 for medium
+    and 30 for low quality. Poor images are below 0. The order of the arguments matters.
+
+    The score is 100 - 10 s^0.63, where s is a cubic polynomial of a weighted sum of 108 means. For
+    each of the three channels of XYB and each of six scales, these are the 1-norm and the 4-norm of
+    three errors: in structure, in added edges and in lost edges. The weights were fitted to
+    people's opinions of compressed photos. Source: Jon Sneyers,
     https://github.com/cloudinary/ssimulacra2, in the package ssimulacra2.
 
-    Raise InputError if a side is under 225 px: the smallest scale is then left out, and the
-    package, like the reference implementation, applies its weights to the wrong means. Raise
+    Raise InputError if a side is under 225 px. The smallest scale would then be left out, and the
+    package, like the reference implementation, would apply its weights to the wrong means. Raise
     ScoresMissingError if the package is not installed.
     """
     height, width = image.shape[:2]
@@ -101,23 +108,25 @@ def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> flo
         from ssimulacra2 import compute_ssimulacra2
     except ImportError as error:
         raise ScoresMissingError(f"SSIMULACRA2 cannot be imported: {error}. {ADVICE}") from error
-    # The package reads files, which may be in memory.
+    # The package reads images from files, so each image is written to a file in memory.
     return float(compute_ssimulacra2(_as_file(photo), _as_file(image)))
 
 
 def flip(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
-    """Return the mean LDR-FLIP of an image and its photo, (h, w, 3) in 0..1. 0 if they are equal.
+    """Return the mean LDR-FLIP of an image against its photo, both (h, w, 3) in 0..1.
 
-    A pixel's FLIP is dE_c^(1 - dE_f). dE_c is the HyAB distance in a Hunt-adjusted L*a*b* after
-    filters of contrast sensitivity, and dE_f the difference of edges and points. Both are in 0..1,
-    at the package's 67 pixels per degree (a display of 3840 px in 0.7 m, seen from 0.7 m).
+    It is 0 for equal images. A pixel's FLIP is dE_c^(1 - dE_f). dE_c is the difference in colour:
+    the HyAB distance in Hunt-adjusted L*a*b*, after filters that imitate the contrast sensitivity
+    of the eye. dE_f is the difference in edges and points. Both are in 0..1. The package assumes 67
+    pixels per degree of vision, as on a display 3840 px and 0.7 m wide that is seen from 0.7 m.
     Source: Andersson, Nilsson, Akenine-Moller, Oskarsson, Astrom and Fairchild, "FLIP: A Difference
     Evaluator for Alternating Images", 2020, in the package flip-evaluator.
 
     Raise ChildProcessError if FLIP's process fails, as it does if the package is not installed.
     """
     height, width = photo.shape[:2]
-    # FLIP gets a new process, because its OpenMP hangs in a fork of a process that has used OpenMP.
+    # FLIP runs in a new process. Its OpenMP would hang in a forked process if the parent process
+    # has used OpenMP.
     command = module_command("gauss2svg.measure.perceptual", str(height), str(width))
     data = _eight_bits(photo).tobytes() + _eight_bits(image).tobytes()
     ended = run(command, data, environment=python_environment())
@@ -128,7 +137,10 @@ def flip(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
 
 
 def main() -> None:
-    """Read two pictures (height, width, 3) of 8 bits from standard input, and print their FLIP."""
+    """Read a photo and an image from standard input, and print their FLIP.
+
+    Both are (height, width, 3) of 8 bits. Height and width are the arguments of the program.
+    """
     from flip_evaluator import evaluate
 
     height, width = map(int, sys.argv[1:])

@@ -18,15 +18,16 @@ from gauss2svg.svg.file import file_bytes
 
 @dataclass(frozen=True, eq=False)
 class RoundTrip:
-    """A raster and its errors. PSNR is in dB, and differences are in levels of 255.
+    """An SVG's raster and its errors. PSNR is in dB, and differences are in levels of 255.
 
-    psnr_model                                                fitted model against the photo
-    psnr_svg, ssim_svg, largest_error_svg, bias_svg           raster against the photo
-    psnr_roundtrip, largest_error_roundtrip, bias_roundtrip   raster against the model
+    psnr_model compares the fitted model with the photo.
+    psnr_svg, ssim_svg, largest_error_svg and bias_svg compare the raster with the photo.
+    psnr_roundtrip, largest_error_roundtrip and bias_roundtrip compare the raster with the model.
 
-    These are over white. ssim_svg is None for images under 3 px a side. psnr_model_black and
-    psnr_svg_black are over black, psnr_model_alpha and psnr_svg_alpha compare the alpha channels.
-    These four are None if the photo is opaque. raster is (h, w, 3), or (h, w, 4) with alpha.
+    All of these compare pictures over white. ssim_svg is None for images under 3 px a side.
+    psnr_model_black and psnr_svg_black compare pictures over black. psnr_model_alpha and
+    psnr_svg_alpha compare the alpha channels. These four are None if the photo is opaque. raster is
+    (h, w, 3), or (h, w, 4) if the photo has alpha.
     """
 
     raster: NDArray[np.float32]
@@ -57,14 +58,16 @@ def round_trip(
 ) -> RoundTrip:
     """Rasterise the SVG of a scene and compare it with the photo (h, w, 3 or 4) and the scene.
 
-    covering is as in `gauss2svg.render.render`. Without `raster`, the SVG is rasterised. The SVG
-    and the scene are drawn at the size of the photo, whatever the canvas of the scene is. Raise
-    RendererError if the renderer cannot draw the SVG.
+    The SVG and the scene are drawn at the size of the photo, even if the scene's canvas has another
+    size. Raise RendererError if the renderer cannot draw the SVG.
+
+    covering  as in `gauss2svg.render.render`
+    raster    raster of the SVG if it is known. Otherwise the SVG is rasterised
     """
     height, width = photo.shape[:2]
     raster = rasterize_like(svg, photo, renderer) if raster is None else raster
     over_white = over(raster)
-    # The exact composite lies in 0..1, but float32 may exceed it by rounding.
+    # Rounding in float32 may move values slightly out of 0..1, so they are clipped.
     model = render(scene, width, height, covering=covering)
     np.clip(model, 0, 1, out=model)
     model_black, model_alpha = None, None
@@ -124,13 +127,19 @@ def raster_error(
 
 
 def score_of(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
-    """Return a raster's score. With alpha, it is the worse of the scores over white and black."""
+    """Return the score of a raster against a photo.
+
+    If they have alpha, the score is measured over white and over black, and the worse value counts.
+    """
     pairs = zip(views(raster), views(photo), strict=True)
     return score.worst([score.function(*pair) for pair in pairs])
 
 
 def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:
-    """Return the fields of RoundTrip that compare a raster with a photo of the same shape."""
+    """Return the values of the fields of RoundTrip that compare a raster with a photo.
+
+    Both have the same shape.
+    """
     raster_white, photo_white = over(raster), over(photo)
     measurable = min(photo.shape[:2]) >= metrics.LEAST_SIDE_FOR_SSIM
     black, alpha = _psnr_with_alpha(raster, photo)

@@ -1,9 +1,9 @@
 """Photo files: open, decode, turn upright and convert to sRGB.
 
-This module lists the formats, and has the limits on the number of pixels.
+This module lists the formats of photos, and has the limits on their number of pixels. Batches, the
+studio, the help and the documentation take their lists of formats from here.
 
-Batches, the studio, the help and the documentation take their lists of formats from here. This
-module loads no decoder, so that the help stays fast.
+This module imports no decoder, so that printing the help stays fast.
 """
 
 from __future__ import annotations
@@ -11,26 +11,28 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-# Default limit of a photo's pixels. It is Pillow's (MAX_IMAGE_PIXELS), 256 MiB at 3 bytes a pixel.
+# The largest number of pixels that a photo may have by default. It is the value of Pillow's
+# MAX_IMAGE_PIXELS. A photo of this size takes 256 MiB at 3 bytes per pixel.
 DEFAULT_MAX_PIXELS = 89_478_485
-# Highest limit that a user can set: Pillow refuses more pixels. It is also the limit of rasters.
+# The highest limit on the number of pixels that a user can set. Pillow's Image.open refuses images
+# with more pixels than this. The number of pixels of a raster has the same limit.
 MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
-PREFIX_BYTES = 64  # bytes at the start of a file that suffice to identify its format
+PREFIX_BYTES = 64  # number of bytes at the start of a file that suffice to identify its format
 
 LIBVIPS, PILLOW = "gauss2svg.photo.by_libvips:opened", "gauss2svg.photo.by_pillow:opened"
 LIBHEIF = "gauss2svg.photo.by_heif:opened"
-OF_PILLOW = "gauss2svg.photo.by_pillow:of_image"  # function that reads a PIL image
+OF_PILLOW = "gauss2svg.photo.by_pillow:of_image"  # the function that reads a PIL image
 
 
 @dataclass(frozen=True)
 class Format:
     """A file format of photos.
 
-    name      name in messages and help
-    suffixes  suffixes of file names by which a folder is searched for photos
-    start     regular expression for a file's first bytes
-    decoder   function that opens the file, as module:name
-    loader    operation of libvips or plugin of Pillow that the decoder calls
+    name      name of the format in messages and in the help
+    suffixes  suffixes of file names. They say which files of a folder are photos of this format
+    start     regular expression that matches the first bytes of files of this format
+    decoder   the function that opens such a file, written as module:name
+    loader    name of the libvips operation or Pillow plugin that the decoder calls
     """
 
     name: str
@@ -47,7 +49,8 @@ FORMATS = {
         Format("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", LIBVIPS, "pngload"),
         Format("WebP", (".webp",), rb"RIFF.{4}WEBP", LIBVIPS, "webpload"),
         Format("TIFF", (".tif", ".tiff"), rb"II[\x2a\x2b]\0|MM\0[\x2a\x2b]", LIBVIPS, "tiffload"),
-        # An AVIF has the brand avif or avis, either as major brand or after a general one (mif1).
+        # An AVIF has the brand avif or avis. It is either the major brand of the file, or one of
+        # the brands after a general major brand such as mif1.
         Format("AVIF", (".avif",), rb".{4}ftyp(avi[fs]|m[is]f1(.{4})+?avi[fs])", LIBVIPS,
                "heifload"),
         Format("HEIC", (".heic", ".heif", ".hif"), rb".{4}ftyp(he[iv][cxms]|m[is]f1)", LIBHEIF),
@@ -62,9 +65,11 @@ FORMATS = {
 SUFFIXES = tuple(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
 
 _RAW = rb"II\*\0....CR|II[RU][\0SO]|MMOR|IIU\0|FUJIFILM"
-# Patterns for the first bytes of files that are no photos, and the words for them in errors.
+# For each type of file that is not supported: a pattern that its first bytes match, and its name in
+# error messages. Raw files are not read, because decoders would read only the small preview in
+# them.
 _OTHERS = (
-    (_RAW, "a camera's raw file"),  # decoders would read only the small preview in it
+    (_RAW, "a camera's raw file"),
     (rb"%PDF", "a PDF"),
     (rb"%!PS|\xc5\xd0\xd3\xc6", "a PostScript file"),
     (rb"gimp xcf", "a GIMP file"),
@@ -81,7 +86,11 @@ _OTHERS = (
 
 
 def format_of(start: bytes) -> Format | str:
-    """Return a file's format by its first PREFIX_BYTES, or words like "a PDF" if it has none."""
+    """Return the format of the file that begins with the bytes `start`.
+
+    If the format is not supported, return words for the error message, such as "a PDF". The first
+    PREFIX_BYTES bytes of a file are enough to find its format.
+    """
     if not start:
         return "an empty file"
     if not re.match(_RAW, start, re.DOTALL):

@@ -1,4 +1,4 @@
-"""Open HEIC photos, which phones take, by libheif in the package pi-heif."""
+"""Open HEIC files, in which many phones save photos, by libheif in the package pi-heif."""
 
 from __future__ import annotations
 
@@ -13,14 +13,20 @@ import pyvips
 from gauss2svg.photo.load import StoredImage
 from gauss2svg.photo.srgb import ColorSpace
 
-# Pattern of references to metadata, which `opened` removes: pi-heif 1.4 may crash on metadata.
+# References to metadata match this pattern. `opened` removes the references, because pi-heif 1.4
+# may crash when it reads metadata.
 _METADATA = re.compile(rb"(\0\0..)cdsc", re.DOTALL)
-_REDUCED_BYTES = 10  # memory (bytes) per pixel while a photo is reduced, for each byte of a sample
-pi_heif.options.DECODE_THREADS = 1  # more threads would exceed the limit of --threads
+# Number of bytes of memory per pixel that decoding and reducing a photo takes.
+# This is the number for samples of one byte. For samples of two bytes it is twice as large.
+_REDUCED_BYTES = 10
+pi_heif.options.DECODE_THREADS = 1  # more threads could exceed the limit of --threads
 
 
 def opened(file: bytes, _loader: str) -> StoredImage:
-    """Read the header of the primary image, which libheif rotates and crops as the file says."""
+    """Read the header of the file's primary image.
+
+    libheif itself rotates and crops the image as the file says, so the image is upright.
+    """
     file = _METADATA.sub(rb"\1free", file)
     heif = pi_heif.open_heif(io.BytesIO(file), convert_hdr_to_8bit=False, hdr_to_16bit=False)
     if not len(heif):
@@ -31,7 +37,9 @@ def opened(file: bytes, _loader: str) -> StoredImage:
     def picture(_scale: int) -> Any:
         array, max_level = np.asarray(heif), (1 << depth) - 1
         picture = pyvips.Image.new_from_array(array)
-        if heif.premultiplied_alpha:  # lossy compression may make a colour larger than its alpha
+        if heif.premultiplied_alpha:
+            # A premultiplied colour cannot be larger than its alpha. Lossy compression may make it
+            # larger, so it is clipped here.
             array = np.minimum(array, array[..., -1:])
             picture = pyvips.Image.new_from_array(array).unpremultiply(max_alpha=max_level)
         return picture if picture.format == "uchar" else picture / max_level

@@ -1,6 +1,6 @@
 """Open JPEG, PNG, WebP, TIFF and AVIF photos by libvips.
 
-Each loader is called by its name, so libvips never chooses another one by the content of a file.
+Each loader is called by its name. So libvips does not choose a loader by the content of a file.
 """
 
 from __future__ import annotations
@@ -21,17 +21,19 @@ from gauss2svg.photo import libvips
 from gauss2svg.photo.load import StoredImage
 from gauss2svg.photo.srgb import CMYK_CHANNELS, UNUSABLE, ColorSpace
 
-# Number of colour channels by `interpretation` of libvips. Interpretations not listed have 3.
+# Number of colour channels for each `interpretation` of a libvips image. Interpretations that are
+# not listed have 3.
 _COLORS = {"b-w": 1, "grey16": 1, "cmyk": CMYK_CHANNELS}
-_MAX_EXTRA = 4  # largest number of samples per pixel beside colours. Hostile files have thousands
+# Largest number of samples that a pixel may have in addition to its colour channels. Without this
+# limit, a hostile file could have thousands.
+_MAX_EXTRA = 4
 _END_OF_IMAGE = b"\xff\xd9"
 _NCLX = re.compile(rb"colrnclx(..)(..)", re.DOTALL)
 _AV1 = re.compile(rb"av1C..(.)", re.DOTALL)
-_MAX_PROFILE = 1 << 24  # largest size (bytes) of a PNG's ICC profile when decompressed
-# Values of the TIFF tags that are named after them.
-_INKS, _YCBCR, _LAB = 5, 6, 8  # PhotometricInterpretation
-_OLD_JPEG, _JPEG, _LZMA, _ZSTD = 6, 7, 34925, 50000  # Compression
-_SEPARATE, _FLOAT = 2, 3  # PlanarConfiguration, SampleFormat
+_MAX_PROFILE = 1 << 24  # largest size (bytes) of the decompressed ICC profile of a PNG
+_INKS, _YCBCR, _LAB = 5, 6, 8  # values of the TIFF tag PhotometricInterpretation
+_OLD_JPEG, _JPEG, _LZMA, _ZSTD = 6, 7, 34925, 50000  # values of the TIFF tag Compression
+_SEPARATE, _FLOAT = 2, 3  # values of the TIFF tags PlanarConfiguration and SampleFormat
 
 
 def opened(file: bytes, loader: str) -> StoredImage:
@@ -39,26 +41,31 @@ def opened(file: bytes, loader: str) -> StoredImage:
     tags = _tiff_tags(file) if loader == "tiffload" else {}
     if problem := _misread(tags):
         raise ValueError(problem)
-    # Pillow reads grey AVIFs, because libheif does not expand grey levels of 16..235 to 0..255.
+    # Grey AVIFs are read by Pillow. Their grey levels may range over 16..235, which libheif (called
+    # by libvips) does not expand to 0..255.
     is_grey_avif = loader == "heifload" and (av1 := _AV1.search(file)) and av1[1][0] & 0x10
     if is_grey_avif or _needs_pillow(tags):
-        from gauss2svg.photo import by_pillow  # few files need this module
+        from gauss2svg.photo import by_pillow  # imported here because few files need it
 
         return by_pillow.opened(file, "Avif" if is_grey_avif else "Tiff")
-    # libtiff only warns of broken tiles and broken faxes (compressions 2 to 4), so its warnings on
-    # such files are errors. But a strip of length 0, of which libtiff warns too, can be read.
+    # If tiles or a fax (compressions 2 to 4) are broken, libtiff only warns. So in files with tiles
+    # and in faxes, a warning counts as an error. Files with a strip of length 0 are an exception,
+    # because libtiff warns of such a strip although the file can be read.
     is_strict = (Base.TileWidth in tags or tags.get(Base.Compression) in (2, 3, 4)) and (
         0 not in _numbers(tags, Base.StripByteCounts)
     )
 
     def image(**options: int) -> Any:
         load = getattr(pyvips.Image, f"{loader}_buffer")
-        if loader == "tiffload":  # libtiff refuses to allocate over 50 MB at once by default
+        # Without this option, libtiff refuses to allocate more than 50 MB at once.
+        if loader == "tiffload":
             options["unlimited"] = True
         picture = load(
             file, access="sequential", fail_on="warning" if is_strict else "error", **options
         )
-        if loader == "heifload" and picture.format == "ushort":  # samples are in the high bits
+        if loader == "heifload" and picture.format == "ushort":
+            # libvips returns numbers of 16 bits. A sample is in the upper part of such a number.
+            # This part has `bits` bits, and the bits below it are 0.
             bits = picture.get("bits-per-sample")
             return picture / ((1 << bits) - 1 << 16 - bits)
         if tags.get(Base.PhotometricInterpretation) == 0 and picture.format == "float":
@@ -68,7 +75,8 @@ def opened(file: bytes, loader: str) -> StoredImage:
     def picture(scale: int) -> Any:
         if scale == 1:
             return image()
-        # libvips rounds the reduced size down. Repeating the last row and column rounds it up.
+        # libvips rounds the reduced size down. To get the size rounded up, the last row and the
+        # last column are repeated.
         size = -(-header.width // scale), -(-header.height // scale)
         return image(shrink=scale).embed(0, 0, *size, extend="copy")
 
@@ -76,25 +84,26 @@ def opened(file: bytes, loader: str) -> StoredImage:
     colors = min(_COLORS.get(header.interpretation, 3), header.bands)
     if header.format not in libvips.TYPES or header.bands > colors + _MAX_EXTRA or colors == 2:
         raise ValueError(f"samples of type {header.format}, {header.bands} for each pixel")
-    # Only these fields are read, because texts in other fields might not be Unicode.
+    # Only these fields are read, because reading a field fails if its text is not valid Unicode.
     names = ("resolution-unit", "orientation", "icc-profile-data", "n-pages")
     fields = {name: header.get(name) for name in names if header.get_typeof(name)}
     alpha = colors if header.hasalpha() else None
     size = header.width, header.height
     stored = StoredImage(*size, colors, alpha, picture, _reduced_bytes(loader, header))
     stored.density = header.xres * 25.4, header.yres * 25.4
-    # libvips does not read the resolution of a WebP, and reports 1 px per mm.
+    # libvips does not read the resolution of a WebP, and reports 1 px per mm in its place.
     stored.is_per_inch = "resolution-unit" in fields and header.xres != 1.0
     stored.orientation = fields.get("orientation", 1)
     stored.space = ColorSpace(fields.get("icc-profile-data"))
     stored.note_frames(fields.get("n-pages", 1), "pages" if loader == "tiffload" else "frames")
-    # Warnings about a PNG are not reported: they concern chunks that `_add_chunks` reads.
+    # Warnings about a PNG are not reported, because they concern chunks that `_add_chunks` reads
+    # in place of libvips.
     stored.reports_warning = loader in ("jpegload", "tiffload")
     if loader == "jpegload":
         stored.scales = (1, 2, 4, 8)
         sides = re.escape(struct.pack(">HH", *size[::-1]))
-        # Look for the end marker after the last frame header of this size. A preview in the EXIF
-        # data is a JPEG with an end marker of its own.
+        # Look for the end marker only after the last frame header that has the size of the image.
+        # An earlier end marker may be that of a preview in the EXIF data, which is itself a JPEG.
         frame = re.match(rb".*\xff[\xc0-\xcf].{3}" + sides, file, re.DOTALL)
         if frame and file.find(_END_OF_IMAGE, frame.end()) == -1:
             file += _END_OF_IMAGE
@@ -103,7 +112,8 @@ def opened(file: bytes, loader: str) -> StoredImage:
         _add_chunks(stored, file)
     elif loader == "tiffload":
         if stored.alpha is not None and (extra := _numbers(tags, Base.ExtraSamples)):
-            is_alpha = [kind in (1, 2) for kind in extra]  # 1: premultiplied, 2: straight alpha
+            # The kind 1 is premultiplied alpha, and the kind 2 is straight alpha.
+            is_alpha = [kind in (1, 2) for kind in extra]
             stored.alpha = colors + is_alpha.index(True) if True in is_alpha else None
     elif loader == "heifload":
         if file[8:12] == b"avis":
@@ -114,7 +124,10 @@ def opened(file: bytes, loader: str) -> StoredImage:
 
 
 def _reduced_bytes(loader: str, image: Any) -> int:
-    """Return the memory (bytes) per pixel while a photo is reduced (docs/decisions/memory.md)."""
+    """Return the number of bytes per pixel that are needed to decode and reduce an image.
+
+    docs/decisions/memory.md has the measurements.
+    """
     size = image.bands * np.dtype(libvips.TYPES[image.format]).itemsize
     if loader == "jpegload":
         return 3 * size if image.get("jpeg-multiscan") else 3
@@ -122,7 +135,7 @@ def _reduced_bytes(loader: str, image: Any) -> int:
 
 
 def _add_chunks(stored: StoredImage, file: bytes) -> None:
-    """Add facts to `stored` that libvips does not report, from the chunks before a PNG's pixels."""
+    """Read the chunks before a PNG's pixels, and add to `stored` what libvips does not report."""
     chunks: dict[bytes, bytes] = {}
     offset = 8
     while (kind := file[offset + 4 : offset + 8]) not in (b"", b"IDAT"):
@@ -134,7 +147,8 @@ def _add_chunks(stored: StoredImage, file: bytes) -> None:
         numbers = struct.iter_unpack(">I", gama + chrm * (len(chrm) == 32))
         gamma, *primaries = (number / 100_000 for (number,) in numbers)
         stored.set_gamma(gamma, primaries)
-    if iccp := chunks.get(b"iCCP"):  # libpng drops some profiles that can be used
+    # The profile is read here, because libpng drops some profiles that are usable.
+    if iccp := chunks.get(b"iCCP"):
         packed = iccp.partition(b"\0")[2][1:]
         try:
             profile = zlib.decompressobj().decompress(packed, _MAX_PROFILE)
@@ -148,14 +162,17 @@ def _add_chunks(stored: StoredImage, file: bytes) -> None:
 
 
 def _tiff_tags(file: bytes) -> dict[int, Any]:
-    """Return the tags of a TIFF's first page, or {} if they are broken, which libtiff reports."""
+    """Return the tags of a TIFF's first page.
+
+    Return {} if the tags are broken. libtiff then reports an error when it reads the file.
+    """
     try:
         directory = ImageFileDirectory_v2(file[: 16 if b"+" in file[2:4] else 8])
         stream = io.BytesIO(file)
         stream.seek(directory.next)
         directory.load(stream)
         return dict(directory)
-    except Exception:  # hostile bytes can make the reader raise any exception
+    except Exception:  # hostile bytes may make Pillow's reader raise an exception of any class
         return {}
 
 
@@ -165,7 +182,11 @@ def _numbers(tags: dict[int, Any], tag: int) -> tuple[int, ...]:
 
 
 def _needs_pillow(tags: dict[int, Any]) -> bool:
-    """Return whether a TIFF with these tags needs Pillow, which reads it up to 8 bits a sample."""
+    """Return whether a TIFF with these tags is read by Pillow in place of libvips.
+
+    This holds for the TIFFs that libvips does not decode. Pillow can read them only if their
+    samples have at most 8 bits.
+    """
     return max(_numbers(tags, Base.BitsPerSample), default=1) <= 8 and (
         tags.get(Base.PhotometricInterpretation) == _LAB
         or tags.get(Base.Compression) in (_OLD_JPEG, _LZMA, _ZSTD)
@@ -174,7 +195,10 @@ def _needs_pillow(tags: dict[int, Any]) -> bool:
 
 
 def _misread(tags: dict[int, Any]) -> str:
-    """Return why libvips would read a wrong picture from a TIFF with these tags, or ""."""
+    """Return the reason why libvips would read a wrong picture from a TIFF with these tags.
+
+    Return "" if libvips reads the TIFF correctly.
+    """
     if tags.get(Base.NewSubfileType) == 1 or Base.DNGVersion in tags:
         return "it is a camera's raw file, or begins with a preview"
     if 0 in _numbers(tags, Base.StripOffsets) + _numbers(tags, Base.TileOffsets):
@@ -190,6 +214,6 @@ def _misread(tags: dict[int, Any]) -> str:
     is_half, is_grey = _FLOAT in kinds and 16 in bits, color in (0, 1)
     if is_separate and (
         is_half or (is_grey and tags.get(Base.SamplesPerPixel, 1) > 1)
-    ):  # libvips would read the planes as interleaved samples
+    ):  # libvips would read these planes as if their samples were interleaved
         return "its grey and alpha, or its floats of 16 bits, are in planes"
     return ""

@@ -14,16 +14,22 @@ from PIL.ExifTags import Base
 from gauss2svg.photo.load import StoredImage
 from gauss2svg.photo.srgb import CMYK_CHANNELS, ColorSpace
 
-# Number of colour channels by mode of Pillow. Modes that are not listed have 1.
+# Number of colour channels for each mode of a Pillow image. Modes that are not listed have 1.
 _COLORS = {"L": 1, "LA": 1, "RGB": 3, "RGBA": 3, "CMYK": CMYK_CHANNELS}
-_REDUCED_BYTES = 20  # memory (bytes) per pixel while a photo is reduced (docs/decisions/memory.md)
-_START_OF_DATA, _END = b"\xff\x93", b"\xff\xd9"  # markers of JPEG 2000
+# Number of bytes of memory per pixel that decoding and reducing a photo takes.
+# docs/decisions/memory.md has the measurements.
+_REDUCED_BYTES = 20
+_START_OF_DATA, _END = b"\xff\x93", b"\xff\xd9"  # markers in JPEG 2000 files
 
 
 def opened(file: bytes, loader: str) -> StoredImage:
-    """Read the header of a file by a plugin of Pillow, without the size limit of Image.open."""
+    """Read the header of a file by one of Pillow's plugins.
+
+    The plugin is called directly, so the size limit of Image.open does not apply.
+    """
     if loader == "Jpeg2K" and file.rfind(_END) <= file.rfind(_START_OF_DATA):
-        raise ValueError("its data end early")  # OpenJPEG would return black pixels
+        # OpenJPEG would decode the missing part as black pixels, without an error.
+        raise ValueError("its data end early")
     plugin = importlib.import_module(f"PIL.{loader}ImagePlugin")
     return of_image(getattr(plugin, f"{loader}ImageFile")(io.BytesIO(file)))
 
@@ -36,7 +42,8 @@ def of_image(image: Image.Image) -> StoredImage:
     def picture(_scale: int) -> Any:
         image.load()
         array = np.asarray(_converted(image, mode))
-        # Integers are grey levels of 16 or 32 bits. Later, `unit` refuses levels over 65535.
+        # Integers of 16 or 32 bits are grey levels in 0..65535. A higher level becomes more than 1
+        # here, and `unit` refuses it later.
         if array.dtype.kind in "iu" and array.dtype != np.uint8:
             array = array.astype(np.float32) / 65535
         return pyvips.Image.new_from_array(array)
@@ -48,12 +55,12 @@ def of_image(image: Image.Image) -> StoredImage:
     try:
         if image.format == "GIF" and not image.tell():
             stored.note_frames(getattr(image, "n_frames", 1))
-        if dpi := info.get("dpi"):  # the numbers of a TIFF are fractions
+        if dpi := info.get("dpi"):  # two numbers, which are fractions if the image is a TIFF
             stored.density = float(dpi[0]), float(dpi[1])
-        if image.format != "TIFF":  # Pillow turns a TIFF upright itself
+        if image.format != "TIFF":  # Pillow itself turns a TIFF upright
             turn = image.getexif().get(Base.Orientation)
             stored.orientation = turn if turn and turn in range(1, 9) else 1
-    except Exception:  # a photo is still read if its EXIF data or later frames are broken
+    except Exception:  # if EXIF data or later frames are broken, the photo is read all the same
         stored.notes.append("its EXIF data, or frames after the first, are broken; ignored")
     stored.space = ColorSpace(info.get("icc_profile"))
     if image.format == "PNG" and "gamma" in info and not {"srgb", "icc_profile"} & info.keys():
@@ -62,7 +69,7 @@ def of_image(image: Image.Image) -> StoredImage:
 
 
 def _mode(image: Image.Image) -> str:
-    """Return the mode to which an image is converted before its samples are read."""
+    """Return the mode to which an image must be converted before its samples are read."""
     if image.mode.startswith("I") or image.mode == "F":
         return image.mode
     if image.mode in ("PA", "RGBa") or image.has_transparency_data or _frame(image):
@@ -73,10 +80,10 @@ def _mode(image: Image.Image) -> str:
 
 
 def _frame(image: Image.Image) -> tuple[int, int, int, int] | None:
-    """Return (left, top, right, bottom) in px of a GIF's first frame on its screen.
+    """Return the box (left, top, right, bottom), in px, that the first frame of a GIF covers.
 
-    Return None if that frame fills the screen, or if the image is at a later frame, which Pillow
-    draws over the earlier ones.
+    Return None if the frame fills the whole screen of the GIF. Also return None if a later frame
+    is selected, because Pillow itself draws a later frame over the earlier frames.
     """
     box = getattr(image, "dispose_extent", None)
     return None if image.tell() or box in (None, (0, 0, *image.size)) else box

@@ -1,7 +1,8 @@
-"""Configure libvips in this process (loaders, cache, warnings), and fetch samples of its pictures.
+"""Set the loaders, the cache and the warnings of libvips, and fetch the samples of its pictures.
 
-Samples are fetched in the calling thread, so libvips starts no thread pool. A forked process would
-lack the threads of such a pool, and `--threads` would not limit them.
+The settings hold for the whole process. Samples are fetched in the calling thread, so that libvips
+starts no pool of threads. `--threads` would not limit such a pool, and a forked process would not
+have its threads.
 """
 
 from __future__ import annotations
@@ -16,37 +17,47 @@ import pyvips
 from numpy.typing import NDArray
 
 TYPES = {"uchar": np.uint8, "ushort": np.uint16, "float": np.float32}
-_ROWS = 4  # number of rows of a picture that are fetched at once
+_ROWS = 4  # number of rows that are fetched at a time
 
 
-_thread = threading.local()  # its attribute `warnings` lists libvips' warnings in this thread
-# Threads fetch one after the other, because libvips collects messages for the whole process.
+# The attribute `warnings` is a list of the warnings that libvips has given in this thread.
+_thread = threading.local()
+# Only one thread at a time fetches samples, because libvips collects its messages in one place for
+# the whole process.
 _lock = threading.RLock()
 
 
 def _collect(record: logging.LogRecord) -> bool:
-    """Collect a warning of libvips, and return False so that it is not logged."""
+    """Add a warning of libvips to the list of this thread.
+
+    Return False, so that the warning is not logged.
+    """
     lines = record.getMessage().removeprefix("VIPS: ").splitlines()
     vars(_thread).setdefault("warnings", []).extend(line for line in lines if line)
     return False
 
 
 logging.getLogger("pyvips").addFilter(_collect)
-logging.getLogger("pyvips").setLevel(logging.WARNING)  # needed if the root logger is at ERROR
-pyvips.cache_set_max(0)  # the cache would keep earlier photos in memory
-# Block the loaders of other formats, such as SVG and PDF.
+# Without a level of its own, this logger would drop warnings if the root logger is at ERROR.
+logging.getLogger("pyvips").setLevel(logging.WARNING)
+pyvips.cache_set_max(0)  # a cache would keep earlier photos in memory
+# Block all loaders except the five below. This blocks formats such as SVG and PDF.
 pyvips.operation_block_set("VipsForeignLoad", True)
 for _loader in ("Jpeg", "Png", "Webp", "Tiff", "Heif"):
     pyvips.operation_block_set(f"VipsForeignLoad{_loader}", False)
 
 
 def samples(make: Callable[[], Any]) -> tuple[NDArray[Any], list[str]]:
-    """Return the samples (h, w, bands) of the picture that `make` returns, and libvips' warnings.
+    """Return the samples (h, w, bands) of a picture, and the warnings of libvips about it.
 
-    Some warnings come when the picture is freed, so the caller must not hold a reference to it.
+    make  function that returns the picture
+
+    libvips gives some warnings only when the picture is freed. To collect these too, the caller
+    must not keep a reference to the picture.
     """
     with _lock:
-        pyvips.vips_lib.vips_error_clear()  # libvips would add old messages to the next warning
+        # libvips would otherwise add its old messages to the next warning.
+        pyvips.vips_lib.vips_error_clear()
         warnings: list[str] = []
         _thread.warnings = warnings
         picture = make()

@@ -44,15 +44,20 @@ from gauss2svg.photo.pixels import (
 )
 from gauss2svg.photo.srgb import PRIMARIES, TRANSFERS, ColorSpace, in_srgb
 
-SWAPPED = (5, 6, 7, 8)  # EXIF orientations that exchange width and height
+SWAPPED = (5, 6, 7, 8)  # the EXIF orientations that exchange width and height
 _LEAST_DPI = 1.0  # px per inch. A resolution of this or less counts as unknown
-_WHITE = 0.5  # least grey in 0..1 of a mask that counts as white
-_SQUARE = 0.01  # largest relative difference of dpi across and down at which pixels are square
-# libjpeg decodes a JPEG at least this many times as large as needed, and `resized` reduces it
-# further, because libjpeg's filter removes high frequencies (docs/decisions/photo.md).
+# A mask must have a pixel whose grey, in 0..1, is at least this, and a pixel whose grey is less.
+_WHITE = 0.5
+# Pixels count as square if the resolutions across and down differ by at most this share.
+_SQUARE = 0.01
+# libjpeg can reduce a JPEG while it decodes it, but its filter removes high frequencies
+# (docs/decisions/photo.md). So libjpeg may reduce each side only to at least this many times the
+# size needed, and `resized` does the rest of the reduction.
 OVERSIZE = 3
-_OPAQUE = {"uchar": 255, "ushort": 65535, "float": 1}  # alpha of an opaque pixel, by sample format
-_TRUNCATED = "premature end of data segment"  # libjpeg's message, only a warning in libvips
+# The alpha of an opaque pixel, for each format of samples.
+_OPAQUE = {"uchar": 255, "ushort": 65535, "float": 1}
+# A message of libjpeg. libvips takes it as a warning, but here it is an error.
+_TRUNCATED = "premature end of data segment"
 
 
 @dataclass(eq=False)
@@ -62,16 +67,17 @@ class StoredImage:
     width, height    size in px
     colors           number of colour channels: 1 for grey, 3 for RGB, CMYK_CHANNELS for CMYK
     alpha            index of the alpha channel, or None
-    picture          function that decodes the image, reduced by one of `scales`, to a picture of
-                     libvips. The samples are uint8, uint16, or float32 in 0..1
+    picture          function that decodes the image, and returns it as a picture of libvips. Its
+                     argument is one of `scales`, by which the decoder reduces the image. The
+                     samples of the picture are uint8, uint16, or float32 in 0..1
     reduced_bytes    as in Header
     scales           factors by which the decoder can make the image smaller
     space            colour space
-    orientation      1..8 as in EXIF. 1 is upright as stored
-    density          px across and down in one unit of length, as stored. None if the file has none
-    is_per_inch      whether the unit of `density` is known to be an inch
+    orientation      orientation 1..8, as in EXIF. An image of orientation 1 is stored upright
+    density          px per unit of length across and down, as stored. None if the file has none
+    is_per_inch      whether `density` is known to be in px per inch
     notes            notes on changes, for the report
-    reports_warning  whether the decoder's last warning becomes a note
+    reports_warning  whether the last warning of the decoder is added to the notes
     """
 
     width: int
@@ -90,7 +96,7 @@ class StoredImage:
 
     @property
     def header(self) -> Header:
-        """Size, alpha, and memory for decoding."""
+        """The header: the size, whether there is alpha, and the memory that decoding takes."""
         return Header(self.width, self.height, self.alpha is not None, self.reduced_bytes)
 
     @property
@@ -100,7 +106,10 @@ class StoredImage:
         return (self.height, self.width) if is_swapped else (self.width, self.height)
 
     def resolution(self) -> tuple[tuple[float, float] | None, list[str]]:
-        """Return px per inch across and down the upright photo (None if unknown), and notes."""
+        """Return the resolution of the upright photo, and notes for the report.
+
+        The resolution is the number of px per inch across and down, or None if it is not known.
+        """
         if self.density is None or min(self.density) <= 0:
             return None, []
         across, down = self.density[::-1] if self.orientation in SWAPPED else self.density
@@ -114,7 +123,10 @@ class StoredImage:
         return (across, down) if is_known else None, notes
 
     def set_codes(self, source: str, codes: Sequence[int]) -> None:
-        """Set the colour space by H.273 codes (primaries, transfer). Note unsupported codes."""
+        """Set the colour space from two codes of H.273: the primaries and the transfer curve.
+
+        If a code is not supported, add a note, and keep the colour space.
+        """
         primaries, transfer = codes
         chromaticity, gamma = PRIMARIES.get(primaries), TRANSFERS.get(transfer)
         if chromaticity and gamma:
@@ -124,21 +136,27 @@ class StoredImage:
             self.notes.append(f"{kind} not supported; ignored")
 
     def set_gamma(self, gamma: float, chromaticity: Sequence[float]) -> None:
-        """Set the colour space by the gAMA of a PNG, and by its cHRM if that has eight numbers."""
+        """Set the colour space from the gamma (chunk gAMA) and chromaticity (chunk cHRM) of a PNG.
+
+        The chromaticity is used only if it has eight numbers.
+        """
         source = f"gAMA of {gamma:g}"
         self.space = ColorSpace(gamma=gamma, source=source)
         if len(chromaticity) == 8:
             self.space = ColorSpace(None, gamma, tuple(chromaticity), f"{source} and cHRM")
 
     def note_frames(self, count: int, noun: str = "frames") -> None:
-        """Add a note if there is more than one frame or page."""
+        """Add a note if the file has more than one frame or page."""
         if count > 1:
             self.notes.append(f"first of {count} {noun}")
 
 
 @contextmanager
 def _refusing(name: str) -> Iterator[None]:
-    """Turn every exception that a hostile file causes, except MemoryError, into InputError."""
+    """Raise InputError in place of the exceptions that a hostile file causes in the block.
+
+    MemoryError is raised as it is.
+    """
     try:
         yield
     except (InputError, MemoryError):
@@ -169,13 +187,17 @@ def opened(file: bytes, name: str, max_pixels: int) -> StoredImage:
 
 
 def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) -> Photo:
-    """Decode an opened image and reduce it to the size needed. Raise InputError if it is broken."""
+    """Decode an opened image, and reduce it to the size needed.
+
+    Raise InputError if the image is broken.
+    """
     size = reduced_size(needed, stored.width, stored.height)
     with _refusing(name):
         pixels, warnings = samples(lambda: _picture(stored, size, name))
         if any(_TRUNCATED in warning for warning in warnings):
             raise ValueError(_TRUNCATED)
-    if size is not None and pixels.dtype == np.float32:  # the filter may overshoot 0..1
+    if size is not None and pixels.dtype == np.float32:
+        # The filter that reduces the picture may return samples slightly outside of 0..1.
         pixels = pixels.clip(0, 1)
     pixels = unit(pixels, name)
     notes = [*stored.notes]
@@ -195,7 +217,10 @@ def decoded(stored: StoredImage, name: str, needed: SizeNeeded | None = None) ->
 
 
 def _picture(stored: StoredImage, size: Size | None, name: str) -> Any:
-    """Return a libvips picture of colour and alpha only, reduced to `size` if that is not None."""
+    """Return a libvips picture with only the channels of colour and alpha.
+
+    The picture is reduced to `size`, unless that is None.
+    """
     full = stored.width, stored.height
     scale = max(s for s in stored.scales if s == 1 or (size and _leaves_enough(full, size, s)))
     picture = stored.picture(scale)
@@ -206,17 +231,19 @@ def _picture(stored: StoredImage, size: Size | None, name: str) -> Any:
         picture = picture[bands[0]].bandjoin([picture[band] for band in bands[1:]])
     if size is None:
         return picture
-    if picture.format == "float":  # `unit` refuses samples outside of 0..1
+    if picture.format == "float":
+        # Samples outside of 0..1 must be refused by `unit` before a filter mixes them with others.
         picture = pyvips.Image.new_from_array(unit(samples(lambda: picture)[0], name))
     return resized(picture, size, stored.alpha is not None)
 
 
 def resized(picture: Any, size: Size, has_alpha: bool) -> Any:
-    """Return a libvips picture reduced to `size`. With alpha, its samples become floats in 0..1.
+    """Return a libvips picture reduced to `size`.
 
-    Opaque pictures are reduced by the cubic filter of Catmull and Rom, and others by a triangle
-    filter. A filter with negative weights would leave faint rings around edges of alpha
-    (docs/decisions/photo.md).
+    An opaque picture is reduced by the cubic filter of Catmull and Rom. A picture with alpha is
+    reduced by a triangle filter, because a filter with negative weights would leave faint rings
+    around the edges of its alpha (docs/decisions/photo.md). The samples of a picture with alpha
+    become floats in 0..1.
     """
     across, down = (
         small / side for small, side in zip(size, (picture.width, picture.height), strict=True)
@@ -228,7 +255,10 @@ def resized(picture: Any, size: Size, has_alpha: bool) -> Any:
 
 
 def _leaves_enough(stored: Size, needed: Size, scale: int) -> bool:
-    """Return whether decoding at 1 / `scale` leaves at least OVERSIZE times the size needed."""
+    """Return whether the image, decoded at 1 / `scale` of its size, is still large enough.
+
+    Each side must be at least OVERSIZE times the side that is needed.
+    """
     return all(scale * OVERSIZE * small <= side for side, small in zip(stored, needed, strict=True))
 
 
@@ -236,7 +266,8 @@ def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
     """Return an image (h, w, ...) turned upright by its orientation (EXIF 2.32, 4.6.4, tag 274)."""
     if orientation in SWAPPED:
         array = array.swapaxes(0, 1)
-    if orientation in (3, 4, 7, 8):  # the first row belongs at the bottom
+    # For these orientations, the first row is the bottom of the upright image.
+    if orientation in (3, 4, 7, 8):
         array = array[::-1]
     if orientation in (2, 3, 6, 7):
         array = array[:, ::-1]
@@ -244,7 +275,7 @@ def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
 
 
 def check_size(size: Size, name: str, max_pixels: int) -> None:
-    """Raise InputError if a size (width, height) has no pixels, or more than max_pixels."""
+    """Raise InputError if a size (width, height) has no pixels, or more than max_pixels pixels."""
     width, height = size
     if width < 1 or height < 1:
         raise InputError(f"{name} must be at least 1x1 px; got {width}x{height} px")
@@ -260,7 +291,7 @@ def check_size(size: Size, name: str, max_pixels: int) -> None:
 
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
-WHITE = (1.0, 1.0, 1.0)  # sRGB of the background that browsers show
+WHITE = (1.0, 1.0, 1.0)  # sRGB colour of the background on which browsers show a picture
 
 
 def load_image(
@@ -274,15 +305,17 @@ def load_image(
 
     max_pixels  largest number of pixels, 1..MOST_PIXELS, checked before decoding
     matte       sRGB colour in 0..1 over which a transparent photo is composited. None keeps alpha
-    needed      longest side in px that is needed, or a function that returns the needed width and
-                height from the stored ones. A larger photo is reduced to that size while it is
-                decoded, before its profile and orientation are applied. None keeps all pixels
+    needed      longest side in px that is needed, or a function that takes the stored width and
+                height and returns the needed width and height. A larger photo is reduced to that
+                size while it is decoded, before its profile and orientation are applied. None
+                keeps all pixels
 
-    A file has one of gauss2svg.photo.FORMATS. The first of several frames is read.
-    Arrays are (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), and torch tensors (c, h, w) or (h, w), of
-    uint8, uint16, bool, or floating point in 0..1. EXIF orientation is applied. ICC profiles and
-    the gamma of a PNG are converted to sRGB. Colour under alpha 0, which is invisible, becomes 0.
-    Raise InputError for anything else.
+    A file must have one of the formats in gauss2svg.photo.FORMATS. If it has several frames, the
+    first is read. An array has the shape (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), and a torch
+    tensor has the shape (c, h, w) or (h, w). Their samples are uint8, uint16, bool, or floating
+    point in 0..1. The EXIF orientation is applied. Colours are converted to sRGB from the ICC
+    profile of a file, or from the gamma of a PNG. Where alpha is 0, the colour is invisible and
+    becomes 0. Raise InputError for anything else.
     """
     Field("max_pixels", int, 1, MOST_PIXELS).checked(max_pixels)
     stored, name = _stored(source, max_pixels)
@@ -290,9 +323,12 @@ def load_image(
 
 
 def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pixels: int) -> Focus:
-    """Return the mask of a photo, read like a photo, with its transparent parts black.
+    """Return the focus whose mask is the picture `source`.
 
-    Raise InputError if it cannot be read, is not of the photo's proportions, or has one colour.
+    The picture is read like a photo. Its transparent parts become black, and its colours grey. If
+    it is larger than the photo, it is reduced to the size of the photo. Raise InputError if it
+    cannot be read, if it does not have the proportions of the photo, or if all of its pixels are
+    light or all of them are dark (_WHITE).
     """
     try:
         needed = max(photo.width, photo.height)
@@ -300,26 +336,32 @@ def load_focus(source: ImageSource, strength: float | None, photo: Photo, max_pi
     except InputError as error:
         raise InputError(f"focus must be a picture, but {error}") from error
     (width, height), (across, down) = mask.original_size, photo.original_size
-    if abs(width * down - height * across) > max(across, down):  # over 1 px of the shorter side
+    # The shorter side of the mask may differ by 1 px from the side that has the exact proportions.
+    if abs(width * down - height * across) > max(across, down):
         needed = f"a mask of the photo's proportions, {across}x{down}"
         raise refusal("focus", needed, f"{width}x{height} px", "the photo's size")
     grey = mask.pixels.mean(axis=2, keepdims=True)
     if not grey.min() < _WHITE <= grey.max():
         needed = "a mask with white where detail matters, and black elsewhere"
-        raise refusal("focus", needed, "one colour", "painting on black with white")
+        greys = f"greys from {255 * grey.min():.0f} to {255 * grey.max():.0f} of 255"
+        raise refusal("focus", needed, greys, "painting on black with white")
     return Focus(grey, strength or FOCUS_STRENGTH)
 
 
 def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Header | None:
     """Return the header of a source of `load_image`, or None for an array or a tensor.
 
-    Raise InputError as `load_image` does. Pass an open file through `rereadable` first.
+    Raise InputError as `load_image` does. If the source is an open file that will also be loaded,
+    pass it through `rereadable` first.
     """
     return None if _is_array(source) else _stored(source, max_pixels)[0].header
 
 
 def reduced(photo: Photo, size: Size) -> Photo:
-    """Return a photo reduced by `shrunk` to `size`, (width, height) in px, which is not larger."""
+    """Return a photo reduced by `shrunk` to a size (width, height) in px.
+
+    `size` must not be larger than the photo.
+    """
     if size == (photo.width, photo.height):
         return photo
     pixels = shrunk(pixels_of(photo), size[1], size[0], sharp=True)
@@ -329,17 +371,23 @@ def reduced(photo: Photo, size: Size) -> Photo:
 
 
 def rereadable(source: ImageSource) -> ImageSource:
-    """Return a source that can be read twice: all bytes of an open file, or the source itself."""
+    """Return a source that can be read twice.
+
+    For an open file, return its content as bytes. Return any other source as it is.
+    """
     return _file(source)[0] if hasattr(source, "read") else source
 
 
 def _is_array(source: ImageSource) -> bool:
-    torch = sys.modules.get("torch")  # a tensor can only exist once torch is loaded
+    torch = sys.modules.get("torch")  # if torch is not imported, no source can be a tensor
     return isinstance(source, np.ndarray if torch is None else (np.ndarray, torch.Tensor))
 
 
 def _stored(source: ImageSource, max_pixels: int) -> tuple[StoredImage, str]:
-    """Return a source as StoredImage, and its name in errors. Raise InputError above max_pixels."""
+    """Return the image of a source, and the name of the source in error messages.
+
+    Raise InputError if the image has more than max_pixels pixels.
+    """
     if isinstance(source, np.ndarray):
         return _of_array(source, "array", max_pixels), "array"
     if _is_array(source):
@@ -354,7 +402,11 @@ def _stored(source: ImageSource, max_pixels: int) -> tuple[StoredImage, str]:
 
 
 def _file(source: ImageSource) -> tuple[bytes, str]:
-    """Return the bytes of a file and its name in errors. Raise InputError for any other source."""
+    """Return the content of a file, and the name that errors give to it.
+
+    The source is a path, bytes or an open file. Raise InputError for any other source. If the file
+    at a path is not a supported photo, return only its first PREFIX_BYTES bytes.
+    """
     if isinstance(source, (bytes, bytearray, memoryview)):
         return bytes(source), f"photo of {len(source)} bytes"
     if isinstance(source, (str, os.PathLike)):
@@ -373,7 +425,7 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
             "file object must be open; got a closed one. Try the path of the photo, or a file "
             "that is open"
         )
-    with suppress(AttributeError, OSError):  # a pipe cannot seek
+    with suppress(AttributeError, OSError):  # raised if the file is a pipe, which cannot seek
         source.seek(0)
     data = source.read()
     if not isinstance(data, bytes):
@@ -387,9 +439,9 @@ def _file(source: ImageSource) -> tuple[bytes, str]:
 def _tensor_samples(tensor: Any) -> NDArray[Any]:
     try:
         dense = tensor.detach().cpu().to_dense()
-        # NumPy has no bfloat16.
+        # Floats are converted to float32, because NumPy has no bfloat16.
         return (dense.float() if dense.is_floating_point() else dense).numpy()
-    except (RuntimeError, TypeError) as error:  # a masked, quantized, nested or meta tensor
+    except (RuntimeError, TypeError) as error:  # raised for masked, quantized, nested, meta tensors
         needed, reason = "one that NumPy can hold", str(error).partition("\n")[0].rstrip(".")
         raise InputError(
             f"tensor must be {needed}; got {brief(reason)}. Try a dense tensor of floating point"
@@ -399,7 +451,8 @@ def _tensor_samples(tensor: Any) -> NDArray[Any]:
 def _of_array(array: NDArray[Any], name: str, max_pixels: int) -> StoredImage:
     if np.ma.is_masked(array):
         raise InputError(f"{name} must be without masked samples; got some. Try .filled(0)")
-    array = np.asarray(array)  # a subclass may redefine operators
+    # The array is converted to a plain one, because a subclass may redefine operators.
+    array = np.asarray(array)
     if array.ndim == 2:
         array = array[:, :, None]
     if array.ndim != 3 or array.shape[2] not in (1, 3, 4):

@@ -1,9 +1,10 @@
 """Photos in memory: header, size, samples and alpha.
 
-Images are sRGB arrays in 0..1, opaque (h, w, 3) or with straight alpha (h, w, 4). A pixel of colour
-c and alpha A over a background b shows A c + (1 - A) b. Its values over white and over black
-determine c and A, and its value over any other background is a weighted mean of the two. So an
-image that matches a photo over white and over black matches the photo over every background.
+Images are sRGB arrays in 0..1. An opaque image is (h, w, 3). An image with straight alpha is
+(h, w, 4). A pixel of colour c and alpha A shows the colour A c + (1 - A) b over a background b. The
+two colours that the pixel shows over white and over black determine c and A. The colour that it
+shows over any other background is a weighted mean of these two. So an image that matches a photo
+over white and over black matches the photo over every background.
 """
 
 from __future__ import annotations
@@ -20,11 +21,13 @@ from PIL import Image, ImageColor
 from gauss2svg.errors import InputError, quoted
 
 Size = tuple[int, int]  # width and height in px
-# Size needed: its longest side in px, or a function that returns the size from the stored one.
+# The size to which a photo is reduced: its longest side in px, or a function that takes the stored
+# width and height and returns the needed width and height.
 SizeNeeded = Callable[[int, int], Size] | int
 WHITE, BLACK = 1.0, 0.0
 BACKDROPS = (WHITE, BLACK)
-_AVERAGE_FROM = 2  # smallest factor of reduction for which an average is as good as Lanczos' filter
+# If a photo is reduced by at least this factor, an average is as good as Lanczos' filter.
+_AVERAGE_FROM = 2
 _COLOR = re.compile(r"white|black|#(?:[0-9a-f]{3}){1,2}", re.IGNORECASE)
 
 
@@ -34,8 +37,9 @@ class Header:
 
     width, height  size in px, as stored
     has_alpha      whether the photo may have alpha
-    reduced_bytes  memory (bytes) per pixel while the photo is decoded and reduced. None if the
-                   whole photo is decoded first
+    reduced_bytes  number of bytes of memory that decoding and reducing the photo takes for each
+                   pixel of the stored photo. None if all pixels are in memory before the photo is
+                   reduced
     """
 
     width: int
@@ -53,10 +57,11 @@ class Header:
 class Photo:
     """A decoded photo.
 
-    pixels         (height, width, 3) float32 sRGB in 0..1, not premultiplied. 0 where alpha is 0
+    pixels         (height, width, 3) float32 sRGB in 0..1, not premultiplied. Colours are 0 where
+                   alpha is 0
     original_size  width and height in px of the upright photo before any reduction
-    notes          conversions made while loading, for the report
-    dpi            px per inch across and down, by the resolution tag. None if the file has none
+    notes          notes on the conversions during loading, for the report
+    dpi            px per inch across and down, from the file's resolution tag. None if not known
     alpha          (height, width) float32 in 0..1. None if every pixel is opaque
     """
 
@@ -82,29 +87,31 @@ FOCUS_STRENGTH = 4.0  # default of FitOptions.focus_strength (docs/decisions/foc
 
 @dataclass(frozen=True, eq=False)
 class Focus:
-    """A mask of the part of a photo where detail matters.
+    """A mask that marks the part of a photo where detail matters.
 
-    mask      (h, w, 1) float32 in 0..1, of any size and of the photo's proportions
-    strength  factor by which an error counts more where the mask is 1 than where it is 0
+    mask      (h, w, 1) float32 in 0..1, which is 1 where detail matters. It has the proportions of
+              the photo, but it may have another size
+    strength  where the mask is 1, an error counts this many times as much as where it is 0
     """
 
     mask: NDArray[np.float32]
     strength: float = FOCUS_STRENGTH
 
     def inside(self, height: int, width: int) -> NDArray[np.float32]:
-        """Return the mask (height, width)."""
+        """Return the mask resized to (height, width)."""
         return shrunk(self.mask, height, width)[:, :, 0]
 
     def weight(self, height: int, width: int) -> NDArray[np.float32]:
-        """Return the weight (height, width) of each pixel's error, with a mean of 1."""
+        """Return the weight of the error of each pixel (height, width). The mean weight is 1."""
         weight = 1 + np.float32(self.strength - 1) * self.inside(height, width)
         return weight / weight.mean()
 
 
 def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
-    """Return samples (h, w, channels) of uint8, uint16, bool or floats as float32 in 0..1.
+    """Return samples (h, w, channels) as float32 in 0..1.
 
-    Raise InputError for other types, or if a sample is outside of 0..1.
+    The samples are uint8, uint16, bool or floats. Integers are divided by the largest value of
+    their type. Raise InputError for other types, and if a float is outside of 0..1.
     """
     array = array.astype(array.dtype.newbyteorder("="), copy=False)
     if array.dtype == np.bool_:
@@ -115,7 +122,7 @@ def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
         raise InputError(
             f"type of {name} must be uint8, uint16, bool or floating point; got {array.dtype}"
         )
-    bad = ~((array >= 0) & (array <= 1))  # NaN is bad too
+    bad = ~((array >= 0) & (array <= 1))  # `bad` is true for NaN too
     if bad.any():
         y, x, c = (int(v) for v in np.argwhere(bad)[0])
         raise InputError(
@@ -126,7 +133,7 @@ def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
 
 
 def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | None:
-    """Return the size to which a photo is reduced, or None if no side shrinks."""
+    """Return the size to which a photo is reduced, or None if the photo keeps its size."""
     if needed is None:
         return None
     if callable(needed):
@@ -139,12 +146,12 @@ def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | N
 
 
 def has_alpha(pixels: NDArray[np.floating]) -> bool:
-    """Return whether an image is (h, w, 4) and not (h, w, 3)."""
+    """Return whether an image has an alpha channel. If it has none, its shape is (h, w, 3)."""
     return pixels.shape[2] == 4
 
 
 def pixels_of(photo: Photo) -> NDArray[np.float32]:
-    """Return a photo as one array, (h, w, 3) if it is opaque, else (h, w, 4)."""
+    """Return the pixels of a photo: (h, w, 3) if the photo is opaque, (h, w, 4) if it has alpha."""
     if photo.alpha is None:
         return photo.pixels
     return np.dstack([photo.pixels, photo.alpha])
@@ -155,9 +162,10 @@ def shrunk(
 ) -> NDArray[np.float32]:
     """Return an image reduced by an area average, in which colours are weighted by alpha.
 
-    sharp  use Lanczos' filter if the image is opaque and shrinks by a factor below 2. An average
-           would take one pixel in some places and two in others (docs/decisions/photo.md).
-           With alpha the filter would leave faint rings around edges
+    sharp  whether to use Lanczos' filter in place of the average if the image is opaque and is
+           reduced by a factor below 2. At such a factor an average would take one pixel in some
+           places and two pixels in others (docs/decisions/photo.md). An image with alpha is always
+           averaged, because the filter would leave faint rings around its edges
     """
     if (height, width) == pixels.shape[:2]:
         return pixels
@@ -178,7 +186,10 @@ def shrunk(
 def over(
     pixels: NDArray[np.float32], background: float | tuple[float, float, float] = WHITE
 ) -> NDArray[np.float32]:
-    """Return an image (h, w, 3) over a grey or sRGB colour in 0..1. Opaque images stay the same."""
+    """Return an image composited over a background: (h, w, 3).
+
+    The background is a grey level or an sRGB colour, in 0..1. An opaque image is returned as it is.
+    """
     if not has_alpha(pixels):
         return pixels
     color, alpha = pixels[:, :, :3], alpha_of(pixels)
@@ -186,14 +197,20 @@ def over(
 
 
 def views(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return views (k, h, w, 3): the image over each of BACKDROPS, or itself if it is opaque."""
+    """Return the image over each of BACKDROPS, as k views (k, h, w, 3).
+
+    An opaque image has one view, which is the image itself.
+    """
     if not has_alpha(pixels):
         return pixels[None]
     return np.stack([over(pixels, level) for level in BACKDROPS])
 
 
 def stacked(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return one image (k * h, w, 3) of all `views`, one below the other, for a single metric."""
+    """Return one image (k * h, w, 3) that has all `views` one below the other.
+
+    So a single call of a metric measures all views.
+    """
     return views(pixels).reshape(-1, *pixels.shape[1:2], 3)
 
 
@@ -203,19 +220,28 @@ def alpha_of(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def straight(color: NDArray[np.floating], alpha: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return an image (h, w, 4) from premultiplied color and alpha (h, w). Alpha 0 gives black."""
+    """Return an image with straight alpha (h, w, 4) from premultiplied color and alpha (h, w).
+
+    Where alpha is 0, the colour becomes black.
+    """
     is_visible = alpha[:, :, None] > 0
     divided = np.divide(color, alpha[:, :, None], out=np.zeros_like(color), where=is_visible)
     return np.dstack([np.clip(divided, 0, 1), np.clip(alpha, 0, 1)]).astype(np.float32)
 
 
 def from_views(white: NDArray[np.floating], black: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return an image (h, w, 4) from its views over white and black: A = 1 - (white - black)."""
+    """Return an image (h, w, 4) from its views over white and over black.
+
+    Its alpha is A = 1 - (white - black), averaged over the channels.
+    """
     return straight(black, np.clip(1 - (white - black).mean(axis=2), 0, 1))
 
 
 def matte_color(text: str, name: str = "matte") -> tuple[float, float, float]:
-    """Return the colour in 0..1 of white, black, #rgb or #rrggbb. Raise InputError otherwise."""
+    """Return the colour, in 0..1, that a text names: white, black, #rgb or #rrggbb.
+
+    Raise InputError for any other text.
+    """
     if not isinstance(text, str) or not _COLOR.fullmatch(text):
         raise InputError(
             f"{name} must be a colour such as white, black, #fa0 or #ffaa00; got {quoted(text)}"

@@ -1,4 +1,7 @@
-"""Convert the colours of a file to sRGB by its ICC profile, gamma and primaries, or H.273 codes."""
+"""Convert the colours of a file to sRGB.
+
+The file states its colour space by an ICC profile, by a gamma and primaries, or by codes of H.273.
+"""
 
 from __future__ import annotations
 
@@ -19,22 +22,25 @@ _SPACES = {b"GRAY": 1, b"RGB ": 3, b"CMYK": CMYK_CHANNELS}
 UNUSABLE = "embedded ICC profile unreadable or for another colour space; sRGB assumed"
 _CONVERTED = "converted from its embedded ICC profile to sRGB"
 _NAIVE = "CMYK without a usable ICC profile; converted by the naive formula"
-_SAME = 1 / 255  # largest difference from sRGB at which a profile counts as sRGB
-_GAMMA = 1 / 2.2  # the gAMA of an sRGB image
-_SAME_GAMMA = 0.01  # largest relative difference at which a gamma counts as _GAMMA
-_LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0  # range of usable gammas
-# Chromaticities x, y of white, red, green, blue: of sRGB, and by code in table 2 of ITU-T H.273.
+_SAME = 1 / 255  # a profile that changes no level by more than this counts as sRGB
+_GAMMA = 1 / 2.2  # the number in the gAMA chunk of an sRGB image
+# If a gamma differs from _GAMMA by at most this share of _GAMMA, it counts as _GAMMA.
+_SAME_GAMMA = 0.01
+_LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0  # a gamma outside of this range is not used
+# The chromaticities of sRGB: x and y of white, red, green and blue.
 _SRGB = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
+# The chromaticities, in the same order, for each code of primaries in table 2 of ITU-T H.273.
 PRIMARIES = {
     1: _SRGB,
-    2: _SRGB,  # not specified
+    2: _SRGB,  # primaries that are not specified
     5: (*_SRGB[:4], 0.29, 0.6, 0.15, 0.06),  # BT.470 BG
     6: (*_SRGB[:2], 0.63, 0.34, 0.31, 0.595, 0.155, 0.07),  # SMPTE 170M
     9: (*_SRGB[:2], 0.708, 0.292, 0.17, 0.797, 0.131, 0.046),  # BT.2020
     12: (*_SRGB[:2], 0.68, 0.32, 0.265, 0.69, 0.15, 0.06),  # Display P3
 }
-# gAMA by the code of the transfer curve (ITU-T H.273, table 3). As in browsers, an unspecified
-# curve counts as sRGB, and so do cameras' curves, which are made for sRGB screens.
+# The gamma, as in gAMA of PNG, for each code of a transfer curve in table 3 of ITU-T H.273. A curve
+# that is not specified (code 2) counts as that of sRGB, as in browsers. So do the curves of video
+# cameras (codes 1, 6, 14 and 15), because their pictures are made to be shown on sRGB screens.
 TRANSFERS = dict.fromkeys((1, 2, 6, 13, 14, 15), _GAMMA) | {4: 1 / 2.2, 5: 1 / 2.8, 8: 1.0}
 
 
@@ -42,10 +48,11 @@ TRANSFERS = dict.fromkeys((1, 2, 6, 13, 14, 15), _GAMMA) | {4: 1 / 2.2, 5: 1 / 2
 class ColorSpace:
     """The colour space of a file, which is sRGB by default.
 
-    profile       ICC profile
-    gamma         value = light ^ gamma, as in gAMA of PNG. 1/2.2 stands for sRGB's own curve
+    profile       ICC profile. None if the file has none
+    gamma         exponent of value = light ^ gamma, as in gAMA of PNG. 1/2.2 stands for the curve
+                  of sRGB itself
     chromaticity  x and y of white, red, green and blue
-    source        part of the file that states gamma and chromaticity, for notes
+    source        name of the part of the file that states gamma and chromaticity, for notes
     """
 
     profile: bytes | None = None
@@ -55,7 +62,11 @@ class ColorSpace:
 
 
 def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.float32], list[str]]:
-    """Convert color (h, w, 1, 3 or 4) in 0..1 to grey or RGB in sRGB. Return it with notes."""
+    """Convert color in 0..1 to sRGB, and return it with notes on the conversion.
+
+    color (h, w, channels) has 1 channel for grey, 3 for RGB or 4 for CMYK. The result is grey or
+    RGB.
+    """
     notes: list[str] = []
     if space.profile:
         converted = _by_profile(color, space.profile)
@@ -70,7 +81,10 @@ def in_srgb(color: NDArray[np.float32], space: ColorSpace) -> tuple[NDArray[np.f
 
 
 def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32] | None:
-    """Convert color by an ICC profile. Return `color` itself for sRGB, None if it is unusable."""
+    """Convert color to sRGB by an ICC profile.
+
+    Return `color` itself if the profile is that of sRGB, and None if the profile is unusable.
+    """
     channels = _SPACES.get(profile[16:20])
     try:
         if channels == 1 == color.shape[2]:
@@ -92,10 +106,10 @@ def _by_profile(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float3
 
 
 def _grey_curve(profile: bytes) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Return 256 grey levels in 0..1, and their sRGB values under an ICC profile.
+    """Return 256 grey levels in 0..1, and the sRGB values that an ICC profile gives to them.
 
-    The flag NOOPTIMIZE makes Little CMS convert every level. By default it interpolates between 33
-    steps, and so does libvips.
+    The flag NOOPTIMIZE makes Little CMS convert each level. By default Little CMS converts only 33
+    levels and interpolates between them, and libvips uses this default.
     """
     parsed, srgb = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
     levels = Image.fromarray(np.arange(256, dtype=np.uint8)[None])
@@ -104,8 +118,9 @@ def _grey_curve(profile: bytes) -> tuple[NDArray[np.floating], NDArray[np.floati
 
 
 def _transformed(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float32]:
-    """Convert color of 3 or 4 channels to RGB in sRGB, with 16 bits a channel."""
-    ImageCms.ImageCmsProfile(io.BytesIO(profile))  # raises for a broken profile, unlike libvips
+    """Convert RGB or CMYK to RGB in sRGB by an ICC profile, with 16 bits per channel."""
+    # This call is here to raise an error if the profile is broken. libvips would raise none.
+    ImageCms.ImageCmsProfile(io.BytesIO(profile))
     levels = np.round(color * np.float32(65535)).astype(np.uint16)
     kind = "cmyk" if color.shape[2] == CMYK_CHANNELS else "rgb16"
     picture = pyvips.Image.new_from_array(levels).copy(interpretation=kind)
@@ -117,11 +132,12 @@ def _transformed(color: NDArray[np.float32], profile: bytes) -> NDArray[np.float
 def _by_gamma(
     color: NDArray[np.float32], space: ColorSpace
 ) -> tuple[NDArray[np.float32], list[str]]:
-    """Convert color (h, w, 1 or 3) from a gamma and primaries to sRGB, and return it with notes.
+    """Convert color from the gamma and primaries of `space` to sRGB, and return it with notes.
 
-    light = value^(1 / gamma) (PNG, third edition, 11.3.2.2 and 13.13). The light is converted from
-    the primaries to those of sRGB, and then to values by the sRGB curve. A gamma within 1 % of
-    1/2.2 stands for the sRGB curve itself.
+    color is (h, w, 1) or (h, w, 3). Its linear light is value^(1 / gamma) (PNG, third edition,
+    11.3.2.2 and 13.13). The light is converted from the primaries of `space` to those of sRGB. Then
+    the curve of sRGB turns the light into values. A gamma within 1 % of 1/2.2 stands for the curve
+    of sRGB itself.
     """
     is_same = abs(space.gamma / _GAMMA - 1) <= _SAME_GAMMA
     has_primaries = not np.allclose(space.chromaticity, _SRGB, rtol=0, atol=0.005)
@@ -149,9 +165,10 @@ def _srgb_value(light: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] | None:
-    """Return the matrix (3, 3) from linear light of these primaries to sRGB, or None if degenerate.
+    """Return the matrix (3, 3) that converts linear light of these primaries to light of sRGB.
 
-    Each row is scaled so that white becomes sRGB's white.
+    Each row is divided by its sum, so that white of these primaries becomes white of sRGB. Return
+    None if the primaries are degenerate.
     """
     x, y = np.array(chromaticity, float).reshape(4, 2).T
     if not (y > 0).all() or abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < 1e-4:
@@ -162,7 +179,10 @@ def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] 
 
 
 def _to_xyz(chromaticity: tuple[float, ...]) -> NDArray[np.floating]:
-    """Return the matrix (3, 3) from linear light to CIE XYZ with Y = 1 for white (SMPTE RP 177)."""
+    """Return the matrix (3, 3) that converts linear light of these primaries to CIE XYZ.
+
+    White has Y = 1 (SMPTE RP 177).
+    """
     x, y = np.array(chromaticity, float).reshape(4, 2).T
     white, *primaries = np.stack([x / y, np.ones(4), (1 - x - y) / y], axis=1)
     columns = np.stack(primaries, axis=1)

@@ -2,18 +2,22 @@
 
     plan -> searches, each on one subject -> outcomes -> the best
 
-A search fits, writes, rasterises, measures and corrects until a file meets the plan.
+A search fits a scene, writes it as a file, rasterises and measures the file, and corrects the
+scene, until a file meets the plan. These are the words of this package:
 
 search      one way to carry out a plan. It ends with an outcome
-by count    a search that fits one scene, and corrects the number of Gaussians until the file has
-            the score, bytes and seconds asked for
-by bytes    a search that fits a few scenes with so few shapes that every byte of the file is
-            planned. A drawing may be fitted enlarged
-subject     the photo as it is measured and as it is fitted, and the canvas of the file
+by count    a search that fits one scene, and corrects the number of Gaussians until the file meets
+            the targets and limits of the user
+by bytes    a search for small files that fill a limit of bytes. It fits a few scenes of few
+            shapes. If the photo is a drawing, it may fit an enlarged picture of the drawing
+subject     the photo as files are compared with it, the photo as it is fitted, and the canvas of
+            the file
 export      a scene as it is written, with its file and the file's score
-limits      rules for the count of a fit and of the next export, and for the best export
-outcome     the file that a search chose, with its measurements and the costs of all fits
-
-A *goal* has all targets and limits of the user. An *aim* is the score that the goal asks for. In
-fits, a *target* is the image with which a fit compares its scene.
+limits      the rules that decide how many Gaussians a fit and the next export have, and which
+            export is the best
+outcome     the file that a search has chosen, with its measurements and the costs of all fits
+goal        all targets and limits that the user gives
+aim         the target of the goal: a score, and the value that the file must reach
+target      the same as aim, except in a fit, where it is the image with which the fit compares its
+            scene
 """

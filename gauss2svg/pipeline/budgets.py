@@ -1,16 +1,18 @@
 """Image sizes of a run, and the memory that the run needs and may use.
 
-All of these are known before the fit. The estimate is an upper bound of the process's resident size
-in bytes. For a photo of P px that is measured at M px and fitted at F px, three stages need
+All of these are known before the fit. The memory is estimated as an upper bound of the process's
+resident size. For a photo of P px that is measured at M px and fitted at F px, the three stages of
+a run need these numbers of bytes:
 
     decoding    31 P, or d P + 12 M if decoding reduces the photo, where d depends on the format
     fitting     12 M + a F, where a depends on the loss
     measuring   57 M + 36 F
 
 For a transparent photo, 70, 28 and 151 replace 31, 12 and 57. Inks and enlarged drawings need more.
-The estimate is the sum of the largest stage, the interpreter, the libraries and the shapes, times a
-margin, which benchmarks/memory.py compares with processes. The estimate leaves out other programs
-that rasterise, and the first compilation of the kernels (105 MB).
+The estimate is the sum of the largest stage, the interpreter with its libraries, and the shapes,
+times a margin. benchmarks/memory.py compares it with the memory that processes really take. The
+estimate does not include other programs that rasterise the file, nor the first compilation of the
+kernels, which takes 105 MB.
 """
 
 from __future__ import annotations
@@ -30,45 +32,50 @@ from gauss2svg.processes import MEMORY_SHARE, free_bytes, held_bytes
 from gauss2svg.raster import DEFAULT_RENDERER
 from gauss2svg.scene import ADD
 
-# Fewest pixels at which a file is measured, if the photo has as many (docs/decisions/photo.md).
+# A file is measured at this many pixels or more, unless the photo itself has fewer
+# (docs/decisions/photo.md).
 MEASURED_PIXELS = 1_000_000
-# Bytes of a pixel while it is held, while it is decoded and while it is measured: first for an
-# opaque photo, then for one with alpha (benchmarks/memory.py).
+# Bytes of memory that a photo takes per pixel. A tuple has a number for the photo while it is held,
+# one while it is decoded, and one while a file is measured against it. The first tuple is for an
+# opaque photo, and the second for a photo with alpha (benchmarks/memory.py).
 _PIXEL_BYTES = (12, 31, 57), (28, 70, 151)
 
 
-# Measured bytes of a run (docs/decisions/memory.md).
-BASE = 205e6  # bytes of a run with a photo of a few pixels
-SHAPE = 3000  # bytes of each Gaussian
-FIT = 75  # bytes of each pixel of the fit
-FIT_SSIM = 130  # bytes of each pixel of a fit whose loss has SSIM
-INKS = 34  # bytes added for each pixel of a fit in inks, because its target is not the photo
-ENLARGED = 230  # bytes of each pixel of an enlarged drawing
-LARGEST = 1024**2  # largest number of pixels of an enlarged drawing
-HELD = 36  # bytes still held for each pixel of the fit after the fit has ended
-ADDITIVE = 110e6  # bytes for writing an additive scene
-MARGIN = 1.2  # factor for memory that was not measured
+# Memory of a run, as it was measured (docs/decisions/memory.md).
+BASE = 205e6  # bytes that a run takes even with a photo of a few pixels
+SHAPE = 3000  # bytes per Gaussian
+FIT = 75  # bytes per pixel that a fit takes
+FIT_SSIM = 130  # bytes per pixel that a fit takes if its loss includes SSIM
+# Bytes per pixel that a fit in inks takes in addition to FIT, because it needs a target besides the
+# photo.
+INKS = 34
+ENLARGED = 230  # bytes per pixel of an enlarged drawing
+LARGEST = 1024**2  # largest number of pixels that an enlarged drawing may have
+HELD = 36  # bytes per pixel of the fit that stay in memory after the fit
+ADDITIVE = 110e6  # bytes that writing an additive scene takes
+MARGIN = 1.2  # factor on the estimate, for memory that was not measured
 
 
 def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXELS) -> Size:
-    """Return the size in px at which a file is measured.
+    """Return the width and height in px at which a file is measured.
 
-    It is the fit's size if the fit has at least `least` pixels. Otherwise it is the photo's size,
-    reduced to about `least` pixels if the photo has more.
+    It is the size of the fit if the fit has at least `least` pixels. Otherwise it is the size of
+    the photo, reduced to about `least` pixels if the photo has more.
     """
     if fit[0] * fit[1] >= least or fit == photo:
         return fit
     scale = math.sqrt(least / (photo[0] * photo[1]))
     if scale >= 1:
         return photo
-    scale = math.ceil(scale * max(photo)) / max(photo)  # makes the longest side whole
+    # This makes the longest side a whole number of px.
+    scale = math.ceil(scale * max(photo)) / max(photo)
     width, height = (max(1, round(scale * side)) for side in photo)
     return width, height
 
 
 @dataclass(frozen=True)
 class Load:
-    """The sizes and the memory of a run.
+    """The sizes of the images in a run, and the memory that the run needs.
 
     plan   plan of the run
     photo  header of the photo
@@ -81,7 +88,10 @@ class Load:
 
     @property
     def measured(self) -> Size:
-        """Width and height in px at which the file is measured, smaller with a short time limit."""
+        """Width and height in px at which the file is measured.
+
+        With a short time limit they are smaller, because measuring takes time.
+        """
         if self.plan.options.run.full_size:
             return self.photo.size
         within = pixels_within(self.plan.goal.time_limit or math.inf)
@@ -113,7 +123,12 @@ class Load:
 
 
 def _decoding(photo: Header, kept: int) -> int:
-    """Return the bytes that decoding takes if it reduces the photo to `kept` pixels."""
+    """Return the bytes of memory that decoding a photo takes.
+
+    kept  number of pixels that the photo has after it is read. If the photo's file has more pixels,
+          and the format of the file allows it, the photo is reduced while it is decoded, which
+          takes less memory
+    """
     held, decoded, _ = _PIXEL_BYTES[photo.has_alpha]
     pixels = photo.width * photo.height
     if photo.reduced_bytes is not None and kept < pixels:
@@ -122,16 +137,17 @@ def _decoding(photo: Header, kept: int) -> int:
 
 
 def memory_limit(max_memory: int | str | None) -> int:
-    """Return the bytes of memory that a run may take.
+    """Return the number of bytes of memory that a run may take.
 
-    This is `max_memory`, which the option's check has made a number. If None, it is MEMORY_SHARE of
-    the sum of the free memory and the memory that the process holds.
+    max_memory  value of the option max_memory in bytes. If the user gave a text such as "2G", the
+                check of the option has already converted it. None means MEMORY_SHARE of the sum
+                of the free memory and the memory that the process holds
     """
     return int(max_memory or MEMORY_SHARE * (free_bytes() + held_bytes()))
 
 
 def check_decoding(header: Header, limit: int, is_reduced: bool) -> None:
-    """Raise InputError if decoding a photo takes more memory than `limit` bytes.
+    """Raise InputError if decoding a photo takes more than `limit` bytes of memory.
 
     is_reduced  whether the photo is reduced while it is decoded
     """
@@ -143,10 +159,13 @@ def check_decoding(header: Header, limit: int, is_reduced: bool) -> None:
 
 
 def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[Load, str | None]:
-    """Return the load of the largest fit within `limit` bytes, and a note if the fit is reduced.
+    """Reduce the size of the fit until the run's memory is at most `limit` bytes.
 
-    asked  whether the user asked for the fit's size, so that it may not be reduced
-    Raise InputError if this size does not fit, or if no size does.
+    Return the load with this size, and a note for the user if the fit had to be reduced.
+
+    asked  whether the user asked for the size of the fit, so that it must not be reduced
+    Raise InputError if the size must not be reduced but takes too much memory, or if a run takes
+    too much memory even with a fit at one pixel.
     """
     if load.bytes <= limit:
         return load, None
@@ -178,19 +197,25 @@ def _megabytes(size: float) -> str:
     return f"{size / 1e6:.0f} MB" if size >= 1e6 else f"{size:.0f} bytes"
 
 
-# Size of a fit within a time limit (docs/decisions/time.md).
-PIXELS_PER_SECOND = 150_000  # largest number of pixels of the fit per second of the limit
-START_S = 0.5  # seconds of the limit that start-up may take
-LEAST_S = 0.25  # least number of seconds that are assumed to remain after start-up
+# The next three numbers set the size of a fit with a time limit (docs/decisions/time.md).
+# The fit may have this many pixels for each second of the limit that is left after start-up.
+PIXELS_PER_SECOND = 150_000
+START_S = 0.5  # seconds of the time limit that are set aside for start-up
+# Even with a very short limit, this many seconds are assumed to be left after start-up.
+LEAST_S = 0.25
 
 
 def pixels_within(time_limit: float) -> float:
-    """Return the largest number of pixels that a fit may have within a time limit in s."""
+    """Return the largest number of pixels that a fit may have with this time limit in s."""
     return PIXELS_PER_SECOND * max(time_limit - START_S, LEAST_S)
 
 
 def load_of(plan: Plan, photo: Header) -> Load:
-    """Return the load of a run. max_size, the presets and the time limit decide the fit's size."""
+    """Return the load of a run.
+
+    The option max_size decides the size of the fit. If it is not given, the presets of the searches
+    and the time limit decide.
+    """
     given, limit = plan.options.run.max_size, plan.goal.time_limit
     width, height = photo.width, photo.height
     longest = given or max(search.preset.max_size for search in plan.searches())
@@ -200,32 +225,49 @@ def load_of(plan: Plan, photo: Header) -> Load:
     return Load(plan, photo, (max(1, round(width * scale)), max(1, round(height * scale))))
 
 
-STEP = 5e-4  # s that each step of the fit takes
-STEP_PIXEL = 3.3e-8  # s that a step takes for each pixel
-STEP_GAUSSIAN = 8e-7  # s that a step takes for each Gaussian
-GROWING = 0.5  # factor on the seconds of a step during growth
-SECOND_THREAD = 0.8  # share of the first thread's speed on pixels that each further thread adds
-PRIOR_S = 0.03  # s that count as both predicted and taken before the first step
-EXPORT = 0.06  # s that each export (writing, rasterising and measuring) takes
-EXPORT_PIXEL = 1.3e-6  # s that an export takes for each measured pixel
-EXPORT_GAUSSIAN = 5e-5  # s that an export takes for each Gaussian
-COLORS_GAUSSIAN = 5e-5  # s that finding the colours of the file takes for each Gaussian
-STARTS = {"chromium": 2.0, "firefox": 2.0, "inkscape": 2.0}  # s that these programs take to start
-# Number of steps that a fit should have. Gaussians are added while time for these steps is left,
-# because a photo gains more from twice the Gaussians than from twice the steps.
+# Seconds that a step of the fit takes: a fixed part, a part for each pixel, and a part for each
+# Gaussian.
+STEP = 5e-4
+STEP_PIXEL = 3.3e-8
+STEP_GAUSSIAN = 8e-7
+# A step of growth takes this fraction of the time that the three numbers above predict.
+GROWING = 0.5
+# All threads work on the pixels. Each thread after the first adds this share of the first thread's
+# speed.
+SECOND_THREAD = 0.8
+# The predicted and the actual time of all steps so far are two sums. Both begin with this number of
+# seconds instead of 0, so that the first steps change the ratio of the two only a little.
+PRIOR_S = 0.03
+# An export writes, rasterises and measures a file. The seconds that it takes are a fixed part, a
+# part for each pixel at which the file is measured, and a part for each Gaussian.
+EXPORT = 0.06
+EXPORT_PIXEL = 1.3e-6
+EXPORT_GAUSSIAN = 5e-5
+# The search for the file's colours takes this many seconds for each Gaussian.
+COLORS_GAUSSIAN = 5e-5
+# Seconds that these programs take to start.
+STARTS = {"chromium": 2.0, "firefox": 2.0, "inkscape": 2.0}
+# With a time limit, a fit should have this number of steps. If there is time for more steps, the
+# fit has more Gaussians instead. For a photo, doubling the number of Gaussians improves the picture
+# more than doubling the number of steps does.
 STEPS = 100
 STEPS_OF_DRAWING = 180  # number of steps that a fit to a drawing should have
-# Largest share of the time for the export. If the export needs more, Gaussians are removed.
+# At most this share of the time is reserved for the export. If the export needs more, Gaussians are
+# removed.
 MOST_RESERVED = 0.6
-LEAST_FIT_S = 0.15  # least seconds of a fit. A shorter fit hardly makes a picture
-FEWEST = 150  # least number of Gaussians. If the time is too short, the fit has fewer steps instead
+# A fit is given at least this many seconds. After a shorter fit, one could hardly recognise the
+# picture.
+LEAST_FIT_S = 0.15
+# A fit has at least this number of Gaussians. If the time is too short for them, the fit has fewer
+# steps instead.
+FEWEST = 150
 
 
 @dataclass
 class TimeBudget:
-    """The time that is left, and the share of it that the fit may use.
+    """The time that is left of a time limit, and how much of it the fit may use.
 
-    deadline  end of the run in s of time.perf_counter(), infinite without a limit
+    deadline  value of time.perf_counter() at which the run must end, infinite without a limit
     pixels    number of pixels of the image that the fit runs on
     measured  number of pixels at which the file is measured
     threads   number of threads of the fit
@@ -244,20 +286,27 @@ class TimeBudget:
         self._export_s = EXPORT + EXPORT_PIXEL * self.measured
         self._start_s = STARTS.get(self.renderer, 0.0)
         self._predicted = self._taken = PRIOR_S
-        # Ratio of actual to predicted seconds. The first steps change it little.
+        # Seconds that all steps so far took, divided by the seconds that were predicted for them.
         self._slowness = 1.0
-        self._last_step = 0.0, -1  # time at which the last step ended, and its count
+        # The time at which the last step ended, and the number of Gaussians in that step.
+        self._last_step = 0.0, -1
         self.begin_fit(0)
 
     def begin_fit(self, count: int, share: float = 1.0) -> None:
-        """Note that a fit of about `count` Gaussians begins, which may take `share` of the time."""
+        """Note that a fit of about `count` Gaussians begins.
+
+        share  share of the time for fitting that this fit may take
+        """
         self._begun, self._share, self._reserved_for = time.perf_counter(), share, count
 
     def note_step(self, pixels: int, count: int, done: float) -> None:
-        """Note the end of a step with `count` Gaussians on `pixels` pixels, at progress `done`.
+        """Note the end of a step of the fit, and learn from its time.
 
-        The first step with a new count, or after `most_gaussians`, is ignored, because its time
-        includes other work.
+        pixels  number of pixels of the image in this step
+        count   number of Gaussians in this step
+        done    progress of the fit in 0..1
+        The time of the first step with a new count, or after a call of `most_gaussians`, is
+        ignored, because it includes other work.
         """
         now, growing = time.perf_counter(), done <= GROWTH_SHARE
         if count == self._last_step[1]:
@@ -270,12 +319,16 @@ class TimeBudget:
             self._reserved_for = count
 
     def most_gaussians(self, done: float, colors: bool = False) -> float:
-        """Return the largest count, at least FEWEST, for which there is time.
+        """Return how many Gaussians can be fitted and exported in the time that is left.
 
-        Time is needed for the steps after progress `done`, and for the export.
-        colors  whether time is also needed for finding the colours of the file
+        The number is at least FEWEST.
+
+        done    progress of the fit in 0..1. It tells how many steps must still be done in that time
+        colors  whether the search for the file's colours will take time too
         """
-        self._last_step = 0.0, -1  # the caller's next work is not part of a step
+        # The caller does other work before the next step. So the time from now to the end of that
+        # step must not count as the time of a step.
+        self._last_step = 0.0, -1
         steps = self.steps * (1 - done)
         left = (self._left_s() - self._start_s) / self._slowness
         each = STEP_GAUSSIAN * steps + EXPORT_GAUSSIAN + colors * COLORS_GAUSSIAN
@@ -283,20 +336,22 @@ class TimeBudget:
 
     @property
     def must_export(self) -> bool:
-        """Whether writing and measuring a file need all the time that is left."""
+        """Whether a file must be written now, because there is no time for anything else."""
         return self._left_s() < self._reserved_s(max(self._reserved_for, FEWEST))
 
     def fit_ends(self) -> float:
-        """Return the end of the fit in s of time.perf_counter(), infinite without a limit.
+        """Return the value of time.perf_counter() at which the fit must end.
 
-        The time that is reserved after the fit includes finding the colours, which pauses the fit.
+        It is infinite without a time limit. The time from then to the deadline is reserved for the
+        export and for the search for the file's colours. This search interrupts the fit, but its
+        time does not count as time of the fit.
         """
         whole = self.deadline - self._begun
         fitting = whole - min(self._reserved_s(self._reserved_for), MOST_RESERVED * whole)
         return self._begun + max(self._share * fitting, LEAST_FIT_S)
 
     def _step_s(self, pixels: int) -> float:
-        """Return the predicted seconds of a step, without those that each Gaussian adds."""
+        """Return the predicted seconds of a step, without the time that each Gaussian adds."""
         return STEP + STEP_PIXEL * pixels / (1 + SECOND_THREAD * (self.threads - 1))
 
     def _left_s(self) -> float:

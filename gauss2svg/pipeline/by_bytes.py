@@ -1,28 +1,29 @@
-"""The search by bytes: files of hundreds to thousands of bytes, with every byte planned.
+"""The search by bytes. It makes files of hundreds to thousands of bytes that fill a limit.
 
     photo -> working picture of 96 to 256 px -> a few fits of as many opaque shapes as the bytes
-    allow, with few exponents -> small files -> the best raster that fits
+    allow, with few exponents -> small files -> the file with the closest raster
 
-Take Kodak 20, 768 x 512 px, and a limit of 250 bytes. A file without Gaussians has 98 bytes. The
-other 152 bytes suffice for 3 plain ellipses of about 44 bytes, which are fitted at 96 x 64 px. Each
-fit is written in units of two sizes, with colours of 3 and of 6 digits. Of these four files, the
-one with the closest model is rasterised:
+For example, take Kodak 20, 768 x 512 px, and a limit of 250 bytes. A file without Gaussians has 98
+bytes. The other 152 bytes suffice for 3 plain ellipses of about 44 bytes each, which are fitted at
+96 x 64 px. Each fit is written in units of two sizes, with colours of 3 and of 6 hex digits. Of
+these four files, the one whose model is closest is rasterised:
 
     <svg xmlns=".." viewBox="0 0 66 44"><path fill="#c3b8a0" d="M0 0h66v44H0"/>
     <path fill="#504c34" d="M86 27a93 10-1.8 101 0"/>
     <path fill="#fbf9e8" d="M1-19a91 20 7.2 101 0"/>
     <path fill="#736031" d="M11 18a10 4 32 101 0"/></svg>
 
-A drawing gets ellipses that stay crisp when it is enlarged:
+A drawing is fitted with ellipses that stay crisp when the SVG is enlarged:
 
-    drawing -> up to four fits -> the larger picture that they agree on -> fits of more and more
-    ellipses, until the bytes are used or more ellipses no longer help -> the best file
+    drawing -> up to four fits -> an enlarged picture, on which the fits agree -> fits of more and
+    more ellipses to it, until the bytes are used or more ellipses no longer help -> the best file
 
-The closer of two files is better (`closeness`). Files are compared at the drawing's own size if the
-difference can be seen there, and enlarged if not. In the second case the counts of the fits do not
-depend on the limit, so that a larger limit can choose from all files of a smaller limit.
+Of two files, the closer one is better (`closeness`). If differences from the drawing can be seen at
+its own size, files are compared at that size, and otherwise with the enlarged picture. In the
+second case, the numbers of ellipses do not depend on the limit of bytes. So a search with a larger
+limit has all files of one with a smaller limit to choose from.
 
-docs/decisions/small.md explains the constants, and enlarged.md those of drawings.
+docs/decisions/small.md explains the constants, and enlarged.md explains those for drawings.
 """
 
 from __future__ import annotations
@@ -54,52 +55,85 @@ from gauss2svg.svg.forms import with_falloffs, with_plain
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 
-Exponents = tuple[float, ...]  # exponents of soft shapes. Other shapes are plain ellipses
+# Exponents that soft shapes may have. All other shapes are plain ellipses.
+Exponents = tuple[float, ...]
 BytesOf = Callable[[str], int]
 
-# Exponents, each after the smallest limit in bytes at which they are worth their definitions.
+# Each pair is a size in bytes and a tuple of exponents. Soft shapes may have the exponents of the
+# first pair whose size is at most the limit. Small files have few exponents, because the definition
+# of each exponent takes bytes.
 EXPONENTS = (6000, BETA_CLASSES), (2200, (1.0, 3.0)), (0, (3.0,))
-DEFINITION = 5  # number of shapes whose bytes equal those of an exponent's definition
-# Largest plausible ratio of expected to actual bytes of a shape. If it is larger, most shapes were
-# left out of the file.
+DEFINITION = 5  # an exponent's definition takes as many bytes as this number of shapes
+# If most shapes of a fit are too small or too faint to be written, the file has very few bytes per
+# shape. The next fit must not rely on this, so it assumes that a shape takes at least its expected
+# bytes divided by this number.
 SHORTER = 3.0
-SPARE = 1.03  # number of fitted shapes per shape within the limit. The least useful are left out
+# A fit has more shapes than fit into the limit: this multiple of their number. The least useful
+# ones are left out of the file.
+SPARE = 1.03
 
-# Constants of searches on photos.
-SIDE_PER_ROOT = 12.0  # longest side of the working picture in px, per square root of the count
-LEAST_SIDE = 96  # px, least length of the longest side of the working picture
-PLAIN_UNDER = 900  # limit in bytes below which every second fit has only plain ellipses
-FEW_UP_TO = 60  # number of shapes up to which 3 fits have 2 grids each. Beyond, 2 fits have 1 each
-ITERATIONS = 200  # number of steps of a fit to a photo
-# Placement and learning rate of each fit to a photo.
+# Constants for photos.
+
+# The longest side of the working picture in px is the square root of the number of shapes,
+# multiplied by this number.
+SIDE_PER_ROOT = 12.0
+LEAST_SIDE = 96  # px. The longest side of the working picture is at least this
+# If the limit in bytes is below this, every second fit has only plain ellipses.
+PLAIN_UNDER = 900
+# If at most this number of shapes fits into the limit, there are 3 fits, and each is written with 2
+# grids. If more shapes fit, there are 2 fits, and each is written with 1 grid.
+FEW_UP_TO = 60
+ITERATIONS = 200  # number of steps of a fit
+# Each pair is for one fit: the way in which shapes are placed, and a factor on the learning rate.
 _FITS_OF_PHOTO = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
 
-# Constants of searches on drawings.
-LARGE_SIDE = 1024  # px, longest side to which a larger drawing is reduced
-FLAT_SIDE = 384  # px, longest side to which a drawing without antialiased edges is reduced
-ENLARGED_FROM = 2000  # smallest limit in bytes at which a drawing is fitted enlarged
-STEPS = 600  # number of steps of a fit to a drawing
-LEAST_FEWER = 12  # least number of shapes of a fit that halves the count of the fit before
-AGREEING = (150, 300)  # counts of the fits from which the enlarged drawing is made
-AGREEING_LARGE = (300,)  # counts of these fits to a drawing over 256 px, where fits take longer
-OWN_UP_TO = 200  # number of shapes up to which an enlarged drawing is also fitted at its own size
-FIRST_COUNT, GROWTH = 160, 1.265  # count of the first enlarged fit, and ratio to the next count
-MOST_IDLE = 2  # growth ends after so many fits in a row that give no better file
-SHARED = 0.1  # share of the squared error that may be added so that shapes share colours
-COARSE_UNDER = 1100  # limit in bytes below which grids are coarse, because digits cost much
-FINE_FROM = 6000  # least limit in bytes for fine grids, and for soft shapes in shaded drawings
+# Constants for drawings.
+LARGE_SIDE = 1024  # px. A larger drawing with antialiased edges is reduced to this longest side
+FLAT_SIDE = 384  # px. A larger drawing without antialiased edges is reduced to this longest side
+# A drawing is enlarged before it is fitted if the limit is at least this many bytes.
+ENLARGED_FROM = 2000
+STEPS = 600  # number of steps of a fit
+# A drawing that is not enlarged is fitted again with half the shapes of the best file. This is
+# repeated as long as it gives a better file and leaves at least this number of shapes.
+LEAST_FEWER = 12
+# The enlarged drawing is made from several fits, which have these numbers of shapes. For drawings
+# over 256 px there is only one number, because fits to them take longer.
+AGREEING = (150, 300)
+AGREEING_LARGE = (300,)
+# A drawing that is enlarged is also fitted at its own size, but only if the limit has room for at
+# most this number of shapes.
+OWN_UP_TO = 200
+# The first fit to the enlarged drawing has FIRST_COUNT shapes. Each further one has GROWTH times as
+# many as the one before it.
+FIRST_COUNT, GROWTH = 160, 1.265
+MOST_IDLE = 2  # growth ends after this number of fits in a row that do not give a better file
+# Several shapes of a drawing get the same colour if the squared error then grows by at most this
+# fraction.
+SHARED = 0.1
+# If the limit in bytes is below this, coarse grids and 3-digit colours are tried too, because
+# digits take a large share of the file.
+COARSE_UNDER = 1100
+# If the limit in bytes is at least this, FINE_GRIDS are tried instead of GRIDS, and shaded drawings
+# may have soft shapes.
+FINE_FROM = 6000
+# A grid is a factor on the usual number of units along the sides of a file. The larger it is, the
+# more exact the coordinates are (`small_file.unit_of`).
 COARSE_GRIDS, GRIDS, FINE_GRIDS = (0.8, 1.2, 4.0, 8.0), (4.0, 8.0), (8.0, 16.0)
-SOFT_FROM = 4.0  # px, narrowest rim of a soft shape of a shaded drawing
+# px. In a shaded drawing, a shape is soft if its rim is at least this wide at the drawing's own
+# size. Otherwise it is a plain ellipse.
+SOFT_FROM = 4.0
 
 
 class ByBytes:
     """A search for the best file within a plan's limit of bytes.
 
-    subject     photo and canvas, with a working picture that the search reduces for its fits
-    bytes_of    function that counts the bytes of an SVG's text. None: those of the written file
-    is_drawing  whether the photo is a drawing
-    flat        shortest file without Gaussians
-    best        closest file so far, with the error of its raster
+    subject     photo and canvas. The search replaces the working picture by a reduced one
+    bytes_of    function that takes the text of an SVG, and returns the number of bytes to which the
+                limit applies. None: the bytes of the file
+    is_drawing  whether the photo is treated as a flat drawing. This is so if it is a flat drawing
+                and the fit learns falloffs
+    flat        smallest file without Gaussians
+    best        best file so far, with the error of its raster
     fits        results of the fits so far
     Raise InputError if a file without Gaussians exceeds the limit.
     """
@@ -118,16 +152,20 @@ class ByBytes:
         if self._shape_bytes < 0:
             needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
             raise refusal("max_bytes", needed, str(self._limit), str(self.flat.size))
-        self._each: dict[Exponents, float] = {}  # bytes per shape of the last file, by exponents
+        # For each tuple of exponents, the bytes per shape in the last file with these exponents.
+        self._each: dict[Exponents, float] = {}
         self._set_up()
         self._large: NDArray[np.float32] | None = None  # the enlarged drawing
-        self._fitted = self._solved = self.subject  # subjects of the fits, and of solving colours
-        self._reason = ""  # reason for ending before the limit is full, or ""
+        # Shapes are fitted to the working picture of the subject `_fitted`. Their colours are then
+        # computed from the working picture of the subject `_solved`. Once a drawing is enlarged,
+        # both pictures are the enlarged drawing, but that of `_solved` may have half the size.
+        self._fitted = self._solved = self.subject
+        self._reason = ""  # reason why the search ends before the bytes are used up, or ""
         fitting = [self._with_errors(file) for file in flat if file.size <= self._limit]
         self.best = max(fitting, key=closeness)
 
     def _set_up(self) -> None:
-        """Set the working picture, and the fits, counts, exponents, grids and digits to try."""
+        """Reduce the working picture. Decide which fits, exponents, grids and digits to try."""
         photo, canvas, options = self.subject.photo, self.subject.canvas, self._plan.options
         limit = self._plan.uncompressed_limit or self._limit
         learned, self._enlarges = options.fit.learned_falloff, False
@@ -163,7 +201,7 @@ class ByBytes:
         self._expected_fits += self._enlarges * (5 + len(list(self._ladder())))
 
     def run(self) -> Outcome:
-        """Search for the best file, and return it measured."""
+        """Search for the best file, and return it with its measurements."""
         plan, subject, best = self._plan, self.subject, self.file()
         self._run.notify("measure", None)
         subject.release()
@@ -181,7 +219,8 @@ class ByBytes:
                 exponents = () if self._alternates and k % 2 == 0 else self._exponents
                 if not self._stop():
                     self._fit_and_keep(self._count(exponents), init, exponents, rate)
-            # A file of fewer shapes may be closer, because edges that meet are drawn inexactly.
+            # A fit with half as many shapes as the best file has is tried too. Its file may be
+            # closer, because renderers do not draw shapes exactly where their edges meet.
             fewer = len(self.best.scene) // 2 if self.is_drawing and not self._enlarges else 0
             while fewer >= LEAST_FEWER and not self._stop():
                 fewer = fewer // 2 if self._fit_and_keep(fewer, "error", self._exponents) else 0
@@ -192,9 +231,10 @@ class ByBytes:
     def _grow(self) -> None:
         """Fit more and more shapes to the enlarged drawing.
 
-        A last fit fills the limit only if differences can still be seen at the drawing's own size.
-        If none can be seen, only chance makes the last fit better. A larger limit, whose last fit
-        has another count, could then end with a worse file.
+        If people can still see differences at the drawing's own size after these fits, one more fit
+        has as many shapes as the limit allows. If people can see no differences, this fit is left
+        out. Its file could be better only by chance, and its number of shapes would depend on the
+        limit, so a larger limit could lead to a worse file.
         """
         large = self._enlarged()
         if large is None:
@@ -205,7 +245,7 @@ class ByBytes:
         self._large, self._solved = large.working, dataclasses.replace(large, working=solved)
         self._fitted = large
         self.best, idle = self._with_errors(self.best), 0
-        for count in self._ladder():  # ends if the bytes suffice for no larger count
+        for count in self._ladder():
             if self._stop():
                 return
             idle = 0 if self._fit_and_keep(count, "selective", self._exponents) else idle + 1
@@ -216,9 +256,11 @@ class ByBytes:
             self._fit_and_keep(self._count(self._exponents), "selective", self._exponents)
 
     def _enlarged(self) -> Subject | None:
-        """Make the enlarged drawing by several fits. Return it, or None if the search is stopped.
+        """Fit the drawing several times, and make the enlarged drawing from these fits.
 
-        A large or reduced drawing is returned as it is.
+        Return a subject whose working picture is the enlarged drawing. If the drawing is already
+        large, or if it was reduced, it is not enlarged, and the subject is returned as it is.
+        Return None if the search is stopped.
         """
         own, (width, height) = self.subject, self.subject.size
         if own.size != own.canvas or max(own.size) > drawings.LARGEST_ENLARGED:
@@ -230,20 +272,25 @@ class ByBytes:
             if self._stop():
                 return None
             scene = self._fit(count, init, self._exponents)
-            if not len(self.best.scene):  # so that a search that is stopped has a file with shapes
+            # Keep a file of the first fit, so that there are shapes if the search is stopped soon.
+            if not len(self.best.scene):
                 self._keep(scene, self._exponents)
             renders.append(draw(scene, 4 * width, 4 * height, covering=True))
         return dataclasses.replace(own, working=drawings.agreed(own.working, renders, times))
 
     def _ladder(self) -> Iterator[int]:
-        """Yield the counts of enlarged fits as far as the last file's bytes per shape allow."""
+        """Yield the number of shapes for each fit to the enlarged drawing, in ascending order.
+
+        Stop before a number of shapes that would not fit into the limit. The bytes per shape of the
+        last file decide how many fit.
+        """
         count = float(FIRST_COUNT)
         while count <= self._count(self._exponents):
             yield round(count)
             count *= GROWTH
 
     def _costs(self) -> FitResult:
-        """Return the costs of all fits, and the reason why they ended."""
+        """Return a result that has the costs of all fits, and the reason why the search ended."""
         count, reason = len(self.best.scene), "max_bytes"
         if self._reason:
             reason = self._reason
@@ -257,7 +304,11 @@ class ByBytes:
         return costs
 
     def _stop(self) -> bool:
-        """Return whether the run is stopped or, after the first fit, out of time. Set `_reason`."""
+        """Return whether the search must end, and set `_reason` if it must.
+
+        It must end if the run is stopped. After the first fit, it must also end if the time that is
+        left is needed for writing and measuring the file.
+        """
         if self._run.stop():
             self._reason = "interrupted"
         elif self.fits and self._run.budget.must_export:
@@ -265,22 +316,28 @@ class ByBytes:
         return bool(self._reason)
 
     def _expected(self, exponents: Exponents) -> float:
-        """Return the expected bytes per shape, for use before a file has shapes."""
+        """Return the bytes that a shape usually takes, without regard to files of this search."""
         gzipped = self._plan.counts_gzipped
         soft, plain, of_drawing = SHAPE_GZIPPED_BYTES if gzipped else SHAPE_BYTES
         return of_drawing if self.is_drawing else soft if exponents else plain
 
     def _count(self, exponents: Exponents) -> int:
-        """Return the number of shapes to fit for the limit, by the bytes per shape so far."""
+        """Return the number of shapes to fit so that their file fills the limit.
+
+        This number is estimated from the bytes per shape of the last file with these exponents.
+        """
         expected = self._expected(exponents)
         each = self._each.get(exponents, expected)
-        if not self.is_drawing:  # leaving out a photo's least useful shapes costs little
+        # Too many shapes of a photo do less harm than too few, because the file loses little if the
+        # least useful ones are left out. So a shape is never assumed to take more than the expected
+        # bytes, even if it did so in the last file.
+        if not self.is_drawing:
             each = min(each, expected)
         count = SPARE * self._shape_bytes / each - DEFINITION * len(exponents)
         return int(min(max(count, 1), self._most))
 
     def _fit_and_keep(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> bool:
-        """Fit `count` shapes, and return whether their file is the best so far."""
+        """Fit `count` shapes, and keep their file if it is the best. Return whether it is."""
         return self._keep(self._fit(count, init, exponents, rate), exponents)
 
     def _keep(self, scene: Scene, exponents: Exponents) -> bool:
@@ -291,7 +348,13 @@ class ByBytes:
         return self.best is not before
 
     def _fit(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> Scene:
-        """Fit the working or the enlarged picture, and return the scene on the canvas."""
+        """Fit `count` shapes. Return the scene, scaled to the canvas.
+
+        The fit runs on the enlarged drawing if there is one, and otherwise on the working picture.
+
+        init  way in which the fit places shapes, as in DensifyOptions
+        rate  factor on the learning rate
+        """
         subject, options = self._fitted, self._plan.options.fit
         share = max(subject.size) / max(self.subject.size)
         soft_from = SOFT_FROM * share if self.is_drawing else 0.0
@@ -324,7 +387,8 @@ class ByBytes:
         self.fits.append(session.result())
         scene, (width, height) = session.scene(), subject.canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
-        # A plain ellipse keeps its fitted area, not its contour at half the opacity.
+        # A plain ellipse covers the same area in the file as in the fit. Its exponent becomes
+        # MOST_BETA here, so its sigmas are scaled to keep the area.
         plain = scene.drawn == PLAIN
         wider = covered_radius(scene.beta) / covered_radius(np.full(len(scene), MOST_BETA))
         sigma = scene.sigma * np.where(plain, wider, 1.0)[:, None]
@@ -333,9 +397,11 @@ class ByBytes:
         return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, SOFT))
 
     def _written(self, fitted: Scene, exponents: Exponents) -> SmallFile | None:
-        """Write a scene by several grids and digits. Return the file with the closest model.
+        """Write a scene with each grid and number of digits. Return the file of the smallest error.
 
-        Files that are too long lose the least useful Gaussians. Return None if none is left.
+        The error of a file is that of its scene, because files are not rasterised here. A file that
+        is too large loses its least useful Gaussians. Return None if no file has any Gaussians
+        left.
         """
         order = self._solved.by_usefulness(fitted, self._plan.tune, covering=True)
         best, expected, pixels = None, self._expected(exponents), self._solved.working
@@ -366,9 +432,11 @@ class ByBytes:
         return SmallFile(svg, scene, error, self._bytes_of(svg))
 
     def _with_errors(self, file: SmallFile) -> SmallFile:
-        """Return the file with the error of its raster, and with that of its model enlarged.
+        """Measure the errors of a file, and return the file with them.
 
-        The enlarged file is not rasterised, because its masks would take seconds.
+        `error` becomes the error of the file's raster. If there is an enlarged drawing,
+        `enlarged_error` becomes the error of the scene against it. The file is not rasterised at
+        this larger size, because drawing its masks would take seconds.
         """
         large, renderer, subject = self._large, self._plan.options.run.renderer, self.subject
         error = raster_error(file.svg, subject.working, renderer, subject.weight(subject.working))
@@ -379,10 +447,12 @@ class ByBytes:
 
 
 def with_few_exponents(scene: Scene, exponents: Exponents, soft_from: float) -> Scene:
-    """Return the scene, each shape with the nearest of `exponents` or as a plain ellipse.
+    """Return the scene, in which each shape is now a plain ellipse or has one of `exponents`.
 
-    soft_from  width in px of the narrowest rim that stays soft. A shape with a narrower rim becomes
-               a plain ellipse, which is fitted by how much of each pixel it covers
+    A shape becomes a plain ellipse if its rim is narrower than `soft_from` px, or if its exponent
+    is nearer to the largest class of exponents than to all of `exponents`. From then on, the fit
+    draws this ellipse by the share of each pixel that it covers. All other shapes are soft. Each of
+    them gets the nearest of `exponents`.
     """
     classes = np.array([*exponents, BETA_CLASSES[-1]])
     nearest = np.abs(np.log(scene.beta)[:, None] - np.log(classes)).argmin(axis=1)

@@ -1,7 +1,9 @@
-"""The search by count: fit, write, rasterise, measure, and correct the number of Gaussians.
+"""The search by count. It fits a scene, writes its file, and corrects the number of Gaussians.
 
-Targets apply to the rasterised SVG at the size at which the report measures it, so every correction
-with a target rasterises the SVG. `Limits` decides the next count and the best file.
+The search repeats this until a correction no longer helps. `Limits` decides the number of Gaussians
+of the next file, and which of the files is the best. A target is a score of the rasterised SVG, at
+the size at which the report measures it. So if there is a target, each file is rasterised before
+the number of Gaussians is corrected.
 """
 
 from __future__ import annotations
@@ -23,15 +25,17 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import ADD, Scene
 
-# Corrections of a count (docs/decisions/monotone.md).
+# Corrections of the number of Gaussians (docs/decisions/monotone.md).
 CORRECTIONS = 5  # largest number of corrections
-CORRECTION_SHARE = 0.25  # share of a fit's iterations that a correction takes
-LEAST_STEPS = 40  # least number of steps of a correction
-ADDITIVE_SHARE = 0.35  # share of the time that the additive fit before a portable file takes
+CORRECTION_SHARE = 0.25  # number of steps of a correction, as a share of the steps of the fit
+LEAST_STEPS = 40  # smallest number of steps of a correction
+# A run for a portable file begins with an additive fit. This fit may take this share of the time
+# for fitting.
+ADDITIVE_SHARE = 0.35
 
 
 class ByCount:
-    """A search for the number of Gaussians with which a file meets a plan."""
+    """A search for the number of Gaussians with which a file meets the targets of the plan."""
 
     def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
         self._plan, self._subject, self._run = plan, subject, run
@@ -42,7 +46,10 @@ class ByCount:
         self._phase = "fit"
 
     def run(self) -> Outcome:
-        """Fit, write, and correct the count while it helps. Return the best file, measured."""
+        """Fit and write a scene, and correct its number of Gaussians as long as this helps.
+
+        Return the best file with its measurements.
+        """
         plan, subject, limits, run = self._plan, self._subject, self._limits, self._run
         exports = list[Export]()
         session, additive = self._fitted()
@@ -73,9 +80,12 @@ class ByCount:
         )  # fmt: skip
 
     def _fitted(self) -> tuple[FitSession, FitResult | None]:
-        """Run the first fit. Return it, and the result of the additive fit before a portable file.
+        """Run the fit whose scene the first file shows. Return this fit.
 
-        If only time limits the fit, it is faster: it begins with few Gaussians on reduced pictures.
+        For a portable file, an additive fit runs before it. Return the result of the additive fit
+        too, or None if there is none. If a time limit alone decides how many steps the returned fit
+        has, the fit begins with few Gaussians on reduced pictures, because its steps are then
+        faster.
         """
         plan, limits, run, additive = self._plan, self._limits, self._run, None
         run.stop()
@@ -100,23 +110,31 @@ class ByCount:
         return session, additive
 
     def _refine(self, session: FitSession, start: Scene) -> None:
-        """Refine the shapes of a scene, after the count is the one asked for.
+        """Refine the shapes of the scene `start` in place of a fit with growth.
 
-        Without one it is the scene's. A change of the count by half takes all steps of the fit.
+        Shapes are first added or removed until there are as many as the user asks for. If the user
+        gives no number, the number of shapes stays the same, unless it is above the cap. The more
+        the number changes, the more steps follow: all steps of the fit if the number doubles or
+        halves, and a share CORRECTION_SHARE of them if it stays the same.
         """
         plan, limits, count = self._plan, self._limits, self._plan.fit_config.gaussians
-        if plan.only_time_limits and plan.goal.count is None:  # the shapes take no time to add
+        # Growth has time for `expected` shapes. The shapes of `start` exist already, so the time
+        # suffices for all of them.
+        if plan.only_time_limits and plan.goal.count is None:
             limits.expected = len(start)
         if plan.goal.count_adapts:
             count, limits.stop_reason = min(len(start), limits.expected), "start"
         doublings = abs(math.log2(max(count, 1) / len(start)))
-        session.refine(start, count, self._steps(min(max(doublings, CORRECTION_SHARE), 1.0)))
+        # The bytes of shapes that are not yet quantised would mislead the search for the count.
+        limit = plan.goal.byte_limit
+        keeps = limit is None or self._exporter.export(start).size <= limit
+        session.refine(start, count, self._steps(min(max(doublings, CORRECTION_SHARE), 1.0)), keeps)
 
     def _steps(self, share: float) -> int:
         return max(LEAST_STEPS, round(share * (self._plan.fit_config.iterations or 0)))
 
     def _session(self, pixels: NDArray[np.float32], config: FitConfig) -> FitSession:
-        """Return a fit that reports its progress in the present phase of the search."""
+        """Return a fit that reports its progress under the present phase of the search."""
         subject, run = self._subject, self._run
 
         def progress(now: FitProgress) -> None:
@@ -134,6 +152,6 @@ class ByCount:
         return session
 
     def _ended(self, session: FitSession) -> str:
-        """Return the reason why the fit ended before its last step, "" if it did not."""
+        """Return the reason why the fit ended before its last step, or "" if it did not."""
         late = "time_limit" * session.clock.out_of_time
         return "interrupted" if self._run.ended else late

@@ -1,11 +1,13 @@
-"""Flat drawings: tests for their edges and shading, and the enlarged picture to fit.
+"""Flat drawings. This module recognises them, their edges and their shading, and enlarges them.
 
-A drawing is fitted enlarged. Several fits are close to the drawing at its pixels, but each errs
-differently between the pixels. The enlarged picture is what the fits agree on
-(docs/decisions/enlarged.md):
+Shapes that are fitted to an enlarged drawing stay crisp when the SVG is enlarged. To enlarge a
+drawing, several scenes are fitted to it. At the pixels of the drawing, all scenes are close to it.
+Between the pixels, each scene has errors of its own. So the detail on which the scenes agree
+becomes the enlarged picture (docs/decisions/enlarged.md):
 
-    fits -> renders at four times the size -> their mean, corrected to match each pixel where the
-    renders differ -> a larger picture to fit
+    fits -> their renders at four times the size -> the mean of the renders, which is corrected
+    until it matches each pixel of the drawing, mostly where the renders differ -> a larger picture
+    to fit
 """
 
 from __future__ import annotations
@@ -18,41 +20,47 @@ from PIL import Image, ImageFilter
 
 from gauss2svg.photo.pixels import from_views, has_alpha, views
 
-Pixels = NDArray[np.float32]  # (h, w, channels), of values in 0..1
+Pixels = NDArray[np.float32]  # (h, w, channels), with values in 0..1
 
-# Definition of a flat drawing (docs/decisions/small.md).
-FLAT_SHARE = 0.4  # least share of a drawing's pixels that have its most frequent colours
-FLAT_COLORS = 4  # number of colours that count as the most frequent
-GENTLE = 0.03  # largest change per px, in 0..1, in a shaded area
-SHADED_SHARE = 0.01  # smallest share of shaded pixels of a drawing with shading
-# Largest second difference between neighbours, in 0..1, of a flat or evenly shaded area. It
-# allows for one level of 255 and rounding (docs/decisions/enlarged.md).
+# Definition of a flat drawing (docs/decisions/small.md): a picture in which at least FLAT_SHARE of
+# the pixels have one of the FLAT_COLORS most frequent colours.
+FLAT_SHARE = 0.4
+FLAT_COLORS = 4
+# A pixel is shaded if its values change there, but by less than this per px. Values are in 0..1.
+GENTLE = 0.03
+SHADED_SHARE = 0.01  # a drawing has shading if at least this share of its pixels is shaded
+# Three neighbouring pixels are uneven if the second difference of their values, which are in 0..1,
+# is larger than this. Flat and evenly shaded areas count as even: their values are only rounded to
+# levels of 255, so their second differences are at most one level (docs/decisions/enlarged.md).
 EVEN = 1.5 / 255
-RIM = 2  # px; uneven pixels at most this far from an even area are part of an edge
-# A picture is textured, like a photo on white, if more than this share of its uneven pixels is
-# farther than RIM from even areas.
+RIM = 2  # px. Uneven pixels that are at most this far from an even area belong to an edge
+# A picture is textured if more than this share of its uneven pixels belongs to no edge. For
+# example, a photo of an object on a white ground is textured.
 TEXTURED_SHARE = 0.5
 
 
 def is_drawing(photo: Pixels) -> bool:
-    """Return whether a few colours make up much of a picture, as in a flat drawing."""
+    """Return whether a picture is a flat drawing: a few colours make up much of it."""
     return _flat_share(photo) >= FLAT_SHARE
 
 
 def has_edges(photo: Pixels) -> bool:
-    """Return whether a picture is a drawing whose uneven pixels are mostly antialiased edges.
+    """Return whether a picture is a flat drawing with antialiased edges.
 
     photo  (h, w, 3) or (h, w, 4) float32 in 0..1
-    Return False for drawings without antialiasing, which have only a few colours, and for photos on
-    a flat ground.
+    Return False for drawings without antialiasing, which have only a few colours, and for photos of
+    objects on a flat ground, which are textured.
     """
-    if _flat_share(photo[::7, ::13]) < FLAT_SHARE / 2:  # every 91st pixel rules out most photos
+    # One pixel in 91 is enough to tell most photos from drawings, and takes less time than all.
+    if _flat_share(photo[::7, ::13]) < FLAT_SHARE / 2:
         return False
     return FLAT_SHARE <= _flat_share(photo) < 1 and not _is_textured(photo)
 
 
 def is_shaded(photo: Pixels) -> bool:
-    """Return whether a picture has shaded areas away from edges (docs/decisions/enlarged.md).
+    """Return whether a picture has shaded areas, and not only antialiased edges.
+
+    A shaded drawing may get soft shapes (docs/decisions/enlarged.md).
 
     photo  (h, w, 3) or (h, w, 4) float32 in 0..1
     """
@@ -60,13 +68,17 @@ def is_shaded(photo: Pixels) -> bool:
         return False
     down, across = np.gradient(_channels(photo), axis=(0, 1))
     slope = np.hypot(down, across).max(axis=2)
-    # A pixel beside an antialiased edge may change gently, so its neighbours must do so too.
+    # The values may also change gently beside an antialiased edge. So a pixel counts as shaded only
+    # if they change gently at its neighbours too.
     shaded = (slope > 0) & (_largest(slope, 1) < GENTLE)
     return bool(shaded[1:-1, 1:-1].mean() >= SHADED_SHARE)
 
 
 def _is_textured(photo: Pixels) -> bool:
-    """Return whether most uneven pixels lie away from flat or evenly shaded areas."""
+    """Return whether most uneven pixels belong to no edge.
+
+    An uneven pixel belongs to no edge if it is more than RIM px from all even areas.
+    """
     pixels, uneven = _channels(photo), np.zeros(photo.shape[:2], bool)
     for axis, inner in enumerate((uneven[1:-1], uneven[:, 1:-1])):
         if photo.shape[axis] > 2:
@@ -77,44 +89,56 @@ def _is_textured(photo: Pixels) -> bool:
 
 
 def _largest(values: NDArray, reach: int) -> NDArray:
-    """Return the largest value (h, w) in the square that extends `reach` px around each pixel."""
+    """Return an array (h, w) that gives for each pixel the largest value in a square around it.
+
+    reach  distance in px from the pixel to each side of the square
+    """
     return np.asarray(Image.fromarray(values).filter(ImageFilter.MaxFilter(2 * reach + 1)))
 
 
 def _flat_share(pixels: Pixels) -> float:
-    """Return the share of the pixels that have one of the most frequent 8-bit colours."""
+    """Return the share of pixels that have one of the FLAT_COLORS most frequent 8-bit colours."""
     numbers = np.round(pixels * 255).astype(np.int64) @ 256 ** np.arange(pixels.shape[2])
     counts = np.sort(np.unique(numbers, return_counts=True)[1])
     return float(counts[-FLAT_COLORS:].sum() / numbers.size)
 
 
-RASTER_TIMES = 4  # ratio of the renders' size to the picture's
-# px, longest side of a drawing that is fitted enlarged. A larger drawing has enough pixels.
+RASTER_TIMES = 4  # factor by which the renders are larger than the drawing
+# px. Drawings with a longer side are not enlarged, because they have enough pixels.
 LARGEST_ENLARGED = 512
-ENLARGED_TWICE_FROM = 256  # px. Pictures with a longer side are enlarged 2 times, others 4 times
-LOCAL_SHARE = 0.3  # share of the variance in 3 x 3 px that is added to the renders' variance
-LEAST_VARIANCE = 1e-3  # variance that is added everywhere, of values in 0..1
-CORRECTIONS = 5  # number of corrections. After them, clipping changes few values
+# px. Drawings with a longer side are enlarged 2 times, and all others 4 times.
+ENLARGED_TWICE_FROM = 256
+# The next three numbers belong to the formula in `agreed`, where v is a sum of three variances. The
+# second one is multiplied by LOCAL_SHARE. The third one is LEAST_VARIANCE, for values in 0..1.
+LOCAL_SHARE = 0.3
+LEAST_VARIANCE = 1e-3
+# Number of corrections of x. After each correction, x is clipped to 0..1. Without clipping, one
+# correction would be enough. After this many corrections, clipping changes few values.
+CORRECTIONS = 5
 
 
 def enlargement(width: int, height: int) -> int:
-    """Return the factor, 2 or 4, by which a drawing of width x height px is enlarged."""
+    """Return the factor by which a drawing of width x height px is enlarged: 2 or 4."""
     return 2 if max(width, height) > ENLARGED_TWICE_FROM else 4
 
 
 def agreed(picture: Pixels, renders: Sequence[Pixels], times: int) -> Pixels:
-    """Return the picture enlarged, with the detail on which renders at four times its size agree.
+    """Enlarge a picture, and add the detail on which several renders of it agree.
 
-    x begins as the mean of the renders and is corrected CORRECTIONS times by
+    x is a picture of the size of the renders. It begins as the mean of the renders, and is then
+    corrected CORRECTIONS times by
 
-        x <- x + v / mean(v) (p - mean(x)),
+        x <- x + v / mean(v) (p - mean(x)).
 
-    with means over the 4 x 4 px of each pixel p of the picture, and v = variance of the renders
-    + .3 variance of x in 3 x 3 px + .001. Uncertain values move most, as in a Kalman filter.
+    Here p is a pixel of the picture, and each mean is over the 4 x 4 px of x or v that lie in this
+    pixel. v is the uncertainty of each px of x. It is a sum of three terms: the variance among the
+    renders at this px, .3 times the variance of the renders' mean in the 3 x 3 px around it, and
+    .001. The more uncertain a px is, the more it changes, as in a Kalman filter. At the end, x is
+    reduced to the size of the result.
 
     picture  (h, w, 3) or (h, w, 4) float32 in 0..1
     renders  one or more pictures (4 h, 4 w, channels)
-    times    ratio of the result's size to the picture's: 1, 2 or 4
+    times    factor by which the result is larger than the picture: 1, 2 or 4
     """
     height, width = picture.shape[:2]
     pixels = _channels(picture)
@@ -122,7 +146,7 @@ def agreed(picture: Pixels, renders: Sequence[Pixels], times: int) -> Pixels:
     x = all_.mean(axis=0)
     channels = x.shape[2]
     variance = np.full((*x.shape[:2], 1), LEAST_VARIANCE, np.float32)
-    for k in range(channels):  # one channel at a time, because all at once would take 100 MB
+    for k in range(channels):  # one channel at a time, because all together would take 100 MB
         local = LOCAL_SHARE * _local_variance(x[:, :, k])
         variance[:, :, 0] += (all_[:, :, :, k].var(axis=0) + local) / channels
     del all_
@@ -135,7 +159,10 @@ def agreed(picture: Pixels, renders: Sequence[Pixels], times: int) -> Pixels:
 
 
 def _channels(pixels: Pixels) -> Pixels:
-    """Return the pixels as (h, w, 3). With alpha, return them over both backdrops as (h, w, 6)."""
+    """Return the pixels as (h, w, 3).
+
+    If they have alpha, return them as (h, w, 6): composited over white, and over black.
+    """
     return np.concatenate(views(pixels), axis=2)
 
 
@@ -147,13 +174,13 @@ def _averaged(pixels: Pixels, height: int, width: int) -> Pixels:
 
 
 def _repeated(pixels: Pixels) -> Pixels:
-    """Return the pixels enlarged to the renders' size by repetition."""
+    """Enlarge the pixels to the size of the renders by repeating each."""
     return pixels.repeat(RASTER_TIMES, axis=0).repeat(RASTER_TIMES, axis=1)
 
 
 def _local_variance(channel: Pixels) -> Pixels:
     """Return the variance (h, w) in the 3 x 3 px around each pixel."""
-    from scipy.ndimage import uniform_filter  # the import takes 0.1 s
+    from scipy.ndimage import uniform_filter  # imported here, because it takes 0.1 s
 
     mean, squares = (uniform_filter(x, 3, mode="nearest") for x in (channel, np.square(channel)))
     return np.maximum(squares - np.square(mean), 0)

@@ -21,17 +21,19 @@ from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.forms import is_plain, with_plain_edges
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
-FILLED = 0.995  # share of a limit of bytes from which a pruned file counts as full
+FILLED = 0.995  # a pruned file counts as full if it uses at least this share of the limit of bytes
 
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """A quantised scene on the file's canvas, and its SVG.
+    """A quantised scene on the canvas of the file, and the SVG that shows it.
 
-    size   bytes of the file, as a limit counts them
-    score  score of the rasterised SVG by the plan's aim. Without an aim, PSNR (dB) of the fitted
-           scene against the working image. If the plan is covering, PSNR (dB) of the rasterised SVG
-           instead, because its falloffs are not those of the fit. NaN for a pruned file
+    size   number of bytes of the file, or of the gzipped file if the limit counts those
+    score  value by which a search compares exports, NaN for a pruned file. If the plan has an aim,
+           it is the value of the aim's score for the rasterised SVG. Without an aim, it is a PSNR
+           in dB, usually that of the fitted scene against the working image. But if the plan is
+           covering, it is the PSNR of the rasterised SVG against the photo, because the shapes of
+           the file then have other falloffs than those of the fit
     """
 
     scene: Scene
@@ -44,20 +46,21 @@ class Export:
 class Exporter:
     """A writer that turns scenes on the working canvas into files for the photo, and scores them.
 
-    The highest PSNR that `as_written` has noted decides the format of files. So the format never
-    becomes coarser, and the bytes of files can be compared.
+    The format of the files depends on the highest PSNR that `as_written` has noted so far. So the
+    format never becomes coarser, and the bytes of successive files can be compared.
     """
 
     def __init__(self, plan: Plan, subject: Subject) -> None:
         self._plan, self._subject = plan, subject
         self._highest_psnr = -math.inf  # dB
         draw = partial(rasterize_like, picture=subject.photo, renderer=plan.options.run.renderer)
-        self.raster = lru_cache(maxsize=1)(draw)  # rasterises an SVG at the photo's size
+        # Function that rasterises an SVG at the photo's size.
+        self.raster = lru_cache(maxsize=1)(draw)
 
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
-        """Return the scene on the file's canvas, with the colours and exponents of its file.
+        """Return the scene on the canvas of the file, with the colours and exponents of the file.
 
-        psnr  PSNR of the scene in dB, None if the scene has been quantised before
+        psnr  PSNR of the scene in dB, or None if the scene has already been quantised
         """
         if psnr is not None and self._plan.covering:
             scene = with_plain_edges(scene)
@@ -65,25 +68,31 @@ class Exporter:
         plan, subject, (width, height) = self._plan, self._subject, self._subject.canvas
         scaled = scene.scaled(width / scene.width, height / scene.height)
         scaled, weight = scaled.replace(width=width, height=height), None
-        # The weights of pixels also weight the errors of colours.
+        # With a mask or a perceptual fit, errors count more at some pixels than at others. The
+        # palette is made with the same weights as the fit.
         if plan.tune == PERCEPTUAL or subject.focus:
             weight = subject.targets(plan.tune).reduced(1).visible_weight
         palette, color_error = plan.quantization(len(scene), error)
         return quantize(scaled, plan.options.svg.form, palette, color_error, weight)
 
     def as_written(self, scene: Scene, psnr: float) -> Scene:
-        """Note the PSNR (dB), and return the scene of `quantized` on the working canvas."""
+        """Quantise a scene whose PSNR is `psnr` dB, and return it on the working canvas.
+
+        The exporter notes the PSNR, because the format of the files depends on it.
+        """
         written = self.quantized(scene, psnr)
         self._highest_psnr = max(self._highest_psnr, psnr)
         return written.scaled(scene.width / written.width, scene.height / written.height)
 
     def bytes_each(self, quantized: Scene, size: float, psnr: float = -math.inf) -> float:
-        """Return the mean bytes of a shape in a file of `size` bytes with shapes like `quantized`.
+        """Return the mean number of bytes per shape in a file of `size` bytes.
 
-        A minimal file draws up to MOST_MASKED soft shapes under masks, which are short. For each
-        soft shape beyond these, FADING more get gradients instead of masks.
+        The shapes of the file are assumed to be like those of the scene `quantized`. A minimal file
+        with up to MOST_MASKED soft shapes draws all of them by masks, which take few bytes. If a
+        file has more soft shapes, fewer are drawn by masks: FADING fewer for each soft shape above
+        MOST_MASKED. The file draws its other soft shapes by gradients.
 
-        psnr  PSNR of the scene in dB, if `as_written` has not noted it
+        psnr  PSNR of the scene in dB. It may be left out if `as_written` has noted it
         """
         document, count = self._subject.document, max(len(quantized), 1)
         written = self._plan.format_at(max(psnr, self._highest_psnr))
@@ -93,7 +102,7 @@ class Exporter:
 
         if written.markup != MINIMAL:
             return each(write_svg(quantized, written, document))
-        from gauss2svg.svg.minimal_shapes import FADING, MOST_MASKED  # few runs need them
+        from gauss2svg.svg.minimal_shapes import FADING, MOST_MASKED
 
         masked, by_gradients = (
             each(ordered_svg(quantized, written, document, masked)) for masked in (True, False)
@@ -106,7 +115,7 @@ class Exporter:
 
     @cached_property
     def empty_bytes(self) -> int:
-        """Bytes of a file without Gaussians."""
+        """Number of bytes of a file without Gaussians."""
         empty = Scene(*self._subject.canvas, transparent=has_alpha(self._subject.photo))
         return self._size(write_svg(empty, self._plan.format_at(), self._subject.document))
 
@@ -114,10 +123,12 @@ class Exporter:
         return len(file_bytes(svg, self._plan.counts_gzipped))
 
     def export(self, scene: Scene) -> Export:
-        """Return a scene on the working canvas as it would be written, with its score."""
+        """Write a scene that is on the working canvas, and return the file with its score."""
         plan, subject = self._plan, self._subject
         written, document = plan.format_at(self._highest_psnr), subject.document
-        # The colours are already those of a palette, except in ellipses that are no longer plain.
+        # The fit has already given all shapes but the plain ellipses a colour of a palette. A shape
+        # that was a plain ellipse at that time may be soft now, and its colour may not be in the
+        # palette. So the scene is quantised once more.
         exact = in_file_order(self.quantized(scene, None), written, document)
         svg = ordered_svg(exact, written, document)
         if plan.aim is not None:
@@ -129,13 +140,15 @@ class Exporter:
         return Export(exact, svg, written, self._size(svg), score)
 
     def pruned(self, export: Export, limit: int) -> Export:
-        """Return an export with only as many of its most useful Gaussians as `limit` bytes allow.
+        """Remove the least useful Gaussians of an export until its file has at most `limit` bytes.
 
-        The Gaussians are not fitted again. A file without any is returned even if it is too large.
+        The Gaussians that are left are not fitted again. A file without Gaussians is returned even
+        if it has more than `limit` bytes.
         """
         order = self._subject.by_usefulness(export.scene, self._plan.tune)
         written, document = export.format, self._subject.document
-        # Count and bytes of the largest known file within the limit, and of the smallest beyond it.
+        # Each of these is a number of Gaussians and the bytes of their file. `fewer` is for the
+        # largest file so far within the limit, and `more` for the smallest file so far beyond it.
         fewer, more = (0, self.empty_bytes), (len(order), export.size)
         best = None
         while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):

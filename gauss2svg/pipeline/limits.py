@@ -1,16 +1,21 @@
-"""The counts that the limits of a goal allow, estimated from the fit and its files so far.
+"""The rules that decide how many Gaussians a fit and its corrections have.
 
-    psnr   count that reaches the PSNR, if each doubling gains `slope` dB
-    gain   largest count at which one more kilobyte still gains what the preset asks for
-    cap    count that the preset allows, or the count that the user gave
-    bytes  count that fits into the bytes, by the bytes of the shapes so far
+The number of Gaussians is called the count. During a fit, each of these limits allows a count,
+which is estimated from the fit and its files so far:
+
+    psnr   count at which the wanted PSNR is reached, if each doubling of the count gains `slope` dB
+    gain   largest count at which one more kilobyte still gains as many dB as the preset demands
+    cap    largest count of the preset, or the count that the user gave
+    bytes  count that fits into the limit of bytes, if later shapes take as many bytes as those so
+           far
     time   count that can be fitted and written in the time that is left
 
-The smallest of these is the next count, and its limit is the reason why growth stops.
-docs/decisions/fit.md has the figures of the constants.
+Growth aims at the smallest of these counts, and the report names the limit that allows it as the
+reason why growth stopped. docs/decisions/fit.md has the measurements behind the constants.
 
-The count is corrected by the score of the rasterised SVG, or for presets by the PSNR of the
-model. Kodak 20 is 768 px wide. Fitted at 384 px with a target of 28 dB, it has:
+After the fit the count is corrected by the score of the rasterised SVG, or for presets by the PSNR
+of the model. For example, Kodak 20 is 768 px wide. If it is fitted at 384 px with a target of
+28 dB, the files are:
 
     Gaussians    PSNR at 384 px    PSNR against the photo
     195          28.24             26.14: the photo has detail that the fit at 384 px lacks
@@ -18,9 +23,10 @@ model. Kodak 20 is 768 px wide. Fitted at 384 px with a target of 28 dB, it has:
     607          31.03             27.63
     759          32.23             28.13: reached
 
-Corrections aim at 28.12 dB. The number of doublings to the next count is the missing dB divided by
-the dB gained per doubling. At first a doubling counts as 3.2 dB, as in growth, and later as much as
-between the last two exports, but at least 1.5 dB.
+Corrections aim at 28.12 dB, which is the target plus a margin. The missing dB, divided by the dB
+that a doubling gains, are the number of doublings to the next count. The first correction takes
+the gain of a doubling from growth, where it was 3.2 dB. Later corrections take it from the last two
+exports, but assume at least 1.5 dB.
 """
 
 from __future__ import annotations
@@ -44,73 +50,97 @@ from gauss2svg.pipeline.plan import (
     Plan,
 )
 
-FIRST_ROUND = 8  # number of Gaussians in the first round
-# Share of a doubling's final gain that is reached when its round of growth ends. The round has too
-# few steps to converge.
+FIRST_ROUND = 8  # number of Gaussians in the first round of growth
+# A round of growth has too few steps to converge. At its end, its new Gaussians have gained only
+# this share of the dB that they will have gained when the fit ends.
 GAIN_OF_A_ROUND = 0.72
-CONVERGES_ABOVE = 16.5  # dB, PSNR above which convergence still adds some PSNR
-# Share of the dB above CONVERGES_ABOVE that convergence adds after a round of growth.
+# The fit still converges after a round of growth and after an adjustment. So the PSNR will rise
+# until the fit ends, even if no Gaussians are added. The expected rise in dB is a factor times
+# (present PSNR - CONVERGES_ABOVE). After a round of growth, the factor is CONVERGES_AFTER_ROUND.
+# After the adjustments at ADJUST_AT, the factors are CONVERGES_AFTER, in the same order.
+CONVERGES_ABOVE = 16.5  # dB
 CONVERGES_AFTER_ROUND = 0.28
-CONVERGES_AFTER = 0.055, 0.034, 0.029  # shares of these dB, added after each of ADJUST_AT
+CONVERGES_AFTER = 0.055, 0.034, 0.029
 MOST_CHANGE = 0.3  # largest change of the count at one adjustment, as a share of the count
-# Refinement removes Gaussians if the count is above this multiple of the largest count for which
-# there is time.
+# The time that is left is enough for a certain number of Gaussians. Refinement removes Gaussians
+# for lack of time only if there are more than this multiple of that number.
 TOO_MANY = 2.0
-LEAST_CHANGE = 0.02  # smallest adjustment that is made, as a share of the count
-LEAST_ROUND = 1.1  # smallest ratio of the wanted to the present count at which a round begins
-WHOLE_ROUND = 0.6  # number of doublings in a round above which the slope is computed from the round
-LEAP = 4  # least ratio of the next to the present count in a leap
-FLATTEST, STEEPEST = 0.5, 8.0  # dB per doubling, bounds of plausible slopes of growth
+# An adjustment that would change the count by at most this share is left out.
+LEAST_CHANGE = 0.02
+LEAST_ROUND = 1.1  # a round begins only if it multiplies the count by at least this
+# The slope is computed only from rounds that add more than this number of doublings. In a smaller
+# round, most of the gain comes from convergence and not from the new Gaussians.
+WHOLE_ROUND = 0.6
+LEAP = 4  # growth leaps only if the leap multiplies the count by more than this
+# Smallest and largest plausible slope of growth, in dB for each doubling of the count.
+FLATTEST, STEEPEST = 0.5, 8.0
 
-# Gaussians that fit into a limit of bytes (docs/decisions/markup.md).
-MEASURED_FROM = 200  # number of Gaussians from which the bytes of a growing fit are measured
-# Multiple of the allowed bytes that growth aims at. The least useful Gaussians are pruned later.
+# How many Gaussians fit into a limit of bytes (docs/decisions/markup.md). Growth measures the bytes
+# of a shape a single time: as soon as there are at least this many Gaussians.
+MEASURED_FROM = 200
+# Growth aims at this multiple of the limit. The least useful Gaussians are pruned later.
 OVERFILL_GROWING = 1.25
-OVERFILL_REFINING = 1.03  # multiple of the bytes that refinement aims at until its last steps
-# Excess over the allowed bytes that the last steps aim at: this share of the bytes, divided by the
-# root of the count. Pruning a few shapes then fills the file.
+OVERFILL_REFINING = 1.03  # refinement aims at this multiple of the limit until its last steps
+# The last steps aim slightly above the limit. A few shapes are then pruned, so that the file ends
+# exactly at the limit. The excess, as a share of the limit, is this number divided by the square
+# root of the count.
 SPARE = 0.4
-BYTES_SAVED = 0.15  # share of a shape's bytes that refinement saves, per unit of progress left
-# Least number of pixels per Gaussian, without a budget of bytes or seconds and with one. Three
-# pixels have nine values, as many as a Gaussian has numbers.
+# During refinement, each shape takes fewer and fewer bytes in the file. From progress p to the end
+# of the fit, a shape is expected to lose a share BYTES_SAVED (1 - p) of its bytes.
+BYTES_SAVED = 0.15
+# A Gaussian has nine numbers, and three pixels have nine values. So there must be at least this
+# number of pixels for each Gaussian. In a run with a budget of bytes or seconds, two are enough.
 LEAST_PIXELS_EACH = 3
 LEAST_PIXELS_EACH_OF_BUDGET = 2
-WRITING_LOSS = 0.06  # share of the scene's error that writing is expected to add
+# Writing the file is expected to raise the squared error of the scene by this share.
+WRITING_LOSS = 0.06
 
-# Corrections of a count (docs/decisions/monotone.md and numbers.md).
-FULL = 0.985  # smallest share of the allowed bytes at which a file is full
-TOO_LARGE = 1.1  # multiple of the allowed bytes up to which a file is pruned, not fitted again
-PRUNED = 8.0  # dB that an export loses by pruning, for each halving of its bytes
-# Tolerances of a preset's PSNR. The PSNRs of two presets differ by more than too_little + too_good,
-# so that no preset ends below a cheaper preset.
+# Corrections of the count (docs/decisions/monotone.md and numbers.md).
+FULL = 0.985  # a file is full if it has more than this share of the allowed bytes
+# A file that is too large is pruned until it fits, but only if it has at most this multiple of the
+# allowed bytes. Otherwise the fit goes on with fewer Gaussians, and another file is written.
+TOO_LARGE = 1.1
+# An export is expected to lose this many dB each time that pruning halves its bytes.
+PRUNED = 8.0
+# A preset aims at its stop_psnr, with these tolerances. The PSNRs of two presets differ by at least
+# 4 dB. This is more than too_little + too_good, so a preset never accepts a result that is worse
+# than one that a cheaper preset accepts.
 ENOUGH = Search(
     tolerance=0.8, margin=0.0, too_little=0.8, too_good=3.0, slope=None, slopes=(1.5, 12.0)
 )
-# Least count to which a preset reduces a fit. 16 shapes take a kilobyte or two, each visible.
+# Corrections for a preset do not reduce the count below this, because so few shapes take only a
+# kilobyte or two, and the loss of each would be visible.
 LEAST_REDUCED = 16
-SAME_COUNT = 0.004  # largest relative difference of two counts that are the same
-TELLING = 0.25  # number of doublings between two exports above which the slope follows from them
-# Largest change of a count in doublings, and largest reduction for a preset. One large change ends
-# worse than several small changes.
+SAME_COUNT = 0.004  # a count is not corrected if it would change by at most this share
+# The slope is computed from the last two exports only if their counts differ by more than this
+# number of doublings. If they differ by less, the difference of their scores is largely chance.
+TELLING = 0.25
+# Several small changes of the count give a better result than a single large one. So a correction
+# changes the count by at most MOST_CORRECTED doublings or halvings. A correction that aims at the
+# PSNR of a preset, and not at a target, reduces the count by at most MOST_REDUCED halvings.
 MOST_CORRECTED, MOST_REDUCED = 2.0, 0.5
-# Largest ratio of the last to the first count for a drawing with edges that plain ellipses draw
-# (docs/decisions/enlarged.md).
+# In a drawing whose edges are drawn by plain ellipses, corrections raise the count at most to this
+# multiple of the count of the first export (docs/decisions/enlarged.md).
 FOR_EDGES = 1.4
 
 
 class Limits(DensificationPolicy):
     """A policy that doubles the count in each round until a limit is met, and then corrects it.
 
-    If a doubling gains s dB and a Gaussian has k kilobytes, a kilobyte gains s / (n k ln 2) dB at n
-    Gaussians. Growth aims at the n where this falls to the preset's gain. If this n is small,
-    growth leaps once to a fourth of the smallest limit, because the first squares of a checkerboard
-    gain next to nothing, and the last everything. If the leap pays, growth goes on to the count at
-    which the squared error would vanish if it fell at the leap's rate. If the leap does not pay,
-    growth goes back to the count before it.
+    If a doubling of the count gains s dB, and a Gaussian takes k kilobytes, then one more kilobyte
+    gains s / (n k ln 2) dB if there are n Gaussians. A preset demands a gain, and growth aims at
+    the count n at which the gain falls to it.
 
-    expected     largest count that the fit may end with, as known before the fit
-    slope        dB gained by a doubling of the count
-    is_additive  whether the additive fit before a portable file runs. Bytes are then unknown
+    If this count is small, growth leaps once, to a fourth of the smallest count that another limit
+    allows. Pictures such as checkerboards need this, because the first squares that are drawn gain
+    next to nothing, and the last ones nearly everything. If the leap gains as much as the preset
+    demands, growth goes on to the count at which the squared error would vanish if each Gaussian
+    removed as much of it as in the leap. Otherwise growth goes back to the count before the leap.
+
+    expected     largest count that the fit may end with, as far as it is known before the fit
+    slope        dB that a doubling of the count gains
+    is_additive  whether the present fit is the additive one that comes before a portable file. The
+                 bytes of its shapes in the file are unknown
     """
 
     def __init__(self, plan: Plan, exporter: Exporter, budget: TimeBudget, pixels: int) -> None:
@@ -120,27 +150,32 @@ class Limits(DensificationPolicy):
         self._bytes_each = usual * (GZIPPED_SHARE if plan.counts_gzipped else 1.0)
         each = LEAST_PIXELS_EACH_OF_BUDGET if plan.is_budget else LEAST_PIXELS_EACH
         cap = min(plan.preset.cap, max(1, pixels // each))
-        # Largest count that corrections may reach. Growth may only reach `expected`.
+        # Corrections may raise the count up to this number. Growth may raise it only up to
+        # `expected`.
         self._most = cap if aim is None else max(cap, min(CAP_FOR_TARGET, pixels))
         self._cap_reason, self._psnr_reason, self._psnr = "cap", "enough", plan.stop_psnr
         if goal.count is not None:
             cap = self._most = goal.count
             self._cap_reason, self._psnr = "gaussians", math.inf
-        if aim is not None and aim.search.slope is None:  # the score is PSNR, as in growth
+        # Only PSNR has no usual slope. Growth measures it, so growth can aim at a target PSNR.
+        if aim is not None and aim.search.slope is None:
             writing = 10 * math.log10(1 + WRITING_LOSS)
             self._psnr_reason, cap = aim.of.option, self._most
             self._psnr = aim.value + aim.search.margin + writing
-        # For another score, growth ends at the preset's PSNR, and corrections find the score.
+        # If the target is not a PSNR, growth cannot aim at it. Growth then ends at the preset's
+        # PSNR, and corrections raise or lower the count until the file reaches the target.
         self.expected, self._first = cap, FIRST_ROUND
         is_limited = plan.is_budget or goal.byte_limit is not None or goal.count is not None
-        # Whether the best picture within a limit, or with a given count, is wanted.
+        # Whether the goal is the best picture within a limit or with a given count.
         self._wants_best = aim is None and is_limited
-        # dB that a Gaussian must gain. Only a preset that is given alone asks for a gain.
+        # Gaussians are added only as long as each one gains at least this many dB. It is 0 with a
+        # target, a given count, a limit of bytes or a budget, because one of these alone then
+        # decides the count.
         self.least_gain = 0.0 if aim or is_limited else plan.preset.gain * (usual / 1000)
         if plan.only_time_limits:
             self.expected = int(min(cap, budget.most_gaussians(0.0)))
             self._first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
-        # The leap takes one more round.
+        # Growth has a first round, one round for each doubling, and perhaps one for a leap.
         self.rounds = max(1, math.ceil(math.log2(max(self.expected, 1) / self._first)) + 2)
         self.stop_reason = "cap"
         self.slope = 3.0
@@ -148,11 +183,17 @@ class Limits(DensificationPolicy):
         self._last: Snapshot | None = None
         self._before_leap: Snapshot | None = None
         self._is_measured = False  # whether growth has measured the bytes of a shape
+        # Largest count at which one more kilobyte still gains as many dB as the preset demands.
         self._paying_count = math.inf
         self._aim = aim or Aim(PSNR, plan.stop_psnr, ENOUGH)  # score that corrections aim at
 
     def grow(self, now: Snapshot) -> int:
-        """Return the next count: twice the present, fewer if a limit allows fewer, or a leap."""
+        """Return the count for the next round of growth, or the present count if growth ends.
+
+        The next count is usually twice the present one, or less if a limit does not allow so many
+        Gaussians. If growth leaps, the next count is much larger. If growth has just leapt and
+        gained too little by it, the next count is the one before the leap.
+        """
         in_time, psnr = math.inf, now.psnr
         if self._plan.only_time_limits:
             in_time = self._budget.most_gaussians(now.done)
@@ -177,7 +218,13 @@ class Limits(DensificationPolicy):
         return now.count
 
     def adjust(self, now: Snapshot) -> int:
-        """Return the count that the limits ask for at the fit's end, at most MOST_CHANGE away."""
+        """Return the count with which the fit goes on.
+
+        This method estimates which count the limits will allow at the end of the fit, and moves the
+        present count towards this estimate. The change is at most a share MOST_CHANGE of the
+        present count. The count is reduced by more only if it would otherwise exceed the cap or the
+        limit of bytes.
+        """
         least, most = (1 - MOST_CHANGE) * now.count, (1 + MOST_CHANGE) * now.count
         in_time = max(TOO_MANY * self._budget.most_gaussians(now.done), least)
         if self._plan.only_time_limits:
@@ -191,15 +238,22 @@ class Limits(DensificationPolicy):
         return int(min(math.ceil(min(max(wanted, least), most)), *counts.values()))
 
     def max_count(self, now: Snapshot) -> int:
-        """Return the largest count that cap, bytes and time allow."""
-        # Growth with a target or a preset ignores how many Gaussians there is time for.
+        """Return the largest count that the cap, the time limit and the limit of bytes allow."""
+        # If the time limit alone decides the steps, growth has already chosen a count for which the
+        # time suffices for all steps, so that only the export still needs time. Otherwise growth
+        # has chosen the count without regard to the time. The remaining steps and the search for
+        # the file's colours then need time too.
         done, colors = (1.0, False) if self._plan.only_time_limits else (now.done, True)
         return int(min(self._counts(now, self._budget.most_gaussians(done, colors)).values()))
 
     def _counts(self, now: Snapshot, in_time: float) -> dict[str, float]:
-        """Return the counts that cap, time and bytes allow, by their stop reasons.
+        """Return a dict of the counts that the cap, the time limit and the limit of bytes allow.
 
-        If bytes are limited, first measure a shape's bytes: once in growth, always in refinement.
+        Its keys are the names that these limits have as stop reasons in the report. If bytes are
+        limited, this function also measures how many bytes a shape takes: once during growth, and
+        on every call during refinement.
+
+        in_time  count that the time allows
         """
         counts, limit = {self._cap_reason: float(self.expected)}, self._plan.goal.byte_limit
         if self.is_additive:
@@ -210,7 +264,9 @@ class Limits(DensificationPolicy):
             share = OVERFILL_REFINING if refines else OVERFILL_GROWING
             if now.done >= schedule.QUANTIZED_FROM:
                 share = 1 + SPARE / math.sqrt(max(now.count, 1))
-            if self._plan.aim is not None:  # a target allows no excess to prune
+            # With a target, Gaussians must not be pruned after the fit, because this would lower
+            # the score. So the fit does not aim above the limit.
+            if self._plan.aim is not None:
                 share = 1.0
             if refines or (now.count >= MEASURED_FROM and not self._is_measured):
                 self._is_measured = True
@@ -222,25 +278,37 @@ class Limits(DensificationPolicy):
         return counts
 
     def _in_bytes(self, size: float) -> int:
-        """Return the count that fills `size` bytes."""
+        """Return the number of Gaussians that fill a file of `size` bytes."""
         return int(max(size - self._exporter.empty_bytes, 0) / self._bytes_each)
 
     def _learn(self, now: Snapshot, last: Snapshot) -> None:
-        """Set the slope and the paying count by the gain of the last round."""
+        """Compute `slope` and `_paying_count` from the gain in PSNR of the last round.
+
+        last  state before that round
+        """
         gain = max(now.psnr - last.psnr, 0.0) / GAIN_OF_A_ROUND
         added = now.count - last.count
         doublings = math.log2(now.count / last.count) if last.count else 1.0
         rise = gain / doublings
-        if doublings > WHOLE_ROUND:  # convergence distorts the gain of a smaller round
+        if doublings > WHOLE_ROUND:
             self.slope = min(max(rise, FLATTEST), STEEPEST)
         if self.least_gain:
-            # Count at which one more kilobyte gains just what the preset asks for.
+            # At this count, one more kilobyte gains exactly as many dB as the preset demands.
             self._paying_count = rise / (self.least_gain * math.log(2))
             if last == self._before_leap and gain >= self.least_gain * added:
                 self._paying_count = last.count + added / (1 - 10 ** (-gain / 10))
 
     def _wanted(self, count: int, psnr: float, counts: dict[str, float]) -> float:
-        """Return the smallest count that a limit allows, and set `stop_reason` to that limit."""
+        """Return the number of Gaussians from which on no more should be added.
+
+        There are several reasons to add no more Gaussians: the limits in `counts`, a PSNR that is
+        high enough, and a gain that is too small. A number of Gaussians is known for each reason.
+        Return the smallest of these numbers, and set `stop_reason` to its reason.
+
+        count   present number of Gaussians
+        psnr    PSNR in dB that is expected with this number
+        counts  number of Gaussians that each limit allows
+        """
         needed = 0.0 if psnr >= self._psnr else math.inf
         if count:
             needed = count * 2 ** min((self._psnr - psnr) / self.slope, 60.0)
@@ -249,16 +317,19 @@ class Limits(DensificationPolicy):
         return counts[self.stop_reason]
 
     def corrected(self, count: int, exports: Sequence[Export]) -> int:
-        """Return the count of the next export, or the present count if no correction is needed.
+        """Return the number of Gaussians that the next file should have.
 
-        Set `stop_reason` to the limit that decides.
+        This is the present `count` if no correction is needed. Set `stop_reason` to the limit that
+        decides the count.
         """
         last, plan, limit = exports[-1], self._plan, self._plan.goal.byte_limit
-        # A smaller count saves no time, because it is fitted and written again.
+        # The count is not reduced for lack of time here, because fitting and writing fewer
+        # Gaussians would take still more time.
         in_time = max(self._budget.most_gaussians(1.0), count)
         counts = {self._cap_reason: float(self._most), "time_limit": in_time}
         if plan.covering and not self._wants_best:
-            # Ellipses at edges cost PSNR that more shapes do not regain, so the count is bounded.
+            # The plain ellipses at the edges lower the PSNR. More shapes would not raise it again,
+            # so the count is limited.
             counts["gain"] = math.ceil(FOR_EDGES * len(exports[0].scene))
         if limit is not None:
             counts["max_bytes"] = self._filling(limit, count, exports)
@@ -272,7 +343,9 @@ class Limits(DensificationPolicy):
             return 0 if is_met else int(min(FIRST_ROUND, *counts.values()))
         needed = self._needed(count, exports)
         if needed == count:
-            if limit is not None and last.size > limit:  # the export will be pruned
+            # The file will be pruned until it is within the limit. So the limit is named as the
+            # reason for the count.
+            if limit is not None and last.size > limit:
                 self.stop_reason = "max_bytes"
             return count
         counts = {"enough" if plan.aim is None else "iterations": needed, **counts}
@@ -286,10 +359,12 @@ class Limits(DensificationPolicy):
         return wanted
 
     def _needed(self, count: int, exports: Sequence[Export]) -> int:
-        """Return the count that the wanted score needs, without regard to limits."""
+        """Return the count at which the wanted score is expected, without regard to limits."""
         search, is_aim = self._aim.search, self._plan.aim is not None
         excess = exports[-1].score - self._aim.value
-        if self._wants_best:  # only a limit of bytes is filled, until more Gaussians are invisible
+        if self._wants_best:
+            # The count is raised only to fill a limit of bytes, and only as long as the PSNR is so
+            # low that more Gaussians improve the picture visibly.
             fills = self._plan.goal.byte_limit is not None and excess < 0
             return 4 * count if fills else count
         ended_before = excess < 0 and not is_aim and self.stop_reason != "enough"
@@ -301,9 +376,11 @@ class Limits(DensificationPolicy):
         return round(needed) if is_aim else math.ceil(max(needed, min(count, LEAST_REDUCED)))
 
     def _filling(self, limit: int, count: int, exports: Sequence[Export]) -> int:
-        """Return the count that fills the limit of bytes, interpolated between two files.
+        """Return the count that is expected to fill the limit of bytes.
 
-        If no file is below the limit, or none above, measure the bytes of the last file's shapes.
+        It is interpolated between the largest file within the limit and the smallest file above it.
+        If all files so far are on one side of the limit, it is estimated from the bytes per shape
+        of the last file.
         """
         size = attrgetter("size")
         below = max((e for e in exports if e.size <= limit), key=size, default=None)
@@ -316,24 +393,30 @@ class Limits(DensificationPolicy):
         return self._in_bytes(limit)
 
     def _slope(self, exports: Sequence[Export]) -> float:
-        """Return the score gained per doubling, from the last two exports or from growth."""
+        """Return the gain of the score per doubling of the count.
+
+        This gain is computed from the last two exports if their counts differ enough, and if the
+        export with more Gaussians has the higher score. Otherwise it is the usual slope of the
+        score. PSNR has no usual slope, so the slope that was measured during growth is taken.
+        """
         search = self._aim.search
         slope, (least, most) = self.slope if search.slope is None else search.slope, search.slopes
         if len(exports) >= 2:
             before, last = exports[-2:]
             doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
             rise = last.score - before.score
-            if abs(doublings) > TELLING and rise / doublings > 0:  # otherwise the rise is chance
+            if abs(doublings) > TELLING and rise / doublings > 0:
                 slope = rise / doublings
         return min(max(slope, least), most)
 
     def best(self, exports: Sequence[Export]) -> Export:
         """Return the export to write.
 
-        With a target or a preset, it is the smallest file with a score within the tolerances. If
-        there is none, it is the smallest file above them, or else the file with the highest score.
-        With a limit or a given count, it is the file with the highest expected score after
-        pruning. If all files are too large, it is the smallest.
+        With a target or a preset, it is the smallest file whose score is within the tolerances. If
+        no score is within them, it is the smallest file whose score is above them. If no score is
+        above them either, it is the file with the highest score.
+        With a limit or a given count, it is the file that has the highest expected score after it
+        is pruned to the limit. If all files are too large, it is the smallest one.
         """
         limit = self._plan.goal.byte_limit or math.inf
         largest = limit if self._plan.aim is not None else TOO_LARGE * limit

@@ -1,6 +1,6 @@
-"""The options of a run in six groups. Command line and report are derived from them.
+"""The options of a run in six groups, and the progress that a run reports.
 
-A run reports its progress by calls with a Progress.
+The command line and the report are derived from the options.
 """
 
 from __future__ import annotations
@@ -21,16 +21,18 @@ from gauss2svg.scene import OVER
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
 
 AUTO = "auto"
-_MOST_DECIBELS = 100.0  # dB, at which fewer than one in 100,000 values differ, by one level of 255
+# Largest target in dB. At this PSNR, a picture is almost exact: fewer than one value in 100,000 is
+# wrong, and only by one level of 255.
+_MOST_DECIBELS = 100.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Goal(OptionGroup):
     """Targets and limits of a run. The first one that is reached ends the run.
 
-    A limit of bytes or seconds that is given alone is a budget: the best picture within it is
-    written. A preset or a number of Gaussians that is given with it is an upper bound. If two
-    limits are given, the run keeps both.
+    A limit of bytes or seconds that is given alone is a budget: the best picture within the limit
+    is written. A preset or a number of Gaussians that is given together with a limit is an upper
+    bound. If both bytes and seconds are limited, the file meets both limits.
     """
 
     quality: Literal["draft", "fast", "balanced", "high", "max"] | None = None
@@ -65,12 +67,12 @@ class Goal(OptionGroup):
 
     @property
     def target(self) -> Score | None:
-        """Score that has a target, None without one."""
+        """Score for which a target is given, or None."""
         return next((one for one in TARGETS if getattr(self, one.option) is not None), None)
 
     @property
     def count(self) -> int | None:
-        """Given number of Gaussians, None if it adapts to the image."""
+        """Number of Gaussians that the user gave, or None if the number adapts to the image."""
         return self.gaussians if isinstance(self.gaussians, int) else None
 
     @property
@@ -80,7 +82,7 @@ class Goal(OptionGroup):
 
     @property
     def is_limited(self) -> bool:
-        """Whether bytes or seconds are limited."""
+        """Whether the bytes of the file or the seconds of the run are limited."""
         return self.max_bytes is not None or self.time_limit is not None
 
     @property
@@ -96,10 +98,10 @@ class Goal(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class SvgOptions(OptionGroup):
-    """Options of the written SVG.
+    """Options of the SVG that `vectorize` writes.
 
-    `vectorize` takes these and chooses the values that are not given. `write_svg` takes the chosen
-    values as an SvgFormat.
+    `vectorize` chooses the values that are not given. `write_svg` takes the chosen form, markup,
+    stops and precision as an SvgFormat.
     """
 
     form: Form = "gradient"
@@ -140,7 +142,7 @@ class SvgOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(OptionGroup):
-    """Resources of a run, and the renderer that measures it."""
+    """Options for measuring the file of a run, and for the resources that the run may use."""
 
     renderer: Renderer = "resvg"
     """Renderer that rasterises the SVG to measure it. resvg comes with gauss2svg, cairo needs the
@@ -169,7 +171,8 @@ class RunOptions(OptionGroup):
     estimated to need more runs on fewer pixels."""
 
 
-# Options that do not change the picture. max_memory does only if the memory is too small.
+# Options that do not change the picture. There is one exception: if max_memory is too small for
+# the fit, the fit runs on fewer pixels.
 NOT_OF_PICTURE = frozenset({"threads", "max_memory", "max_pixels", "scores"})
 # Titles of the groups, in the order of the help.
 GROUP_TITLES = {
@@ -195,14 +198,16 @@ class Options:
 
     @property
     def written_blend(self) -> str:
-        """Blend of the shapes in the file."""
+        """Blend mode of the shapes in the file."""
         return OVER if self.svg.portable else self.fit.blend
 
     @classmethod
     def of_call(cls, arguments: Mapping[str, Any]) -> Options:
-        """Return the options in the arguments of a call of `vectorize`: single goals and groups.
+        """Return the options that were given in a call of `vectorize`.
 
-        Raise TypeError if arguments["unknown"] is not empty. For an option, say where it belongs.
+        arguments  all arguments of the call by name: groups of options, and single fields of Goal
+        Raise TypeError if arguments["unknown"] is not empty. If the unknown name is an option of a
+        group, the error says to which class it belongs.
         """
         for name in arguments["unknown"]:
             if name not in OPTIONS:
@@ -217,11 +222,14 @@ class Options:
 
     @classmethod
     def from_flat(cls, values: Mapping[str, Any]) -> Options:
-        """Return options from names and values. Raise InputError for an unknown name."""
+        """Return options with the given values, which are named as in `flat`.
+
+        All other options have their defaults. Raise InputError for an unknown name.
+        """
         return cls().changed(**values)
 
     def flat(self) -> dict[str, Any]:
-        """Return the value of every option by its name."""
+        """Return the values of all options by the options' names."""
         return {name: getattr(getattr(self, key), name) for name, key in OPTIONS.items()}
 
     def changed(self, /, **values: Any) -> Options:
@@ -235,18 +243,20 @@ class Options:
         return dataclasses.replace(self, **new)
 
 
-# Class of each group of Options, by the group's key.
+# The key of each group of options, with the class of the group.
 GROUPS: dict[str, type[OptionGroup]] = get_type_hints(Options)
-# Key of the group of each option, by the option's name.
+# The name of each option, with the key of its group.
 OPTIONS = {field.name: key for key, group in GROUPS.items() for field in fields_of(group)}
 
 
 @dataclass(frozen=True)
 class Progress:
-    """The phase of `vectorize`, and the state of the fit.
+    """The phase in which a run of `vectorize` is, and the state of the fit.
 
-    phase  "read", "compile", "additive" (only with portable), "fit", "write" or "measure". With
-           targets, "correct", "write" and "measure" may follow again
+    phase  "read", "compile", "additive" (only with the option portable), "fit", "write", "correct"
+           or "measure". "correct" and then "write" come again for each correction of the number of
+           Gaussians. "measure" comes at the end. If there is a target, it also comes after each
+           "write"
     fit    state of the fit during "additive", "fit" and "correct", otherwise None
     """
 

@@ -1,4 +1,4 @@
-"""The subject of a search and its outcome, and the best of several outcomes."""
+"""The subject and the outcome of a search, and the choice of the best of several outcomes."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from gauss2svg.svg import Document, SvgFormat
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A photo, and the canvas and document of its file.
+    """A photo in the sizes that a search needs, and the canvas and settings of the file to write.
 
-    photo     (h, w, 3) or (h, w, 4) float32 in 0..1, with which files are compared
+    photo     photo with which files are compared, (h, w, 3) or (h, w, 4) float32 in 0..1
     working   image that a fit runs on: the photo, perhaps reduced
-    canvas    width and height in px of the file, those of the photo before it was reduced
+    canvas    width and height in px of the file. They are those of the photo before it was reduced
     document  document settings of the file
-    focus     mask of where detail matters
-    start     scene with whose shapes a search by count begins
+    focus     mask of the part of the photo where detail matters, None if the user gives no mask
+    start     scene whose shapes a search by count refines. None: the search fits new shapes
     """
 
     photo: NDArray[np.float32]
@@ -44,7 +44,10 @@ class Subject:
 
     @classmethod
     def of(cls, photo: NDArray[np.float32], canvas: tuple[int, int] | None = None) -> Self:
-        """Return a subject that is fitted at the photo's size. The default canvas is that size."""
+        """Return a subject that is fitted at the photo's size.
+
+        canvas  width and height in px of the file. None: those of the photo
+        """
         return cls(photo, photo, canvas or photo.shape[1::-1])
 
     @property
@@ -53,24 +56,35 @@ class Subject:
         return self.working.shape[1::-1]
 
     def targets(self, tune: Tune) -> TargetPyramid:
-        """Return the targets of fits to the working image. They are made once for each `tune`."""
+        """Return the targets of fits to the working image.
+
+        The targets for a value of `tune` are made in the first call with this value. Later calls
+        return the same targets again.
+        """
         if tune not in self._targets:
             self._targets[tune] = TargetPyramid(self.working, tune, focus=self.focus)
         return self._targets[tune]
 
     def weight(self, picture: NDArray[np.float32]) -> NDArray[np.float32] | None:
-        """Return the weight (h, w) by the mask of errors against a picture; None without one."""
+        """Return the weight (h, w) that the mask gives to the error of each pixel of a picture.
+
+        Return None if there is no mask.
+        """
         return None if self.focus is None else self.focus.weight(*picture.shape[:2])
 
     def psnr(self, raster: NDArray[np.float32]) -> float:
-        """Return a raster's PSNR (dB) weighted by the mask, over white and black if with alpha."""
+        """Return the PSNR in dB of a raster against the photo.
+
+        If there is a mask, it weights the errors of the pixels. A photo with alpha is compared over
+        white and over black.
+        """
         return metrics.psnr(stacked(raster), stacked(self.photo), self.weight(self.photo))
 
     def by_usefulness(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
-        """Return the indices of a scene's shapes, the most useful first.
+        """Return the indices of a scene's shapes, from the most to the least useful.
 
-        The removal of the most useful shape would raise the weighted error against the working
-        image most.
+        The most useful shape is the one without which the weighted error against the working image
+        would rise most.
         """
         target = self.targets(tune).reduced(1)
         scale = target.width / scene.width, target.height / scene.height
@@ -78,12 +92,12 @@ class Subject:
         return np.argsort(-cost, kind="stable")
 
     def release(self) -> None:
-        """Free the targets of fits, after the last fit."""
+        """Free the memory of the targets of fits. Call this after the last fit."""
         self._targets.clear()
 
 
-# Highest PSNR in dB at which differences of a drawing can be seen at its own size
-# (docs/decisions/enlarged.md).
+# If the PSNR in dB between a drawing and its file is less than this, people can see differences at
+# the drawing's own size (docs/decisions/enlarged.md).
 SEEN_UP_TO = 41.0
 
 
@@ -94,9 +108,9 @@ class Outcome:
     plan         plan of the search
     subject      subject of the search
     format       format of the file
-    corrections  number of changes of the count after the fit
-    enlarged     enlarged drawing, with which files are compared too. None for other pictures
-    aim_score    score of the file by the aim of the run, NaN if it is not measured
+    corrections  number of times that the number of Gaussians was changed after the fit
+    enlarged     enlarged drawing, if files are also compared with one, otherwise None
+    aim_score    value of the aim's score for the file, NaN if it is not measured
     """
 
     plan: Plan
@@ -112,20 +126,25 @@ class Outcome:
 
     @property
     def size(self) -> int:
-        """Bytes of the file, or of the gzipped file if the limit counts gzipped bytes."""
+        """Number of bytes of the file, or of the gzipped file if the limit counts those."""
         measured = self.measured
         return measured.svgz_bytes if self.plan.counts_gzipped else measured.svg_bytes
 
 
 def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
-    """Return the closest outcome of the searches of a plan, with the costs of all.
+    """Run the searches of a plan, and return the best outcome with the costs of all searches.
 
-    With an aim, outcomes within the limit of bytes come first, then higher scores. Without one, the
-    higher PSNR at the measured size wins, but enlarged drawings that reach SEEN_UP_TO dB are
-    compared enlarged.
+    With an aim, an outcome within the limit of bytes is better than one beyond it. If two outcomes
+    are both within it, or both beyond it, the one with the higher score is better. Without an aim,
+    the outcome with the higher PSNR at the measured size is better. But if a search has enlarged a
+    drawing, and the PSNRs of two outcomes both reach SEEN_UP_TO dB, the outcome that is closer to
+    the enlarged drawing is better.
 
-    No search follows an outcome that meets the aim within the limit or was interrupted. None
-    follows an enlarged drawing of at least SEEN_UP_TO dB, because only its shapes stay crisp.
+    The searches end early if an outcome meets the aim within the limit, or was interrupted. They
+    also end if a search that has enlarged a drawing reaches SEEN_UP_TO dB, because only the shapes
+    of this search stay crisp when the file is enlarged.
+
+    searched  outcomes of the searches. Each search runs when its outcome is requested
     """
     aim, limit = plan.aim, plan.goal.byte_limit or math.inf
     outcomes, is_met = list[Outcome](), False

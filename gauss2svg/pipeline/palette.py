@@ -1,6 +1,6 @@
-"""Quantisation to a palette, by weighted k-means on colours and exponents.
+"""Quantisation of a scene's colours and exponents to a palette, by weighted k-means.
 
-The file has a gradient for each entry of the palette, so fewer entries make a smaller file.
+The file has one gradient for each entry of the palette, so fewer entries make a smaller file.
 """
 
 from __future__ import annotations
@@ -19,15 +19,20 @@ from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
 from gauss2svg.svg.forms import GRADIENT, drawn_blurs, is_plain, snapped, with_falloffs
 from gauss2svg.without_scipy import nearest_entry
 
-# Constants of the search for a palette (docs/decisions/palette.md).
-ITERATIONS = 6  # iterations of Lloyd's algorithm. Twice as many gain under 2 %
-# Splitting ends at this multiple of the allowed error. Lloyd's iterations then remove about a tenth
-# of the error.
+# The next constants control the search for a palette (docs/decisions/palette.md).
+# Number of iterations of Lloyd's algorithm. Twice as many improve the result by less than 2 %.
+ITERATIONS = 6
+# Clusters are split until their error is at most a bound. The first bound is the allowed error
+# multiplied by this factor. The factor may be larger than 1, because Lloyd's algorithm then removes
+# about a tenth of the clusters' error.
 SPARE = 1.12
-LESS = 0.94  # factor on SPARE each time that the error is still too large after Lloyd's iterations
-LEAST_AIM = 0.1  # multiple of the allowed error below which the search gives up
-# Weight of ln beta relative to colours in 0..1. It is the best weight for photos, and nearly the
-# best for files of few bytes.
+# If the error after Lloyd's algorithm is still larger than allowed, the bound on the error of the
+# clusters is multiplied by this factor, and the clusters are split again with this lower bound.
+LESS = 0.94
+LEAST_AIM = 0.1  # the search gives up when the bound has fallen to this share of the allowed error
+# Shapes are clustered by their colours, which are in 0..1, and by their exponents beta. For this,
+# ln beta is multiplied by this factor. This value of the factor is the best for photos, and nearly
+# the best for files of few bytes.
 BETA_WEIGHT = 0.1
 Rows = NDArray[np.float64]
 
@@ -35,20 +40,26 @@ Rows = NDArray[np.float64]
 def best_palette(
     color: Rows, beta: Rows, weight: Rows, count: int, allowed: float = 0.0
 ) -> tuple[Rows, Rows, NDArray[np.intp]]:
-    """Choose a palette of at most `count` pairs of a colour and an exponent.
+    """Choose a palette for n shapes. Each of its entries is a pair of a colour and an exponent.
 
-    Return the colours (k, 3) in 0..1 of its entries, their exponents (k,), and the index (n,) of
-    each shape's entry.
+    Return the colours (k, 3) of the entries in 0..1, their exponents (k,), and for each shape the
+    index (n,) of its entry.
 
-    Weighted k-means on color (n, 3) in 0..1 and BETA_WEIGHT ln beta (n,) minimises
+    color    (n, 3) colours of the shapes in 0..1
+    beta     (n,) exponents of the shapes
+    weight   (n,) weights of the shapes, >= 0
+    count    largest number of entries
+    allowed  largest error that the palette may cause, see below
 
-        sum weight |difference|^2.
+    Weighted k-means on the vectors (color, BETA_WEIGHT ln beta) minimises the error
 
-    The colour part of this sum is the squared error of the image if weight (n,) >= 0 is the visible
-    mass of each shape. Colours are rounded to 8 bits and exponents to BETA_CLASSES. If `allowed` is
-    0, all pairs are kept if they are at most `count`. If it is larger, about the fewest entries
-    that keep the sum under it are used. The result is deterministic, because the
-    first clusters come from repeated splits.
+        sum of weight |difference of a shape's vector from that of its entry|^2.
+
+    If the weights are the visible masses of the shapes, the colours' part of this sum is the
+    squared error that the palette adds to the image. Colours are rounded to 8 bits and exponents to
+    BETA_CLASSES. If `allowed` is 0, and there are at most `count` different pairs, all of them are
+    kept. If `allowed` is larger, the palette has about the fewest entries whose error is at most
+    `allowed`. The result is deterministic, because the first clusters come from repeated splits.
     """
     features = np.column_stack([color, BETA_WEIGHT * np.log(_class_of(beta))])
     entries, entry = few_entries(features, weight, count, allowed, _rounded)
@@ -58,23 +69,30 @@ def best_palette(
 def few_entries(
     features: Rows, weight: Rows, count: int, allowed: float, rounded: Callable[[Rows], Rows]
 ) -> tuple[Rows, NDArray[np.intp]]:
-    """Return at most `count` entries (k, d) for features (n, d), and the entry (n,) of each.
+    """Choose a palette of at most `count` entries for n features (n, d).
 
-    allowed  weighted squared error that may be added so that there are fewer entries. 0: none
-    rounded  function that rounds features to values that a file can have
+    Return the entries (k, d), and an array (n,) with the index of each feature's entry.
+
+    allowed  largest weighted squared error that the entries may cause. The larger it is, the fewer
+             entries there are. 0: there are as many as are needed, up to `count`
+    rounded  function that rounds features to values that a file can contain
     """
     kept, entry_kept = np.unique(rounded(features), axis=0, return_inverse=True)
     exact, distinct = (kept, entry_kept.reshape(-1)), len(kept)
     if distinct <= 1 or (allowed <= 0 and distinct <= count):
         return exact
     floor = max(float(weight.mean()), np.finfo(np.float64).tiny) * 1e-3
-    weight = weight + floor  # hardly visible colours count a little
+    # Each weight is raised a little, so that the colours of hardly visible shapes count too.
+    weight = weight + floor
 
     def loss(entries: Rows, entry: NDArray[np.intp]) -> float:
         return float(np.sum(weight * np.square(entries[entry] - features).sum(axis=1)))
 
     def refined(entries: Rows) -> tuple[Rows, NDArray[np.intp]]:
-        """Return the entries after Lloyd's iterations, and the entry of each feature."""
+        """Improve entries by Lloyd's algorithm.
+
+        Return the improved entries, and an array with the index of each feature's entry.
+        """
         for _ in range(ITERATIONS):
             entry = nearest_entry(entries, features)[1]
             mass = np.bincount(entry, weight, len(entries))
@@ -84,7 +102,8 @@ def few_entries(
         return entries, nearest_entry(entries, features)[1]
 
     if distinct <= count and loss(*exact) > allowed:
-        return exact  # rounding alone loses more than is allowed
+        # Rounding alone causes more error than is allowed. Fewer entries would cause still more.
+        return exact
     most, aim = min(count, distinct), allowed * SPARE
     while True:
         means, left = _split(features, weight, most, aim)
@@ -92,7 +111,8 @@ def few_entries(
         if loss(entries, entry) <= allowed:
             return entries, entry
         if left > aim or len(means) >= most or aim <= allowed * LEAST_AIM:
-            # No palette reaches `allowed`, because the rest of the error is rounding.
+            # More splits would not help. The error is too large only because colours are rounded,
+            # or because no more entries are allowed.
             return exact if distinct <= count else (entries, entry)
         aim *= LESS
 
@@ -108,11 +128,11 @@ def _rounded(features: Rows) -> Rows:
 
 
 def _split(features: Rows, weight: Rows, count: int, aim: float) -> tuple[Rows, float]:
-    """Return the means (k, d) of k <= count clusters, and the squared error that is left.
+    """Return the means (k, d) of k <= count clusters, and the weighted squared error that is left.
 
-    The cluster with the largest error is cut at its mean, across its direction of largest variance,
-    until the total error is at most `aim` (Wan, Wong and Prusinkiewicz, "An algorithm for
-    multidimensional data clustering", 1988).
+    The cluster with the largest error is cut in two at its mean, across the direction of its
+    largest variance. This is repeated until the total error is at most `aim` (Wan, Wong and
+    Prusinkiewicz, "An algorithm for multidimensional data clustering", 1988).
     """
 
     def cluster(members: NDArray[np.intp]) -> tuple[float, int, NDArray, NDArray, NDArray]:
@@ -121,14 +141,15 @@ def _split(features: Rows, weight: Rows, count: int, aim: float) -> tuple[Rows, 
         offset = features[members] - mean
         spread = (share * offset).T @ offset
         axis = np.linalg.eigh(spread)[1][:, -1]
-        # The first member orders clusters of equal error, so that arrays are never compared.
+        # The heap compares these tuples. Clusters of equal error are ordered by the index of their
+        # first member, so that the arrays are never compared.
         return -float(np.trace(spread)), int(members[0]), members, mean, offset @ axis > 0
 
     heap = [cluster(np.arange(len(features)))]
     left = -heap[0][0]
     while len(heap) < count and left > aim:
         worst, _, members, _, above = heap[0]
-        if above.all() or not above.any():  # all members are equal
+        if above.all() or not above.any():  # no cluster can be split, because all members are equal
             break
         parts = cluster(members[above]), cluster(members[~above])
         heapq.heapreplace(heap, parts[0])
@@ -144,17 +165,21 @@ def quantize(
     color_error: float = 0.0,
     weight: NDArray[np.floating] | None = None,
 ) -> Scene:
-    """Return the scene with the colours and exponents of a palette. The operation is idempotent.
+    """Return the scene with the colours and exponents of a palette.
+
+    A second call with the result changes nothing.
 
     form         form of the shapes in the file, "gradient" or "blur"
-    palette      largest number of gradients, one for each colour and exponent. If some shapes are
-                 blurred, this number shrinks by their share. 0: no limit
-    color_error  mean squared error that fewer gradients may add. 0: gradients up to the limit
-    weight       (h, w) weight of each pixel's error, of any size and mean 1. None: 1 everywhere
+    palette      largest number of entries. The file has a gradient for each. If a share of the
+                 shapes is blurred, the number is reduced by this share. 0: no limit
+    color_error  largest mean squared error that the palette may add to the image. The larger it is,
+                 the fewer gradients there are. 0: as many gradients as `palette` allows
+    weight       (h, w) weights of the pixels' errors, with mean 1. Their size may differ from that
+                 of the scene. None: 1 everywhere
 
-    Plain ellipses and blurred discs need no gradient and keep their colour, rounded to 8 bits. In
-    an additive scene only colours are quantised, and they are not rounded. Raise InputError for an
-    additive scene if the form is not "gradient".
+    Plain ellipses and blurred discs need no gradient. They keep their colour, rounded to 8 bits. In
+    an additive scene only the colours are quantised, and they are not rounded. Raise InputError for
+    an additive scene if the form is not "gradient".
     """
     additive, exact = required(scene, "scene", Scene).blend == ADD, scene
     if additive and form != GRADIENT:

@@ -27,14 +27,16 @@ from gauss2svg.svg.element import hex_color
 DEFAULT_BYTES = 1000
 # Attributes of Placeholder whose bytes may be limited.
 Counted = Literal["svg", "inline", "data_uri", "data_uri_base64"]
-# px, longest side to which the photo is reduced while it is read. It is then reduced further, to
-# the working picture of at most 384 px.
+# px. A photo whose longest side is longer is reduced to this while it is read. For the fits it is
+# usually reduced further.
 _LONGEST_SIDE = 640
-# Characters that browsers accept unescaped in a data URI. % and # have a meaning in URIs, and "
-# would end the attribute or the url("") that holds the URI (docs/decisions/small.md).
+# Characters that browsers accept in a data URI without escapes. The characters % and # are missing,
+# because they have a meaning in URIs. The character " is missing, because it would end the
+# attribute or the url("") that contains the URI (docs/decisions/small.md).
 _UNESCAPED = " !$&'()*+,/:;<=>?@[]^`{|}"
 _MEDIA_TYPE = "image/svg+xml"
-# Positions at which a minimal file names an element or refers to one.
+# This pattern matches each place in a minimal file where an id begins. An id is written in the id
+# attribute of an element, and again in each reference to the element.
 _IDS = re.compile(r'(?<=id=")|(?<=href="#)|(?<=url\(#)')
 
 
@@ -45,7 +47,7 @@ class Placeholder:
     svg            text of the file
     width, height  size of the photo in px. The SVG has the same proportions
     color          mean colour of the photo's visible pixels, such as #8a7f6d
-    gaussians      number of Gaussians, 0 if the bytes suffice for none
+    gaussians      number of Gaussians in the SVG. 0 if the limit of bytes leaves none
     transparent    whether the photo has alpha
     """
 
@@ -58,7 +60,11 @@ class Placeholder:
 
     @property
     def inline(self) -> str:
-        """SVG to paste into a page, with ids of its own that make it 50 to 90 bytes longer."""
+        """SVG to paste into an HTML page.
+
+        Its ids begin with a hash of the file, so that several placeholders can be in one page. This
+        makes the text 50 to 90 bytes longer than `svg`.
+        """
         own = "g" + hashlib.sha256(self.svg.encode()).hexdigest()[:5]
         return _IDS.sub(own, self.svg)
 
@@ -70,11 +76,11 @@ class Placeholder:
 
     @property
     def data_uri_base64(self) -> str:
-        """SVG as a data URI in base64, for programs that refuse the shorter `data_uri`."""
+        """SVG as a data URI in base64, for programs that do not accept the shorter `data_uri`."""
         return f"data:{_MEDIA_TYPE};base64," + base64.b64encode(self.svg.encode()).decode()
 
     def record(self, name: str) -> dict[str, Any]:
-        """Return a dict for JSON with the keys of SQIP's result and `transparent`.
+        """Return a dict for JSON. It has the keys of a result of SQIP, and the key `transparent`.
 
         name  name of the photo's file
         """
@@ -94,14 +100,14 @@ class Placeholder:
         return {"content": self.inline, "metadata": metadata}
 
     def snippet(self, source: str, alt: str = "") -> str:
-        """Return an HTML <img> of the photo with the placeholder behind it.
+        """Return an HTML <img> of the photo that has the placeholder as its background.
 
         source  URL of the photo, percent-encoded where needed
         alt     description of the photo, for readers who do not see it
 
-        Width and height of the <img> reserve the photo's space, and the <img> is no wider than its
-        container. Through a loaded photo with alpha the placeholder would be visible, so an onload
-        attribute removes the placeholder.
+        The width and height of the <img> reserve the space of the photo, but the <img> is never
+        wider than its container. If the photo has alpha, the placeholder would be visible behind
+        the loaded photo, so an onload attribute removes it.
         """
         color = "" if self.transparent else f"{self.color} "
         style = f'max-width:100%;height:auto;background:{color}url("{self.data_uri}") 0 0/100% 100%'
@@ -111,9 +117,11 @@ class Placeholder:
         return f'<img {shown} {size} style="{_in_attribute(style)}"{gone}>'
 
     def picture(self, source: str, others: Mapping[str, str], alt: str = "") -> str:
-        """Return an HTML <picture> of the `snippet` and of other files that a browser may load.
+        """Return an HTML <picture> that contains the `snippet` and other files of the photo.
 
-        others  media types of the other files of the photo, by their URLs, the best file first:
+        The browser loads the first file that it supports.
+
+        others  media types of the other files by their URLs, the preferred file first:
                 {"a.avif": "image/avif"}
         """
         sources = ""
@@ -123,7 +131,7 @@ class Placeholder:
 
 
 def _in_attribute(text: str) -> str:
-    """Escape text for an HTML attribute in double quotes. There < and > need no escape."""
+    """Escape text for an HTML attribute in double quotes, in which < and > need no escape."""
     return text.replace("&", "&amp;").replace('"', "&quot;")
 
 
@@ -137,14 +145,15 @@ def placeholder(
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Placeholder:
-    """Return a photo's placeholder, the best SVG within max_bytes, such as 1000 or "1k".
+    """Return a placeholder for a photo: the best SVG of at most max_bytes bytes.
 
     image                path, bytes, binary file, PIL image, numpy array or torch tensor
-    bytes_of             attribute of the placeholder that max_bytes limits, such as "data_uri"
+    max_bytes            limit such as 1000 or "1k", at most 20 kB
+    bytes_of             attribute of the placeholder whose bytes are limited, such as "data_uri"
     threads, max_memory  see RunOptions
     progress, stop       see `vectorize`
-    Raise InputError for invalid input, for more than 20 kB, and for fewer bytes than a file without
-    Gaussians has.
+    Raise InputError for invalid input, if max_bytes is more than 20 kB, and if it is less than a
+    file without Gaussians needs.
     """
     limit = check_bytes("max_bytes", max_bytes)
     Field("bytes_of", words=get_args(Counted)).checked(bytes_of)
@@ -166,7 +175,10 @@ def placeholder(
 
 
 def check_bytes(name: str, value: Any) -> int:
-    """Return the limit of a placeholder in bytes. Raise InputError with `name` if invalid."""
+    """Return the limit of a placeholder as a number of bytes.
+
+    Raise InputError if `value` is not a valid limit. The error names the option `name`.
+    """
     size = byte_size(name, value)
     if size > MINIMAL_UP_TO:
         needed = f"at most {MINIMAL_UP_TO} bytes for a placeholder"

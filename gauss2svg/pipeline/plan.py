@@ -1,6 +1,6 @@
-"""The plan of a run: presets, the numbers of its options, its aim, and the searches to run.
+"""The plan of a run: its preset, the values of its options, its aim, and the searches to run.
 
-Options that exclude each other are refused first, before anything slow begins.
+Options that exclude each other are refused here, before anything slow begins.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, RendererError, quoted
+from gauss2svg.errors import InputError, RendererError, quoted, refusal
 from gauss2svg.fit import DEFAULT_LOSS, MOST_GAUSSIANS, PSNR, DensifyOptions, FitConfig, Tune
 from gauss2svg.measure import Score, Search, require_packages
 from gauss2svg.measure.roundtrip import score_of
@@ -26,37 +26,39 @@ from gauss2svg.scene.inks import inks_of
 from gauss2svg.svg import EDITABLE, INKS, MINIMAL, ROUNDS, Markup, StopCount, SvgFormat
 from gauss2svg.svg.forms import GRADIENT
 
-# Bounds of the Gaussians and pixels of a run.
-MOST_GAUSSIANS_A_SECOND = 5000  # largest count per second of a limit (docs/decisions/time.md)
-PIXELS_EACH_IN_LIMIT = 30  # px of the fit per shape in a limit of bytes (docs/decisions/time.md)
-LEAST_CAP = 150  # least cap on Gaussians, however small the limit (docs/decisions/time.md)
+# Bounds on the number of Gaussians and of pixels in a run with a limit (docs/decisions/time.md).
+MOST_GAUSSIANS_A_SECOND = 5000  # largest number of Gaussians per second of the time limit
+PIXELS_EACH_IN_LIMIT = 30  # a fit should have this many pixels for each shape that fits the limit
+LEAST_CAP = 150  # however small the limit of bytes or seconds is, so many Gaussians are allowed
 
-# Bytes of a Gaussian, in editable markup if no other is named.
+# The next numbers say how many bytes a Gaussian takes in a file of editable markup, unless another
+# markup is named. The lower bounds LEAST_... decide the largest number of Gaussians of a budget.
 USUAL_BYTES = 120  # bytes of an ellipse and its share of the palette (docs/decisions/numbers.md)
-GZIPPED_SHARE = 0.17  # share of the bytes that gzip leaves (docs/decisions/numbers.md)
+GZIPPED_SHARE = 0.17  # compressed size as a share of the original (docs/decisions/numbers.md)
 BYTES_IN_LIMIT = 100  # bytes of an ellipse in a file that fills a limit (docs/decisions/time.md)
-LEAST_BYTES_IN_LIMIT = 60  # least bytes of an ellipse in a file that fills a limit
-BYTES_IN_INKS = 60  # bytes of an ellipse of one of a few inks (docs/decisions/inks.md)
-LEAST_BYTES_IN_INKS = 20  # least bytes of an ellipse of an ink, in minimal markup
-# Bytes that a soft shape, a plain ellipse and a shape of a drawing take in minimal markup, before
-# and after gzip (docs/decisions/small.md).
+LEAST_BYTES_IN_LIMIT = 60  # an ellipse in a file that fills a limit takes at least this many bytes
+BYTES_IN_INKS = 60  # bytes of an ellipse in a file with only a few inks (docs/decisions/inks.md)
+LEAST_BYTES_IN_INKS = 20  # an ellipse in a minimal file of inks takes at least this many bytes
+# Bytes that a soft shape, a plain ellipse and a shape of a drawing take in minimal markup: first
+# without compression, then after gzip (docs/decisions/small.md).
 SHAPE_BYTES, SHAPE_GZIPPED_BYTES = (62, 44, 36), (22, 20, 18)
 
 
 @dataclass(frozen=True)
 class Preset:
-    """The numbers of a preset, in the order of the table below.
+    """The values of a preset, in the order of the columns of PRESETS.
 
-    gain        dB that one more kilobyte of the file must gain for growth to continue
+    gain        dB that one more kilobyte of the file must gain. If it gains less, growth stops
     stop_psnr   PSNR (dB) at which growth stops
     cap         largest number of Gaussians
-    color_loss  PSNR (dB) that the palette may cost if the count adapts. The last steps of the fit
-                regain some of it. 0: all colours are written
-    colors      palette entries per Gaussian if the user gives the count. 0: all colours are written
-    iterations  number of optimiser steps
+    color_loss  dB of PSNR that the palette may cost if the number of Gaussians adapts to the image.
+                The last steps of the fit regain a part of this loss. 0: all colours are written
+    colors      number of palette entries per Gaussian if the user gives the number of Gaussians.
+                0: all colours are written
+    iterations  number of steps of the optimiser
     max_size    longest side in px of the image that the fit runs on
-    stops       number of stops of a gradient
-    precision   step of coordinates in px
+    stops       number of colour stops in a gradient
+    precision   step in px to which coordinates are rounded
     opacity_decimals  number of decimals of fill-opacity
     """
 
@@ -83,19 +85,24 @@ PRESETS = {
 }  # fmt: skip
 DEFAULT_PRESET = "balanced"
 
-CAP_FOR_TARGET = 50000  # largest number of Gaussians for a target, whatever the preset
-# PSNR (dB) above which more Gaussians are invisible. An error of half a level of 255 has 54.1 dB.
+CAP_FOR_TARGET = 50000  # largest number of Gaussians in a run with a target, for every preset
+# PSNR (dB) above which adding Gaussians makes no visible difference. An error of half a level of
+# 255 has 54.1 dB.
 INDISTINGUISHABLE = 54.0
-# PSNR (dB) of the model above which rounding the raster to 8 bits hides the gain of more Gaussians.
+# If the model's PSNR (dB) is above this, rounding the raster to 8 bits hides any further gain.
 NOTHING_TO_GAIN = 58.0
-# Presets and least PSNRs (dB) at which a budget of seconds, or of bytes, has their finer numbers.
+# Pairs of a preset and a PSNR in dB. More digits are worth their bytes only if the PSNR is high. So
+# a file within a budget has the digits and stops of the first preset here whose PSNR it reaches.
+# FINE_FROM is for a budget of seconds alone, and FINE_BYTES_FROM for a budget with a byte limit.
 FINE_FROM, FINE_BYTES_FROM = (("max", 46.0), ("high", 40.0)), (("high", 44.0),)
 
 
 def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = False) -> Preset:
-    """Return the preset for a budget of bytes before gzip, of seconds or of both.
+    """Return the preset for a budget of bytes, of seconds or of both.
 
-    inks  whether the shapes are opaque ellipses of a few inks
+    max_bytes   largest size of the file before gzip in bytes, or None
+    time_limit  time limit in s, or None
+    inks        whether the shapes are opaque ellipses in a few inks
     """
     usual, finest = PRESETS[DEFAULT_PRESET], PRESETS["max"]
     side, caps = finest.max_size, [MOST_GAUSSIANS]
@@ -110,42 +117,42 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
     return dataclasses.replace(usual, gain=0.0, stop_psnr=NOTHING_TO_GAIN, cap=cap, max_size=side)
 
 
-# Bytes of the largest placeholder. With a target, auto markup is minimal up to this byte limit.
+# Largest limit of bytes of a placeholder. In a search for a target, the option markup=auto means
+# minimal markup if the limit of bytes is at most this.
 MINIMAL_UP_TO = 20_000
 
-
-# Bytes before gzip that decide which searches run (docs/decisions/markup.md).
-# Largest limit for a search by bytes, if the photo has over WHOLE_SIDE px a side and no edges.
+# The limit of bytes before gzip decides which searches run (docs/decisions/markup.md). A search by
+# bytes runs if this limit is at most BY_BYTES_UP_TO. It runs with every limit for a drawing with
+# antialiased edges, and for a photo whose longest side is at most WHOLE_SIDE px.
 BY_BYTES_UP_TO = 30_000
-WHOLE_SIDE = 256  # px, longest side of a photo that a search by bytes does not reduce
-# Smallest limit of a search by count for a minimal file, if there is also a search by bytes.
+WHOLE_SIDE = 256  # px. A search by bytes does not reduce a photo whose longest side is at most this
+# Below this limit, a search by count for minimal markup runs only if no search by bytes runs.
 MINIMAL_FROM = 8_000
-EDITABLE_FROM = 5_000  # smallest limit of a search for an editable file, if another search runs
-UNASKED_UP_TO = 200_000  # bytes of the largest minimal file that auto markup chooses
-EDITABLE_IS_CLOSER = 1.5  # multiple of UNASKED_UP_TO above which editable files are always closer
-GZIP = 6  # ratio of a file's bytes before gzip to those after (docs/decisions/minimal.md)
-# Least number of palette entries. Fewer entries lower the PSNR noticeably, even with a thousand
-# Gaussians (docs/decisions/palette.md).
+# With a smaller limit than this, a search for an editable file runs only if no other search runs.
+EDITABLE_FROM = 5_000
+UNASKED_UP_TO = 200_000  # auto markup is never minimal in a file of more bytes than this
+# If the limit is above this multiple of UNASKED_UP_TO, only an editable file is made. An editable
+# file is then always closer than a minimal one, which could have at most UNASKED_UP_TO bytes.
+EDITABLE_IS_CLOSER = 1.5
+GZIP = 6  # bytes of a file before gzip, divided by its bytes after (docs/decisions/minimal.md)
+# Fewer palette entries lower the PSNR even of a thousand Gaussians (docs/decisions/palette.md).
 FEWEST_COLORS = 192
-# Largest number of palette entries within a budget. Their error is below that of 8 bits, and more
-# entries take long to find (docs/decisions/palette.md).
+# Largest number of palette entries in a run with a budget. So many already cause less error than
+# rounding to 8 bits does, and it would take long to find more entries (docs/decisions/palette.md).
 MOST_COLORS = 4096
-# dB of PSNR that a palette smaller than allowed may cost if the count is given
-# (docs/decisions/palette.md).
+# If the user gives the number of Gaussians, entries are left out of the palette as long as this
+# lowers the PSNR by at most this many dB (docs/decisions/palette.md).
 UNSEEN_COLOR_LOSS = 0.03
-# Largest mean squared error that a palette may add: 38 dB, about three levels of 255. A coarse fit
-# of foliage would allow eight levels, at which sky and leaves change their hue
-# (docs/decisions/palette.md).
+# Largest mean squared error that a palette may add: a PSNR of 38 dB, or about three levels of 255.
+# Without this bound, a preset would allow eight levels in a coarse fit of foliage, and the hue of
+# sky and leaves would change (docs/decisions/palette.md).
 LARGEST_COLOR_ERROR = 1.6e-4
-# Largest number of steps of a fit that only the clock ends. More steps gain nothing
-# (docs/decisions/time.md).
-MOST_STEPS = 1000
-# Number of steps in a round of growth of a fit that only the clock ends. The rest of the time is
-# better spent once all Gaussians exist (docs/decisions/time.md).
-STEPS_A_ROUND = 6
-# Largest ratio of an image's longest side to max_size at which a preset reduces the image little.
+# Numbers for a fit that only a time limit ends (docs/decisions/time.md).
+MOST_STEPS = 1000  # largest number of steps. More steps gain nothing
+STEPS_A_ROUND = 6  # few, because the time is better spent on steps in which all Gaussians exist
+# A cheaper preset is ignored if the longest side of the image is more than this times its max_size.
 NEARLY = 1.5
-PRECISION_OF_INKS = 0.1  # px, step of coordinates in a file of inks (docs/decisions/inks.md)
+PRECISION_OF_INKS = 0.1  # px. Files of inks round coordinates to this (docs/decisions/inks.md)
 
 
 @dataclass(frozen=True)
@@ -153,10 +160,11 @@ class Plan:
     """The options of a run or of one of its searches, and the decisions that follow from them.
 
     fit_side   longest side in px of the image that the fit runs on, None before the photo is read
-    by_bytes   whether the search is by bytes, otherwise by count
+    by_bytes   whether the search is a search by bytes. Otherwise it is one by count
     has_edges  whether the photo is a drawing with antialiased edges, False before it is read
-    starts     whether the run starts with a scene, with which no search by bytes can begin
-    is_small   whether the photo has at most WHOLE_SIDE px a side, False before it is read
+    is_small   whether the photo's longest side is at most WHOLE_SIDE px, False before it is read
+    starts     whether the run starts with a scene. No search by bytes can begin with one
+    has_focus  whether the run has a mask. Without one, focus_strength is refused
     Raise InputError or RendererError if options exclude each other.
     """
 
@@ -166,23 +174,30 @@ class Plan:
     has_edges: bool = False
     is_small: bool = False
     starts: bool = False
+    has_focus: bool = False
 
     def __post_init__(self) -> None:
         check_together(self.options)
+        if (strength := self.options.fit.focus_strength) is not None and not self.has_focus:
+            raise refusal("focus_strength", "given with a mask", f"{strength:g}", "without it")
         _ = self.fit_config
 
     @property
     def goal(self) -> Goal:
-        """Targets and limits of the options."""
+        """Targets and limits that the options give."""
         return self.options.goal
 
     @property
     def in_inks(self) -> bool:
-        """Whether shapes are opaque ellipses of a few inks."""
+        """Whether the shapes are opaque ellipses in a few inks."""
         return self.options.fit.inks is not None
 
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
-        """Return the plan for a photo: its inks are chosen, or its edges and small size noted."""
+        """Return the plan with the decisions that depend on the photo.
+
+        If the options give a number of inks, the inks are chosen. Otherwise, has_edges and is_small
+        are set.
+        """
         fit, svg = self.options.fit, self.options.svg
         if isinstance(fit.inks, int):
             options = self.options.changed(inks=inks_of(pixels, fit.inks))
@@ -193,23 +208,23 @@ class Plan:
 
     @property
     def covering(self) -> bool:
-        """Whether crisp shapes are fitted by how much of each pixel they cover.
+        """Whether the fit draws a crisp shape by the share of each pixel that the shape covers.
 
-        The photo must be a drawing with antialiased edges. With a number of Gaussians, a target or
-        only a limit, covering is False. Then only the picture's own size counts, and at that size
-        soft rims are as close or closer.
+        This is so only for drawings with antialiased edges. It is never so if the user gives a
+        number of Gaussians, a target, or a limit without a preset. Then only the closeness at the
+        picture's own size counts, and at this size soft rims are as close or closer.
         """
         goal = self.goal
         by_preset = goal.count is None and self.aim is None and not goal.is_budget
         return by_preset and self.has_edges
 
     def check_renderer(self) -> None:
-        """Raise RendererError if the measuring renderer is not installed."""
+        """Raise RendererError if the renderer that draws the file is not installed."""
         renderer_version(self.options.run.renderer)
 
     @cached_property
     def preset(self) -> Preset:
-        """Preset of the run, or that of its budget of bytes or seconds."""
+        """Preset of the run. `budget_preset` makes it for a budget of bytes or seconds."""
         goal = self.goal
         if self.is_budget:
             return budget_preset(self.uncompressed_limit, goal.time_limit, self.in_inks)
@@ -217,31 +232,32 @@ class Plan:
 
     @property
     def is_budget(self) -> bool:
-        """Whether the best picture within a limit of bytes or seconds is wanted.
+        """Whether the goal is the best picture within a limit of bytes or seconds.
 
-        False for a portable file, whose additive fit decides the count first.
+        It is False for a portable file, because the additive fit that comes first decides the
+        number of Gaussians.
         """
         return self.goal.is_budget and not self.options.svg.portable
 
     @property
     def uncompressed_limit(self) -> int | None:
-        """Limit of bytes before gzip, estimated if the limit counts gzipped bytes."""
+        """Limit of bytes before gzip. It is estimated if the user's limit counts gzipped bytes."""
         limit = self.goal.byte_limit
         return limit if limit is None or not self.counts_gzipped else GZIP * limit
 
     @property
     def counts_gzipped(self) -> bool:
-        """Whether a limit of bytes counts the bytes of the gzipped file."""
+        """Whether a limit of bytes applies to the gzipped file."""
         return self.options.svg.gzip or self.options.svg.count_gzipped
 
     @property
     def tune(self) -> Tune:
-        """FitOptions.tune of the fits. The default of a search by bytes is PSNR."""
+        """Tune of the fits. In a search by bytes it is PSNR if the user gives none."""
         return self.options.fit.tune or (PSNR if self.by_bytes else self.options.fit.tuned)
 
     @cached_property
     def aim(self) -> Aim | None:
-        """Target of the rasterised SVG, None without one."""
+        """Score that the rasterised SVG must reach, or None if there is no target."""
         goal, score = self.goal, self.goal.target
         if score is None or score.search is None:
             return None
@@ -251,29 +267,30 @@ class Plan:
     def stop_psnr(self) -> float:
         """PSNR (dB) of the model at which growth stops.
 
-        It is the preset's. A limit of bytes asks for the best picture, so with such a limit it is
-        at least INDISTINGUISHABLE.
+        It is the value of the preset. With a limit of bytes it is at least INDISTINGUISHABLE,
+        because the goal is then the best picture that fits.
         """
         least = 0.0 if self.goal.byte_limit is None else INDISTINGUISHABLE
         return max(self.preset.stop_psnr, least)
 
     @cached_property
     def fit_config(self) -> FitConfig:
-        """Configuration of the fit that is written."""
+        """Configuration of the fit whose scene is written."""
         return self.config(self.options.written_blend)
 
     @property
     def only_time_limits(self) -> bool:
-        """Whether a time limit, without preset or target, decides the steps of the fit."""
+        """Whether a time limit is given, but neither a preset nor a target."""
         goal = self.goal
         return goal.time_limit is not None and goal.quality is None and self.aim is None
 
     def config(self, blend: str) -> FitConfig:
-        """Return the configuration of a fit. A portable file has an additive fit first.
+        """Return the configuration of a fit.
 
-        A fit has at least the steps of each cheaper preset that reduces the image little. Otherwise
-        a small drawing, for which both presets use equally few Gaussians, would end worse than with
-        the cheaper preset (docs/decisions/monotone.md).
+        blend  blend mode of the fit. A portable file has two fits, of which the first is additive
+        Every preset gives a small drawing the same few Gaussians. A cheaper preset with more steps
+        could then be better (docs/decisions/monotone.md). So the fit has at least as many steps as
+        each cheaper preset whose max_size is not far below the longest side of the image.
         """
         options, densify, preset = self.options, self.options.densify, self.preset
         side, steps = self.fit_side or math.inf, preset.iterations
@@ -295,7 +312,11 @@ class Plan:
 
     @cached_property
     def markup(self) -> Markup:
-        """Markup of the file. auto is minimal for small limits, and `searches` may try both."""
+        """Markup of the file.
+
+        If the option is auto, the markup is minimal for small limits of bytes. `searches` may try
+        both markups.
+        """
         asked, limit = self.options.svg.markup, self.goal.byte_limit
         if asked != AUTO:
             return asked
@@ -304,15 +325,16 @@ class Plan:
 
     @property
     def _may_be_minimal(self) -> bool:
-        """Whether the renderer draws minimal files, and no option needs editable ones."""
+        """Whether the renderer draws minimal files, and no option needs an editable file."""
         return self.options.run.renderer in DRAW_MINIMAL and not needs_editable(self.options)
 
     def searches(self) -> list[Plan]:
-        """Return the plans of the searches to run. The closest of their files is written.
+        """Return the plans of the searches to run. The run writes the closest of their files.
 
-        Without a limit of bytes there is one search. With a limit, searches differ in markup and
-        fit, and searches without the target follow in case the file misses the target. A time limit
-        leaves time for one search.
+        Without a limit of bytes there is one search. With a limit of bytes there may be several: by
+        bytes or by count, and for minimal or editable markup. If there is also a target, only the
+        first search aims at it. The others run if the first one misses the target.
+        With a time limit there is time for one search only.
         """
         limit, asked = self.uncompressed_limit, self.options.svg.markup
         is_timed = self.goal.time_limit is not None
@@ -339,7 +361,7 @@ class Plan:
             plans.append(self._search(EDITABLE))
         if not is_timed:
             return plans
-        # Run the search whose file is usually closest.
+        # There is time for one search only, so run the one whose file is usually closest.
         return plans[-1:] if limit > UNASKED_UP_TO else plans[-2:-1] or plans
 
     def _search(self, markup: Markup, by_bytes: bool = False) -> Plan:
@@ -350,9 +372,12 @@ class Plan:
         return dataclasses.replace(self, options=options, by_bytes=by_bytes)
 
     def format_at(self, psnr: float | None = None) -> SvgFormat:
-        """Return the format for a scene by its PSNR in dB. Before the fit, `psnr` is None."""
+        """Return the format in which a scene is written.
+
+        psnr  PSNR of the scene in dB, None before the fit
+        """
         svg, preset = self.options.svg, self.preset
-        if self.is_budget and psnr is not None:  # a high PSNR is worth finer numbers
+        if self.is_budget and psnr is not None:
             fine = FINE_FROM if self.goal.byte_limit is None else FINE_BYTES_FROM
             preset = next((PRESETS[name] for name, least in fine if psnr >= least), preset)
         precision = PRECISION_OF_INKS if self.in_inks else preset.precision
@@ -366,9 +391,10 @@ class Plan:
         )
 
     def quantization(self, gaussians: int, error: float | None = None) -> tuple[int, float]:
-        """Return palette and color_error, as `quantize` takes them, for a number of Gaussians.
+        """Return the values of the arguments `palette` and `color_error` of `quantize`.
 
-        error  mean squared error of the scene, None if it is unknown
+        gaussians  number of Gaussians in the scene
+        error      mean squared error of the scene, None if it is unknown
         """
         preset, adapts, palette = self.preset, self.goal.count_adapts, 0
         if self.options.svg.palette is not None:
@@ -385,9 +411,13 @@ class Plan:
 
 @dataclass(frozen=True)
 class Aim:
-    """A target of the rasterised SVG: a score, its value, and the tolerances of the search.
+    """A target: the value that a score of the rasterised SVG must reach.
 
-    The value and all scores are multiplied by the sign of the score, so that larger is better.
+    of      score that is measured
+    value   value that the score must reach
+    search  tolerances of the search for this value
+    If lower values of the score are better, `value` and all measured values are negated here, so
+    that larger is always better.
     """
 
     of: Score
@@ -395,16 +425,16 @@ class Aim:
     search: Search
 
     def score(self, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
-        """Return the score of a raster against a photo of its shape."""
+        """Return the score of a raster against a photo of the same shape."""
         return self.of.sign * score_of(self.of, raster, photo)
 
     def is_met_by(self, score: float) -> bool:
-        """Return whether a score reaches the target, within the tolerance."""
+        """Return whether `score` reaches the target, or misses it by at most the tolerance."""
         return score >= self.value - self.search.tolerance
 
 
 def check_together(options: Options) -> None:
-    """Raise InputError if options conflict, or RendererError if the renderer cannot draw them."""
+    """Raise InputError if options conflict, or RendererError for what the renderer cannot draw."""
     for name, rule, got, advice in _exclusions(options):
         raise InputError(f"{name} must {rule}; got {got}. Try {advice}")
     renderer, svg = options.run.renderer, options.svg
@@ -421,19 +451,19 @@ def check_together(options: Options) -> None:
 
 
 def needs_editable(options: Options) -> str:
-    """Return the first requested feature that a minimal file cannot have, or "" if none."""
+    """Return the first requested feature that a minimal file cannot have, "" if there is none."""
     additive = ["additive blending"] * (options.written_blend == ADD)
     return next(iter([*additive, *_layered(options)]), "")
 
 
 def _layered(options: Options) -> list[str]:
-    """Return the requested features that additive, minimal and ink files cannot have."""
+    """Return the requested features that no additive, minimal or ink file can have."""
     form = options.svg.form
     return [*[f"form {form}"] * (form != GRADIENT), *options.document.layered]
 
 
 def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:
-    """Yield the name of an option, the rule that it breaks, its value, and what to try instead."""
+    """Yield for each conflict the name of an option, the rule it breaks, its value, and advice."""
     goal, fit, svg, layered = options.goal, options.fit, options.svg, _layered(options)
     if svg.portable and fit.blend != ADD:
         rule = f"be given with blend {ADD}, whose files it converts"

@@ -1,4 +1,4 @@
-"""Progress as people see it: a bar in a terminal, the forming picture in a notebook."""
+"""Displays of the progress of a run: a bar in a terminal, or the forming picture in a notebook."""
 
 from __future__ import annotations
 
@@ -20,23 +20,27 @@ _PHASES = {
     "measure": "rasterising and measuring the SVG",
 }
 _FITS = {"additive": "fitting additively", "correct": "correcting the number of shapes"}
-# Largest number of frames per second, and longest side in px of a frame, in a notebook. Notebooks
-# keep all frames as text.
+# Largest number of frames per second in a notebook, and longest side in px of a frame. They are
+# small because notebooks keep all frames as text.
 _FRAMES_A_SECOND, _MOST_SIDE = 4, 400
 
 
 def shown() -> AbstractContextManager[ProgressCallback | None]:
-    """Return a context with a callback that shows a run, or with None if there is no terminal."""
-    # If IPython runs, it is imported already. Otherwise it need not be installed.
+    """Return a context manager that yields a callback that shows the progress of a run.
+
+    It yields None if there is neither a notebook nor a terminal.
+    """
+    # In a notebook, IPython has been imported already. Elsewhere, it need not be installed.
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return _notebook() if hasattr(shell, "kernel") else _terminal()
 
 
 @contextmanager
 def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | None]:
-    """Show a bar, and yield update(text, share). Yield None if standard error is no terminal.
+    """Show a bar with a text, and yield a function update(text, share) that changes it.
 
     share  share of the work that is done, 0..1, or None if it is unknown
+    Yield None if standard error is not a terminal.
     """
     from rich.console import Console
     from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -67,7 +71,10 @@ def _terminal() -> Iterator[ProgressCallback | None]:
 
 @contextmanager
 def _notebook() -> Iterator[ProgressCallback]:
-    """Yield a callback that updates a cell's output. The last picture and its figures stay."""
+    """Yield a callback that updates the output of the notebook's cell.
+
+    At the end, the last picture and its figures stay in the output.
+    """
     from gauss2svg.render import FrameMaker, as_jpeg
     from gauss2svg.svg.file import image
 
@@ -95,13 +102,18 @@ def _notebook() -> Iterator[ProgressCallback]:
     try:
         yield update
     finally:
-        if newest is not None:  # the newest fit may have come too soon for a frame
+        # The last call of `update` may not have shown its picture, because it came too soon after
+        # another one. So the newest picture is shown now.
+        if newest is not None:
             last = picture(as_jpeg(newest.scene(), _MOST_SIDE), newest)
         handle.update(display.HTML(last))
 
 
 def _text_and_share(progress: Progress) -> tuple[str, float | None]:
-    """Return a text about the run, and the share (0..1) that is done, None if unknown."""
+    """Return a text about the state of the run, and the share of the fit that is done.
+
+    The share is in 0..1, or None if it is unknown.
+    """
     now = progress.fit
     if now is None:
         return _PHASES[progress.phase], None

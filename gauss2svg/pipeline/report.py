@@ -30,7 +30,10 @@ from gauss2svg.version import __version__
 def run_report(
     plan: Plan, photo: Photo, outcome: Outcome, scores: Scores, run: Run
 ) -> dict[str, Any]:
-    """Return all options and results of a run, with the keys of docs/reference/report.md."""
+    """Return a dict of all options and results of a run.
+
+    docs/reference/report.md explains its keys.
+    """
     chosen, subject, document = outcome.plan, outcome.subject, outcome.subject.document
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
     total_s, count = time.perf_counter() - run.started, len(outcome.scene)
@@ -39,7 +42,7 @@ def run_report(
     return {
         **options.flat(),
         "quality": None if chosen.is_budget else chosen.goal.quality or DEFAULT_PRESET,
-        # Values that the run chose for omitted options.
+        # Values that the run has chosen for options that the user did not give.
         **_sides("", photo.original_size),
         **_sides("fit_", subject.size),
         **_sides("measured_", measured.raster.shape[1::-1]),
@@ -66,7 +69,7 @@ def run_report(
         "fit_s": fitted.wall_s,
         "fit_cpu_s": fitted.cpu_s,
         "pixel_pairs": fitted.pixel_pairs,
-        # JSON has no infinity, which is the PSNR of equal images.
+        # The PSNR of equal images is infinite. It becomes None, because JSON has no infinity.
         **{k: None if v == math.inf else v for k, v in scored.items() if k != "raster"},
         **scores.report,
         "bytes_by_part": bytes_by_part(outcome.svg),
@@ -84,7 +87,10 @@ def _sides(prefix: str, size: tuple[int, ...]) -> dict[str, int]:
 
 
 def _by_focus(outcome: Outcome) -> dict[str, float | None]:
-    """Return the PSNR (dB) of the SVG inside of the mask and outside; None without a mask."""
+    """Return the PSNR in dB of the SVG inside of the mask, and that outside of it.
+
+    Both are None if there is no mask.
+    """
     subject, raster = outcome.subject, over(outcome.measured.raster)
     inside = None if subject.focus is None else subject.focus.inside(*raster.shape[:2])
     weights = {"inside": inside, "outside": None if inside is None else 1 - inside}
@@ -95,13 +101,14 @@ def _by_focus(outcome: Outcome) -> dict[str, float | None]:
 
 
 def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
-    """Yield notes on choices of the run that a user may want to know or change."""
+    """Yield notes on choices of the run that a user may want to know about or to change."""
     chosen, count, rate = outcome.plan, len(outcome.scene), plan.options.fit.learning_rate
     usual = measured_size(photo.original_size, outcome.subject.size)
     size = photo.width, photo.height
     if plan.goal.time_limit is not None and size < usual:
         yield f"measured at {photo.width}x{photo.height} px to meet the time limit"
-    # After a search by bytes, `unreached` reports that the bytes suffice for no shape.
+    # A search by bytes may write no shapes because the bytes do not suffice. `unreached` reports
+    # this, so this note is only for other searches.
     if photo.alpha is not None and photo.alpha.any() and not count and not chosen.by_bytes:
         yield "the SVG is empty, because the photo is too transparent to be visible"
     if chosen.markup == MINIMAL != plan.options.svg.markup:
@@ -115,7 +122,9 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
         unused = ", ".join(ink for ink in inks.split(",") if ink not in used)
         if unused:
             yield f"not used: {unused} of the inks, because other inks are closer everywhere"
-    if outcome.fitted.rollbacks and rate > 1:  # the user can lower the rate
+    # Only users who have raised the rate above 1 are told that the fit diverged, because they can
+    # lower the rate again.
+    if outcome.fitted.rollbacks and rate > 1:
         yield (
             f"--learning-rate {rate:g} is too large for this picture. The fit diverged, went back "
             f"to its best state and ended with {outcome.fitted.rate:.3g}"
@@ -123,7 +132,11 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
 
 
 def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
-    """Yield a line for each target or limit that the outcome misses."""
+    """Yield a line for each target or limit that the outcome misses.
+
+    seconds  time that the run has taken. If the run compiled the kernels, the time of this
+             compilation is not included
+    """
     goal, aim, limit, reason = plan.goal, plan.aim, plan.goal.time_limit, outcome.fitted.stop_reason
     if aim is not None and not aim.is_met_by(outcome.aim_score):
         reported = reason not in (aim.of.option, "interrupted")
@@ -146,6 +159,7 @@ def _versions() -> dict[str, str]:
     found = {"gauss2svg": __version__, "python": platform.python_version()}
     names = ["numpy", "numba", "scipy", "scikit-image", "torch", "svgwrite", "resvg_py", "CairoSVG"]
     for name in (*names, *(score.package for score in SCORES if score.package)):
-        with suppress(PackageNotFoundError):  # extras may be missing
+        # A package that is not installed is left out. It may belong to an extra.
+        with suppress(PackageNotFoundError):
             found[name] = version(name)
     return found

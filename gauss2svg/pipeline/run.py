@@ -1,6 +1,7 @@
-"""A run: its progress, threads, memory, photo and kernels.
+"""A run: its progress, its threads, its memory, and the reading of its photo.
 
-Kernels are compiled before the fit, so that progress shows the compilation and timings exclude it.
+The kernels are compiled before the fit, so that the progress shows the compilation as a phase of
+its own, and the time of the fit does not include it.
 """
 
 from __future__ import annotations
@@ -29,10 +30,15 @@ from gauss2svg.scene import ADD, OVER, Scene
 def watched(
     progress: ProgressCallback | bool | None,
 ) -> AbstractContextManager[ProgressCallback | None]:
-    """Return a context with a run's callback: `progress`, or for True one that shows the run."""
+    """Return a context manager that yields the callback of a run, or None.
+
+    If `progress` is a function, this function is the callback. If `progress` is True, the callback
+    shows the run in a terminal or in a notebook.
+    """
     if progress is not True:
         return nullcontext(None if progress is False else progress)
-    from gauss2svg.pipeline.progress_display import shown  # few calls ask for it
+    # This is imported here, because only few calls show the progress.
+    from gauss2svg.pipeline.progress_display import shown
 
     return shown()
 
@@ -41,14 +47,15 @@ class Run:
     """A run that has begun: its clock, its resources and its callbacks.
 
     progress    function that is called with a Progress at every step
-    stop        function that is polled at every step. True ends the run with the best so far
-    started     start of the run in s of time.perf_counter(). None: now
+    stop        function that is called at every step. If it returns True, the run ends with the
+                best result so far
+    started     value of time.perf_counter() when the run began. None: now
     threads     number of threads
-    most_bytes  memory in bytes that the run may take
-    compile_s   seconds spent on compiling or loading kernels so far
-    budget      time budget
-    reduced_bytes  Header.reduced_bytes of the photo, None before it is read
-    ended       whether the run has been stopped
+    most_bytes  largest memory in bytes that the run may take
+    compile_s   seconds that the run has spent on compiling or loading kernels
+    budget      time budget of the run
+    reduced_bytes  Header.reduced_bytes of the photo, None before the photo is read
+    ended       whether `stop` has ended the run
     Raise InputError for a callback that cannot be called, and for more threads than cores.
     """
 
@@ -70,21 +77,21 @@ class Run:
         self._stop, self._progress, self._max_pixels = stop, progress, options.max_pixels
 
     def notify(self, phase: str, fit: FitProgress | None = None) -> None:
-        """Report a phase, and the state of the fit."""
+        """Report the phase of the run and the state of the fit to `progress`."""
         if self._progress is not None:
             self._progress(Progress(phase, fit))
 
     def stop(self) -> bool:
-        """Poll `stop`, and return whether the run must end with the best so far."""
+        """Call the function `stop`. Return whether the run must end with its best result so far."""
         self.ended = self.ended or (self._stop is not None and self._stop())
         return self.ended
 
     def read(
         self, image: ImageSource, needed: SizeNeeded, matte: Sequence[float] | None = None
     ) -> Photo:
-        """Read the photo, and return it. needed and matte are those of `load_image`.
+        """Read the photo and return it. The arguments `needed` and `matte` are as in `load_image`.
 
-        A photo that is too large for the memory is refused before it is decoded.
+        Raise InputError for a photo that is too large for the memory, before it is decoded.
         """
         self.notify("read")
         image = rereadable(image)
@@ -97,9 +104,10 @@ class Run:
 
     @contextmanager
     def compiled(self, blend: str = OVER) -> Iterator[None]:
-        """Compile the kernels of this blend, and let numba use the run's threads in the block.
+        """Compile the kernels for this blend, and let numba use the run's threads in the block.
 
-        Runs in several threads of a process wait here for each other.
+        Only one thread of a process can be in such a with block. If other threads have runs too,
+        they wait here until it has left the block.
         """
         with kernel_lock:
             before = get_num_threads()
@@ -115,18 +123,24 @@ class Run:
 
     @property
     def first_s(self) -> float:
-        """Seconds of a first compilation, which no time limit counts. 0 if nothing was compiled."""
+        """Seconds that the first compilation of the kernels took, 0 if they were only loaded.
+
+        These seconds do not count for a time limit.
+        """
         return self.compile_s if self.compile_s > COMPILED_S else 0.0
 
 
 def thread_count(count: int | None) -> int:
-    """Return `count`, or one thread for each core if None. Raise InputError for more threads."""
+    """Return `count`, or the number of cores if it is None.
+
+    Raise InputError if `count` is larger than the number of cores.
+    """
     most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     return most if count is None else Field("threads", int, 1, most).checked(count)
 
 
-# Kernels that took more seconds than this were compiled. Loading them from the disk cache takes a
-# fraction of a second.
+# If a run spends more seconds than this on getting the kernels, it is assumed to compile them.
+# Loading them from the cache on disk takes only a fraction of a second.
 COMPILED_S = 2.0
 
 
@@ -134,16 +148,18 @@ COMPILED_S = 2.0
 def compile_kernels(blend: str = OVER) -> None:
     """Compile every kernel that a run with this blend needs.
 
-    numba caches kernels on disk. This takes a few seconds in the first run on a machine, and a
-    quarter of a second in later processes. The first additive run takes some seconds more.
+    This takes a few seconds in the first run on a machine, and some seconds more in the first
+    additive run. numba caches the kernels on disk, so that later processes load them in a quarter
+    of a second.
     """
-    if blend != OVER:  # a portable file needs the kernels of both blends
+    if blend != OVER:  # an additive run may write a portable file, which needs both blends
         compile_kernels(OVER)
     shape = np.full((1, 2), 2.0), np.ones((1, 2)), np.zeros(1), np.full((1, 3), 0.5), np.ones(1)
     scene = Scene(4, 4, *shape, blend=blend)
     squared_error(splats_of(scene), np.zeros((3, 4, 4), np.float32))
     components_of(np.zeros((4, 4), np.int32))
-    if blend == ADD:  # writing an additive scene has kernels of its own
+    # Writing an additive scene needs more kernels, so one is written to compile them.
+    if blend == ADD:
         from gauss2svg.svg.write import write_svg
 
         write_svg(scene)

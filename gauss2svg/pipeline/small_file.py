@@ -1,12 +1,14 @@
-"""Files in which every byte is planned. Their scenes are in whole numbers of a coarse unit.
+"""Small files that are made to fit a limit of bytes. Their coordinates are in whole units.
 
-shapes -> the most useful ones, in whole units -> colours by least squares, rounded to 3 or 6
-digits -> minimal markup -> fewer shapes until the file is within its limit of bytes
+    the most useful shapes -> coordinates rounded to whole units -> colours by least squares,
+    rounded to 3 or 6 hex digits -> minimal markup -> fewer shapes until the file is within its
+    limit of bytes
 
-With the shapes fixed a picture is linear in its colours: each pixel is sum_k w_k c_k, where w_k is
-alpha_k times the transmittance of all shapes above, and k = 0 is the background. The colours that
-solve the normal equations within 0..1, rounded to the digits of the file, regain much of what
-rounding the geometry costs (docs/decisions/small.md).
+If the shapes are fixed, a picture is a linear function of its colours: each pixel is
+sum_k w_k c_k, where c_k is the colour of shape k, and w_k is its alpha times the transmittance of
+all shapes above it. k = 0 is the background. The best colours within 0..1 are found by solving the
+normal equations, and are then rounded to the digits of the file. These colours regain much of the
+PSNR that is lost when the coordinates are rounded (docs/decisions/small.md).
 """
 
 from __future__ import annotations
@@ -27,27 +29,36 @@ from gauss2svg.scene import Scene
 from gauss2svg.svg.forms import plain_radius
 from gauss2svg.svg.minimal import minimal_rounded, whole_unit
 
-# dB that twice as many shapes must gain on the enlarged picture. More shapes also follow more of
-# the guesses between the pixels (docs/decisions/enlarged.md).
+# If one file has twice as many shapes as another, it counts as better only if its PSNR against the
+# enlarged picture is higher by more than this number of dB. This is because the enlarged picture
+# consists partly of guesses, and more shapes imitate the guesses too (docs/decisions/enlarged.md).
 LEAST_GAIN = 1.0
-# Mean squared error below which a file is exact: that of half an 8-bit level.
+# A file counts as exact if its mean squared error is below that of a picture in which every value
+# is half an 8-bit level too large.
 EXACT_UNDER = (0.5 / 255) ** 2
 
 
-# Unit of a small file's whole numbers (docs/decisions/small.md).
-UNITS_PER_ROOT = 32.0  # units along the longest side of the file, per square root of the count
-LEAST_ACROSS = 8  # least units along the shortest side. Shapes under half a unit are not drawn
-MOST_FINER = 10  # largest factor on the wanted number of units that may make both sides whole
+# The next three numbers decide the unit of a small file's coordinates (docs/decisions/small.md).
+# The number of units along the longest side is the square root of the number of Gaussians,
+# multiplied by this number.
+UNITS_PER_ROOT = 32.0
+# Smallest number of units along the shortest side. With fewer, the shapes of a long and thin
+# picture would be under half a unit thick, and would not be drawn.
+LEAST_ACROSS = 8
+# To make both sides whole numbers of units, the number of units may be raised by at most this
+# factor.
+MOST_FINER = 10
 
 
 @dataclass(frozen=True, eq=False)
 class SmallFile:
     """A file, the scene that it draws on the photo's canvas, and its error.
 
-    error           mean squared error at the working size: of the raster if the file has been
-                    rasterised, else of the model
-    size            bytes of the file, as the limit counts them
-    enlarged_error  mean squared error of the model against the enlarged picture, NaN without one
+    error           mean squared error at the size of the working picture. If the file has been
+                    rasterised, it is the error of the raster, otherwise that of the model
+    size            number of bytes of the file, as the limit counts them
+    enlarged_error  mean squared error of the model against the enlarged picture. NaN if there is
+                    no enlarged picture
     """
 
     svg: str
@@ -58,11 +69,13 @@ class SmallFile:
 
 
 def closeness(file: SmallFile) -> tuple[float, ...]:
-    """Return a sort key that is larger for the closer of two files.
+    """Return a sort key of a file. The closer of two files has the larger key.
 
-    If there is an enlarged picture, differences at the working size count only up to SEEN_UP_TO dB.
-    If both files reach SEEN_UP_TO, they are compared enlarged, where twice as many shapes must gain
-    LEAST_GAIN dB.
+    Without an enlarged picture, the file with the smaller error is closer. If there is an enlarged
+    picture, the file with the higher PSNR at the working size is closer, unless both PSNRs are at
+    least SEEN_UP_TO dB. In that case, their PSNRs against the enlarged picture are compared. For
+    this comparison, LEAST_GAIN dB are subtracted from a PSNR for each doubling of the number of
+    shapes. If all this is equal, the file with fewer bytes has the larger key.
     """
     if math.isnan(file.enlarged_error):
         return -file.error, -file.size
@@ -71,7 +84,11 @@ def closeness(file: SmallFile) -> tuple[float, ...]:
 
 
 def flat_scene(subject: Subject, digits: int) -> tuple[Scene, float]:
-    """Return a scene without Gaussians, in an opaque photo's mean colour, and its file's unit."""
+    """Return a scene without Gaussians, and the length in px of the unit of its file.
+
+    The background has the mean colour of the photo. If the photo has alpha, the scene is
+    transparent instead.
+    """
     transparent, unit = has_alpha(subject.photo), whole_unit(*subject.canvas)
     mean = subject.photo.mean(axis=(0, 1), dtype=np.float64)
     background = np.ones(3) if transparent else mean
@@ -80,10 +97,13 @@ def flat_scene(subject: Subject, digits: int) -> tuple[Scene, float]:
 
 
 def unit_of(grid: float, count: int, canvas: Size) -> float:
-    """Return the unit in px of a file with `count` shapes. A larger grid makes the unit smaller.
+    """Return the length in px of the unit in which a file with `count` shapes has its coordinates.
 
-    Both sides are whole numbers of units, so that the file needs no size, unless this takes more
-    than MOST_FINER times the wanted number of units.
+    grid  factor on the usual number of units along a side. The larger it is, the smaller is the
+          unit
+    The unit is chosen so that both sides of the canvas are whole numbers of units, because the file
+    then needs no width and height. But if this takes more than MOST_FINER times as many units as
+    wanted, only the longest side is a whole number of units.
     """
     longest, shortest = max(canvas), min(canvas)
     units = math.ceil(grid * UNITS_PER_ROOT * math.sqrt(max(count, 1)))
@@ -99,29 +119,40 @@ def recolored(
     shared: float = 0.0,
     weight: NDArray[np.float32] | None = None,
 ) -> tuple[Scene, float]:
-    """Return the scene with the colours of least squared error, and that error per value.
+    """Return the scene with the colours that minimise its squared error against a picture.
 
-    pixels  (h, w, 3) or (h, w, 4) float32 in 0..1, compared with the scene at this size
+    The second value is the mean squared error with these colours.
+
+    pixels  picture, (h, w, 3) or (h, w, 4) float32 in 0..1. The scene is drawn at the size of the
+            picture to compare the two
     digits  number of hex digits, 3 or 6, to which the colours are rounded
-    shared  share of the squared error that may be added so that shapes share colours
-    weight  (h, w) weight of each pixel's error, of mean 1; None for 1
-    A picture with alpha is compared over white and over black, and has no background. Plain
-    ellipses count by how much of each pixel they cover, as in `render` with covering.
+    shared  fraction by which the squared error may grow so that several shapes get the same colour.
+            0: each shape gets its own colour
+    weight  (h, w) weight of each pixel's error, of mean 1. If it is None, all weights are 1
+    A picture with alpha is compared over white and over black, and its scene has no background. A
+    plain ellipse is drawn by the share of each pixel that it covers, as `render` does if its
+    argument `covering` is True.
     """
     height, width = pixels.shape[:2]
     scaled = scene.scaled(width / scene.width, height / scene.height)
     weights, products = color_weights(scaled, plain_radius(scaled.beta), height, width)
     targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
-    if weight is not None:  # both sides of each pixel's equation are multiplied by its root
+    # Each pixel gives an equation. Both of its sides are multiplied by the square root of the
+    # pixel's weight, so that the squared error of the equation gets this weight.
+    if weight is not None:
         root = np.sqrt(weight.reshape(-1, 1).astype(np.float64))
         weights, targets = weights.multiply(root.T).tocsr(), [root * target for target in targets]
         products = (weights @ weights.T).toarray()
-    first = int(has_alpha(pixels))  # index of the first weight whose colour is unknown
-    if first:  # the backdrop shows through the shapes, and is known
+    first = int(has_alpha(pixels))  # index of the first weight that belongs to an unknown colour
+    # For a picture with alpha, the targets are the picture over white and over black. Weight 0 says
+    # how much of the white or black is visible at each pixel. As this colour is known, its part is
+    # subtracted from the targets.
+    if first:
         through = weights[[0]].toarray().reshape(-1, 1)
         targets = [t - b * through for t, b in zip(targets, BACKDROPS, strict=True)]
     products = products[first:, first:] * len(targets)
-    sums = (weights @ np.sum(targets, axis=0))[first:]  # right-hand sides of the normal equations
+    # Right-hand sides of the normal equations.
+    sums = (weights @ np.sum(targets, axis=0))[first:]
     levels = 15 if digits == 3 else 255
     squares = sum(float(np.square(target).sum()) for target in targets)
 

@@ -44,14 +44,14 @@ from gauss2svg.svg.write import outline_svg, plate_svg
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A vectorised photo, which a notebook shows as a picture.
+    """A vectorised photo. Notebooks show it as a picture.
 
     svg       text of the file
     scene     fitted Gaussians on the photo's canvas, in the order of the file
     report    options and results of the run, ready for JSON (docs/reference/report.md)
-    raster    rasterised SVG, (h, w, 3) float32 in 0..1, perhaps smaller than the canvas. For a
+    raster    rasterised SVG, (h, w, 3) float32 in 0..1. It may be smaller than the canvas. For a
               transparent photo it is (h, w, 4) with straight alpha
-    photo     photo of the raster's shape, with which the raster was compared
+    photo     photo with which the raster was compared. It has the shape of the raster
     document  document settings of the file
     """
 
@@ -63,11 +63,12 @@ class Result:
     document: Document
 
     def save(self, path: str | os.PathLike[str], gzip: bool | None = None) -> None:
-        """Write the SVG, whole or not at all.
+        """Write the SVG to a file. If this fails, no incomplete file is left.
 
-        gzip  whether to compress. None: if the path ends in .svgz, or the run had gzip=True
-        Raise InputError if path is no path or names another format, and OutputError if the file
-        cannot be written.
+        gzip  whether to compress the file. None: it is compressed if the path ends in .svgz, or if
+              the run had gzip=True
+        Raise InputError if `path` is not a path or has the suffix of another format, and
+        OutputError if the file cannot be written.
         """
         path = file_name("path", path)
         check_svg_name("path", path)
@@ -76,19 +77,19 @@ class Result:
         write_atomically(path, file_bytes(self.svg, Field("gzip", bool).checked(gzip)))
 
     def outline(self, pens: int | None = None) -> str:
-        """Return the SVG text of the outlines of the shapes (see gauss2svg.outline_svg)."""
+        """Return the text of an SVG with the outlines of the shapes (see gauss2svg.outline_svg)."""
         return outline_svg(self.scene, self.document, pens=pens)
 
     @property
     def hiding(self) -> int:
-        """Number of shapes that hide what is below them: nearly opaque ones with crisp rims."""
+        """Number of shapes that hide what is below them: nearly opaque shapes with crisp rims."""
         return int(np.count_nonzero((self.scene.opacity >= 0.95) & (self.scene.beta >= 3.0)))
 
     def plates(self) -> dict[str, str]:
-        """Return the SVG text of each ink's plate, by its #rrggbb (see gauss2svg.plate_svg).
+        """Return a dict that has an SVG for each ink, under the ink's #rrggbb.
 
-        The plates are in the order of the inks. Unused inks have none. Raise InputError if the run
-        has no inks.
+        The SVG is the plate of the ink (see gauss2svg.plate_svg). The dict is in the order of the
+        inks. Inks that are not used have no plate. Raise InputError if the run had no inks.
         """
         if self.report["inks"] is None:
             raise InputError("inks must be given for plates; got none. Try FitOptions(inks=6)")
@@ -131,7 +132,7 @@ def vectorize(
     stop: Callable[[], bool] | None = None,
     **unknown: Never,
 ) -> Result:
-    """Fit Gaussians to a photo, write them as an SVG, rasterise it and measure it.
+    """Fit Gaussians to a photo, write them as an SVG, and measure how close it is to the photo.
 
     image     path, bytes, binary file, PIL image, numpy array or torch tensor
     goal      targets and limits. Its fields quality, gaussians, target_psnr, target_ssimulacra2,
@@ -143,17 +144,19 @@ def vectorize(
     start     scene whose shapes are scaled to the photo and refined, in place of a new fit
     progress  function that is called with a Progress at every step. True shows a bar on a terminal,
               or the forming picture in a notebook. By default nothing is shown
-    stop      function that is called after every step. True ends the run with the best result so
-              far
+    stop      function that is called at every step. If it returns True, the run ends with the
+              best result so far
 
     With a target, a given number of Gaussians is an upper bound. The first limit that is reached
-    ends the run and is the report's stop_reason. Missed targets are in the report's `unreached`.
-    The SVG has the photo's width and height even if the fit ran on a smaller image. Report and
-    targets measure the SVG at the size of the fit or, if that is larger, at 1 megapixel. With
-    RunOptions.full_size they measure it at the photo's size.
+    ends the run, and the report names it as stop_reason. Targets and limits that are missed are in
+    the report's `unreached`. The SVG has the photo's width and height even if the fit ran on a
+    smaller image.
+    For the report and the targets, the SVG is measured at the size of the fit, or at 1 megapixel if
+    that is larger. With RunOptions.full_size it is measured at the size of the photo.
     Raise InputError for invalid input, RendererError for a missing renderer, and TypeError for an
-    unknown keyword, with the class to which an option of that name belongs. Calls from several
-    threads wait for each other. A forked child may call it too.
+    unknown keyword. If the keyword is an option of a group, the error names the group's class.
+    If several threads call this function, they wait for each other. A forked process may call it
+    too.
     """
     options = Options.of_call(locals())
     with watched(progress) as callback:
@@ -171,23 +174,22 @@ def vectorize_by(
     started: float | None = None,
     may_reduce: bool = True,
 ) -> Result:
-    """Vectorise a photo with all options in one object.
+    """Vectorise a photo as `vectorize` does, with all options in one object.
 
-    started     time at which time_limit and total_s begin, in s of time.perf_counter(). None: now
-    may_reduce  whether the fit may run on a smaller image if memory is short. If not, short memory
-                raises InputError
+    started     value of time.perf_counter() from which time_limit and the report's total_s are
+                counted. None: now
+    may_reduce  whether the fit may run on a smaller image if there is too little memory. If not,
+                InputError is raised
     """
-    plan = Plan(options)
+    plan = Plan(options, starts=start is not None, has_focus=focus is not None)
     plan.check_renderer()
     run = Run(options.run, progress, stop, started)
-    strength = options.fit.focus_strength
-    if focus is None and strength is not None:
-        raise refusal("focus_strength", "given with a mask", f"{strength:g}", "--focus mask.png")
     if start is not None and ADD in (required(start, "start", Scene).blend, options.fit.blend):
         got = f"a scene of {start.blend} for a file of {options.fit.blend}"
         raise refusal("start", "alpha-composited, like the file", got, "--blend over for both")
     photo, load = _read(plan, run, image, may_reduce)
-    mask = None if focus is None else load_focus(focus, strength, photo, options.run.max_pixels)
+    strength, max_pixels = options.fit.focus_strength, options.run.max_pixels
+    mask = None if focus is None else load_focus(focus, strength, photo, max_pixels)
     measured = reduced(photo, load.measured)
     pixels = working = pixels_of(measured)
     if load.fit != load.measured:
@@ -195,8 +197,7 @@ def vectorize_by(
     document = plan.options.document.of_photo(*photo.original_size, photo.dpi)
     subject = Subject(pixels, working, photo.original_size, document, mask, start)
     del photo  # frees the photo's pixels, which may be many
-    plan = dataclasses.replace(plan, fit_side=max(load.fit), starts=start is not None)
-    plan = plan.for_picture(pixels)
+    plan = dataclasses.replace(plan, fit_side=max(load.fit)).for_picture(pixels)
     with run.compiled(plan.options.fit.blend):
         outcome = best_of(_outcomes(plan, run, subject), plan)
     subject.release()
@@ -204,11 +205,15 @@ def vectorize_by(
 
 
 def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Load]:
-    """Read and check the photo, perhaps reduced to load.measured. Return it and the run's load."""
+    """Read and check the photo, and return it with the load of the run.
+
+    The returned photo may already be reduced to load.measured, because some formats are reduced
+    while they are decoded.
+    """
     asked = plan.options.run.max_size is not None or not may_reduce
 
     def sizes(width: int, height: int, has_alpha: bool = False) -> tuple[Load, str | None]:
-        # A photo counts as opaque until it is decoded, because only its pixels show alpha.
+        # A photo counts as opaque until it is decoded, because only its pixels show whether it is.
         load = load_of(plan, Header(width, height, has_alpha, run.reduced_bytes))
         return size_that_fits(load, run.most_bytes, asked)
 
@@ -221,7 +226,9 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     load, note = sizes(*photo.original_size, has_alpha=photo.alpha is not None)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
-    # A shape extends to at most 5 sides: its sigma is at most 1 side, and it is cut off at 3 sigma.
+    # No number in the file exceeds 5 times the longest side of the canvas, because the sigma of a
+    # shape is at most this side, and a shape is cut off at 3 sigma. A precision is refused if a
+    # number of this size would have too many digits.
     side, precision = max(photo.original_size), plan.format_at().precision
     if precision < (least := side * 5 / LARGEST_NUMBER):
         raise refusal("precision", f"at least {least:.4f} for {side} px", f"{precision:g}")
@@ -235,7 +242,7 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
 
 
 def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
-    """Start the time budget, run the plan's searches one by one, and yield their outcomes."""
+    """Start the time budget. Then run the searches of the plan, and yield the outcome of each."""
     limit, steps = plan.goal.time_limit, plan.options.fit.iterations
     if limit is not None:
         deadline, renderer = run.started + run.first_s + limit, plan.options.run.renderer
@@ -243,7 +250,7 @@ def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
         pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
         run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps, renderer)
     for one in plan.searches():
-        # Only the search that runs is imported, because few runs need both.
+        # Few runs need both classes, so each is imported only when it is needed.
         if one.by_bytes:
             from gauss2svg.pipeline.by_bytes import ByBytes as OneSearch
         else:
@@ -252,12 +259,13 @@ def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
 
 
 def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
-    """Return an outcome as a result, with scores and a report."""
+    """Measure the scores of an outcome, and return it as a result with a report."""
     aim, raster, subject = plan.aim, outcome.measured.raster, outcome.subject
     scores = Scores()
     if plan.options.run.scores or (aim is not None and not aim.of.always):
         known = {} if aim is None else {aim.of.slug: aim.of.sign * outcome.aim_score}
-        from gauss2svg.measure.perceptual import perceptual_scores  # few runs ask for scores
+        # This is imported here, because only few runs ask for scores.
+        from gauss2svg.measure.perceptual import perceptual_scores
 
         scores = perceptual_scores(raster, subject.photo, run.most_bytes - held_bytes(), known)
     report = run_report(plan, photo, outcome, scores, run)
@@ -265,6 +273,9 @@ def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
 
 
 def warm_up(given: Mapping[str, Any]) -> Result:
-    """Vectorise noise with these options, by name, in two iterations, to load the kernels."""
+    """Vectorise noise in two steps of a fit, so that later runs find the kernels loaded.
+
+    given  options of the run by name
+    """
     noise = np.random.default_rng(0).random((32, 32, 3))
     return vectorize_by(Options.from_flat({**given, "iterations": 2}), noise)

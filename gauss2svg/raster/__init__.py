@@ -1,12 +1,14 @@
-"""Rasterise SVGs by a renderer, and refuse files that the renderer is known to draw wrongly.
+"""Rasterise SVGs with a renderer, and refuse files that the renderer is known to draw wrongly.
 
-A renderer NAME is two functions in a module of this package, which is imported on first use:
+A renderer called NAME consists of two functions in a module of this package. The module is imported
+when the renderer is first used.
 
-    NAME(svg, width, height)  returns straight RGBA (height, width, 4) float32 in 0..1. A browser's
-                              function also takes the colour of the page, white by default
-    NAME_version()            returns the name and version
+    NAME(svg, width, height)  returns the raster (height, width, 4), float32 in 0..1, with straight
+                              alpha. If the renderer is a browser, the function also takes the
+                              colour of the page, which is white by default
+    NAME_version()            returns the name and version of the renderer
 
-Both raise RendererError if the renderer is not installed.
+Both functions raise RendererError if the renderer is not installed.
 """
 
 from __future__ import annotations
@@ -38,15 +40,18 @@ _MODULES = {
     "firefox": "programs",
     "inkscape": "programs",
 }
-BROWSERS = "chromium", "firefox"  # renderers whose function also takes the colour of the page
-WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # colours of a browser's page
+# The functions of these renderers also take the colour of the page.
+BROWSERS = "chromium", "firefox"
+WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # colours of the page in a browser
 
 
 class Feature(StrEnum):
-    """A feature of SVG that some renderers draw wrongly, with its name in errors.
+    """A feature of SVG that some renderers draw wrongly. Error messages name it by its value.
 
-    A blur counts as turned if anything in the file is rotated or skewed. Animation counts only if
-    it also runs under prefers-reduced-motion. Otherwise no renderer shows the animation.
+    A file with a blur has the feature TURNED_BLUR if anything in the file is rotated or skewed. A
+    file has the feature MOVING only if it has an animation that runs even when reduced motion is
+    preferred. Any other animation has no effect, because the browsers are told to prefer reduced
+    motion, and the other renderers show no animation.
     """
 
     TURNED_BLUR = "a blur of rotated or skewed shapes"
@@ -61,8 +66,9 @@ class Feature(StrEnum):
 
 _NO_FILTERS = "it has no filters but offset, flood and blend"
 _SOME_MOMENT = "it shows some moment of it"
-# Features that each renderer draws wrongly, with a remark or "" (docs/decisions/renderers.md).
-# Observed with resvg 0.48, CairoSVG 2.9, Chromium 156, librsvg 2.54, Firefox 153, Inkscape 1.2.
+# For each renderer, the features that it draws wrongly (docs/decisions/renderers.md). The value of
+# a feature is a remark on the fault, or "" if there is nothing to remark. The faults were observed
+# with resvg 0.48, CairoSVG 2.9, Chromium 156, librsvg 2.54, Firefox 153 and Inkscape 1.2.
 CANNOT_DRAW: dict[str, dict[Feature, str]] = {
     "resvg": {Feature.TURNED_BLUR: "20 to 43 levels off", Feature.LIGHTER: ""},
     "cairo": {
@@ -79,13 +85,16 @@ CANNOT_DRAW: dict[str, dict[Feature, str]] = {
 
 
 def drawn_by(*features: Feature) -> tuple[str, ...]:
-    """Return the renderers that draw all of these features."""
+    """Return the names of the renderers that draw all of these features correctly."""
     return tuple(name for name in RENDERERS if CANNOT_DRAW[name].keys().isdisjoint(features))
 
 
-DEFAULT_RENDERER = "resvg"  # it is fast, accurate, and installed as a wheel
+# resvg is the default because it is fast and accurate, and because pip installs it as a wheel.
+DEFAULT_RENDERER = "resvg"
 DRAW_ROTATED_BLURS = drawn_by(Feature.TURNED_BLUR)
-DRAW_MINIMAL = drawn_by(Feature.MASK, Feature.PLAIN_HREF)  # renderers that draw minimal markup
+# The renderers that draw minimal markup correctly, because they draw masks and plain hrefs
+# correctly.
+DRAW_MINIMAL = drawn_by(Feature.MASK, Feature.PLAIN_HREF)
 DRAW_BLENDS = drawn_by(Feature.BLEND, Feature.FILTER)
 
 
@@ -99,8 +108,9 @@ def rasterize(
 ) -> NDArray[np.float32]:
     """Return the raster of an SVG over white: (height, width, 3) float32 in 0..1.
 
-    An SVG with a viewBox is stretched to width x height px, whatever its own proportions. Raise
-    RendererError if the renderer is missing, fails on the file, or is known to draw it wrongly.
+    An SVG with a viewBox is stretched to width x height px, even if its own proportions are
+    different. Raise RendererError if the renderer is not installed, if it fails on the file, or if
+    it is known to draw a feature of the file wrongly.
     """
     return over(_drawn(svg, width, height, renderer, clear=False))
 
@@ -110,7 +120,8 @@ def rasterize_rgba(
 ) -> NDArray[np.float32]:
     """Return the raster of an SVG with straight alpha: (height, width, 4) float32 in 0..1.
 
-    Arguments and errors are those of rasterize. Firefox draws twice, over white and over black.
+    Arguments and errors are those of rasterize. Firefox has no transparent page, so it draws the
+    SVG twice, over white and over black.
     """
     return _drawn(svg, width, height, renderer, clear=True)
 
@@ -118,7 +129,10 @@ def rasterize_rgba(
 def rasterize_like(
     svg: str, picture: NDArray[np.floating], renderer: str = DEFAULT_RENDERER
 ) -> NDArray[np.float32]:
-    """Return a raster as large as `picture`, over white if `picture` is opaque, else with alpha."""
+    """Return a raster that has the size of `picture`.
+
+    If `picture` is opaque, the raster is over white. If `picture` has alpha, so has the raster.
+    """
     height, width = picture.shape[:2]
     draw = rasterize_rgba if has_alpha(picture) else rasterize
     return draw(svg, width, height, renderer)
@@ -127,9 +141,12 @@ def rasterize_like(
 def rasterize_sized(
     svg: str, width: int, height: int, renderer: str, clear: bool = False
 ) -> NDArray[np.float32]:
-    """Return the raster (height, width, 4) of an SVG of width x height px.
+    """Return the raster (height, width, 4) of an SVG whose size is width x height px.
 
-    clear  whether the page of a browser is transparent. Else it is white
+    Raise RendererError if the renderer returns a raster of another size.
+
+    clear  whether a browser draws on a transparent page rather than on a white one. The other
+           renderers ignore it
     """
     page = [CLEAR] if clear and renderer in BROWSERS else []
     pixels = _renderer_function(renderer)(svg, width, height, *page)
@@ -154,14 +171,15 @@ def refuse_unsupported(svg: str, renderer: str) -> None:
 
 
 def _drawn(svg: str, width: int, height: int, renderer: str, clear: bool) -> NDArray[np.float32]:
-    if width * height > MOST_PIXELS:  # the same limit as for photos
+    if width * height > MOST_PIXELS:  # photos have the same limit
         raise RendererError(
             f"the raster must be at most {MOST_PIXELS / 1e6:.0f} million px; got "
             f"{width}x{height}, {width * height / 1e6:.0f} million. Try to draw the SVG smaller"
         )
     try:
         text = from_root(svg)
-        expat.ParserCreate().Parse(text, True)  # renderers would draw a part of a broken file
+        # Broken files are refused here, because some renderers would draw a part of such a file.
+        expat.ParserCreate().Parse(text, True)
     except (InputError, expat.ExpatError, UnicodeEncodeError) as error:
         raise RendererError(f"cannot draw the SVG: {error}. Try to re-save it") from error
     refuse_unsupported(text, renderer)
@@ -169,29 +187,36 @@ def _drawn(svg: str, width: int, height: int, renderer: str, clear: bool) -> NDA
 
 
 def from_png(png: bytes) -> NDArray[np.float32]:
-    """Return the straight RGBA (h, w, 4) float32 in 0..1 of a PNG that a renderer wrote."""
-    # Image.open would limit the size as for an untrusted image, but here the size was requested.
+    """Return the pixels of a PNG that a renderer wrote, with straight alpha.
+
+    They are (h, w, 4) float32 in 0..1.
+    """
+    # Image.open is not used, because it refuses very large images to protect against files of
+    # strangers. The size of this image is no danger, because it is the size that the caller
+    # requested.
     with PngImageFile(io.BytesIO(png)) as picture:
         return np.array(picture.convert("RGBA"), np.float32) / np.float32(255)
 
 
 def _checked(name: str) -> str:
-    """Return the name of a renderer. Raise InputError for any other name."""
+    """Return `name` if it is the name of a renderer. Otherwise raise InputError."""
     return Field("renderer", words=RENDERERS).checked(name)
 
 
 def _renderer_function(renderer: str, suffix: str = "") -> Any:
-    """Return a renderer's function: NAME, or NAME_version for the suffix "_version"."""
+    """Return the function of a renderer: NAME, or NAME_version if the suffix is "_version"."""
     name = _checked(renderer)
     return resolve_name(f"gauss2svg.raster.{_MODULES[name]}:{name}{suffix}")
 
 
-_GAP = r"(?:\s|/\*(?:[^*]|\*(?!/))*+\*/)*+"  # white space and comments of CSS
-# Pattern of the text after a property's name if the value switches the property on.
+_GAP = r"(?:\s|/\*(?:[^*]|\*(?!/))*+\*/)*+"  # matches white space and comments of CSS
+# Matches the text after the name of a property if the value of the property has an effect.
 _ON = rf"""{_GAP}[:=]{_GAP}["']?+{_GAP}(?!none|normal|inherit|initial|unset)"""
 _TAG = r"<(?:[\w.-]+:)?"
 _LINKING = "(?:use|image|pattern|filter|lineargradient|radialgradient)"
-# For each feature, a pattern, and words for a quick test: a file with the feature has one of them.
+# For each feature: one or more words, separated by blanks, and a pattern. A file that has the
+# feature contains at least one of these words, and it also matches the pattern. The words are
+# looked for first, because this is fast and rules out most files.
 _SEARCHES = {
     Feature.BLUR: ("blur shadow", r"fegaussianblur|fedropshadow|(?<![\w-])(?:blur|drop-shadow)\("),
     Feature.LIGHTER: ("plus-", rf"mix-blend-mode{_ON}plus-"),
@@ -204,16 +229,18 @@ _SEARCHES = {
         rf"{_TAG}(?:animate|set|discard)|@starting-style|(?<![\w-])animation(?:-name)?{_ON}",
     ),
 }
-# Pattern of a transform in CSS, or of an attribute's transform that does more than move and scale.
+# Matches a rotation, a skew, a matrix that does more than scale and move, and any transform that is
+# a property of CSS.
 _TURNS = re.compile(
     r"""rotate|skew|[;"'{\s]transform\s*:|matrix\s*+\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])"""
 )
-# Comments, titles and descriptions, which are not drawn. Group 1 is CDATA, which `_visible` keeps
-# because it may be a style sheet.
+# Matches comments, titles and descriptions, which are not drawn. It also matches CDATA, as group 1.
+# `_visible` keeps group 1, because CDATA may be a style sheet.
 _TEXTS = re.compile(
     rf"(<!\[cdata\[.*?\]\]>)|<!--.*?(?:-->|\Z)|{_TAG}(?:title|desc)\b[^<>]*>[^<]*", re.DOTALL
 )
-# The style sheet of the project's animated files, which does nothing under prefers-reduced-motion.
+# Matches the rules for animation in the style sheet of a file that this project has animated. These
+# rules apply only if reduced motion is not preferred, so `uses` ignores them.
 _FOR_MOTION = re.compile(
     r"@media[^{}<>@]{0,200}prefers-reduced-motion\s*:\s*no-preference\s*\)\s*\{"
     r"(?:[^{}<>]*+\{(?:[^{}<>]*+\{[^{}<>]*+\})*+[^{}<>]*+\})*+"
@@ -221,7 +248,11 @@ _FOR_MOTION = re.compile(
 
 
 def uses(svg: str, feature: Feature) -> bool:
-    """Return whether an SVG may use a feature. Words without an effect count as well."""
+    """Return whether an SVG may use a feature.
+
+    Only the text of the file is searched. So the answer may be true although the feature has no
+    effect in the file.
+    """
     if feature is Feature.TURNED_BLUR:
         return uses(svg, Feature.BLUR) and _TURNS.search(_visible(svg)) is not None
     words, pattern = _SEARCHES[feature]
@@ -234,5 +265,5 @@ def uses(svg: str, feature: Feature) -> bool:
 def _visible(svg: str) -> str:
     """Return the text of an SVG in lower case, without comments, titles and descriptions."""
     text = _TEXTS.sub(lambda match: match[1] or "", svg.lower())
-    # XML can spell a word by character references.
+    # Character references are replaced by their characters, because XML may use them in any word.
     return re.sub(r"&#x?[\da-f]+;", lambda match: html.unescape(match[0]), text)

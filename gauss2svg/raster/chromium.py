@@ -1,9 +1,10 @@
-"""Headless Chromium, driven by Playwright, which shows an SVG as the web does.
+"""The renderer Chromium, which draws an SVG as most browsers do. Playwright controls it.
 
-Chromium rounds to 8 bits after every layer and dithers gradients by a fixed pattern of 8 x 8 px.
-The image is therefore drawn at _OFFSETS, four places of the page at which the pattern differs. The
-mean of the four is 5 to 12 dB closer to the model than one image. An image of twice the size, when
-averaged, is at least 5 dB worse than this mean (docs/decisions/renderers.md).
+Chromium rounds colours to 8 bits after each layer, and dithers gradients by a fixed pattern of
+8 x 8 px. So the image is drawn four times, at _OFFSETS. These are four places of the page at which
+the pattern lies differently on the image. The mean of the four images is 5 to 12 dB closer to the
+model than a single image. If one image of twice the size is averaged instead, the result is at
+least 5 dB worse than this mean (docs/decisions/renderers.md).
 """
 
 from __future__ import annotations
@@ -30,8 +31,9 @@ from gauss2svg.raster import CLEAR, WHITE, from_png, programs
 from gauss2svg.raster.programs import DRAWING, html
 
 PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
-# Without the colour profile, colours depend on the machine's screen. Reduced motion shows animated
-# files in their final state. Playwright's own option does not reach the images of a page.
+# Without the flag for the colour profile, colours would depend on the screen of the machine. The
+# flag for reduced motion shows animated files in their final state. Playwright has an option for
+# reduced motion too, but it has no effect on the images in a page.
 _FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars", "--force-prefers-reduced-motion")
 _PROGRAMS = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable",
@@ -51,15 +53,17 @@ def chromium_version() -> str:
     path = _program()
     if sys.platform == "win32":
         return f"Chromium {_version_beside(path)}"
-    # The line is "Google Chrome 140.0.1", or "Chromium 156.0.8078.79 built on Debian GNU/Linux".
+    # The program prints a line such as "Google Chrome 140.0.1" or "Chromium 156.0.8078.79 built on
+    # Debian GNU/Linux".
     return programs.version_line(path).split(" built on ")[0]
 
 
 def _version_beside(path: str) -> str:
-    """Return the version of a Chromium on Windows, where --version would open a window.
+    """Return the version of a Chromium on Windows, from the name of a folder beside the program.
 
-    An installer puts its files in a folder beside the program, and names the folder by the version.
-    Playwright's own Chromium has no such folder.
+    On Windows, --version would open a window. The installer puts files of Chromium in a folder
+    beside the program. The name of this folder is the version. The Chromium that Playwright
+    downloads has no such folder, so its version is unknown.
     """
     names = [folder.name for folder in Path(path).parent.glob("[0-9]*.*.*.*")]
     numbers = [[int(part) for part in re.findall("[0-9]+", name)] for name in names]
@@ -67,7 +71,10 @@ def _version_beside(path: str) -> str:
 
 
 def chromium(svg: str, width: int, height: int, page: str = WHITE) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4), finer than 8 bits, of the SVG on a page of a colour."""
+    """Return the pixels (height, width, 4) of the SVG on a page of the colour `page`.
+
+    They are means of several images, so their levels are finer than 8 bits.
+    """
     try:
         return _browser(os.getpid()).draw(svg, width, height, page)
     except _playwright_api().Error as error:
@@ -101,15 +108,16 @@ def _program() -> str:
 
 def launch_options(flags: Sequence[str] = _FLAGS) -> dict[str, Any]:
     """Return options with which Playwright's `chromium.launch` starts the installed browser."""
-    # Chromium does not start as root with its sandbox. All other users keep the sandbox.
+    # With its sandbox, Chromium does not start as root. For all other users the sandbox is on.
     is_root = hasattr(os, "geteuid") and os.geteuid() == 0
     return {"executable_path": _program(), "args": flags, "chromium_sandbox": not is_root}
 
 
 class _Browser:
-    """The browser of a process, driven by asyncio in its own thread.
+    """The one browser of a process, which an event loop of asyncio controls in a thread of its own.
 
-    The caller's thread cannot drive the browser: in a notebook it already runs an event loop.
+    The loop does not run in the caller's thread, because that thread may already run an event loop,
+    as it does in a notebook.
     """
 
     def __init__(self) -> None:
@@ -121,12 +129,18 @@ class _Browser:
         atexit.register(self._close)
 
     def draw(self, svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
-        """Return the mean (height, width, 4) of the images at _OFFSETS on a page of this colour."""
+        """Return the mean (height, width, 4) of four images of the SVG on a page of this colour.
+
+        The images are drawn at the four places _OFFSETS of the page.
+        """
         mean = self._mean(svg, width, height, color)
         return asyncio.run_coroutine_threadsafe(mean, self._loop).result()
 
     def _close(self) -> None:
-        """End the browser within ten seconds, even if it draws. A forked process does nothing."""
+        """Stop the browser, even if it is drawing, and wait at most ten seconds for its end.
+
+        In a forked process this does nothing, because the browser belongs to the parent.
+        """
         if self._playwright is not None and self._thread.is_alive():
             wait([asyncio.run_coroutine_threadsafe(self._playwright.stop(), self._loop)], 10)
 
@@ -139,7 +153,8 @@ class _Browser:
             await page.route(_SITE, lambda r: r.fulfill(body=html(color), content_type=_HTML))
             await page.route(_FILE, lambda r: r.fulfill(body=svg, content_type=_SVG))
             await page.goto(_SITE)
-            # evaluate() would wait forever for a page that hangs.
+            # wait_for_function() has a time limit. evaluate() has none, so it would wait forever if
+            # the page hangs.
             size = await page.wait_for_function(_SIZE)
             if await size.json_value() != [width, height]:
                 raise RendererError("Chromium cannot draw the SVG: not a supported image")
@@ -147,17 +162,24 @@ class _Browser:
                 await page.wait_for_function(_MOVE, arg=[x, y])
                 shot = from_png(await page.screenshot(omit_background=is_clear))
                 levels = np.rint(255 * shot[y : y + height, x : x + width])
-                levels[:, :, :3] *= levels[:, :, 3:] / 255  # premultiply for the mean
+                # Colours are premultiplied by alpha here, because the mean of several images is
+                # exact only for premultiplied colours.
+                levels[:, :, :3] *= levels[:, :, 3:] / 255
                 total += levels
         total /= np.float32(255 * len(_OFFSETS))
         return straight(total[:, :, :3], total[:, :, 3]) if is_clear else total
 
     async def _context(self, width: int, height: int) -> Any:
-        """Start the browser if needed. Return a new context that loads only what routes answer."""
+        """Return a new context of the browser. Start the browser first if it does not run.
+
+        The context is offline. So a page in it can load only the files that the routes of the page
+        serve.
+        """
         api, view = _playwright_api(), {"width": width, "height": height}
         options: Any = {"viewport": view, "offline": True, "service_workers": "block"}
         if self._browser is not None:
-            # This first call fails if the browser has died since the last image.
+            # This call fails if the browser has crashed since the last image. Then the code below
+            # starts it again.
             with suppress(api.Error):
                 return await self._browser.new_context(**options)
         launching = launch_options()
@@ -174,7 +196,8 @@ class _Browser:
         return await self._browser.new_context(**options)
 
 
-# A forked process starts its own browser, because this one and its thread belong to the parent.
+# The process id is the key of the cache. So a forked process starts a browser of its own, because
+# the existing browser and its thread belong to the parent.
 @cache
 def _browser(process_id: int) -> _Browser:
     return _Browser()

@@ -1,7 +1,8 @@
 """Rasterise an untrusted SVG in a separate process: `python -m gauss2svg.raster.isolated`.
 
-Deep nesting overflows resvg's stack, which ends the process. Nested patterns keep any renderer busy
-for years. In a separate process with limited time and memory, both cases become ordinary errors.
+An SVG with deeply nested groups overflows the stack of resvg, which ends the process. An SVG with
+nested patterns can keep any renderer busy for years. In a separate process whose time and memory
+are limited, both cases become ordinary errors.
 """
 
 from __future__ import annotations
@@ -17,17 +18,20 @@ from gauss2svg.photo.pixels import over
 from gauss2svg.processes import end_of, module_command, python_environment, run
 from gauss2svg.raster import rasterize_sized
 
-_REFUSED = 2  # exit status if standard error has a message for the user
-# Limit of a drawing's memory on Linux: bytes for any SVG, plus bytes per pixel.
+_REFUSED = 2  # exit status which says that standard error has a message for the user
+# On Linux, the process may take _BASE_BYTES of memory, plus _BYTES_PER_PIXEL for each pixel of the
+# raster.
 _BASE_BYTES, _BYTES_PER_PIXEL = 4 << 30, 64
 
 
 def draw(
     svg: str, width: int, height: int, renderer: str, timeout_s: float, channels: int = 3
 ) -> NDArray[np.float32]:
-    """Return the raster (height, width, channels) of an SVG: 3 channels over white, 4 with alpha.
+    """Return the raster (height, width, channels) of an SVG.
 
-    Raise RendererError also if the renderer crashes, or takes more than timeout_s seconds.
+    With 3 channels the raster is over white. With 4 channels it has straight alpha. Raise
+    RendererError if the renderer cannot draw the SVG, crashes, or takes more than timeout_s
+    seconds.
     """
     words = str(width), str(height), renderer, str(channels)
     try:
@@ -55,7 +59,9 @@ def main() -> int:
     """Read an SVG from standard input, and write its pixels to standard output as float32."""
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     answer = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # text that a library prints goes to standard error, not among the pixels
+    # From here on, a text that a library prints to standard output goes to standard error. So no
+    # such text can get between the pixels.
+    os.dup2(2, 1)
     clear = sys.argv[4:] == ["4"]
     _limit_memory(_BASE_BYTES + _BYTES_PER_PIXEL * width * height)
     try:
@@ -66,7 +72,8 @@ def main() -> int:
         return _refuse(str(error))
     except MemoryError:
         return _refuse(f"{renderer} is out of memory. Try a smaller or simpler SVG")
-    except Exception as error:  # a bug here or in a library. The error's class hints at the bug
+    except Exception as error:
+        # There is a bug, here or in a library. The class of the error helps to find it.
         return _refuse(f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}")
     with answer:
         answer.write(np.ascontiguousarray(pixels, np.float32).data)
@@ -74,12 +81,13 @@ def main() -> int:
 
 
 def _limit_memory(limit: int) -> None:
-    """Limit the memory (bytes) of this process, and of each process that it starts."""
+    """Limit this process, and each process that it starts, to `limit` bytes of memory."""
     try:
         import resource
-    except ImportError:  # Windows has no such module
+    except ImportError:  # there is no such module on Windows
         return
-    # RLIMIT_AS would limit addresses, of which browsers reserve terabytes.
+    # RLIMIT_AS is not used, because it limits the address space, of which browsers reserve
+    # terabytes.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))

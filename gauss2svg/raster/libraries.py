@@ -14,13 +14,14 @@ def resvg_version() -> str:
 
 
 def resvg(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) of the SVG by resvg."""
+    """Return the pixels (height, width, 4) of the SVG as resvg draws it."""
     try:
         png = resvg_py.svg_to_bytes(
             svg_string=svg, width=width, height=height, skip_system_fonts=True
         )
     except BaseException as error:
-        # A panic inside resvg is raised as pyo3's PanicException, a BaseException.
+        # If resvg panics, pyo3 raises its PanicException, which is not an Exception but only a
+        # BaseException.
         if isinstance(error, ValueError) or type(error).__name__ == "PanicException":
             raise RendererError(f"resvg cannot draw the SVG: {error}") from error
         raise
@@ -33,18 +34,18 @@ def cairo_version() -> str:
 
 
 def cairo(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Return the pixels (height, width, 4) of the SVG by CairoSVG."""
+    """Return the pixels (height, width, 4) of the SVG as CairoSVG draws it."""
     cairosvg, size = _cairosvg(), {"output_width": width, "output_height": height}
     try:
         return from_png(cairosvg.svg2png(svg.encode(), unsafe=False, **size) or b"")
-    except Exception as error:  # CairoSVG's parser raises exceptions of any class
+    except Exception as error:  # the parser of CairoSVG may raise an exception of any class
         raise RendererError(f"CairoSVG cannot draw the SVG: {error!r}") from error
 
 
 def _cairosvg():
     try:
         import cairosvg
-    except OSError as error:  # cairocffi found no shared library
+    except OSError as error:  # raised if cairocffi has not found the shared library cairo
         raise RendererError(
             "renderer cairo needs the cairo system library. Try to install it (apt-get install "
             "libcairo2, brew install cairo), or --renderer resvg"

@@ -1,4 +1,4 @@
-"""Renderers of scenes: the fast CPU renderer, frames of a fit, and the reference in PyTorch."""
+"""Renderers of scenes: the fast CPU renderer, the reference in PyTorch, and frames of a fit."""
 
 from __future__ import annotations
 
@@ -31,16 +31,19 @@ def render(
 ) -> NDArray[Real]:
     """Return the image (height, width, 3) in 0..1 of a scene, by default at the size of its canvas.
 
-    dtype     np.float32 is mostly within 3e-5 of the formula. np.float64 is mostly within 1e-12
-              and takes twice the time. The largest known errors are 1.5e-4 in float32, where 10 000
-              equal shapes overlap, and 2.2e-11 in float64, for very thin shapes.
-    covering  whether plain ellipses (scene.drawn) have no falloff, and count by the share of each
-              pixel that they cover, as in SVG renderers and in fits of small files and drawings.
+    dtype     np.float32 or np.float64. In float32 most values are within 3e-5 of the model's
+              formula. In float64, which takes twice the time, most are within 1e-12. The largest
+              known errors are 1.5e-4 in float32, where 10 000 equal shapes overlap, and 2.2e-11 in
+              float64, for very thin shapes
+    covering  whether plain ellipses (scene.drawn) are drawn without a falloff. The alpha of such an
+              ellipse in a pixel is its opacity times the share of the pixel that it covers. SVG
+              renderers draw it so, and so do fits of small files and of drawings
 
-    The scene is scaled to the size and sampled at pixel centres. A transparent scene is rendered
-    over its background, which is white by default. render_reference of gauss2svg.render.reference
-    draws the same slowly, without `covering`. Raise InputError if `scene` is not a Scene, for
-    another dtype, and for a size that is not whole, below one pixel or larger than any photo.
+    The scene is scaled to the size of the image and sampled at pixel centres. A transparent scene
+    is rendered over its background, which is white by default. render_reference of
+    gauss2svg.render.reference draws the same image slowly, but has no option `covering`. Raise
+    InputError if `scene` is not a Scene, if the dtype is another one, or if a side is not a whole
+    number of at least 1 px, or if the image has more pixels than any photo.
     """
     width, height = output_size(scene, width, height)
     splats = splats_of(scene, (width / scene.width, height / scene.height), covering)
@@ -59,8 +62,9 @@ def render_rgba(
 ) -> NDArray[np.float32]:
     """Return the colour and straight alpha (height, width, 4) in 0..1 of a scene.
 
-    With w_k as in gauss2svg.render.reference, alpha is A = sum w_k. The colour is sum w_k c_k / A,
-    or black where A is 0. An opaque scene has A = 1. Arguments and errors are those of `render`.
+    With the weights w_k of gauss2svg.render.reference, alpha is A = sum w_k, and A = 1 if the scene
+    is not transparent. The colour is sum w_k c_k / A, or black where A is 0. Arguments and errors
+    are those of `render`.
     """
     if not required(scene, "scene", Scene).transparent:
         color = np.clip(render(scene, width, height, dtype, covering), 0, 1)
@@ -73,10 +77,11 @@ def render_rgba(
 
 
 def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[int, int]:
-    """Return width and height in px of a render. None stands for the rounded side of the canvas.
+    """Return the width and height of a render in px.
 
-    Raise InputError if `scene` is not a Scene, or if a side is not a whole number of pixels, or if
-    there are more pixels than any photo has.
+    A width or height of None stands for that of the canvas, rounded. Raise InputError if `scene` is
+    not a Scene, if a side is not a whole number of at least 1 px, or if the render has more pixels
+    than a photo may have.
     """
     scene = required(scene, "scene", Scene)
     sizes = {
@@ -90,14 +95,19 @@ def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[in
     return across, down
 
 
-MOST_SIDE = 768  # px, bound of the longer side of a frame
+MOST_SIDE = 768  # the longer side of a frame is at most this number of px
 # Limits on the cost of a fit's frames (docs/decisions/studio.md).
 _MOST_FRAMES_A_SECOND = 15
 _CPU_SHARE = 0.06  # share of a fit's CPU time that its frames may take
 
 
 class FrameMaker:
-    """Maker of a fit's frames. The first is due at once, later ones when their cost allows."""
+    """Maker of the frames that show a fit in progress.
+
+    The first frame is due at once. A later frame is due when enough time has passed since the last
+    one. Two limits determine this time: the number of frames per second, and the share of the CPU
+    time that frames may take.
+    """
 
     def __init__(
         self, most_a_second: float = _MOST_FRAMES_A_SECOND, most_side: int = MOST_SIDE
@@ -106,20 +116,24 @@ class FrameMaker:
         self._due = self._cpu_due = 0.0
 
     def frame(self, scene: Callable[[], Scene]) -> bytes:
-        """Return a JPEG of the scene that `scene` returns, or b"" if no frame is due."""
+        """Return a JPEG of the scene that `scene` returns. If no frame is due, return b""."""
         started, cpu_started = time.perf_counter(), time.process_time()
         if started < self._due or cpu_started < self._cpu_due:
             return b""
         data = as_jpeg(scene(), self._most_side)
         cpu_ended = time.process_time()
         self._due = started + self._between_s
-        # The CPU time of this process sets the pace, because other programs do not change it.
+        # This limit counts CPU time and not wall-clock time, because other programs on the machine
+        # do not change the CPU time of this process.
         self._cpu_due = cpu_ended + (cpu_ended - cpu_started) / _CPU_SHARE
         return data
 
 
 def as_jpeg(scene: Scene, most_side: int = MOST_SIDE) -> bytes:
-    """Return a JPEG of a scene over its background, at most most_side px on the longer side."""
+    """Return a JPEG of a scene over its background.
+
+    The JPEG has the size of the canvas, but its longer side is at most most_side px.
+    """
     share = min(1.0, most_side / max(scene.width, scene.height))
     width, height = (max(1, round(side * share)) for side in (scene.width, scene.height))
     levels = np.clip(render(scene, width, height) * 255 + 0.5, 0, 255).astype(np.uint8)

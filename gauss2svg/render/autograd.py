@@ -17,8 +17,10 @@ from gauss2svg.render.cpu import (
 from gauss2svg.render.reference import shapes_of, torch
 from gauss2svg.scene import whitening_of
 
-# Least opacity in the backward pass. The kernels return the gradient of the opacity times the
-# opacity, which is 0 at opacity 0. Ten thousand shapes so faint change no pixel in this dtype.
+# Least opacity in the backward pass, by dtype. The kernels return the product of the opacity and
+# its gradient. At opacity 0 this product is 0 and says nothing about the gradient, so smaller
+# opacities are raised. Ten thousand shapes of this opacity change no pixel of an image of this
+# dtype.
 _LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
 
 
@@ -39,7 +41,8 @@ class _FastRender(torch.autograd.Function):
         mean, sigma, rho, color, opacity, background, beta = ctx.saved_tensors
         real = _precision(ctx.saved_tensors)
         raised_opacity = opacity.double().clamp(min=_LEAST_OPACITY[real])
-        # At beta = 1 exactly, the kernels do not compute the gradient of the exponent.
+        # If beta is exactly 1, the kernels do not compute the gradient of the exponent. So use the
+        # next number above 1.
         shifted_beta = beta.double()
         if ctx.needs_input_grad[6]:
             shifted_beta = torch.where(shifted_beta == 1, np.nextafter(1, 2), shifted_beta)
@@ -48,7 +51,8 @@ class _FastRender(torch.autograd.Function):
         gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)
         moments = torch.from_numpy(moments_of_gradient(splats, gradient))
         by_opacity = moments[:, 5] / raised_opacity
-        # All other gradients are proportional to the opacity, and were computed for the raised one.
+        # The gradients of the other parameters are proportional to the opacity. The kernels have
+        # computed them for the raised opacity, so scale them to the true opacity.
         moments *= (opacity.double() / raised_opacity)[:, None]
         gradients = (
             *_by_shape(moments[:, :5], sigma.double(), rho.double()),
@@ -80,7 +84,7 @@ def _by_shape(
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Return the gradients of mean, sigma and rho, by the chain rule through z = W (x - mean).
 
-    k = sqrt(1 - rho^2) and W = [[1 / sx, 0], [-rho / (sx k), 1 / (sy k)]].
+    Here W = [[1 / sx, 0], [-rho / (sx k), 1 / (sy k)]] and k = sqrt(1 - rho^2).
     """
     m1, m2, m11, m12, m22 = moments.T
     sx, sy = sigma.T
@@ -91,7 +95,12 @@ def _by_shape(
 
 
 def _by_background(splats: Splats, gradient: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the background's gradient. Black shapes rendered on white give the transmittance."""
+    """Return the gradient of the loss with respect to the background (3,).
+
+    It is the sum over all pixels of the gradient (3, h, w) of the render times the transmittance of
+    all shapes together. This transmittance is the render of black shapes on white, or 1 with
+    additive blending.
+    """
     if splats.additive:
         return gradient.sum(axis=(1, 2), dtype=np.float64)
     black = splats._replace(
@@ -113,13 +122,13 @@ def fast_composite(
     width: int,
     beta: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """Return the image of gauss2svg.render.reference.composite, by the numba kernels.
+    """Return the image of gauss2svg.render.reference.composite, computed by the numba kernels.
 
-    Tensors are on the CPU, of any floating dtype. The image (height, width, 3) is float64 if all of
-    them are, else float32. Every tensor gets a gradient, but a second derivative raises torch's
-    error. In powers of r^2 / 2, the base is at least 1e-12. This bounds the gradients of shapes of
-    beta < 1, which grow with r^(2 beta - 1) or faster. Raise InputError for values outside the
-    domain (gauss2svg.render.reference.shapes_of).
+    The tensors must be on the CPU, and may have any floating dtype. The image (height, width, 3) is
+    float64 if all tensors are float64, else float32. Every tensor gets a gradient, but asking for a
+    second derivative raises torch's error. Powers of s = r^2 / 2 are computed with an s of at least
+    1e-12. So the factor s^(beta - 1) in the gradients of shapes with beta < 1 stays finite at the
+    mean. Raise InputError for values outside the domain (gauss2svg.render.reference.shapes_of).
     """
     shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
     return _rendered(shapes, height, width, additive=False)
@@ -134,9 +143,9 @@ def fast_accumulate(
     height: int,
     width: int,
 ) -> torch.Tensor:
-    """Return the image of gauss2svg.render.reference.accumulate, by the numba kernels.
+    """Return the image of gauss2svg.render.reference.accumulate, computed by the numba kernels.
 
-    Tensors and gradients are as in `fast_composite`.
+    `fast_composite` describes the tensors, the gradients and the errors.
     """
     shapes = shapes_of(mean, sigma, rho, color, background)
     return _rendered(shapes, height, width, additive=True)

@@ -1,21 +1,24 @@
-"""The fast CPU renderer: numba kernels over 16 x 16 tiles, forward and backward.
+"""The fast CPU renderer: numba kernels that render tiles of 16 x 16 px, and compute gradients.
 
-It computes in the dtype of its image, float32 or float64. The kernels for float64 are compiled on
-first use.
+It computes in the dtype of its image, float32 or float64. The kernels for float64 are compiled when
+they are first used.
 
-Cost is counted in pair rows: one Gaussian on one row of one tile, 16 pixels. The kernels compute a
-row as explicit lanes (gauss2svg.render.simd). This takes a fifth of the time of LLVM's vectoriser,
-and half the time of loops over whole tiles (docs/decisions/kernels.md).
+Work is counted in pair rows. A pair row is the part of one Gaussian on one row of one tile, that
+is, on 16 pixels. The kernels compute a pair row as explicit lanes (gauss2svg.render.simd). This
+takes a fifth of the time that code from LLVM's vectoriser takes, and half the time of loops over
+whole tiles (docs/decisions/kernels.md).
 
-Each thread takes a share of the tiles. A tile writes only its own pixels and pairs, and pairs are
-added up Gaussian by Gaussian, so the number of threads changes no bit of any result.
+Each thread handles a share of the tiles. The work on a tile writes only the tile's own pixels and
+pairs, and the pairs of a Gaussian are always added up in the same order. So all results are the
+same to the last bit for any number of threads.
 """
 
 import os
 import threading
 
 # pyright: reportCallIssue=false
-# numba itself passes typingctx, the first argument of the intrinsics of simd.py.
+# Calls of the intrinsics of simd.py lack their first argument, typingctx, because numba adds it.
+# pyright would report these calls as errors.
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -31,19 +34,23 @@ from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
 from gauss2svg.scene.falloff import covered_radius, cut_radius, longer_axes
 
 # Modes of the kernels. RENDER computes the image. SQUARED_ERROR computes the image and the moments
-# of the gradient of its squared error. GIVEN_GRADIENT computes only the moments of a gradient that
-# is passed as `image`. REMOVAL computes the image and the cost of removing each Gaussian.
+# of the gradient of its squared error. GIVEN_GRADIENT computes only the moments of a gradient,
+# which is passed in the argument `image`. REMOVAL computes the image and the cost of removing each
+# Gaussian.
 RENDER, SQUARED_ERROR, GIVEN_GRADIENT, REMOVAL = range(4)
 
 
 def tile_buffers(most_rows: int, dtype: Any, additive: bool) -> tuple[Any, ...]:
-    """Return walk_tiles' buffers, `alpha` to `columns`, for tiles of up to most_rows pair rows.
+    """Return the buffers that walk_tiles takes as its arguments `alpha` to `columns`.
 
-    alpha, transmittance, steep, logs  (most_rows * TILE_WIDTH,) see gauss2svg.render.kernels
-    color, gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH) see gauss2svg.render.kernels
-    remaining  (TILE_HEIGHT, TILE_WIDTH) transmittance behind all Gaussians; 1 in additive blending
-    inside     (TILE_WIDTH,) 1 for columns of the image, 0 beyond its right edge
-    columns    (TILE_WIDTH,) float64: 0, 1, ...
+    most_rows: largest number of pair rows in a tile.
+
+    alpha, transmittance, steep, logs  (most_rows * TILE_WIDTH,), see gauss2svg.render.kernels
+    color, gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH), see gauss2svg.render.kernels
+    remaining  (TILE_HEIGHT, TILE_WIDTH) transmittance behind all Gaussians. It is 1 for additive
+               blending
+    inside     (TILE_WIDTH,) 1 for columns of the image, and 0 for columns beyond its right edge
+    columns    (TILE_WIDTH,) float64: 0, 1, .., 15
     """
     alpha, transmittance, *powers = np.empty((4, most_rows * TILE_WIDTH), dtype)
     tiles = np.empty((3, 3, TILE_HEIGHT, TILE_WIDTH), dtype)
@@ -56,7 +63,10 @@ def tile_buffers(most_rows: int, dtype: Any, additive: bool) -> tuple[Any, ...]:
 def _errors_of_whole_rows(
     mode, x0, y0, h, color, remaining, background, image, weight, out, gradient
 ):  # fmt: skip
-    """Do what _errors_of_tile does, for a tile that the image's right edge does not cut."""
+    """Do the work of _errors_of_tile for a tile whose columns are all inside the image.
+
+    Each row of such a tile is handled at once, as sixteen lanes.
+    """
     squares = 0.0
     height, width = out.shape[1:]
     for channel in range(3):
@@ -72,7 +82,7 @@ def _errors_of_whole_rows(
                 continue
             value = load(color, j) + load(remaining, y * TILE_WIDTH) * ground
             store(out, at, value)
-            if mode == SQUARED_ERROR or mode == REMOVAL:
+            if mode in (SQUARED_ERROR, REMOVAL):
                 error = value - load(image, at)
                 squares += total(error * error)
                 if mode == SQUARED_ERROR:
@@ -85,7 +95,13 @@ def _errors_of_whole_rows(
 def _errors_of_tile(
     mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
 ):  # fmt: skip
-    """Write `out` and `gradient` of a tile as `mode` needs them. Return its squared error."""
+    """Write the tile's part of `out` or `gradient` or both, depending on the mode.
+
+    GIVEN_GRADIENT copies the tile's part of `image` to `gradient`. The other modes write the pixels
+    of the tile to `out`. SQUARED_ERROR and REMOVAL also write the errors of the pixels to
+    `gradient`, and SQUARED_ERROR multiplies them by `weight`. Return the sum of the tile's squared
+    errors.
+    """
     if w == TILE_WIDTH:
         return _errors_of_whole_rows(
             mode, x0, y0, h, color, remaining, background, image, weight, out, gradient
@@ -103,7 +119,7 @@ def _errors_of_tile(
                     gradient[channel, y, x] = image[channel, y0 + y, x0 + x]
                 else:
                     out[channel, y0 + y, x0 + x] = value
-                if mode == SQUARED_ERROR or mode == REMOVAL:
+                if mode in (SQUARED_ERROR, REMOVAL):
                     error = value - image[channel, y0 + y, x0 + x]
                     squares += error * error
                     if mode == SQUARED_ERROR:
@@ -114,7 +130,7 @@ def _errors_of_tile(
 
 @njit(inline="always")
 def _weights_of_tile(x0, y0, h, w, weight, out):
-    """Write the weights of a tile's pixels to `out`, 0 outside the image."""
+    """Write the weights of a tile's pixels to `out`, and 0 for pixels outside the image."""
     for y in range(TILE_HEIGHT):
         for x in range(TILE_WIDTH):
             out[y, x] = weight[y0 + y, x0 + x] if y < h and x < w else 0.0
@@ -126,12 +142,20 @@ def walk_tiles(
     gaussian, rows, start, order, alpha, transmittance, steep, logs, color, gradient, behind,
     remaining, inside, columns, pair_out, out, loss,
 ):  # fmt: skip
-    """Blend one share of the tiles, front to back, in a mode. Write to pair_out, out and loss.
+    """Do the work of a mode for one share of the tiles.
+
+    The results are written to pair_out, out and loss.
+
+    mode    one of the modes of this module
+    weight  (h, w) weights of the pixels. SQUARED_ERROR multiplies the gradient by them. REMOVAL
+            multiplies the terms of costs and masses by them. Other modes do not read them
+    gaussian, rows, start, order  fields of gauss2svg.render.tiles.Pairs
+    alpha .. columns  buffers from tile_buffers
+    pair_out  output for each pair: its moments, or its cost of removal and its mass
+    out     (3, h, w) output: the image
+    loss    (tiles,) output: the sum of squared errors in each tile
 
     background, image, weight, pair_out and out are all float32 or all float64.
-    weight (h, w) scales the gradient of SQUARED_ERROR and the costs of REMOVAL. Other modes do not
-    read it. `gaussian` to `order` are fields of gauss2svg.render.tiles.Pairs, and `alpha` to
-    `columns` come from tile_buffers.
     """
     height, width = out.shape[1:]
     tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
@@ -150,7 +174,7 @@ def walk_tiles(
         loss[tile] = _errors_of_tile(
             mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
         )
-        if mode == SQUARED_ERROR or mode == GIVEN_GRADIENT:
+        if mode in (SQUARED_ERROR, GIVEN_GRADIENT):
             for y in range(TILE_HEIGHT):
                 for x in range(TILE_WIDTH):
                     behind[0, y, x] = (
@@ -167,7 +191,8 @@ def walk_tiles(
                 for y in range(TILE_HEIGHT):
                     for x in range(TILE_WIDTH):
                         behind[channel, y, x] = background[channel]
-            _weights_of_tile(x0, y0, h, w, weight, color[0])  # buffer color[0] is free by now
+            # The buffer color[0] is free by now, so it takes the weights.
+            _weights_of_tile(x0, y0, h, w, weight, color[0])
             removal_tile(
                 order, first, end, y0, opacity_color, gaussian, rows,
                 alpha, transmittance, filled, gradient, color[0], behind, pair_out,
@@ -176,9 +201,11 @@ def walk_tiles(
 
 @kernel
 def add_pairs(share, shares, offset, pair_values, totals):
-    """Add pair_values (p, m) of a share of the Gaussians to their totals (n, m), float64.
+    """Add up the values of each Gaussian's pairs, for one share of the Gaussians.
 
-    offset (n + 1,): Gaussian i has the pairs offset[i]:offset[i + 1].
+    offset       (n + 1,) Gaussian i has the pairs offset[i]:offset[i + 1]
+    pair_values  (p, m) values of the pairs
+    totals       (n, m) float64 output: the sums. It must be 0 on entry
     """
     n = offset.size - 1
     for i in range(n * share // shares, n * (share + 1) // shares):
@@ -187,23 +214,26 @@ def add_pairs(share, shares, offset, pair_values, totals):
                 totals[i, k] += pair_values[p, k]
 
 
-# A fit holds this lock from its start to its end. Fits at the same time would share the threads of
-# one machine, and none would be faster.
+# A fit holds this lock from its start to its end, so that fits run one after the other. If they ran
+# at the same time, they would only compete for the cores of the machine.
 kernel_lock = threading.RLock()
 
 
 def _free_kernel_lock() -> None:
-    """In a forked process, release the lock if another thread of the parent holds it."""
-    if kernel_lock.acquire(blocking=False):  # the lock is free, or held by the forking thread
+    """In a forked process, release the lock if another thread of the parent held it."""
+    # `acquire` succeeds if the lock is free, or if the thread that forked holds it. Otherwise
+    # the lock belongs to a thread that the child does not have, so the child resets the lock.
+    if kernel_lock.acquire(blocking=False):
         kernel_lock.release()
     else:
         kernel_lock._at_fork_reinit()  # pyright: ignore[reportAttributeAccessIssue] (as in logging)
 
 
 if hasattr(os, "register_at_fork"):
-    # Threads do not survive a fork, but the locks that they hold stay held. A fit may take minutes,
-    # so the child releases the lock of fits. A compilation takes seconds and changes the state of
-    # LLVM, so the fork waits for its end.
+    # The child of a fork has only the thread that forked, but locks that other threads held stay
+    # locked. The fork does not wait for kernel_lock, because a fit may take minutes. Instead the
+    # child releases it. The fork does wait for numba's lock, because a compilation takes only
+    # seconds and must not leave LLVM in an unfinished state.
     os.register_at_fork(
         before=global_compiler_lock.acquire,
         after_in_parent=global_compiler_lock.release,
@@ -211,7 +241,9 @@ if hasattr(os, "register_at_fork"):
     )
     os.register_at_fork(after_in_child=_free_kernel_lock)
 
-# Smallest share, in pair rows, that is worth waking a thread for, in walk_tiles and in add_pairs.
+# Work is divided into fewer shares, and so done by fewer threads, if a share would otherwise have
+# less than this number of pair rows. The first number is for the work of walk_tiles, and the second
+# for that of add_pairs.
 _LEAST_SHARE, _LEAST_ADDED = 4096, 65536
 
 Real = TypeVar("Real", bound=np.floating)  # np.float32 or np.float64
@@ -220,14 +252,16 @@ Real = TypeVar("Real", bound=np.floating)  # np.float32 or np.float64
 class Splats(NamedTuple):
     """Arrays of n Gaussians as the kernels read them: float64, bottom first.
 
-    mean (n, 2), sigma (n, 2), rho (n,), radius (n,)  ellipses, for which find_pairs lists tiles
-    shape          (n, 11) mean x, y, whitening w11, w21, w22, beta, radius^2, o11, o21, o22 and the
-                   largest share. The last four are 0 unless the shape is a plain ellipse that
-                   covers shares of pixels. Such an ellipse covers at most the largest share of a
-                   pixel, and nothing where (o11 z1, o21 z1 + o22 z2) is outside the unit disc.
+    mean, sigma, rho, radius  (n, 2), (n, 2), (n,) and (n,): the ellipses outside which the shapes
+                   are 0. find_pairs lists the tiles that these ellipses reach
+    shape          (n, 11) mean x, y, whitening w11, w21, w22, beta, radius^2, o11, o21, o22 and
+                   max_share. The last four are only for plain ellipses that cover shares of
+                   pixels, and are 0 for other shapes. Such an ellipse covers at most the share
+                   max_share of any pixel. It covers nothing of a pixel if, at the pixel's centre,
+                   (o11 z1, o21 z1 + o22 z2) is outside the unit disc
     opacity_color  (n, 4) opacity, r, g, b
     background     (3,)
-    additive       whether blending is additive. Opacities and exponents are then not read
+    additive       whether blending is additive. If it is, opacities and exponents are not read
     """
 
     mean: NDArray[np.float64]
@@ -265,8 +299,8 @@ def splats_from(
 ) -> Splats:
     """Return the splats of n Gaussians from the arrays of a scene's parameters.
 
-    whitening (n, 3) is that of gauss2svg.scene.whitening_of. is_plain (n,) marks plain ellipses,
-    which cover shares of pixels. None marks no shape.
+    whitening (n, 3) is what gauss2svg.scene.whitening_of returns. is_plain (n,) marks the plain
+    ellipses, which cover shares of pixels. If it is None, there are no plain ellipses.
     """
     radius = cut = cut_radius(beta)
     outer = np.zeros((len(mean), 4))
@@ -279,7 +313,7 @@ def splats_from(
         sy = np.hypot(l21, l22)
         sigma = np.where(is_plain[:, None], np.column_stack([l11, sy]), sigma)
         rho, cut = np.where(is_plain, l21 / sy, rho), np.where(is_plain, 1.0, cut)
-        # o11, o21, o22 map z to coordinates in which the longer ellipse is the unit disc.
+        # o11, o21, o22 map z to coordinates in which the enlarged ellipse is the unit disc.
         v11, v21, v22 = whitening.T
         factors = np.column_stack([w11 / v11, (w21 - v21 * w22 / v22) / v11, w22 / v22, max_share])
         outer = np.where(is_plain[:, None], factors, 0.0)
@@ -300,10 +334,12 @@ def splats_of(
 ) -> Splats:
     """Return the splats of a scene that is scaled along x and y.
 
-    Unlike in scene.scaled(*scale), the scaled shapes may leave the domain of scenes.
-    covering: see gauss2svg.render.render.
+    scale     factors along x and y. The scaled shapes may leave the domain of scenes, which
+              Scene.scaled does not allow
+    covering  as in gauss2svg.render.render
     """
-    # Arrays are copied, because numba would compile the kernels again for read-only arrays.
+    # The arrays of a scene are read-only. They are copied, because numba would compile the kernels
+    # again for read-only arrays.
     sigma = scene.sigma * scale
     return splats_from(
         scene.mean * scale,
@@ -326,12 +362,18 @@ def _visit(
     pair_width: int,
     weight: NDArray[Real] | None = None,
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
-    """Run the kernels. Return image, squared error, sums (n, pair_width) by Gaussian, pair rows."""
+    """Run the kernels in a mode.
+
+    Return four things: the image, the sum of its squared errors, an array (n, pair_width), and the
+    number of pair rows. The kernels write pair_width numbers for each pair. Row i of the array is
+    the sum of these numbers over all pairs of Gaussian i.
+    """
     if image.ndim != 3 or image.shape[0] != 3 or image.dtype not in (np.float32, np.float64):
         raise InputError(
             f"image must be float32 or float64 (3, height, width); got {image.dtype} {image.shape}"
         )
-    # numba would compile the kernels again for arrays that are read-only or not contiguous.
+    # numba would compile the kernels again for arrays that are read-only or not contiguous. So such
+    # arrays are copied.
     image = np.require(image, requirements=["C", "W"])
     if weight is None:
         is_read = mode in (SQUARED_ERROR, REMOVAL)
@@ -368,36 +410,43 @@ def render_planar(
 
     Raise InputError unless dtype is np.float32 or np.float64.
     """
-    blank = np.zeros((3, height, width), dtype)  # never read, so it takes no memory
+    # This array is never read or written, so the operating system gives it no memory.
+    blank = np.zeros((3, height, width), dtype)
     return _visit(RENDER, splats, blank, 1)[0]
 
 
 def squared_error(
     splats: Splats, target: NDArray[Real], weight: NDArray[Real] | None = None
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
-    """Return the image, its sum of squared errors, moments (n, MOMENTS), and number of pair rows.
+    """Return the rendered image, its squared error, moments (n, MOMENTS) and number of pair rows.
 
-    target  (3, h, w) float32 or float64, the dtype of the whole computation
-    weight  (h, w) > 0, or None for 1
-    The sum is not weighted. The moments (gauss2svg.render.kernels) belong to the gradient of
-    L = 1/2 sum weight (rendered - target)^2. Each tile is visited once, for both passes.
+    target  (3, h, w) float32 or float64, which is the dtype of the whole computation
+    weight  (h, w) > 0, or None for 1 everywhere
+
+    The squared error is the unweighted sum over all values. The moments, which
+    gauss2svg.render.kernels defines, are those of the gradient of
+    L = 1/2 sum weight (rendered - target)^2. The forward and the backward pass of a tile follow
+    each other, so that each tile is visited only once.
     """
     return _visit(SQUARED_ERROR, splats, target, MOMENTS, weight)
 
 
 def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.float64]:
-    """Return the moments (n, MOMENTS) that follow from `gradient`, dL/dpixel (3, h, w)."""
+    """Return the moments (n, MOMENTS) that belong to the gradient dL/dpixel (3, h, w)."""
     return _visit(GIVEN_GRADIENT, splats, gradient, MOMENTS)[2]
 
 
 def removal_cost(
     splats: Splats, target: NDArray[Real], weight: NDArray[Real] | None = None
 ) -> tuple[NDArray[Real], NDArray[np.float64]]:
-    """Return the image, and each Gaussian's cost of removal and mass (n, 2).
+    """Return the image, and an array (n, 2) with the removal cost and the mass of each Gaussian.
 
-    The cost is the change of sum weight (rendered - target)^2 if the Gaussian is removed, so that
-    shapes behind it show. It is negative if the image then matches better. The mass is sum
-    weight w^2 with w as in gauss2svg.render.kernels; weight is (h, w) > 0, or None for 1.
+    The removal cost is the change of sum weight (rendered - target)^2 if only this Gaussian is
+    removed, so that the shapes behind it become visible. The cost is negative if the image matches
+    the target better without the Gaussian. The mass is sum weight w^2 with w as in
+    gauss2svg.render.kernels.
+
+    weight  (h, w) > 0, or None for 1 everywhere
     """
     image, _, cost, _ = _visit(REMOVAL, splats, target, 2, weight)
     return image, cost

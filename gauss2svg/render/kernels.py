@@ -1,43 +1,46 @@
-"""Blending of one tile: forward, backward and removal, sixteen lanes at a time.
+"""Blending of one tile: the forward pass, the backward pass and the cost of removing a Gaussian.
 
-The buffers are all float32 or all float64, and so is the arithmetic between lanes. shape and
-opacity_color are always float64.
+The kernels compute sixteen lanes at a time, one lane for each pixel in a row of the tile. All
+buffers are float32 or all are float64, and lanes are computed in that dtype. The arrays `shape` and
+`opacity_color` are always float64.
 
 Each pixel is blended from front to back. With T_k the transmittance in front of Gaussian k,
 
     alpha_k = opacity_k f(r_k),  w_k = alpha_k T_k,  C = sum w_k c_k + T_end background,
     T_{k+1} = T_k - w_k.
 
-The backward pass walks from back to front and does not divide by 1 - alpha. With g the gradient
-with respect to the pixel, and B_k the colour of all that is behind k,
+The forward pass leaves alpha_k and T_k in the buffers. The backward pass walks from back to front
+and does not divide by 1 - alpha. With g the gradient with respect to the pixel, and B_k the colour
+of everything that is behind k,
 
     dL/dalpha_k = T_k (g.c_k - g.B_k),  B_{k-1} = B_k + alpha_k (c_k - B_k).
 
-The forward pass leaves alpha_k and T_k in the buffers.
-
-Shapes are evaluated in whitened coordinates z = W (x - mean), r^2 = |z|^2, so that no squared term
-can become negative for thin Gaussians. z1 depends only on the column. z2 takes one multiply-add.
-The gradients of any parameters follow from nine numbers for each pair. Five are moments of
-h = dL/dalpha alpha', where alpha' = alpha + opacity rim / (1 - rim) inside the support:
+Shapes are evaluated in whitened coordinates z = W (x - mean) with r^2 = |z|^2, so that rounding
+cannot make a squared term negative for thin Gaussians. z1 depends only on the column, and z2 takes
+one multiply-add. The gradients of all parameters follow from nine numbers for each pair. Five of
+these are moments of h = dL/dalpha alpha', where alpha' = alpha + opacity rim / (1 - rim) inside the
+support, so that dL/dr^2 = -h / 2. The nine numbers are
 
     sum h z1, sum h z2, sum h z1^2, sum h z1 z2, sum h z2^2,
-    sum dL/dalpha alpha, sum w g (3),        (dL/dr^2 = -h / 2)
+    sum dL/dalpha alpha, sum w g (3).
 
-A shape of exponent beta != 1 has t = s^beta in place of s = r^2 / 2 in the falloff. Its h is
-multiplied by beta A with A = t / s = s^(beta - 1), which costs one logarithm and one power. A tenth
-number gives dL/dbeta = -sum dL/dalpha alpha' t ln s.
+If the exponent beta of a shape is not 1, the falloff has t = s^beta in place of s = r^2 / 2. Its h
+is multiplied by beta A with A = t / s = s^(beta - 1), which takes one logarithm and one power. A
+tenth number is sum dL/dalpha alpha' t ln s, which is the negative of dL/dbeta.
 
-A plain ellipse covers a share of each pixel instead (gauss2svg.scene.falloff). If it is wider than
-a pixel, alpha = opacity clip(1/2 + (R - r) / g) with g = n / r and n = |W^T z|. The gradient takes
-g as constant, so h = dL/dalpha opacity / n for pixels on the rim, and 0 for others.
+A plain ellipse has no falloff but covers a share of each pixel (gauss2svg.scene.falloff). If it is
+wider than a pixel, alpha = opacity clip(1/2 + (R - r) / g) with g = n / r and n = |W^T z|. The
+gradient takes g as constant, so h = dL/dalpha opacity / n for pixels on the rim, and h = 0 for
+other pixels.
 
-Additive blending is C = background + sum a_k c_k, a_k = f(r_k), with signed colours in any order.
-So dL/da_k = g.c_k and dL/dc_k = sum a_k g. The kernels are then compiled with None as
-transmittance, and read no opacities or exponents.
+Additive blending is C = background + sum a_k c_k with a_k = f(r_k). Colours are signed, and the
+order of the shapes does not matter. So dL/da_k = g.c_k and dL/dc_k = sum a_k g. For additive
+blending, the kernels are compiled with None as `transmittance`, and read no opacities or exponents.
 """
 
 # pyright: reportCallIssue=false
-# numba itself passes typingctx, the first argument of the intrinsics of simd.py.
+# Calls of the intrinsics of simd.py lack their first argument, typingctx, because numba adds it.
+# pyright would report these calls as errors.
 
 from numba import njit
 
@@ -63,11 +66,14 @@ from gauss2svg.scene.falloff import CUT, RIM
 assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
 PLANE = TILE_WIDTH * TILE_HEIGHT
 MOMENTS = 10
-LOGARITHM_FROM = 1e-12  # least r^2 / 2 of which powers are computed. It replaces smaller values
+# If r^2 / 2 is smaller than this value, its logarithm and its powers are computed with this value
+# instead, because the logarithm of 0 would be infinite.
+LOGARITHM_FROM = 1e-12
 
-# Coefficients of a polynomial p(u) near exp(u) on -1.125..0, by least squares on Chebyshev nodes
-# with p(0) = 1. The fourth power of p(-q / 8) is exp(-q / 2) for 0 <= q <= 9, within 2e-6 in
-# float32 and a relative 3e-15 in float64, rounding included.
+# Coefficients of a polynomial p(u) that approximates exp(u) on -1.125..0. They come from least
+# squares on Chebyshev nodes with p(0) = 1. The kernels compute exp(-q / 2) for 0 <= q <= 9 as the
+# fourth power of p(-q / 8). Its error, with rounding, is at most 2e-6 in float32. In float64 its
+# relative error is at most 3e-15.
 _SINGLE = (0.99998307, 0.4996931, 0.1650935, 0.03830978, 0.0050456)
 _DOUBLE = (
     0.9999999999999957, 0.49999999999975975, 0.16666666666191254, 0.041666666618940265,
@@ -84,19 +90,21 @@ def _rim_of(coefficients: tuple[float, ...]) -> float:
     return value**4
 
 
-# The polynomials' values at the cut, plus slightly more than the rounding errors, so that alpha is
-# exactly 0 from the cut on.
+# Values of exp(-r^2 / 2) at the cut, as the polynomials for float32 and float64 give them. Slightly
+# more than the rounding errors is added, so that alpha is exactly 0 from the cut on.
 _RIMS = _rim_of(_SINGLE) + 2e-8, _rim_of(_DOUBLE) + 4e-17
 assert abs(_RIMS[0] - RIM) < 2e-6, "the polynomials were fitted for RADIUS = 3"
 assert abs(_RIMS[1] - RIM) < 1e-16, "the polynomials were fitted for RADIUS = 3"
 _rim = constant(*_RIMS)
 _norm = constant(*(1 / (1 - rim) for rim in _RIMS))
 _exp = polynomial(_SINGLE, _DOUBLE)
-# Rims for shapes with beta != 1. At the cut, their s^beta is off by up to 2e-5 in float32.
+# Shapes with beta != 1 use these values in place of _RIMS. They are larger than _RIMS, because
+# s^beta at the cut has an error of up to 2e-5 in float32.
 _POWER_RIMS = RIM + 2e-6, RIM + 1e-14
 _power_rim = constant(*_POWER_RIMS)
 _power_norm = constant(*(1 / (1 - rim) for rim in _POWER_RIMS))
-# Added to r^2 and n^2 of a plain ellipse, so that r / n is finite at the mean itself.
+# A small number that is added to r^2 and n^2 of a plain ellipse, so that r / n is finite even at
+# the mean.
 _least_square = constant(1e-20, 1e-60)
 
 
@@ -110,12 +118,14 @@ def _exp_half(q):
 
 @njit(inline="always")
 def _whitened(i, p, x0, y0, column, like, shape, rows):
-    """Return lanes z1 and z2 on the middle row of pair p, typed as `like`, and its row of the tile.
+    """Return z1 and z2 on the middle row of pair p, and the number of this row in the tile.
 
-    z2 grows by w22 from each row to the next. Pairs of the thinnest shapes have only one row
-    (gauss2svg.render.tiles). z1 and z2 are computed in float64 and then rounded, because float32
-    cannot resolve offsets from a distant mean, or within a shape of sigma 1e-6 px. Also, z2 of a
-    thin sheared shape is the sum of two terms that nearly cancel.
+    z1 and z2 are lanes of the type of `like`. From each row to the next, z2 grows by w22. Pairs of
+    the thinnest shapes have only one row (gauss2svg.render.tiles).
+
+    z1 and z2 are computed in float64 and then rounded, because float32 is too coarse for offsets
+    from a distant mean and for offsets within a shape of sigma 1e-6 px. Moreover, z2 of a thin
+    sheared shape is the sum of two terms that nearly cancel.
     """
     middle = (rows[p, 0] + rows[p, 1]) // 2
     u = column + splat(x0 + 0.5 - shape[i, 0], column)
@@ -126,7 +136,12 @@ def _whitened(i, p, x0, y0, column, like, shape, rows):
 
 @njit(inline="always")
 def _covered(i, z1, z2, radius, shape):
-    """Return a plain ellipse's share of each pixel, and +-1 / n on its near or far rim, else 0."""
+    """Return how much of each pixel a plain ellipse covers, and the slope of this share.
+
+    The slope is the derivative of the share with respect to r, times -1 / r. It is 1 / n for pixels
+    on the near rim, -1 / n for pixels on the far rim, and 0 for other pixels. The module's
+    docstring defines r, n and R. Here R is the argument `radius`.
+    """
     zero, half, one = splat(0.0, z1), splat(0.5, z1), splat(1.0, z1)
     huge = splat(1e30, z1)
     tiny = splat(_least_square(z1), z1)
@@ -140,7 +155,8 @@ def _covered(i, z1, z2, radius, shape):
     px = r * inverse_n
     near = most(zero, half + (radius - r) * px)
     far = half + (radius + r) * px
-    # 1 for pixels on the rim and 0 for others, without a branch
+    # on_near_rim is 1 for pixels on the near rim, and on_far_rim for pixels on the far rim. For
+    # other pixels both are 0. They are computed by minima and maxima, because these need no branch.
     on_near_rim = least(one, near * huge) * least(one, most(zero, one - near) * huge)
     on_far_rim = least(one, most(zero, one - far) * huge)
     share = least(one, near) + least(one, far) - one
@@ -150,7 +166,11 @@ def _covered(i, z1, z2, radius, shape):
 
 @njit(inline="always")
 def _kind(i, shape, opacity_color, transmittance, like):
-    """Return is_plain, has_power (beta != 1), the opacity and rim / (1 - rim) of shape i."""
+    """Return four values of shape i: is_plain, has_power, the opacity and rim / (1 - rim).
+
+    has_power says whether the falloff has an exponent beta other than 1. rim is exp(-s^beta) at the
+    cut.
+    """
     if transmittance is None:
         return False, False, 1.0, _norm(like) * _rim(like)
     is_plain = shape[i, 7] != 0.0
@@ -161,7 +181,13 @@ def _kind(i, shape, opacity_color, transmittance, like):
 
 @njit(inline="always")
 def _layer(y, at, a, c0, c1, c2, alpha, transmittance, color, remaining):
-    """Blend alpha lanes `a` behind row y of a tile. Store them at `at`. Return the next `at`."""
+    """Blend a shape behind those already on row y of a tile. Store its alpha in the buffers.
+
+    a           lanes of the shape's alpha
+    c0, c1, c2  lanes of its colour
+    at          index in the buffers at which alpha and transmittance are stored
+    Return the index after the stored numbers.
+    """
     j = y * TILE_WIDTH
     w = a
     if transmittance is not None:
@@ -181,20 +207,26 @@ def compose_tile(
     order, first, end, x0, y0, column, inside, shape, opacity_color, gaussian, rows,
     alpha, transmittance, steep, logs, color, remaining,
 ):  # fmt: skip
-    """Blend the pairs of one tile, and return how many numbers of the buffers are filled.
+    """Blend the pairs of one tile. Return how many numbers of each flat buffer are filled.
 
-    order[first:end]  indices of the tile's pairs, front to back
-    x0, y0  the tile's first pixel; column: (16,) 0..15, float64
-    inside  (16,): 1 for columns of the image, 0 beyond its right edge, where nothing counts
-    shape   (n, 11) float64: mean x, y, whitening w11, w21, w22, beta, R^2, o11, o21, o22, largest
-            share; R is that of the cut or of a plain ellipse's rim (gauss2svg.render.cpu.Splats)
+    order[first:end]  indices of the tile's pairs, from front to back
+    x0, y0         first pixel of the tile
+    column         (16,) float64: 0, 1, .., 15
+    inside         (16,) 1 for columns of the image, and 0 for columns beyond its right edge, which
+                   do not count
+    shape          (n, 11) float64: mean x, y, whitening w11, w21, w22, beta, R^2, o11, o21, o22 and
+                   the largest share (gauss2svg.render.cpu.Splats). R is the radius of the cut, or
+                   that of the rim of a plain ellipse
     opacity_color  (n, 4) float64: opacity, r, g, b
-    alpha, transmittance  flat buffers of 16 numbers for each row of each pair, in visiting order;
-            transmittance is None for additive blending
-    steep   such a buffer for s^(beta - 1), or for the +-1 / n of _covered for plain ellipses
-    logs    such a buffer for ln s. Gaussians (beta = 1) write neither steep nor logs
-    color   (3, TILE_HEIGHT, 16) sum of w c
-    remaining  (TILE_HEIGHT, 16) transmittance behind all pairs; not written for additive blending
+    alpha          flat buffer of 16 numbers for each row of each pair, in the order of blending
+    transmittance  such a buffer, or None for additive blending
+    steep          such a buffer for s^(beta - 1), or for the slope of _covered if the shape is a
+                   plain ellipse. It is not written for Gaussians (beta = 1)
+    logs           such a buffer for ln s. It is only written for shapes with beta != 1 that are not
+                   plain ellipses
+    color          (3, TILE_HEIGHT, 16) output: sum of w c
+    remaining      (TILE_HEIGHT, 16) output: transmittance behind all pairs. It is not written for
+                   additive blending
     """
     columns = load(column, 0)
     mask = load(inside, 0)
@@ -221,7 +253,8 @@ def compose_tile(
         power = splat((shape[i, 5] - 1.0) * LOG2_E, mask)
         reach = splat(shape[i, 6], mask)
         w22 = shape[i, 4]
-        # A loop of its own, so that the loop below stays short.
+        # Plain ellipses are drawn in a loop of their own, so that the loop below is shorter and
+        # needs no test for them.
         if transmittance is not None and is_plain:
             opacity_lanes = splat(opacity, mask)
             radius = root(reach)
@@ -254,11 +287,14 @@ def backpropagate_tile(
     order, first, end, x0, y0, column, shape, opacity_color, gaussian, rows,
     alpha, transmittance, steep, logs, at, g, behind, moments,
 ):  # fmt: skip
-    """Write the moments of every pair of a blended tile, by the formulas of the module.
+    """Write the moments of every pair of a blended tile.
 
-    g       (3, TILE_HEIGHT, 16) dL/dpixel, 0 outside the image
-    behind  (TILE_HEIGHT, 16) g . background on entry, overwritten
-    moments (p, MOMENTS) output: one row for each pair
+    The module's docstring has the formulas. Arguments that are not listed are as in compose_tile.
+
+    at       number of elements that compose_tile has filled in each buffer. compose_tile returns it
+    g        (3, TILE_HEIGHT, 16) dL/dpixel, which is 0 outside the image
+    behind   (TILE_HEIGHT, 16) g.background on entry. It is overwritten
+    moments  (p, MOMENTS) output: one row for each pair
     """
     columns = load(column, 0)
     centre = load(g, 0)
@@ -285,7 +321,8 @@ def backpropagate_tile(
             g1 = load(g, j + PLANE)
             g2 = load(g, j + 2 * PLANE)
             d = g0 * c0 + g1 * c1 + g2 * c2
-            # `rim` where alpha > 0, else 0, without a branch
+            # `rest` is `rim` where alpha > 0, and 0 elsewhere. It is computed as a minimum, because
+            # a minimum needs no branch.
             rest = least(rim, a * huge)
             if transmittance is None:
                 w = a
@@ -334,15 +371,16 @@ def removal_tile(
     order, first, end, y0, opacity_color, gaussian, rows, alpha, transmittance, at, error, weight,
     behind, cost,
 ):  # fmt: skip
-    """Write how the weighted squared error would change without each pair's Gaussian.
+    """Write for each pair how the weighted squared error would change without its Gaussian.
 
-    Without Gaussian k, a pixel changes by d = w_k (B_k - c_k), or by d = -a_k c_k with additive
-    blending. So the squared error changes by weight d.(d + 2 error).
+    Without Gaussian k, a pixel changes by d = w_k (B_k - c_k), or with additive blending by
+    d = -a_k c_k. So its weighted squared error changes by weight d.(d + 2 error). Arguments that
+    are not listed are as in backpropagate_tile.
 
-    error   (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image
+    error   (3, TILE_HEIGHT, 16) rendered - target, which is 0 outside the image
     weight  (TILE_HEIGHT, 16) weights of the pixels
-    behind  (3, TILE_HEIGHT, 16) the background on entry, overwritten
-    cost    (p, 2) output: the change, and the sum of weight w_k^2
+    behind  (3, TILE_HEIGHT, 16) the background on entry. It is overwritten
+    cost    (p, 2) output for each pair: the change, and the sum of weight w_k^2
     """
     zero = splat(0.0, error)
     for k in range(end - 1, first - 1, -1):

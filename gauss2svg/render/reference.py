@@ -7,9 +7,9 @@ or, with additive blending,
 
     C(x) = background + sum_k f(|W_k (x - mean_k)|) c_k
 
-with f of gauss2svg.scene.falloff, sampled at pixel centres. It is differentiable by autograd and
-has no tiles or approximations. Memory and time grow with Gaussians times pixels, so use it for
-small images.
+with f of gauss2svg.scene.falloff, sampled at pixel centres. The result is differentiable by
+autograd, and there are no tiles and no approximations. Memory and time are proportional to the
+number of Gaussians times the number of pixels, so use this renderer only for small images.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gauss2svg.scene import ADD, MOST_SIGNED, Scene
 from gauss2svg.scene.falloff import CUT, RIM
 from gauss2svg.scene.scene import PARAMETERS
 
-try:  # autograd.py imports torch from here, so that one place reports a missing torch
+try:  # autograd.py imports torch from this module, so that only this place reports a missing torch
     import torch
 except ImportError as error:
     raise TorchMissingError(
@@ -44,11 +44,12 @@ def composite(
     width: int,
     beta: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """Return the image (height, width, 3) of n shapes, bottom first, on a canvas of this size.
+    """Return the image (height, width, 3) of n alpha-composited shapes, the bottom shape first.
 
-    mean (n, 2) and sigma (n, 2) in px, rho (n,), color (n, 3), opacity (n,), background (3,), and
-    beta (n,) or None for Gaussians. All have one dtype and device, which the image has too.
-    Raise InputError for values outside the domain (see shapes_of).
+    mean (n, 2) and sigma (n, 2) are in px. rho is (n,), color (n, 3), opacity (n,) and
+    background (3,). beta is (n,), or None for Gaussians. All tensors must have the same dtype and
+    device, which are also those of the image. Raise InputError for values outside the domain (see
+    shapes_of).
     """
     shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
     return _blended(shapes, height, width, additive=False)
@@ -63,9 +64,10 @@ def accumulate(
     height: int,
     width: int,
 ) -> torch.Tensor:
-    """Return the unclipped sum (height, width, 3) of the background and n Gaussians in any order.
+    """Return the unclipped sum (height, width, 3) of the background and n Gaussians.
 
-    Colours (n, 3) are signed. Arguments, dtype, device and domain are those of `composite`.
+    The order of the Gaussians does not matter. Colours (n, 3) are signed. Otherwise the arguments,
+    dtypes, devices and errors are as in `composite`.
     """
     shapes = shapes_of(mean, sigma, rho, color, background)
     return _blended(shapes, height, width, additive=True)
@@ -74,7 +76,10 @@ def accumulate(
 def _blended(
     shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
 ) -> torch.Tensor:
-    """Return the image of shapes from shapes_of: their sum if additive, else alpha-composited."""
+    """Return the image (height, width, 3) of shapes that shapes_of returned.
+
+    additive: whether the shapes are added up. If not, they are alpha-composited.
+    """
     mean, sigma, rho, color, opacity, background, beta = shapes
     image = background.expand(height, width, 3)
     for k in range(len(mean)):
@@ -96,8 +101,9 @@ def _falloff(
 ) -> torch.Tensor:
     """Return the falloff (height, width) of one shape, by the formula of gauss2svg.scene.falloff.
 
-    It is computed in float64 if the device has float64. In float32 the offset from a distant mean
-    would be lost, and z2 of a thin sheared shape too, because its two terms nearly cancel.
+    It is computed in float64 if the device has float64. float32 is too coarse for the offset from a
+    distant mean. It is also too coarse for z2 of a thin sheared shape, which is the sum of two
+    terms that nearly cancel.
     """
     dtype = mean.dtype
     mean, sigma, rho, beta = (t.to(_widest_float(t.device)) for t in (mean, sigma, rho, beta))
@@ -108,8 +114,9 @@ def _falloff(
     z2 = (v[:, None] - rho * z1) / torch.sqrt((1 - rho) * (1 + rho))
     half = 0.5 * (z1 * z1 + z2 * z2)
     inside = half < CUT ** (1 / beta)
-    # Mask before the power, so that the backward pass never multiplies infinity by zero. The mean
-    # itself is masked too: the power's gradient has the logarithm of 0 there. Its falloff is 1.
+    # Pixels outside the support are masked before the power is computed, so that the backward pass
+    # never multiplies infinity by zero. A pixel at the mean is masked too, because there the
+    # gradient of the power would need the logarithm of 0. Its falloff is 1 anyway.
     off_mean = inside & (half > 0)
     power = torch.where(off_mean, half, torch.ones_like(half)) ** beta
     bell = torch.exp(-torch.where(off_mean, power, torch.zeros_like(power)))
@@ -117,7 +124,7 @@ def _falloff(
 
 
 def _widest_float(device: torch.device) -> torch.dtype:
-    """Return float64, or float32 for a device without float64."""
+    """Return float64, or float32 if the device has no float64."""
     return torch.float32 if device.type == "mps" else torch.float64
 
 
@@ -130,11 +137,13 @@ def render_reference(
 ) -> torch.Tensor:
     """Return the image (height, width, 3) in 0..1 of a scene, by default at the size of its canvas.
 
-    Parameters are first rounded to the dtype, and rho to a number inside -1..1.
-    Raise InputError for a scene or size that gauss2svg.render.render refuses.
+    The parameters are first rounded to the dtype. A rho that is rounded to -1 or 1 becomes the
+    nearest number between them. Raise InputError for a scene or a size that
+    gauss2svg.render.render refuses.
     """
     width, height = output_size(scene, width, height)
-    # Scale without the checks of Scene.scaled: at some sizes shapes leave the domain of scenes.
+    # Scale the arrays and not the scene, because Scene.scaled raises an error if scaled shapes
+    # leave the domain of scenes.
     scale = np.array([width / scene.width, height / scene.height])
     arrays = (
         scene.mean * scale, scene.sigma * scale, scene.rho, scene.color, scene.opacity,
@@ -159,11 +168,12 @@ def shapes_of(
     opacity: torch.Tensor | None = None,
     beta: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, ...]:
-    """Check and return mean, sigma, rho, color, opacity or 1, background, and beta or 1.
+    """Check the tensors, and return mean, sigma, rho, color, opacity, background and beta.
 
-    Raise InputError if an element is not finite or leaves the domain of its parameter. Domains are
-    those of gauss2svg.scene.scene.Scene with two exceptions. Colours may be signed with both
-    blends, and |rho| may be up to the largest number below 1 of its dtype.
+    If opacity or beta is None, it becomes 1 for all shapes. Raise InputError if an element is not
+    finite or is outside the domain of its parameter. The domains are those of
+    gauss2svg.scene.scene.Scene, except that colours may be signed with both blends, and that |rho|
+    may be up to the largest number of its dtype that is below 1.
     """
     opacity = torch.ones_like(rho) if opacity is None else opacity
     beta = torch.ones_like(rho) if beta is None else beta
@@ -178,8 +188,8 @@ def shapes_of(
 
 def _check_domain(name: str, tensor: torch.Tensor) -> None:
     least, most = _DOMAIN[name]
-    # Bounds become numbers of the tensor's dtype, because float32 rounds 1e-9 down, and 1e-9 and
-    # 1e9 are not normal numbers of float16.
+    # Round the bounds to numbers of the tensor's dtype. This is needed because float32 rounds 1e-9
+    # down, and because 1e-9 and 1e9 are not normal numbers of float16.
     limits = torch.finfo(tensor.dtype)
     least = max(least, limits.tiny) if least > 0 else max(least, limits.min)
     bounds = torch.tensor([least, min(most, limits.max)], dtype=tensor.dtype)
@@ -197,5 +207,5 @@ def _check_domain(name: str, tensor: torch.Tensor) -> None:
 
 
 def below_one(dtype: torch.dtype) -> float:
-    """Return the largest number below 1 of a floating dtype."""
+    """Return the largest number of a floating dtype that is below 1."""
     return 1 - torch.finfo(dtype).eps / 2

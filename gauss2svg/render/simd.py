@@ -1,37 +1,40 @@
 """Sixteen lanes of float32 or float64 as one numba value, so that kernels are vectorised.
 
-LLVM's loop vectoriser gives up on the compositing loops, whose many small buffers could alias.
-Here a row of a tile is one `<16 x float>` value. LLVM maps it to one 512-bit, two 256-bit or
-four 128-bit registers of the machine, and `<16 x double>` to twice as many. LLVM may contract the
-arithmetic to fused multiply-adds but not change it otherwise, so NaN and infinity behave as in
-scalar code.
+LLVM's loop vectoriser cannot vectorise the compositing loops, because they have many small buffers
+that might overlap in memory. So here a row of a tile is one value of the type `<16 x float>`. LLVM
+keeps it in one register of 512 bits, two of 256 or four of 128, whichever the machine has, and a
+`<16 x double>` in twice as many. LLVM may contract the arithmetic to fused multiply-adds, but may
+not change it in any other way, so NaN and infinity behave as in scalar code.
 
-    load(array, i)      lanes from array.flat[i : i + 16] (C-contiguous, float32 or float64)
+    load(array, i)      lanes from array.flat[i : i + 16]; the array is C-contiguous
     store(array, i, v)  writes lanes v to array.flat[i : i + 16]
-    splat(x, like)      sixteen times x, of the element type of like: lanes or an array
-    narrow(v, like)     lanes of float64 rounded to the element type of like
-    + - * /             between lanes of one element type
-    least, most         lane by lane minimum and maximum
-    exponent(v), mantissa(v)  v = mantissa 2^exponent, mantissa in 0.75..1.5, v normal and > 0
-    root(v)             square root, v >= 0
+    splat(x, like)      sixteen times the number x, in the element type of `like`, which is lanes or
+                        an array
+    narrow(v, like)     lanes of float64, rounded to the element type of `like`
+    + - * /             arithmetic between lanes of the same element type
+    least, most         minimum and maximum, lane by lane
+    exponent(v), mantissa(v)  v = mantissa 2^exponent with a mantissa in 0.75..1.5. v must be a
+                        normal number > 0
+    root(v)             square root of v >= 0
     whole(v)            v rounded to whole numbers
-    power_of_two(v)     2^v for whole v in the range of the type's normal numbers
-    total(v)            sum of the lanes, by pairs, in a fixed order
-    log(v)              natural logarithm of normal v > 0: within 3e-7 in float32 and 2e-15 in
-                        float64, plus a rounding of the result
-    exp2(v)             two to the power of v: relative 3e-6 in float32 and 1e-15 in float64, plus
-                        roundings; v is clipped to the exponents of the type's normal numbers
+    power_of_two(v)     2^v for whole v, if 2^v is a normal number
+    total(v)            sum of the lanes, which are added in a fixed order
+    log(v)              natural logarithm of a normal v > 0. The error is at most 3e-7 in float32
+                        and 2e-15 in float64, plus one rounding of the result
+    exp2(v)             two to the power of v. The relative error is at most 3e-6 in float32 and
+                        1e-15 in float64, plus roundings. v is clipped so that the result is a
+                        normal number
 
-tests/render/test_simd.py checks the errors of log and exp2.
+The same source code serves float32 and float64. Constants that differ between the two are chosen
+when a kernel is compiled:
 
-One source serves both precisions. Constants that differ are chosen when a kernel is compiled:
-
-    constant(single, double)    makes f(like), the value for the element type of like
-    polynomial(single, double)  makes f(u) = 1 + c1 u + c2 u^2 + ..
+    constant(single, double)    makes a function f(like): the value for the element type of `like`
+    polynomial(single, double)  makes a function f(u) = 1 + c1 u + c2 u^2 + ..
 """
 
 # pyright: reportCallIssue=false
-# numba itself passes typingctx, the first argument of the intrinsics.
+# pyright would report calls of intrinsics as errors, because they lack their first argument,
+# typingctx, which numba adds.
 
 import math
 import operator
@@ -45,7 +48,8 @@ from numba.extending import intrinsic, lower_builtin, models, register_model, ty
 LANES = 16
 LOG2_E = 1 / math.log(2)
 _ELEMENTS = {types.float32: ir.FloatType(), types.float64: ir.DoubleType()}
-# Layout of IEEE 754: bits of an element, bits of its fraction, bias of its exponent.
+# The IEEE 754 layout of an element: its number of bits, the bits of its fraction, and the bias of
+# its exponent.
 _LAYOUT = {types.float32: (32, 23, 127), types.float64: (64, 52, 1023)}
 _CONTRACT = ("contract",)
 
@@ -63,7 +67,7 @@ class _LanesModel(models.PrimitiveModel):
 
 
 def _vector(lanes_type: Any) -> Any:
-    """Return LLVM's vector type for lanes of a _Lanes type, or of the elements of an array type."""
+    """Return LLVM's type of sixteen lanes, for a _Lanes type or the element type of an array."""
     return ir.VectorType(_ELEMENTS[lanes_type.dtype], LANES)
 
 
@@ -75,7 +79,7 @@ def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any
 
 @intrinsic
 def load(typingctx, array, index):
-    """Return as lanes the 16 elements of a C-contiguous array from a flat index on."""
+    """Return lanes of 16 elements of a C-contiguous array, from the flat index `index` on."""
     assert array.layout == "C"
 
     def codegen(context, builder, signature, args):
@@ -87,7 +91,7 @@ def load(typingctx, array, index):
 
 @intrinsic
 def store(typingctx, array, index, value):
-    """Write lanes to the 16 elements of a C-contiguous array from a flat index on."""
+    """Write lanes to 16 elements of a C-contiguous array, from the flat index `index` on."""
     assert (array.layout, array.dtype) == ("C", value.dtype)
 
     def codegen(context, builder, signature, args):
@@ -100,7 +104,7 @@ def store(typingctx, array, index, value):
 
 @intrinsic
 def splat(typingctx, value, like):
-    """Return sixteen lanes of one number, converted to the element type of like."""
+    """Return sixteen lanes of one number, which is converted to the element type of `like`."""
 
     def codegen(context, builder, signature, args):
         undefined = ir.Constant(_vector(like), ir.Undefined)
@@ -113,7 +117,7 @@ def splat(typingctx, value, like):
 
 @intrinsic
 def narrow(typingctx, value, like):
-    """Return lanes of float64 rounded to the element type of like, float32 or float64."""
+    """Return float64 lanes, rounded to the element type of `like`, which is float32 or float64."""
 
     def codegen(context, builder, signature, args):
         return args[0] if like.dtype == value.dtype else builder.fptrunc(args[0], _vector(like))
@@ -122,7 +126,10 @@ def narrow(typingctx, value, like):
 
 
 def constant(single: float, double: float) -> Any:
-    """Return a function of `like`: `single` if its elements are float32, `double` if float64."""
+    """Return a function f(like), which returns `single` or `double`.
+
+    f returns `single` if the elements of `like` are float32, and `double` if they are float64.
+    """
 
     @intrinsic
     def operation(typingctx, like):
@@ -165,7 +172,8 @@ most = _binary(lambda builder, a, b: builder.select(builder.fcmp_ordered(">", a,
 
 
 def _overload_operator(symbol, emit):
-    # The operator is lowered directly. numba's `overload` would compile each use as a function.
+    # The operator is translated to LLVM here. With numba's `overload`, each use of the operator
+    # would be compiled as a function, which takes time.
     @type_callable(symbol)
     def type_of(context):
         return lambda left, right: left if isinstance(left, _Lanes) and left == right else None
@@ -182,7 +190,10 @@ _overload_operator(operator.truediv, lambda builder, a, b: builder.fdiv(a, b))
 
 
 def polynomial(single: Sequence[float], double: Sequence[float]) -> Any:
-    """Return a function of lanes u: 1 + c1 u + c2 u^2 + .., by Horner's rule."""
+    """Return a function f(u) = 1 + c1 u + c2 u^2 + .. of lanes u, computed by Horner's rule.
+
+    The coefficients c1, c2, .. are `single` for lanes of float32, and `double` for float64.
+    """
 
     def emit(builder, u, bits, *_):
         *lower, highest = (1.0, *(single if bits == 32 else double))
@@ -197,7 +208,11 @@ def polynomial(single: Sequence[float], double: Sequence[float]) -> Any:
 
 
 def _split(builder, value, bits, fraction, bias):
-    """Return the bits of lanes, and the exponents that leave mantissas in 0.75..1.5."""
+    """Return two vectors of integers: the bits of each lane, and the exponent of each lane.
+
+    The exponent e of a lane v is chosen so that the mantissa v / 2^e is at least 0.75 and below
+    1.5.
+    """
     integers = ir.VectorType(ir.IntType(bits), LANES)
     three_quarters = ((bias - 1) << fraction) | (1 << (fraction - 1))
     as_bits = builder.bitcast(value, integers)
@@ -207,13 +222,13 @@ def _split(builder, value, bits, fraction, bias):
 
 @_unary
 def exponent(builder, value, *layout):
-    """Return the exponents of lanes, typed as the lanes."""
+    """Return the exponent of each lane, as lanes of the same element type."""
     return builder.sitofp(_split(builder, value, *layout)[1], value.type)
 
 
 @_unary
 def mantissa(builder, value, *layout):
-    """Return the mantissas of lanes, in 0.75..1.5."""
+    """Return the mantissa of each lane, a number in 0.75..1.5."""
     as_bits, power = _split(builder, value, *layout)
     shifted = builder.shl(power, ir.Constant(power.type, [layout[1]] * LANES))
     return builder.bitcast(builder.sub(as_bits, shifted), value.type)
@@ -221,7 +236,7 @@ def mantissa(builder, value, *layout):
 
 @_unary
 def power_of_two(builder, value, bits, fraction, bias):
-    """Return two to the power of lanes that are whole numbers."""
+    """Return 2 to the power of each lane. The lanes must be whole numbers."""
     integers = ir.VectorType(ir.IntType(bits), LANES)
     power = builder.fptosi(value, integers)
     biased = builder.add(power, ir.Constant(integers, [bias] * LANES))
@@ -243,7 +258,10 @@ whole, root = _intrinsic_of_llvm("rint"), _intrinsic_of_llvm("sqrt")
 
 @intrinsic
 def total(typingctx, value):
-    """Return the sum of the lanes, in a fixed order: one half is added to the other, and so on."""
+    """Return the sum of the lanes.
+
+    One half of the lanes is added to the other half, and so on, until one number is left.
+    """
 
     def codegen(context, builder, signature, args):
         vector, width = args[0], LANES
@@ -262,8 +280,9 @@ def total(typingctx, value):
     return value.dtype(value), codegen
 
 
-# Coefficients of ln(1 + u) / u on -0.25..0.5 and of 2^u on -0.5..0.5: minimax for float32, least
-# squares on Chebyshev nodes for float64.
+# Coefficients of polynomials that approximate ln(1 + u) / u on -0.25..0.5 and 2^u on -0.5..0.5.
+# They come from a minimax approximation for float32, and from least squares on Chebyshev nodes for
+# float64.
 _log_ratio = polynomial(
     (-0.4999786647381979, 0.3331604554922196, -0.25090916436329785, 0.20691373305725377,
      -0.16575104713970026, 0.07944019106468078),
@@ -292,7 +311,7 @@ def log(v):
 
 @njit(inline="always")
 def exp2(v):
-    """Return two to the power of lanes."""
+    """Return 2 to the power of each lane of v."""
     v = least(most(v, splat(_least_exponent(v), v)), splat(_most_exponent(v), v))
     n = whole(v)
     return power_of_two(n) * _exp2_part(v - n)

@@ -1,16 +1,18 @@
-"""Pairs of a Gaussian and a tile that it reaches, with the Gaussian's pixel rows in the tile.
+"""Pairs of a Gaussian and a tile that it reaches, with the rows of pixels that it reaches there.
 
-The canvas is cut into tiles TILE_WIDTH pixels wide (one vector register of float32) and
-TILE_HEIGHT rows high. A "pair" is one Gaussian in one tile. Kernels visit only the rows that its
-ellipse reaches in the tile, so work is counted in pair rows of TILE_WIDTH pixels.
+The canvas is cut into tiles, which are TILE_WIDTH pixels wide (one vector register of float32) and
+TILE_HEIGHT rows high. A "pair" is one Gaussian in one tile. Kernels visit only those rows of the
+tile that the Gaussian's ellipse reaches. So work is counted in pair rows, which have TILE_WIDTH
+pixels each.
 
-The kernels step from row to row of a pair in float32, by w22 = 1 / (sy sqrt(1 - rho^2)) in
-whitened offsets (`_whitened` of gauss2svg.render.kernels). Over 8 rows these steps round the
-offsets by up to 1e-6 w22. Shapes thinner than LEAST_STEPPED are split into pairs of one row each,
-which need no step. Shapes of a fit are far wider.
+The kernels compute in float32. They go from one row of a pair to the next by adding
+w22 = 1 / (sy sqrt(1 - rho^2)) to the whitened offsets (`_whitened` of gauss2svg.render.kernels).
+Over 8 rows, rounding changes the offsets by up to 1e-6 w22, which is too much for very thin shapes.
+So shapes thinner than LEAST_STEPPED are split into pairs of one row each, which need no such
+addition. The shapes of a fit are far wider.
 
 Kernels are compiled for one thread and release Python's global lock (`nogil`), so that ordinary
-Python threads share their work side by side. numba's own parallel loops take as long to run, but
+Python threads can run them at the same time. numba's own parallel loops run equally fast, but take
 five times as long to compile (docs/decisions/kernels.md).
 """
 
@@ -25,33 +27,39 @@ from numpy.typing import NDArray
 
 from gauss2svg.kernel_cache import cached
 
-# torch's OpenMP reads this variable when it is loaded. PASSIVE lets idle threads sleep. By default
-# they spin on a core that a kernel could use. A value that the user has set is kept.
+# The OpenMP library of torch reads this variable when it is loaded. With PASSIVE, its idle threads
+# sleep. By default they would wait busily, on cores that a kernel could use. If the user has set
+# the variable, its value is kept.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-# Kernels allocate no arrays, so they need no reference counts (_nrt), and numba's array allocator,
-# which takes 0.03 s to start, is not loaded. They need no check for division by zero, and no entry
-# point for C.
+# Kernels allocate no arrays. So they are compiled without reference counts (_nrt), and numba's
+# array allocator, which would take 0.03 s, is not loaded. They are also compiled without an entry
+# point for C. With the error model of NumPy, they do not test for divisions by zero.
 _OPTIONS: dict[str, Any] = {
     "nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True
 }  # fmt: skip
 kernel = cached(**_OPTIONS)  # decorator of a kernel that Python calls
-# Decorator of a function that only kernels call. It has no entry point for Python either.
-tile_kernel = njit(**_OPTIONS, no_cpython_wrapper=True)
+# Decorator of a function that only kernels call. Such a function is also compiled without an entry
+# point for Python, because Python never calls it.
+_INSIDE: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True}
+tile_kernel = njit(**_INSIDE)
 
 _pool: ThreadPoolExecutor | None = None
 
 
 def in_shares(work: Callable[[int, int], None], max_shares: int) -> None:
-    """Call work(share, shares) for share = 0, ..., shares - 1 at the same time, and wait for all.
+    """Divide `work` into shares, do them at the same time in several threads, and wait for all.
 
-    There are as many shares as numba has threads (numba.set_num_threads), but at most max_shares.
-    The calling thread does the first share, so one share needs no other thread.
+    work(share, shares) is called for share = 0, ..., shares - 1. The number of shares is the number
+    of threads of numba (numba.set_num_threads), but at most max_shares. The calling thread does the
+    first share, so if there is only one share, no other thread is needed.
     """
     global _pool
     shares = max(1, min(get_num_threads(), max_shares))
     if shares > 1 and _pool is None:
-        # One thread less would suffice for one caller, but several callers may render at once.
+        # The pool has a thread for each core. A single call of in_shares would need one thread
+        # less, because the thread that calls it does one share itself. But several threads may
+        # call in_shares at the same time.
         _pool = ThreadPoolExecutor(os.cpu_count(), "gauss2svg-kernel")
     others = [_pool.submit(work, share, shares) for share in range(1, shares)] if _pool else []
     try:
@@ -67,27 +75,34 @@ def _forget_pool() -> None:
     _pool = None
 
 
-# Threads do not survive a fork, so the child starts a pool of its own.
+# The child of a fork does not have the threads of the pool, so it must start a pool of its own.
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget_pool)
 
 
-TILE_WIDTH = 16  # px. 16 float32 fill one 512-bit register, or two of 256 bits
+# Width of a tile in px. 16 numbers of float32 fill one register of 512 bits, or two of 256 bits.
+TILE_WIDTH = 16
 TILE_BITS = 4
 TILE_HEIGHT = 1 << TILE_BITS
-# px. Pairs of a shape have one row each if its width sy sqrt(1 - rho^2) along a column is smaller.
+# A shape is thin if its width sy sqrt(1 - rho^2) along a column is less than this number of px.
+# Each pair of a thin shape has only one row, because rounding would make steps from one row to the
+# next too inexact.
 LEAST_STEPPED = 1 / 64
-_LEAST_SHARE = 512  # fewest Gaussians in a share that is worth waking a thread for
+_LEAST_SHARE = 512  # smallest number of Gaussians that is worth a thread of its own
 
 
 class Pairs(NamedTuple):
-    """Gaussian-tile pairs, stored Gaussian by Gaussian and listed tile by tile.
+    """The p pairs of n Gaussians and the tiles of a canvas.
+
+    A pair is the part of one Gaussian on consecutive rows of one tile. The pairs are stored
+    Gaussian by Gaussian. `order` lists them tile by tile.
 
     offset     (n + 1,) int64: Gaussian i has the pairs offset[i]:offset[i + 1]
-    gaussian   (p,) int32: the Gaussian of a pair
-    rows       (p, 2) int32: first and one past the last image row of a pair
-    start      (tiles + 1,) int64: the list of tile t is order[start[t]:start[t + 1]]
-    order      (p,) int32: indices of pairs tile by tile, front to back (topmost Gaussian first)
+    gaussian   (p,) int32: index of the Gaussian of each pair
+    rows       (p, 2) int32: first image row of each pair, and the row after its last row
+    start      (tiles + 1,) int64: the pairs of tile t are order[start[t]:start[t + 1]]
+    order      (p,) int32: indices of pairs, tile by tile. Within a tile they are listed from front
+               to back: the topmost Gaussian is first
     most_rows  largest number of pair rows in a tile
     """
 
@@ -109,13 +124,13 @@ def find_pairs(
 ) -> Pairs:
     """Return the pairs of n Gaussians on a canvas of height x width px.
 
-    mean (n, 2) and sigma (n, 2) in px, rho (n,), and radius (n,), the Mahalanobis distance at which
-    each Gaussian is cut off.
+    mean (n, 2) and sigma (n, 2) are in px, and rho is (n,). radius (n,) is the Mahalanobis distance
+    at which each Gaussian is cut off.
     """
     count = len(mean)
     columns = -(-width // TILE_WIDTH)
     tiles = columns * -(-height // TILE_HEIGHT)
-    # A strip is one Gaussian in one column of tiles.
+    # A strip is the part of one Gaussian that lies in one column of tiles.
     left, right = (mean[:, 0] + sign * sigma[:, 0] * radius for sign in (-1, 1))
     # Clip before the conversion to int, because means may lie far off the canvas.
     column, last = (
@@ -134,7 +149,7 @@ def find_pairs(
         count // _LEAST_SHARE,
     )
     thin = sigma[:, 1] * np.sqrt((1 - rho) * (1 + rho)) < LEAST_STEPPED
-    bits = np.where(thin, 0, TILE_BITS)  # binary logarithm of the most rows of a pair
+    bits = np.where(thin, 0, TILE_BITS)  # a pair of Gaussian i has at most 2^bits[i] rows
     first, end = strip_rows.T
     shift = np.repeat(bits, strip_count)
     total = int(np.where(end > first, ((end - 1) >> shift) - (first >> shift) + 1, 0).sum())
@@ -151,16 +166,20 @@ def find_pairs(
 
 @kernel
 def _find_strip_rows(share, shares, shape, h, w, column, strip, strip_rows):
-    """Write the image rows whose pixel centres each Gaussian reaches in each of its tile columns.
+    """Write for each strip the image rows in which the Gaussian reaches centres of pixels.
+
+    A strip is the part of one Gaussian that lies in one column of tiles.
 
     shape       (n, 6) mean x, y, sigma x, y, rho and the radius of the cut
     column      (n,) the first tile column of each Gaussian
-    strip       (n + 1,) Gaussian i has the strips strip[i]:strip[i + 1], one for each column
-    strip_rows  (s, 2) output: first row and one past the last, equal if the Gaussian reaches none
+    strip       (n + 1,) Gaussian i has the strips strip[i]:strip[i + 1], one for each tile column
+    strip_rows  (s, 2) output: first row of each strip, and the row after its last row. They are
+                equal if the Gaussian reaches no row
 
-    At the offset u from the mean the ellipse's rim lies at
-    v = sy (rho u / sx +- k sqrt(radius^2 - u^2 / sx^2)) with k = sqrt(1 - rho^2). The upper rim is
-    concave with its top v = sy radius at u = rho sx radius; the lower rim is its mirror image.
+    At the horizontal offset u from the mean, the rim of the ellipse has the vertical offsets
+    v = sy (rho u / sx +- k sqrt(radius^2 - u^2 / sx^2)) with k = sqrt(1 - rho^2). The part of the
+    rim with + is concave, and has its largest v = sy radius at u = rho sx radius. The part with -
+    is its point reflection.
     """
     n = shape.shape[0]
     for i in range(n * share // shares, n * (share + 1) // shares):
@@ -185,7 +204,8 @@ def _find_strip_rows(share, shares, shape, h, w, column, strip, strip_rows):
                 low = min(slope * u0 - half0, slope * u1 - half1)
                 if u0 <= -rho * reach <= u1:
                     low = -top
-                # Pixel row y has its centre at y + 0.5. Clamp before the conversion to int.
+                # The centre of pixel row y lies at y + 0.5. Clamp before the conversion to int,
+                # because the Gaussian may reach far off the canvas.
                 strip_rows[s, 0] = int(np.ceil(min(max(my + low - 0.5, 0.0), h)))
                 strip_rows[s, 1] = int(np.floor(min(max(my + high - 0.5, -1.0), h - 1.0))) + 1
 
@@ -197,10 +217,12 @@ def _list_pairs(
     """Cut strips into pairs, and list the pairs of each tile by a counting sort.
 
     columns    number of tile columns of the canvas
-    bits       (n,) binary logarithm of the most rows of a pair
-    offset, gaussian, rows, start, order  output: fields of Pairs. offset and start are 0 on entry
-    tile       (p,) output: the tile of a pair
-    tile_rows  (tiles,) output: number of pair rows in each tile. 0 on entry
+    bits       (n,) a pair of Gaussian i has at most 2^bits[i] rows
+    column, strip, strip_rows  as in _find_strip_rows
+    offset, gaussian, rows, start, order  output: fields of Pairs. offset and start must be 0 on
+               entry
+    tile       (p,) output: the tile of each pair
+    tile_rows  (tiles,) output: number of pair rows in each tile. It must be 0 on entry
     """
     n = strip.size - 1
     at = 0
@@ -223,13 +245,14 @@ def _list_pairs(
         offset[i + 1] = at
     for t in range(start.size - 1):
         start[t + 1] += start[t]
-    # Fill each list from its end with ascending Gaussians, so that it is ordered front to back.
-    # start[t + 1] counts down from the end of list t to its beginning.
+    # The loop goes through the pairs from the bottom Gaussian to the topmost one, but the list of a
+    # tile must run from front to back. So each list is filled from its end to its beginning. While
+    # list t is filled, start[t + 1] is the index in `order` of the last element written.
     for p in range(at):
         t = tile[p]
         start[t + 1] -= 1
         order[start[t + 1]] = p
-    # Move the beginning of list t from start[t + 1] to start[t].
+    # Now start[t + 1] is where list t begins. Pairs.start has this number in start[t], so move it.
     for t in range(start.size - 1):
         start[t] = start[t + 1]
     start[start.size - 1] = at

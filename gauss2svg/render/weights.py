@@ -1,7 +1,7 @@
-"""Weights of the shapes' colours in each pixel. A picture is linear in the colours.
+"""Weights that the colours of the shapes have in each pixel.
 
-With alpha compositing a pixel is sum_k w_k c_k, where w_k is alpha_k times the transmittance of all
-shapes above, and k = 0 is the background.
+A picture depends linearly on the colours. With alpha compositing a pixel is sum_k w_k c_k, where
+w_k is alpha_k times the transmittance of all shapes above shape k, and k = 0 is the background.
 """
 
 from __future__ import annotations
@@ -19,19 +19,23 @@ from gauss2svg.scene.falloff import coverage, cut_radius, profile
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-_LARGEST_SIDE = 768  # longest side in px of the canvas on which visible masses are computed
-_LEAST_WEIGHT = 1e-9  # weight in a pixel above which a colour counts there
+# Visible masses are computed on a canvas whose longer side is at most this number of px.
+_LARGEST_SIDE = 768
+# If the weight of a colour in a pixel is at most this value, the weight is left out of W.
+_LEAST_WEIGHT = 1e-9
 
 
 def color_weights(
     scene: Scene, plain_radius: NDArray[np.float64], height: int, width: int
 ) -> tuple[csr_array, NDArray[np.float64]]:
-    """Return the weights W (n + 1, h w) of the colours, the background first, and W W^T.
+    """Return the weights W (n + 1, h w) of the colours in the pixels, and W W^T (n + 1, n + 1).
 
-    W is sparse, because few shapes show in a pixel. Plain ellipses (scene.drawn) count by the share
-    of each pixel that they cover, and plain_radius (n,) has their radii in sigmas.
+    The first row is that of the background. W is sparse, because only few shapes are visible in
+    each pixel. A plain ellipse (scene.drawn) has no falloff: its alpha is its opacity times the
+    share of the pixel that it covers. plain_radius (n,) has the radii of plain ellipses in sigmas.
     """
-    from scipy.sparse import csr_array  # takes a third of a second, and few runs need it
+    # This import takes a third of a second, and few runs need it.
+    from scipy.sparse import csr_array
 
     covers = scene.drawn == PLAIN
     reach = scene.sigma * cut_radius(scene.beta)[:, None] + covers[:, None]
@@ -70,9 +74,11 @@ def visible_mass(
 ) -> tuple[NDArray[np.float64], int]:
     """Return the visible mass (n,) of each shape, and the number of pixels over which it is summed.
 
-    The visible mass is the sum of weight (alpha transmittance)^2 over a canvas that is reduced if
-    it is large. A change d of an optimal colour adds visible_mass d^2 to the weighted squared
-    error. weight (h, w) > 0 has any size and mean 1, or is None for 1 everywhere.
+    The visible mass is the sum of weight (alpha transmittance)^2 over all pixels. It is computed on
+    a smaller canvas if the canvas is large. If the colour of a shape is optimal, changing it by d
+    raises the weighted squared error by visible_mass d^2.
+
+    weight  (h, w) > 0 of any size and with a mean of 1, or None for 1 everywhere
     """
     reduced = min(1.0, _LARGEST_SIDE / max(scene.width, scene.height))
     width, height = (max(1, round(side * reduced)) for side in (scene.width, scene.height))

@@ -2,7 +2,8 @@
 
 import lazy_loader
 
-# Scenes load on first use, with NumPy, because options need only the names of blends.
+# The names of the stub file, such as Scene, need NumPy. They are imported only when they are first
+# used. So modules that need only the names of the blends, such as the options, load without NumPy.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 OVER, ADD = "over", "add"

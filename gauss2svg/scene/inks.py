@@ -1,4 +1,4 @@
-"""Inks: the few colours of a picture, given by a user or chosen from the picture."""
+"""Inks: the few colours in which a picture is drawn. A user lists them, or they are chosen here."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gauss2svg.errors import plain_scalar, quoted, refusal
 from gauss2svg.files import reading
 from gauss2svg.options import Field, file_name
 
-if TYPE_CHECKING:  # the help works without NumPy
+if TYPE_CHECKING:  # not at run time, because --help needs this module but not NumPy
     import numpy as np
     from numpy.typing import NDArray
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:  # the help works without NumPy
 
     _Numbers = NDArray[np.float64]
 
-    # The number of inks, or their colours, or the path of a palette file. The command line reads
-    # the type below, without sequences.
+    # The number of inks, or their colours, or the path of a palette file. The command line builds
+    # its option from the simpler type below, because it cannot read a sequence.
     Inks = int | str | os.PathLike[str] | Sequence[str]
 else:
     Inks = int | str
@@ -32,26 +32,37 @@ _ADVICE = '6, or "#f7c306,#c0322c,#17324d"'
 _HEX = re.compile(r"\s*#?([0-9a-f]{3}|[0-9a-f]{6})\s*", re.IGNORECASE)
 _PALETTE_HEAD = "GIMP Palette"
 _MOST_PALETTE_BYTES = 1_000_000
-# Lines that GIMP and Inkscape skip: comments, and fields of the header such as Name and Columns.
+# Lines of a palette that GIMP and Inkscape skip: comments, and header fields such as Name and
+# Columns.
 _SKIPPED_LINE = re.compile(r"\s*(#.*|[A-Za-z]+:.*)?")
 _COLOR_LINE = re.compile(r"\s*([0-9]{1,9})\s+([0-9]{1,9})\s+([0-9]{1,9})(?:\s.*)?")
-# Constants of the choice of inks (docs/decisions/inks.md).
-# The weight of a cell of similar colours is the weight of its pixels to this power, so that a small
-# red dot gets an ink of its own.
+# The constants from here on are for the choice of inks (docs/decisions/inks.md).
+
+# k-means groups cells of similar colours. The weight of a cell is w to this power, where w is the
+# sum of the weights of the cell's pixels. With a power below 1, small areas count more, so that a
+# small red dot gets an ink of its own.
 _WEIGHT_POWER = 0.5
-# Factor of hue and chroma relative to lightness. With a factor of 1, accents of photos would share
-# an ink with greys.
+# Factor by which differences of hue and chroma count more than differences of lightness. With a
+# factor of 1, small areas of strong colour in photos would share an ink with greys.
 _CHROMA_FACTOR = 1.6
 _CELL_SIDE = 8  # side of a cell of similar colours, in levels of 255
-_CELLS_PER_INK = 4  # least number of cells per ink; with fewer cells, a cell is one colour
-# A pixel that differs from a neighbour by this (0..1) has half the weight, as edges mix colours.
+# If the number of cells is less than this number times the number of inks, the cells are too
+# coarse. In this case each colour becomes a cell of its own.
+_CELLS_PER_INK = 4
+# A pixel that differs from a neighbour by this value (0..1) has half the weight of a pixel in a
+# flat area, because pixels at edges have mixed colours.
 _EDGE_DIFFERENCE = 0.05
-_ITERATIONS = 30  # iterations of k-means
-# Least share of a cluster's pixels that makes its commonest colour the ink.
+_ITERATIONS = 30  # number of iterations of k-means
+# If the commonest colour of a cluster makes up at least this share of the cluster, this colour is
+# the ink. Otherwise the ink is the colour nearest to the cluster's mean.
 _FLAT_SHARE = 0.25
-_MOST_PIXELS = 250_000  # approximate number of pixels of a picture that are read
-_CODE = (65536, 256, 1)  # factors that join three levels to one number, which sorts faster
-# Matrices of Oklab (Ottosson, 2020): from linear sRGB to cones, and from their cube roots to L a b.
+# If a picture has far more pixels than this, only about this many of them are read.
+_MOST_PIXELS = 250_000
+# These factors turn the three levels of a colour into one number, their weighted sum. Such numbers
+# are sorted faster than triples of levels.
+_CODE = (65536, 256, 1)
+# Matrices of Oklab (Ottosson, 2020). The first converts linear sRGB to the responses of cones, and
+# the second converts the cube roots of the responses to L, a and b.
 _TO_CONES = (
     (0.4122214708, 0.5363325363, 0.0514459929),
     (0.2119034982, 0.6806995451, 0.1073969566),
@@ -65,11 +76,13 @@ _TO_LAB = (
 
 
 def check_inks(name: str, value: Any) -> int | str:
-    """Return a number of inks, or their colours as "#rrggbb,#rrggbb,..".
+    """Return the number of inks, or their colours as "#rrggbb,#rrggbb,..".
 
-    value  a number, a text or sequence of hex colours, or the path of a .gpl file
-    Raise InputError for any other value, and unless there are LEAST_INKS to MOST_INKS different
-    colours.
+    name   name of the option, which errors show
+    value  a number, hex colours in a text or a sequence, or the path of a .gpl file
+
+    Raise InputError if the value is none of these, if the number of inks is not in
+    LEAST_INKS..MOST_INKS, or if a colour occurs twice.
     """
     value = plain_scalar(value)
     if isinstance(value, str) and value.strip().isdecimal():
@@ -96,7 +109,7 @@ def check_inks(name: str, value: Any) -> int | str:
 
 
 def ink_colors(inks: str) -> _Numbers:
-    """Return the sRGB values (k, 3) in 0..1 of colours that `check_inks` or `inks_of` returns."""
+    """Return the sRGB values (k, 3) in 0..1 of inks listed as "#rrggbb,#rrggbb,.."."""
     import numpy as np
 
     levels = [list(bytes.fromhex(ink.removeprefix("#"))) for ink in inks.split(",")]
@@ -104,25 +117,27 @@ def ink_colors(inks: str) -> _Numbers:
 
 
 def ink_name(ink: _Numbers) -> str:
-    """Return an ink (3,) as #rrggbb."""
+    """Return an ink (3,) with values in 0..1 as a text #rrggbb."""
     return "#" + bytes(round(255 * level) for level in ink.tolist()).hex()
 
 
 def inks_of_scene(scene: Scene) -> _Numbers:
-    """Return Scene.inks. Raise InputError if the scene has none."""
+    """Return Scene.inks. Raise InputError if it is None."""
     if scene.inks is None:
         raise refusal("the scene", "of opaque plain ellipses alone", "others", "a fit with inks")
     return scene.inks
 
 
 def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
-    """Return `inks` if it has colours. If it is a number, choose as many colours of the picture.
+    """Return `inks` if it is a list of colours. If it is a number, choose inks for the picture.
 
     pixels  (h, w, 3) or (h, w, 4) in 0..1
-    The chosen colours are returned like "#rrggbb,#rrggbb,..", from light to dark. Each stands for a
-    cluster of k-means in Oklab, where hue and chroma have more weight than lightness. A colour that
-    makes up much of its cluster is itself the ink, so that flat drawings keep their colours.
-    Raise InputError if the picture has fewer colours than `inks`.
+
+    The chosen inks are colours of the picture, and are returned as "#rrggbb,#rrggbb,..", from light
+    to dark. Each ink stands for a cluster of k-means in Oklab, where hue and chroma have more
+    weight than lightness. If the commonest colour of a cluster makes up much of it, this colour is
+    the ink, so that flat drawings keep their colours. Else the ink is the colour nearest to the
+    cluster's mean. Raise InputError if the picture has fewer colours than `inks`.
     """
     if isinstance(inks, str):
         return inks
@@ -144,7 +159,9 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     cell_counts = np.bincount(cell, counts)
     cells = _means(points, counts, cell, np.zeros((len(cell_counts), 3)))
     weight = np.asarray(cell_counts**_WEIGHT_POWER, np.float64)
-    seeds = [int(weight.argmax())]  # the next is farthest, by weight, from all before
+    # The first seed is the cell of largest weight. Each later seed is the cell whose weight, times
+    # the squared distance to the nearest seed so far, is largest.
+    seeds = [int(weight.argmax())]
     squares = np.square(cells - cells[seeds[0]]).sum(axis=1)
     while len(seeds) < inks:
         seeds.append(int((weight * squares).argmax()))
@@ -165,9 +182,10 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
 
 
 def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
-    """Return the distinct colours (n, 3) of pixels with alpha >= 0.5 in levels, and weights (n,).
+    """Return the distinct colours (n, 3) of a picture in levels of 255, and their weights (n,).
 
-    A colour's weight is the sum of its pixels' weights, which are 1, or less beside other colours.
+    Pixels with an alpha below 0.5 are ignored. The weight of a colour is the sum of the weights of
+    its pixels. The weight of a pixel is 1, or less if a neighbouring pixel has another colour.
     """
     import numpy as np
 
@@ -178,7 +196,9 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
             beside = np.pad(step, [(before, after) if a == axis else (0, 0) for a in (0, 1)])
             np.maximum(steps, beside, out=steps)
     stride = max(1, steps.size // _MOST_PIXELS)
-    while math.gcd(stride, pixels.shape[1]) > 1:  # else some columns are never read
+    # The stride is raised until it has no common divisor with the width. Otherwise pixels of some
+    # columns would never be read.
+    while math.gcd(stride, pixels.shape[1]) > 1:
         stride += 1
     every = slice(None, None, stride)
     flat = pixels.reshape(-1, pixels.shape[2])[every]
@@ -192,7 +212,10 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
 
 
 def _means(points: _Numbers, weight: _Numbers, entry: Any, others: _Numbers) -> _Numbers:
-    """Return the weighted means (k, 3) of the points of each entry, or `others` without points."""
+    """Return the weighted mean (k, 3) of the points of each entry.
+
+    An entry without points gets its row of `others` (k, 3).
+    """
     import numpy as np
 
     mass = np.bincount(entry, weight, len(others))
@@ -202,7 +225,7 @@ def _means(points: _Numbers, weight: _Numbers, entry: Any, others: _Numbers) -> 
 
 
 def _read_palette(name: str, path: str) -> list[str]:
-    """Return the distinct colours of a palette file of GIMP or Inkscape, as six hex digits."""
+    """Return the distinct colours of a palette file of GIMP or Inkscape, each as six hex digits."""
     with reading(path, "a palette file") as file:
         content = file.read(_MOST_PALETTE_BYTES + 1)
     head, *lines = re.split(r"\r\n?|\n", content.decode("utf-8-sig", "replace"))
@@ -222,6 +245,6 @@ def _read_palette(name: str, path: str) -> list[str]:
 
 
 def used_inks(scene: Scene, inks: str) -> list[str]:
-    """Return those inks of a list "#rrggbb,#rrggbb,.." that the scene contains."""
+    """Return those inks of the list "#rrggbb,#rrggbb,.." that occur in the scene."""
     used = {ink_name(ink) for ink in inks_of_scene(scene)}
     return [ink for ink in inks.split(",") if ink in used]

@@ -1,10 +1,11 @@
 """The scene: an ordered list of 2D Gaussians on a canvas, as arrays.
 
-CANVAS and PARAMETERS declare each parameter once. Scenes are checked, selected, concatenated,
-scaled and saved by these records. Fits take raw values, activations, learning rates and the columns
-of Adam's arrays from them. A new parameter of shapes is a record of PARAMETERS and a field of
-Scene, and also of gauss2svg.fit.state.State if a fit steps it. Renderers, writers and readers name
-the parameters that they use (docs/development.md).
+Each parameter is declared once, as a record in CANVAS or PARAMETERS. The code that checks, selects,
+concatenates, scales and saves scenes reads these records and names no parameters. The records also
+tell fits the raw form and the learning rate of each parameter, and its columns of Adam's arrays. To
+add a parameter of shapes, add a record to PARAMETERS and a field to Scene. If fits step the
+parameter, add a field to gauss2svg.fit.state.State too. Renderers, writers and readers must be
+changed as well, because they name the parameters that they use (docs/development.md).
 """
 
 from __future__ import annotations
@@ -26,14 +27,15 @@ from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
-LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # px, bounds of a side of the canvas
-# Largest absolute value of a signed colour. Sums of larger ones drown in 8-bit rounding.
+LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # bounds in px of a side of the canvas
+# Largest absolute value of a signed colour. Sums of larger colours would lose too much accuracy
+# when they are rounded to 8 bits.
 MOST_SIGNED = 100.0
-# Bound of |rho|: the largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
+# Largest |rho|: the largest float below 1. At it, sqrt((1 - rho)(1 + rho)) is 1.5e-8 and not 0.
 RHO_LIMIT = math.nextafter(1, 0)
-# px, bounds of sigma and of the mean. A thinner Gaussian is invisible, because pixels are sampled
-# at their centres. Float64 renders and float32 gradients are finite up to 1000 times the upper
-# bounds.
+# Bounds of sigma and of the mean in px. A Gaussian with a smaller sigma would be invisible, because
+# pixels are sampled at their centres. Renders in float64 and gradients in float32 stay finite even
+# at 1000 times the upper bounds.
 LEAST_SIGMA, MOST_SIGMA = 1e-9, 1e9
 MOST_MEAN = 1e12
 
@@ -41,11 +43,12 @@ MOST_MEAN = 1e12
 # same. PLAIN: always by a plain ellipse. BLURRED: as a blurred disc.
 SOFT, PLAIN, BLURRED = range(3)
 
-# Bounds of opacity logits: opacities 0.0003 and 0.999994. Beyond, no 8-bit image changes.
+# Bounds of the logit of an opacity. They stand for opacities of 0.0003 and 0.999994. Opacities
+# beyond these would not change an image of 8 bits.
 LEAST_RAW_OPACITY, MOST_RAW_OPACITY = -8.0, 12.0
-# Bounds of ln beta in a fit. At the lower one, a shape is nearly a Gaussian. At 0 the kernels would
-# leave out the gradient of the exponent, and a bound below 0 gives worse fits
-# (docs/decisions/adam.md).
+# Bounds of ln beta in a fit. At the lower bound a shape is nearly a Gaussian. If this bound were 0,
+# the kernels would leave out the gradient of the exponent of such a shape. If it were below 0, fits
+# would be worse (docs/decisions/adam.md).
 LEAST_RAW_BETA, MOST_RAW_BETA = 1e-6, math.log(128.0)
 
 _Values = NDArray[Any]
@@ -53,13 +56,13 @@ _Values = NDArray[Any]
 
 @dataclass(frozen=True)
 class Raw:
-    """The raw form in which a fit steps a parameter. The geometry is stepped as a whole instead.
+    """The raw form of a parameter, which a fit changes. Mean, sigma and rho have no raw form.
 
     name         field of gauss2svg.fit.state.State with the raw values
     activated    function from raw values to those of a scene
     inverse      function from values of a scene to raw values
     least, most  bounds of the raw values
-    first        raw value of a new shape if its placement gives none
+    first        raw value of a new shape for which the placement does not choose a value
     """
 
     name: str
@@ -75,18 +78,19 @@ class Parameter:
     """A parameter of each shape of a scene, or of its canvas.
 
     name             field of the scene with its array
-    width            numbers for each shape: the array is (n,) for 1, else (n, width)
-    least, most      domain of its values
-    additive_domain  least and largest value in additive scenes, if they differ
-    default          value in a scene that does not give it; None if it must be given
+    width            how many numbers it has for each shape. Its array is (n,) if width is 1, else
+                     (n, width)
+    least, most      least and largest value in a scene
+    additive_domain  least and largest value in an additive scene, if they differ from these
+    default          value in a scene for which none is passed; None if a value is required
     dtype            NumPy type of its array in a scene
-    scaled           whether it is in px, and scales with the canvas
-    raw              raw form in a fit; None if it belongs to the geometry or never changes
+    scaled           whether it is in px, so that it is scaled with the canvas
+    raw              raw form in a fit; None if it is mean, sigma or rho, or never changes in a fit
     rate             learning rate in the frame of gauss2svg.fit.adam; 0 if it is not stepped
-    shared           whether shapes with one gradient in a file must have equal values. In the last
-                     steps of a fit, SharedColors keeps them equal
-    advice           the text after "Try" in the refusal of a value out of the domain
-    once             whether a scene has one value, not one for each shape
+    shared           whether all shapes that share a gradient in a file must have the same value. In
+                     the last steps of a fit, SharedColors keeps such values equal
+    advice           text that follows "Try" in the error for a value out of the domain
+    once             whether a scene has a single value in place of one for each shape
     """
 
     name: str
@@ -116,17 +120,19 @@ class Parameter:
     def checked(self, values: Any, count: int | None, blend: str) -> _Values:
         """Return a read-only copy of `values` in the parameter's dtype, for `count` Gaussians.
 
-        None stands for the default. Any number of Gaussians is accepted if `count` is None.
-        Raise SceneError if values have another shape or leave the domain.
+        If `values` is None, return the default. If `count` is None, any number of Gaussians is
+        accepted. Raise SceneError if the values have another shape or are outside the domain.
         """
         low, high = self.domain(blend)
         if values is None:
             size = 0 if self.default is None else count or 0
             values = np.full(self.shape(size), self.default or 0)
         try:
-            values = np.ma.filled(np.asanyarray(values), np.nan)  # NaN is refused below
+            # Masked elements become NaN, and the test below refuses NaN.
+            values = np.ma.filled(np.asanyarray(values), np.nan)
             array = values.astype(np.float64, "C", "same_kind", subok=False)
-        except Exception as error:  # NumPy's errors, and torch's for a tensor with requires_grad
+        except Exception as error:
+            # NumPy and torch (if a tensor requires_grad) raise many classes, so all are caught.
             raise SceneError(f"scene {self.name} must be numbers; got {brief(error)}") from None
         shape = self.shape(len(np.atleast_1d(array)) if count is None else count)
         if array.shape != shape:
@@ -185,33 +191,36 @@ PARAMETERS = (
     Parameter("drawn", 1, SOFT, BLURRED, additive_domain=(SOFT, SOFT), default=SOFT, dtype=np.int8),
 )  # fmt: skip
 
-# Parameters that Adam steps in their raw forms. Their columns have this order in Adam's arrays,
-# after the columns of the geometry.
+# Parameters that Adam steps in their raw forms. In Adam's arrays, the columns of these parameters
+# follow those of mean, sigma and rho, in this order.
 STEPPED = tuple((parameter, parameter.raw) for parameter in PARAMETERS if parameter.raw)
 
 
-_FORMAT_VERSION = 1  # version of scene files. A new parameter with a default does not raise it
+# Version of scene files. It stays the same when a parameter with a default is added.
+_FORMAT_VERSION = 1
 _REQUIRED = {parameter.name for parameter in (*CANVAS, *PARAMETERS) if parameter.default is None}
-_DEFAULT: Any = None  # replaced by the constructor, which knows the number of Gaussians
+# A field that is not passed has this value, until the constructor replaces it by the default.
+_DEFAULT: Any = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene:
-    """Gaussians on a canvas, bottom first; immutable and validated.
+    """Gaussians on a canvas, the bottom Gaussian first. A scene is validated and immutable.
 
     The covariance of a Gaussian is [[sx^2, rho sx sy], [rho sx sy, sy^2]], which is
     positive definite for every |rho| < 1 (the parametrisation of "Investigation into
     2D Gaussian Splatting for Image Representation").
 
     width, height  canvas in px, LEAST_CANVAS..MOST_CANVAS
-    mean           (n, 2) x, y in px, up to MOST_MEAN either way; pixel centres lie at +0.5
+    mean           (n, 2) x, y in px, in -MOST_MEAN..MOST_MEAN. Pixel i has its centre at i + 0.5
     sigma          (n, 2) standard deviations along x and y in px, LEAST_SIGMA..MOST_SIGMA each,
                    in any ratio
-    rho            (n,) correlation, up to RHO_LIMIT either way, the largest float below 1
-    color          (n, 3) sRGB in 0..1; signed, up to MOST_SIGNED either way, if blend is "add"
+    rho            (n,) correlation in -RHO_LIMIT..RHO_LIMIT, where RHO_LIMIT is just below 1
+    color          (n, 3) sRGB in 0..1; if blend is "add", signed, in -MOST_SIGNED..MOST_SIGNED
     opacity        (n,) in 0..1; all 1 if blend is "add"
-    background     (3,) sRGB in 0..1; in a transparent scene, the colour of the page that shows it
-    round_index    (n,) round of the fit that added each Gaussian, never decreasing; None for all 0
+    background     (3,) sRGB in 0..1; in a transparent scene, the colour of the page behind it
+    round_index    (n,) round of the fit that added each Gaussian. It never decreases from one
+                   Gaussian to the next. None for all 0
     blend          "over": source-over in sRGB, as in every SVG renderer; "add": as in the paper,
                    image = background + sum f(r_k) color_k in any order, clipped to 0..1 at the end
     beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian (see
@@ -222,12 +231,13 @@ class Scene:
     transparent    whether the background is left out of files and of render_rgba, whose image then
                    has alpha; False if blend is "add"
 
-    A signed colour is the contribution of its Gaussian at its mean. The paper uses coefficients of
-    normal densities instead: see `densities` and `peaks_of`.
+    A signed colour is what its Gaussian adds to the image at its mean. The paper uses coefficients
+    of normal densities instead: see `densities` and `peaks_of`.
 
-    Arrays are made read-only and float64, but round_index int32 and drawn int8. Both renderers draw
-    any scene of this domain with finite gradients. write_svg refuses what a file cannot hold. The
-    constructor raises SceneError or InputError with the name of the field.
+    Arrays are copied, read-only and float64, except that round_index is int32 and drawn is int8.
+    Both renderers draw any scene of this domain, with finite gradients. write_svg refuses scenes
+    that a file cannot hold. If a value is wrong, the constructor raises SceneError or InputError
+    with the name of the field.
     """
 
     width: float
@@ -275,10 +285,10 @@ class Scene:
     ) -> Self:
         """Return a scene of Gaussians with these covariance matrices.
 
-        sigma = (sqrt(c11), sqrt(c22)), rho = c12 / sqrt(c11 c22)
+        sigma is (sqrt(c11), sqrt(c22)), and rho is c12 / sqrt(c11 c22).
 
         covariance  (n, 2, 2) in px^2, symmetric and positive definite
-        opacity     (n,), or one number for all
+        opacity     (n,), or one number for all Gaussians
         others      further fields by name, such as background or blend
         Raise SceneError with the index of the first matrix that is not a covariance.
         """
@@ -286,9 +296,10 @@ class Scene:
         if matrices.ndim != 3 or matrices.shape[1:] != (2, 2):
             raise SceneError(f"covariance must be of shape (n, 2, 2); got {matrices.shape}")
         c11, c12, c21, c22 = matrices.reshape(-1, 4).T
-        with np.errstate(all="ignore"):  # NaN and infinity are refused below
+        with np.errstate(all="ignore"):  # no warnings, because the test refuses NaN and infinity
             valid = (c11 > 0) & (c22 > 0) & (c12 * c21 < c11 * c22) & np.isfinite(c11 * c22)
-            valid &= np.abs(c12 - c21) <= 1e-5 * np.sqrt(c11 * c22)  # symmetric up to float32
+            # A matrix counts as symmetric if c12 and c21 differ only by rounding to float32.
+            valid &= np.abs(c12 - c21) <= 1e-5 * np.sqrt(c11 * c22)
         if not valid.all():
             at = int(np.argmin(valid))
             raise SceneError(
@@ -302,7 +313,8 @@ class Scene:
         return cls(width, height, mean, sigma, rho, color, opacity, **others)  # pyright: ignore[reportArgumentType] (the constructor converts)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Copies are constructed anew, because NumPy's copies of the arrays would be writeable.
+        # The modules copy and pickle must call the constructor, which makes the arrays read-only.
+        # Otherwise they would copy the arrays by NumPy, whose copies are writeable.
         return type(self), tuple(getattr(self, f.name) for f in dataclasses.fields(self))
 
     def __len__(self) -> int:
@@ -334,9 +346,9 @@ class Scene:
 
     @property
     def whitening(self) -> NDArray[np.float64]:
-        """Entries w11, w21, w22 (n, 3) of the inverse of the factor, in 1/px.
+        """Entries w11, w21, w22 (n, 3) of the inverse of `factor`, in 1/px.
 
-        r^2 = (w11 u)^2 + (w21 u + w22 v)^2 for the offset (u, v) from the mean.
+        At the offset (u, v) px from the mean, r^2 is (w11 u)^2 + (w21 u + w22 v)^2.
         """
         return whitening_of(self.sigma, self.rho)
 
@@ -349,19 +361,20 @@ class Scene:
 
     @property
     def densities(self) -> NDArray[np.float64]:
-        """Coefficients (n, 3) in px^2 of the paper's normal densities, 2 pi sqrt(det Sigma) color.
+        """The colours as coefficients (n, 3) in px^2 of normal densities, as in the paper.
 
-        A density exp(-r^2 / 2) / (2 pi sqrt(det Sigma)) times these coefficients is
-        color exp(-r^2 / 2).
+        A coefficient is 2 pi sqrt(det Sigma) color. The product of a coefficient and the density
+        exp(-r^2 / 2) / (2 pi sqrt(det Sigma)) is color exp(-r^2 / 2).
         """
         return self.color * _volume(self.sigma, self.rho)[:, None]
 
     @property
     def ellipse_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """One-sigma semi-axes (n, 2) in px, larger first, and angles (n,) of the larger in radians.
+        """Semi-axes (n, 2) in px of the one-sigma ellipses, and their directions (n,) in radians.
 
-        The semi-axes are the singular values of the factor, from sums and differences of its
-        entries. An angle runs from +x towards +y (downwards) in -pi/2..pi/2.
+        The larger semi-axis is first. The semi-axes are the singular values of `factor`. The
+        direction is that of the larger semi-axis. It is an angle in -pi/2..pi/2, which is measured
+        from +x towards +y. +y points down.
         """
         factor = self.factor
         l11, l21, l22 = factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]
@@ -374,9 +387,10 @@ class Scene:
 
     @property
     def inks(self) -> NDArray[np.float64] | None:
-        """Distinct colours (k, 3), sorted, with the background's unless the scene is transparent.
+        """The inks (k, 3) of the scene, which are its distinct colours, sorted.
 
-        None unless all shapes are opaque plain ellipses.
+        This is None unless all shapes are opaque plain ellipses. The colour of the background is
+        one of the inks unless the scene is transparent.
         """
         if not ((self.drawn == PLAIN).all() and (self.opacity == 1).all()):
             return None
@@ -388,7 +402,7 @@ class Scene:
         return dataclasses.replace(self, **changes)
 
     def select(self, index: Any) -> Self:
-        """Return the scene of the Gaussians that a mask, slice or index array picks.
+        """Return the scene of the Gaussians that `index`, a mask, slice or index array, picks.
 
         Raise SceneError if round_index decreases in the new order, and NumPy's IndexError if the
         index is of another kind or out of range.
@@ -397,10 +411,10 @@ class Scene:
         return self.replace(**{p.name: getattr(self, p.name)[picked] for p in PARAMETERS})
 
     def concatenate(self, top: Scene) -> Self:
-        """Return the scene with the Gaussians of `top` above its own, as later rounds.
+        """Return a scene with the Gaussians of this scene, and those of `top` above them.
 
-        Canvas, background and transparency are those of this scene. Raise SceneError if the blends
-        differ.
+        The rounds of the upper Gaussians come after those of the lower ones. Canvas, background and
+        transparency are those of this scene. Raise SceneError if the blends differ.
         """
         if self.blend != required(top, "upper scene", Scene).blend:
             raise SceneError(
@@ -412,9 +426,9 @@ class Scene:
         return self.replace(**{name: np.concatenate(arrays) for name, arrays in both.items()})
 
     def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
-        """Return the scene on a canvas scaled by factor_x and factor_y (> 0).
+        """Return the scene with its canvas and shapes scaled by factor_x and factor_y (> 0).
 
-        If factor_y is None, it is factor_x. Raise SceneError if the scaled values leave the domain.
+        If factor_y is None, it is factor_x. Raise SceneError if scaled values leave the domain.
         """
         scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
         shapes = {p.name: getattr(self, p.name) * scale for p in PARAMETERS if p.scaled}
@@ -422,8 +436,9 @@ class Scene:
         return self.replace(width=width, height=height, **shapes)
 
     def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write the scene as .npz without loss, atomically if `file` is a path.
+        """Write the scene to an .npz file without loss.
 
+        If `file` is a path, an interruption leaves either the old file or the complete new one.
         Raise OutputError if the path cannot be written.
         """
         content = io.BytesIO()
@@ -436,10 +451,10 @@ class Scene:
 
     @classmethod
     def load(cls, file: str | os.PathLike[str] | BinaryIO) -> Self:
-        """Read a scene written by save.
+        """Return a scene that `save` has written.
 
-        A parameter that the file lacks has its default. Raise InputError if `save` did not write
-        the file, and SceneError if its arrays leave the domain.
+        A parameter that the file lacks gets its default. Raise InputError if `save` did not write
+        the file, and SceneError if its arrays are outside the domain.
         """
         try:
             with np.load(file, allow_pickle=False) as stored:
@@ -449,7 +464,8 @@ class Scene:
             names = {field.name for field in dataclasses.fields(cls)}
             if others := values.keys() - names | _REQUIRED - values.keys():
                 raise ValueError(f"one with other fields: {', '.join(sorted(others))}")
-        except Exception as error:  # NumPy, zipfile and zlib each raise errors of their own
+        except Exception as error:
+            # NumPy, zipfile and zlib raise errors of many classes, so all classes are caught.
             raise InputError(
                 f"scene file must be one written by Scene.save, in version {_FORMAT_VERSION}; got "
                 f"{brief(error)}. Try to fit the photo again, and to save its scene"
@@ -458,12 +474,12 @@ class Scene:
 
 
 def narrowing_of(rho: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return sqrt(1 - rho^2), (n,), without cancellation if |rho| is nearly 1."""
+    """Return sqrt(1 - rho^2) (n,), without cancellation if |rho| is nearly 1."""
     return np.sqrt((1 - rho) * (1 + rho))
 
 
 def whitening_of(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Scene.whitening (n, 3) in 1/px of Gaussians with sigma (n, 2) in px and rho (n,)."""
+    """Return the whitening (n, 3) in 1/px that belongs to sigma (n, 2) in px and rho (n,)."""
     sx, sy = sigma.T
     k = narrowing_of(rho)
     return np.stack([1 / sx, -rho / (sx * k), 1 / (sy * k)], axis=1)
@@ -477,9 +493,8 @@ def _volume(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.
 def peaks_of(
     densities: NDArray[np.float64], sigma: NDArray[np.float64], rho: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the `color` (n, 3) of an additive scene from coefficients of normal densities (n, 3).
+    """Return the `color` (n, 3) of an additive scene whose Scene.densities are `densities` (n, 3).
 
-    It is densities / (2 pi sx sy sqrt(1 - rho^2)), the inverse of Scene.densities. sigma (n, 2) is
-    in px, and rho is (n,).
+    It is densities / (2 pi sx sy sqrt(1 - rho^2)). sigma (n, 2) is in px, and rho is (n,).
     """
     return densities / _volume(sigma, rho)[:, None]

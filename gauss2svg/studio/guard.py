@@ -1,8 +1,8 @@
 """ASGI middleware that guards the studio.
 
-`RequestLimits` bounds the requests to every studio, and adds security headers to its responses.
-`Guard` asks for a token. Only the command uses it, because an application that mounts a studio
-decides who may use it.
+`RequestLimits` limits requests to the studio, and adds security headers to responses. `Guard` asks
+for a token. Only the command `gauss2svg studio` uses `Guard`, because an application that mounts
+the studio decides itself who may use it.
 """
 
 from __future__ import annotations
@@ -20,16 +20,17 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gauss2svg.errors import quoted
 
-MOST_UPLOADED = 256 * 10**6  # bytes, largest form with a photo
-_MOST_JSON = 4_000_000  # bytes, largest body of any other request
-PAUSE_S: float | None = 20.0  # longest pause (s) within a body
-_BODY_S = 300.0  # longest time (s) for a whole body
+MOST_UPLOADED = 256 * 10**6  # largest number of bytes of an uploaded form, including its files
+_MOST_JSON = 4_000_000  # largest number of bytes in the body of a request that is not a form
+PAUSE_S: float | None = 20.0  # longest pause (s) between two parts of a request's body
+_BODY_S = 300.0  # longest time (s) that the whole body of a request may take to arrive
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
     "connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )
-# Policy for an SVG that is opened as a page. It may be drawn, but not run scripts or load files.
+# Policy for an SVG that is opened as a page. The SVG may be drawn, but it may not run scripts or
+# load files.
 PICTURE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; sandbox"
 )
@@ -42,19 +43,26 @@ _HEADERS = {
 
 
 def _refused(status: int, line: str) -> JSONResponse:
-    """Return the response for a refused request. The rest of its body is not read."""
+    """Return the response that refuses a request.
+
+    It closes the connection, because the rest of the request's body is not read.
+    """
     headers = {"Connection": "close", "Cache-Control": "no-store"}
     return JSONResponse({"error": line}, status, headers)
 
 
 class RequestLimits:
-    """Middleware that limits the size and time of bodies, and refuses requests of other sites."""
+    """Middleware that limits requests.
+
+    It refuses a request if its body is too large or takes too long to arrive, or if it comes from a
+    page of another site.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve a request within the limits."""
+        """Serve a request, or refuse it if it exceeds the limits or comes from another site."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -74,7 +82,9 @@ class RequestLimits:
                 raise HTTPException(408, line, {"Connection": "close"}) from None
             read += len(message.get("body", b""))
             if not message.get("more_body", False):
-                pause_s = None  # after the body only a disconnection can come, at any time
+                # The body is complete. The next message can only be that the client has
+                # disconnected. It may come at any time, so the pause before it is not limited.
+                pause_s = None
             if read > most:
                 raise HTTPException(413, too_large, {"Connection": "close"})
             return message
@@ -89,7 +99,9 @@ class RequestLimits:
             await send(message)
 
         answer, length = self.app, headers.get("content-length", "")
-        origin = headers.get("origin")  # browsers send it, except with plain GETs
+        # A browser sends this header, which names the site of the page, with all requests except
+        # plain GETs.
+        origin = headers.get("origin")
         if origin is not None and origin.rpartition("/")[2] != headers.get("host"):
             answer = _refused(403, "a page of another site may not use the studio")
         elif length.isdecimal() and int(length) > most:
@@ -98,18 +110,22 @@ class RequestLimits:
 
 
 class Guard:
-    """Middleware that passes on a request if it has the token and names this server as its host.
+    """Middleware that refuses requests without the token and requests for another server.
 
-    names  names of the server in addresses, in lower case and without ports
-    local  whether only this machine can reach the server. If not, it may be named by any IP address
+    A request names its server in the header "host".
+
+    names  host names by which clients may address the server, in lower case and without ports
+    local  True if only this machine can reach the server. If it is False, clients may also address
+           the server by any IP address.
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int, names: set[str], local: bool) -> None:
         self._app, self._token, self._names, self._local = app, token, names, local
-        # The cookie's name has the port, because a browser sends cookies to all ports of a host.
+        # A browser sends a cookie to all ports of a host. So the port is part of the cookie's name,
+        # and two studios on one host do not overwrite each other's cookies.
         self._cookie = f"gauss2svg-{port}"
-        # A ticket opens the page once. The browser's command line has it and not the token, because
-        # other users may be able to read that line.
+        # A ticket can open the page only once. The browser is started with the ticket and not with
+        # the token, because other users may be able to read the browser's command line.
         self.ticket = secrets.token_urlsafe(24)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -124,7 +140,10 @@ class Guard:
         """Return the application that answers a request: the studio, a redirection or a refusal."""
         host = request.headers.get("host", "")
         name = re.sub(r":\d+$", "", host.lower())
-        # By DNS rebinding the name of a hostile site can lead here, but an IP address is no name.
+        # By DNS rebinding, a hostile site can let its own name lead to this server, and then send
+        # requests from the user's browser. The header "host" of such a request has the name of the
+        # site. So a request is refused if the header has another name than those of this server. An
+        # IP address in the header is no sign of this attack, because it is not a site's name.
         is_ip_address = re.fullmatch(r"[\d.]+|\[[\da-f:]+\]", name)
         if name not in self._names and (self._local or not is_ip_address):
             return _refused(421, f"the address must be the printed one; got {quoted(host)}")
@@ -133,8 +152,9 @@ class Guard:
         if is_page and (_equal(token, self._token) or _equal(token, self.ticket)):
             if _equal(token, self.ticket):
                 self.ticket = secrets.token_urlsafe(24)
-            # The redirection removes the token from the address. With "lax" a link of another site
-            # may open the page, but requests that such a site makes by itself have no cookie.
+            # The redirection removes the token from the address. With samesite="lax", a link on
+            # another site may open the page, but requests that such a site makes by itself do not
+            # have the cookie.
             redirection = RedirectResponse("/", 303, {"Cache-Control": "no-store"})
             redirection.set_cookie(self._cookie, self._token, httponly=True, samesite="lax")
             return redirection

@@ -1,8 +1,8 @@
 """Jobs: the queue of fits for the pool of worker processes, and the results of finished fits.
 
 The process of a job writes its progress and its results as files into the job's folder
-(`worker.py`). The server reads these files, so the two processes need no messages. All functions
-here run in one event loop.
+(`worker.py`). The server reads these files, so the two processes do not need to exchange messages.
+All functions here run in the same event loop.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from starlette.exceptions import HTTPException
 from gauss2svg.pool import Pool
 from gauss2svg.studio.worker import fit, warm
 
-MOST_WAITING = 32  # limit of jobs in the queue
-MOST_KEPT = 1000  # limit of finished jobs. The oldest are forgotten first
-MOST_BYTES = 1 << 30  # limit of the bytes of all jobs' files
-LOOK_S = 0.05  # seconds between two looks at a job that a request waits for
+MOST_WAITING = 32  # largest number of jobs in the queue
+MOST_KEPT = 1000  # largest number of finished jobs that are kept. The oldest are removed first
+MOST_BYTES = 1 << 30  # largest size of the files of all jobs together, in bytes
+LOOK_S = 0.05  # seconds between two checks of a job for which a request waits
 _RETRY = {"Retry-After": "5"}  # seconds after which a refused client may try again
-_CANCEL_S = 0.2  # seconds that a canceled fit has to end by itself, before its process is killed
+_CANCEL_S = 0.2  # seconds in which a canceled fit can end by itself, before its process is killed
 QUEUED, RUNNING, DONE, STOPPED = "queued", "running", "done", "stopped"
 FAILED, CANCELED = "failed", "canceled"
 
@@ -40,10 +40,11 @@ FAILED, CANCELED = "failed", "canceled"
 class Job:
     """A photo to vectorise, and its results.
 
-    folder   folder of the photo, and of the files that its process writes
-    lines    command line and Python call that make the same file
+    folder   folder of the photo, and of the files that the job's process writes
+    lines    command line and Python call that make the same SVG
     readers  number of clients that follow the job's events
-    call     future of the pool. Until the job is submitted, a future that never runs
+    call     future of the job, which the pool returns when the job is submitted. Until then, this
+             is another future, which stays pending.
     """
 
     folder: Path
@@ -60,24 +61,27 @@ class Job:
 
     @property
     def progress(self) -> dict[str, Any] | None:
-        """Progress that the job's process wrote last, or None as long as there is none."""
+        """The latest progress that the job's process has written, or None if there is none yet."""
         return self._read("progress.json")
 
     @property
     def report(self) -> dict[str, Any] | None:
-        """Report, or None as long as there is no SVG."""
+        """The report on the SVG, or None if there is no SVG yet."""
         self._report = self._report or self._read("report.json")
         return self._report
 
     def _read(self, name: str) -> dict[str, Any] | None:
-        with suppress(OSError):  # the file is not written yet
+        with suppress(OSError):  # the process may not have written the file yet
             return json.loads((self.folder / name).read_bytes())
         return None
 
     @property
     def state(self) -> str:
         """State: queued, running, done, stopped, failed or canceled."""
-        has_ended = self.call.done()  # read before the report, because a job may end in between
+        # `has_ended` must be read before the report. If the report were read first, the job could
+        # write its report and end between the two. The job would then seem to have ended without a
+        # report, and so to have failed.
+        has_ended = self.call.done()
         if self.report is not None:
             return STOPPED if self.report["stop_reason"] == "interrupted" else DONE
         if self.is_canceled:
@@ -88,12 +92,15 @@ class Job:
 
     @property
     def is_over(self) -> bool:
-        """Whether the job neither waits nor runs. Its process may still write further files."""
+        """Whether the job is neither queued nor running.
+
+        Its process may still write further files.
+        """
         return self.state not in (QUEUED, RUNNING)
 
     @property
     def error(self) -> str:
-        """Reason why the job failed or lacks files, or ""."""
+        """The reason why the job failed or why some of its files are missing, or ""."""
         if self.is_canceled or not self.call.done():
             return ""
         if (error := self.call.exception()) is not None:
@@ -102,7 +109,7 @@ class Job:
 
 
 async def wait_until(condition: Callable[[], object]) -> None:
-    """Wait until a condition on a job is true."""
+    """Wait until `condition` returns a true value. It is called every LOOK_S seconds."""
     while not condition():
         await asyncio.sleep(LOOK_S)
 
@@ -123,26 +130,31 @@ class Jobs:
     @cached_property
     def _pool(self) -> Pool:
         exit_stack = ExitStack()
-        # Nothing tells a mounted studio that the server ends. But when an event loop ends, it
-        # cancels its tasks. So this task waits for that, and then ends the pool.
+        # A studio that is mounted in another application is not told when the server ends. But when
+        # the event loop ends, it cancels its tasks. So this task does nothing but wait, and when it
+        # is canceled, the pool is ended.
         self._task = asyncio.get_running_loop().create_task(asyncio.Event().wait())
         self._task.add_done_callback(lambda _: self._end(exit_stack))
         return exit_stack.enter_context(Pool(self.workers))
 
     def _end(self, exit_stack: ExitStack) -> None:
-        """End the pool and forget all jobs. Another event loop may start a new pool."""
+        """End the pool and forget all jobs, so that another event loop can start a new pool."""
         exit_stack.close()
         del self._pool
         for job in tuple(self.by_id.values()):
             self.forget(job)
 
     def start(self) -> None:
-        """Start the workers, and warm them up."""
+        """Start the workers, and let each of them warm up."""
         for _ in range(self.workers):
             self._pool.submit(warm)
 
     def make_space(self) -> None:
-        """Forget the oldest finished jobs. Raise HTTPException if no other job can be accepted."""
+        """Make space for another job: forget the oldest finished jobs if there are too many.
+
+        There are too many if their number reaches MOST_KEPT, or if the files of all jobs take
+        MOST_BYTES. Raise HTTPException if the queue is full, or if there is still no space.
+        """
         if len(self.queue()) >= MOST_WAITING:
             full = f"{MOST_WAITING} photos are waiting already; try again later"
             raise HTTPException(429, full, _RETRY)
@@ -156,7 +168,7 @@ class Jobs:
             raise HTTPException(429, full, _RETRY)
 
     def queue(self) -> list[Job]:
-        """Return the jobs that wait, first come first."""
+        """Return the jobs that wait, in the order in which they came."""
         jobs = self.by_id.values()
         return [job for job in jobs if not job.call.done() and job.state == QUEUED]
 
@@ -165,21 +177,29 @@ class Jobs:
         return Path(tempfile.mkdtemp(dir=self.folder))
 
     def submit(self, job: Job) -> None:
-        """Queue a job, whose photo is in its folder already."""
+        """Queue a job. Its photo must already be in its folder."""
         request = {name: getattr(job, name) for name in ("name", "folder", "options")}
         request |= {"workers": self.workers, "threads": self.threads}
         self.by_id[job.id] = job
         job.call = self._pool.submit(fit, request)
 
     def stop(self, job: Job) -> None:
-        """End a fit, and keep the best result so far. Cancel a job that has not begun."""
+        """Tell the fit of a job to end with its best result so far.
+
+        If the fit has not begun, cancel the job instead.
+        """
         if job.state == QUEUED:
             self.cancel(job)
         elif not job.is_over:
             (job.folder / "stop").touch()
 
     def cancel(self, job: Job) -> None:
-        """End a job without a result, or without the files after it. Its cores soon become free."""
+        """End a job soon, so that its cores become free.
+
+        A running fit is told to end. If it does not end within _CANCEL_S seconds, its process is
+        killed. The job then has no result, unless the SVG and the report had already been written.
+        In that case the job counts as done, but further files may be missing.
+        """
         if job.call.done():
             return
         job.is_canceled = True
@@ -190,14 +210,17 @@ class Jobs:
             job.call.cancel()
 
     def forget(self, job: Job) -> None:
-        """Cancel a job, and remove its files once no worker writes them."""
+        """Cancel a job, and remove its files as soon as no worker writes them any more."""
         self.cancel(job)
         self.by_id.pop(job.id, None)
         job.call.add_done_callback(lambda _: shutil.rmtree(job.folder, ignore_errors=True))
 
     @contextmanager
     def reading(self, job: Job) -> Iterator[None]:
-        """Count a reader of a job during the `with` block. When the last leaves, cancel the job."""
+        """Count a client as a reader of a job during the with block.
+
+        If the last reader leaves before the job is over, cancel the job.
+        """
         job.readers += 1
         try:
             yield
@@ -208,7 +231,7 @@ class Jobs:
 
 
 def _bytes_in(folder: Path) -> int:
-    """Return the bytes of the files in a folder, or 0 if the folder was removed."""
+    """Return the number of bytes of all files in a folder, or 0 if the folder was removed."""
     with suppress(OSError):
         return sum(file.stat().st_size for file in folder.iterdir())
     return 0

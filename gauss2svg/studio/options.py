@@ -1,4 +1,4 @@
-"""Options in four forms: data for the page, a request, a command line, a Python call."""
+"""Read options from a request, and write them as page data, a command line or a Python call."""
 
 from __future__ import annotations
 
@@ -18,18 +18,21 @@ from gauss2svg.scene.inks import PALETTE_SUFFIX
 from gauss2svg.studio.uploads import stem_of
 from gauss2svg.studio.worker import MASK
 
-MOST_DRAWN = 40_000_000  # limit of pixels in a PNG. Drawing that many takes half a gigabyte
-# Options that only the server sets, because its fits share the machine.
+# Largest number of pixels of a PNG. Drawing so large a PNG takes half a gigabyte of memory.
+MOST_DRAWN = 40_000_000
+# Options that only the server sets, because all fits share its cores and its memory.
 _NOT_OFFERED = ("threads", "max_memory", "max_pixels")
 _NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
-_SCORE_FIELDS = ("key", "name", "title", "unit", "digits", "best")  # fields that the page gets
+# The attributes of each score that are sent to the page.
+_SCORE_FIELDS = ("key", "name", "title", "unit", "digits", "best")
 _UNIT = re.compile(r"\((dB|s|px)\)")
 
 
-def options_of(values: dict[str, Any]) -> Options:
+def options_of(values: dict[str, Any], has_focus: bool = False) -> Options:
     """Return the options of a request. Raise InputError if they are not valid.
 
-    values  values of options by their names, without groups
+    values     {name of an option: value}. The options are not divided into groups.
+    has_focus  whether the request has a mask
     """
     for name in _NOT_OFFERED:
         if name in values:
@@ -37,7 +40,7 @@ def options_of(values: dict[str, Any]) -> Options:
     if str(values.get("inks", "")).strip().lower().endswith(PALETTE_SUFFIX):
         raise InputError(f"inks must be colours or a number; got {quoted(values['inks'])}")
     options = Options.from_flat(values)
-    Plan(options).check_renderer()
+    Plan(options, has_focus=has_focus).check_renderer()
     return options
 
 
@@ -92,10 +95,12 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
 
 
 def lines_of(name: str, options: Options, has_focus: bool = False) -> dict[str, str]:
-    """Return {"command": .., "python": ..}: lines that make the studio's SVG of a photo.
+    """Return {"command": a command line, "python": a Python call} for a photo and its options.
+
+    Both make the same SVG as the studio.
 
     name       file name of the photo
-    options    all options; those at their defaults are left out
+    options    all options. Those that have their default value are left out of the lines.
     has_focus  whether there is a mask, which is saved as NAME-focus.png
     """
     defaults = Options().flat()

@@ -45,7 +45,7 @@ _FILES = (MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene
 
 
 class JobState(BaseModel):
-    """State of a job. `lines` are the command line and the Python call that make the same file."""
+    """State of a job. `lines` has the command line and the Python call that make the same SVG."""
 
     id: str
     state: str  # queued, running, done, stopped, failed or canceled
@@ -64,7 +64,8 @@ def _app_state(request: Request) -> State:
     return request.app.state
 
 
-Studio = Annotated[State, Depends(_app_state)]  # values that `create_app` sets: jobs, samples, ...
+# The values that `create_app` stores in the application: jobs, samples and others.
+Studio = Annotated[State, Depends(_app_state)]
 
 
 def _job_named(name: str, studio: Studio) -> Job:
@@ -109,7 +110,10 @@ async def page(studio: Studio) -> HTMLResponse:
 
 @router.get("/api/options")
 async def options() -> dict[str, Any]:
-    """Return the groups of options with ranges, defaults and help, the scores and the limits."""
+    """Return the options in their groups, the scores and the limits.
+
+    Each option has its range, its default and its help text.
+    """
     return form()
 
 
@@ -126,7 +130,7 @@ async def sample(sample: Annotated[uploads.Sample, Depends(_sample_named)]) -> F
 
 
 class PointAsked(BaseModel):
-    """A point of a chart. The score is None if the SVG equals the photo. The text is a tooltip."""
+    """A point of a chart. `score` is None if the SVG equals the photo. `text` is a tooltip."""
 
     cost: Annotated[float, Field(ge=1e-9, le=1e15)]
     score: Annotated[float, Field(ge=-1e6, le=1e6)] | None
@@ -135,7 +139,7 @@ class PointAsked(BaseModel):
 
 
 class ChartAsked(BaseModel):
-    """A chart to draw. `score` and `cost` are names of a report, for its two axes."""
+    """A chart to draw. Its axes show the values of two keys of a report: `score` and `cost`."""
 
     score: Literal[tuple(_AXES)]  # pyright: ignore[reportInvalidTypeForm]
     cost: Literal[tuple(_COSTS)]  # pyright: ignore[reportInvalidTypeForm]
@@ -144,7 +148,7 @@ class ChartAsked(BaseModel):
 
 @router.post("/api/chart", response_class=Response)
 def draw_chart(asked: ChartAsked) -> Response:
-    """Return a chart of a score over a cost as SVG. Its points have the order of the request."""
+    """Return a chart of a score over a cost, as SVG. Its points are in the order of the request."""
     points = [point.model_dump() | {"group": point.series} for point in asked.points]
     chart = scatter(points, _COSTS[asked.cost], _AXES[asked.score], NARROW)
     svg = _TEMPLATES.get_template("chart.svg.jinja").render(chart=chart)
@@ -167,9 +171,9 @@ async def _submitted(
         Json[dict[str, Any]] | None, Form(description="Options by name. See /api/options.")
     ] = None,
 ) -> Job:
-    """Queue the job of a form, and return it."""
+    """Queue the job that a form describes, and return the job."""
     studio.jobs.make_space()
-    chosen = options_of(options := options or {})
+    chosen = options_of(options := options or {}, focus is not None)
     folder: Path = studio.jobs.new_folder()
     try:
         if photo is not None:
@@ -200,7 +204,10 @@ SubmittedJob = Annotated[Job, Depends(_submitted)]
 
 
 def _state(job: Job, studio: State) -> JobState:
-    """Return the state of a job now. Its place is its position in the queue, from 1, or 0."""
+    """Return the current state of a job.
+
+    `place` is the job's position in the queue, counted from 1, or 0 if the job does not wait.
+    """
     state, queue = JobState.model_validate(job, from_attributes=True), studio.jobs.queue()
     state.place = queue.index(job) + 1 if job in queue else 0
     return state
@@ -275,7 +282,11 @@ async def forget(job: KnownJob, studio: Studio) -> None:
 async def picture(
     job: FinishedJob, markup: Markup | None = None, gzip: bool = False, download: bool = False
 ) -> Response:
-    """Return the SVG as it was written, in another markup, or gzipped as SVGZ."""
+    """Return the SVG of a job.
+
+    It has the markup in which it was written, unless `markup` names another one. With `gzip`, it is
+    an SVGZ.
+    """
     svg, zipped = await _svg(job, markup), gzip or _is_zipped(job)
     headers = dict[str, str]()
     if download:
@@ -297,7 +308,7 @@ async def png(
     """Return the SVG as a PNG that is `width` px wide, by default as wide as the photo."""
     svg, report = await _svg(job, None), job.report or {}
     wide = width or report["width"]
-    high = -(-wide * report["height"] // report["width"])  # rounded up, as resvg does
+    high = -(-wide * report["height"] // report["width"])  # resvg rounds the height up too
     if wide * high > MOST_DRAWN:
         raise refusal("the PNG", f"at most {MOST_DRAWN} px", f"{wide}x{high} px", "a lower width")
     channels = 4 if report["transparent"] else 3
@@ -322,7 +333,11 @@ async def file(
     file: Literal[tuple(_FILES)],  # pyright: ignore[reportInvalidTypeForm]
     download: bool = False,
 ) -> FileResponse:
-    """Return one of the files that a worker writes beside the SVG, or the mask."""
+    """Return one file of a job.
+
+    It is the photo as it was compared, the error map, the outlines, the report, the scene or the
+    mask.
+    """
     path = await _written(job, file)
     headers = _attachment(job, f"-{file}") if download else {}
     kind = guess_type(file)[0] or "application/octet-stream"
@@ -346,7 +361,10 @@ async def archive(
 
 
 async def _written(job: Job, name: str) -> Path:
-    """Wait for a file of a finished job, and return its path. Raise HTTPException if none comes."""
+    """Wait until the process of a finished job has written a file, and return the file's path.
+
+    Raise HTTPException if the process ends without writing it.
+    """
     path = job.folder / name
     await wait_until(lambda: path.is_file() or job.call.done())
     if not path.is_file():
@@ -366,7 +384,10 @@ def _is_zipped(job: Job) -> bool:
 
 
 def _new_name(job: Job, suffix: str, taken: set[str]) -> str:
-    """Return a file name that differs in more than case from those in `taken`, and add it there."""
+    """Return a new file name for a job, and add it to `taken`.
+
+    The name differs from all names in `taken`, even if upper and lower case count as the same.
+    """
     stem = uploads.stem_of(job.name)
     names = itertools.chain([stem], (f"{stem}-{number}" for number in itertools.count(2)))
     name = next(name for name in names if f"{name}{suffix}".casefold() not in taken)

@@ -44,11 +44,13 @@ def create_app(
 ) -> RequestLimits:
     """Return the ASGI application.
 
-    jobs      number of fits that run at the same time; None: it depends on the cores
-    threads   number of CPU threads of each fit; None: fits share the cores
-    folder    folder whose photos can be picked; None: pictures of scikit-image
-    is_local  whether only this machine can reach the application. The page then says so
-    Raise InputError for more jobs or threads than cores, and for a folder without photos.
+    jobs      number of fits that run at the same time. If it is None, it depends on the number of
+              cores.
+    threads   number of CPU threads of each fit. If it is None, the fits share the cores.
+    folder    folder whose photos can be picked on the page. If it is None, pictures of scikit-image
+              can be picked.
+    is_local  True if only this machine can reach the application. The page then says so.
+    Raise InputError if there are more jobs or threads than cores, or if the folder has no photos.
     """
     queue = Jobs(*workers_and_threads(jobs, threads))
 
@@ -73,9 +75,10 @@ def create_app(
     app.state.jobs = queue
     app.state.samples = {sample.name: sample for sample in samples_in(folder)}
     app.state.is_local = is_local
-    app.state.drawing = asyncio.Semaphore(1)  # one PNG at a time, because it is as costly as a fit
+    # Only one PNG is drawn at a time, because drawing is as costly as a fit.
+    app.state.drawing = asyncio.Semaphore(1)
     app.include_router(router)
-    mimetypes.add_type("text/javascript", ".js")  # the registry of Windows may lack it
+    mimetypes.add_type("text/javascript", ".js")  # the registry of Windows may lack this type
     packages = ["gauss2svg.studio", "gauss2svg.compare.pages"]
     app.mount("/static", StaticFiles(packages=[(package, "static") for package in packages]))
     return RequestLimits(app)
@@ -84,7 +87,7 @@ def create_app(
 async def _error_response(_: Request, error: Exception) -> JSONResponse:
     """Return the response to a request that raised an error."""
     if isinstance(error, HTTPException) and isinstance(error.__cause__, OSError):
-        error = error.__cause__  # the disk could not hold the form
+        error = error.__cause__  # the cause says why the form could not be stored on the disk
     headers = None
     match error:
         case HTTPException():
@@ -96,7 +99,7 @@ async def _error_response(_: Request, error: Exception) -> JSONResponse:
             field = ".".join(name for name in first["loc"][1:] if isinstance(name, str))
             got = quoted(first["input"])
             status, line = 422, f"{field or 'the body'} must be valid; got {got} ({first['msg']})"
-        case OSError():  # str(error) would show the path of a file, which is private
+        case OSError():  # str(error) is not used, because it has the path of a file on the server
             status, line = 507, f"a file cannot be kept: {error.strerror}"
         case _:
             status, line = 500, f"{type(error).__name__}: {error}"
@@ -112,8 +115,9 @@ def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int
     if threads is not None:
         Field("threads", int, 1, cores).checked(threads)
     if jobs is None:
-        # On four threads a fit takes 45 % of the time on one thread, and on eight 36 %. So more
-        # cores run more fits, with four threads each (docs/decisions/studio.md).
+        # A fit on four threads takes 45 % of the time that it takes on one thread. Eight threads
+        # help little more: the fit then takes 36 %. So by default there is one fit for every four
+        # cores (docs/decisions/studio.md).
         jobs = max(1, cores // (threads or 4))
     Field("jobs", int, 1, cores).checked(jobs)
     return jobs, threads or max(1, cores // jobs)
@@ -129,9 +133,10 @@ def serve(
     browser: bool,
     say: Callable[[str], None],
 ) -> None:
-    """Serve the studio until a signal comes. `say` prints a line for the user.
+    """Serve the studio until a signal comes.
 
-    Raise InputError if the address cannot be listened on.
+    say  function that prints a line for the user
+    Raise InputError if the server cannot listen on this host and port.
     """
     Field("port", int, 0, 65535).checked(port)
     local, token = host.lower() in _LOCAL_NAMES, secrets.token_urlsafe(24)
@@ -149,10 +154,13 @@ def serve(
             )
         say(f"the studio is at {address}{token} (Ctrl-C ends it)")
         if browser:
-            # A thread opens the page, because a browser in the terminal returns when it is closed.
+            # If the browser runs in the terminal, webbrowser.open() returns only when the user
+            # closes the browser. So it is called in a thread, and the server starts meanwhile.
             ticket_address = f"{address}{guard.ticket}"
             Thread(target=webbrowser.open, args=(ticket_address,), daemon=True).start()
-        # After a signal uvicorn ends, and raises the signal again, which is ignored here.
+        # Uvicorn handles signals itself while it runs. After a signal it shuts down, restores the
+        # handlers that were set before, and raises the same signal once more. So "ignore" is set as
+        # the handler here. Otherwise the second signal would end the program with an error.
         for number in HANDLED_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         config = uvicorn.Config(
@@ -167,7 +175,10 @@ def serve(
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """Return a socket to which clients can connect, before the server runs and answers them."""
+    """Return a socket that listens on the host and port.
+
+    From now on clients can connect, but they get an answer only when the server runs.
+    """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         return socket.create_server((host, port), family=family)

@@ -1,4 +1,7 @@
-"""Uploaded photos and samples: their sizes from their headers, and names that are safe to show."""
+"""Sizes and names of uploaded photos and samples.
+
+A size is read from the header of the file, and a name is made safe to show.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +25,14 @@ _SKIMAGE_SAMPLES = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
 # why.
 REFUSED = (".jxl",)
 _MOST_SAMPLES = 100
-_LONGEST_NAME = 100  # number of characters before the suffix
+_LONGEST_NAME = 100  # largest number of characters of a display name before its suffix
 
 
 class Sample(BaseModel):
-    """A picture that can be picked instead of an upload. Its width and height are in px."""
+    """A picture of the server that users can pick if they do not want to upload one.
+
+    Its width and height are in px.
+    """
 
     name: str
     path: Path = Field(exclude=True)
@@ -37,7 +43,7 @@ class Sample(BaseModel):
 
 
 def display_name(path: str | None) -> str:
-    """Return the last part of a path as a name that is safe on a page and for a download."""
+    """Return the last part of a path, made safe to show on a page and to name a download."""
     last = re.split(r"[/\\]", path or "")[-1]
     safe = "".join(c for c in last if unicodedata.category(c)[0] != "C" and c not in '<>:"|?*')
     stem, dot, suffix = safe.strip(". ").rpartition(".")
@@ -45,22 +51,26 @@ def display_name(path: str | None) -> str:
 
 
 def stem_of(name: str) -> str:
-    """Return a display name without its suffix, made valid as a file name on any system."""
+    """Return a display name without its suffix, made a valid file name on any system."""
     stem = PurePath(name).stem.encode()[:200].decode(errors="ignore")
     return f"_{stem}" if is_device(stem) else stem
 
 
 def size_of(path: Path, name: str) -> tuple[int, int]:
-    """Return the width and height (px) of the upright photo, from its header alone.
+    """Return the width and height (px) of a photo after it is turned upright.
 
-    Raise InputError with the name if the file is no photo, or has too many pixels.
+    Only the header of the photo is decoded. Raise InputError, with the name in its message, if the
+    file is not a photo or has too many pixels.
     """
     with reading(path, "another photo") as file:
         return opened(file.read(), name, DEFAULT_MAX_PIXELS).upright_size
 
 
 def samples_in(folder: Path | None) -> Sequence[Sample]:
-    """Return a folder's photos, or scikit-image's for None. Raise InputError if there are none."""
+    """Return the photos of a folder, or pictures of scikit-image if the folder is None.
+
+    Raise InputError if the folder has no photos.
+    """
     if folder is None:
         from skimage import data
 
@@ -72,9 +82,10 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
     for path in paths[:_MOST_SAMPLES]:
         try:
             width, height = size_of(path, path.name)
-        except InputError:  # a file that cannot be read is not offered
+        except InputError:  # a file that cannot be read is not offered on the page
             continue
-        name = os.fsencode(path.name).decode(errors="backslashreplace")  # pages need valid Unicode
+        # A page must be valid Unicode, so bytes of the name that are not valid are escaped.
+        name = os.fsencode(path.name).decode(errors="backslashreplace")
         url = f"api/samples/{quote(name, safe='')}"
         samples.append(Sample(name=name, path=path, width=width, height=height, url=url))
     if folder is not None and not samples:

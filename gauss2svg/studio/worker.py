@@ -1,11 +1,11 @@
-"""The fit of a job in a worker process, which writes files into the folder of the job.
+"""Make the fit of a job in a worker process, which writes these files into the folder of the job.
 
     progress.json, frame.jpg     during the fit
-    picture.svg, report.json     when it is done
+    picture.svg, report.json     when the fit is done
     photo.png, errors.png, ..    after that, for the page
 
-The server writes a file named stop to end the fit with its best picture, or a file named cancel to
-end the fit without a picture.
+To end the fit with its best picture, the server writes a file named stop. To end the fit without a
+picture, it writes a file named cancel.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from gauss2svg.render import FrameMaker, as_jpeg
 from gauss2svg.svg import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
-MASK = "focus.png"  # name of the file of a mask in the folder of a job
-# Attributes of a fit's progress that progress.json has.
+MASK = "focus.png"  # name of the mask's file in the folder of a job
+# Attributes of a fit's progress that are written to progress.json.
 _FIT_ATTRIBUTES = ("round", "iteration", "done", "gaussians", "psnr", "elapsed_s", "remaining_s")
 
 
@@ -44,9 +44,11 @@ def warm() -> None:
 
 
 def fit(request: Mapping[str, Any]) -> dict[str, str]:
-    """Fit a photo, and write the files of the job. Return {}, or {"error": line without paths}.
+    """Fit a photo, and write the files of the job.
 
-    request  name of the photo, folder of the job, options, workers, threads
+    Return {}, or {"error": line} if this fails. The line does not show where the job's folder is.
+
+    request  has the keys name (of the photo), folder (of the job), options, workers and threads
     """
     answer = record_or_error(_fit, request)
     if "error" in answer:
@@ -85,7 +87,9 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
         figures: dict[str, Any] = {"phase": now.phase}
         if now.fit is not None:
             frame = maker.frame(now.fit.scene)
-            if not frame:  # the next frame is not due, and nor is progress
+            # During a fit, progress is written only together with a new frame. After most steps,
+            # no new frame is due yet.
+            if not frame:
                 return
             frames += 1
             _write(folder / "frame.jpg", frame)
@@ -99,22 +103,30 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
         folder / "photo",
         focus=folder / MASK if (folder / MASK).exists() else None,
         progress=progress,
-        # Before its first frame a fit has no picture to keep.
+        # A request to stop has to wait for the first frame, because until then the fit has no
+        # picture that could be kept.
         stop=lambda: frames > 0 and (folder / "stop").exists(),
     )
 
 
 def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
-    """Yield (name, bytes) of the files of a finished fit. With report.json, the job is done."""
+    """Yield (name, bytes) of the files of a finished fit.
+
+    As soon as report.json is written, the job counts as done. So the SVG comes before it, and the
+    files that only the page shows come after it.
+    """
     yield "picture.svg", result.svg.encode()
     yield "report.json", as_json(result.report)
     yield "photo.png", as_png(result.photo)
     errors = error_map(over(result.raster), over(result.photo))
     yield "errors.png", saved(lambda stream: errors.save(stream, "PNG"))
-    with suppress(Gauss2SvgError):  # an additive picture has no outlines
+    # For an additive picture, which has no outlines, this raises an error, and no file is written.
+    with suppress(Gauss2SvgError):
         yield "outlines.svg", result.outline().encode()
     other = MINIMAL if result.report["markup"] == EDITABLE else EDITABLE
-    with suppress(Gauss2SvgError):  # the options may exclude the other markup
-        form = Plan(options.changed(markup=other)).format_at()
+    # The page also offers the SVG in the markup that was not asked for. Some options do not allow
+    # that markup. The block then raises an error, and no file is written.
+    with suppress(Gauss2SvgError):
+        form = Plan(options.changed(markup=other, focus_strength=None)).format_at()
         yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
     yield "scene.npz", saved(result.scene.save)

@@ -1,7 +1,7 @@
-"""SVG files of scenes, which `write.write_svg` writes and `read.read_svg` reads.
+"""SVG files of scenes. `write.write_svg` writes them, and `read.read_svg` reads them.
 
-This module has the options of a file. SvgFormat sets how shapes are written, and Document how the
-file presents its picture.
+This module has the options of a file. The options of SvgFormat say how the shapes are written. The
+options of Document say how the file presents its picture.
 """
 
 from __future__ import annotations
@@ -19,37 +19,42 @@ from annotated_types import Interval
 from gauss2svg.errors import InputError, quoted, refusal
 from gauss2svg.options import OptionGroup
 
-# Attribute of the root with the canvas's size in px. The root's own width may be a size in print.
+# This attribute of the root has the size of the canvas in px. The root's own width and height may
+# be a size in print instead.
 CANVAS = "data-canvas"
 MM = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(MM)})")
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
-_DECIMALS = 4  # decimals of a size. In cm the last decimal is a micrometre
-# CSS rule that hides all rounds above the round that the file's address names.
+# The number of decimals of a size. A size in cm is then exact to a micrometre.
+_DECIMALS = 4
+# This CSS rule hides all rounds above the round that the address of the file names.
 UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
 def check_text(name: str, text: Any) -> str:
-    """Return the text. Raise InputError if the text is empty, or if an element cannot hold it."""
+    """Return the text. Raise InputError if it is empty or has characters that are not allowed.
+
+    Control characters and lone surrogates are not allowed, nor are the noncharacters that XML 1.0
+    excludes.
+    """
     if not isinstance(text, str) or not text.strip():
         raise refusal(name, "text that is not empty", quoted(text))
-    # Refuse control characters, lone surrogates, and the noncharacters that XML 1.0 excludes.
     if any(unicodedata.category(c) in ("Cc", "Cs") or c in "\ufffe\uffff" for c in text):
         raise refusal(name, "text of UTF-8 without control characters", quoted(text))
     return text
 
 
 def check_size(name: str, size: Any) -> str:
-    """Return the size. Raise InputError unless it is photo, responsive or a width with a unit."""
+    """Return `size`. Raise InputError unless it is photo, responsive or a width with a unit."""
     if not (isinstance(size, str) and size in (PHOTO_SIZE, RESPONSIVE)):
         _width_of(name, size)
     return size
 
 
 def check_aspect(name: str, aspect: Any) -> str:
-    """Return the aspect. Raise InputError unless it is a value of preserveAspectRatio."""
+    """Return `aspect`. Raise InputError unless it is a value that preserveAspectRatio may have."""
     if not isinstance(aspect, str) or not _ASPECT.fullmatch(aspect):
         raise refusal(name, "none or such as xMidYMid or 'xMinYMax slice'", quoted(aspect))
     return aspect
@@ -57,7 +62,7 @@ def check_aspect(name: str, aspect: Any) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Document(OptionGroup):
-    """Options for how the file presents its picture. SvgFormat has those for its shapes."""
+    """Options that say how a file presents its picture. The options for shapes are in SvgFormat."""
 
     title: Annotated[str, check_text] = DEFAULT_TITLE
     """Title, which browsers show and screen readers read."""
@@ -83,24 +88,33 @@ class Document(OptionGroup):
 
     @property
     def layered(self) -> list[str]:
-        """Names of the given options that need layers of rounds."""
+        """Names of the options that are set and need a layer for each round of the fit."""
         return ["animate"] * (self.animate is not None) + ["fragments"] * self.fragments
 
     def check_without_layers(self, name: str, reason: str, advice: str) -> None:
-        """Raise InputError if an option needs layers of rounds, which a file with `name` lacks."""
+        """Raise InputError if an option is set that needs a layer for each round of the fit.
+
+        The message is "OPTION must not be given with NAME, REASON. Try ADVICE".
+
+        name    what the file has in place of such layers, such as "pens"
+        reason  clause that says why, such as "whose layers are no rounds"
+        advice  what the user can do instead, such as "outlines without pens"
+        """
         for option in self.layered:
             raise InputError(f"{option} must not be given with {name}, {reason}. Try {advice}")
 
     @property
     def is_responsive(self) -> bool:
-        """Whether the file has no size of its own, only proportions."""
+        """Whether the file states only the proportions of its picture, and no size."""
         return self.size == RESPONSIVE
 
     def sides(self, width: float, height: float) -> tuple[str, str] | None:
-        """Return the file's width and height, with unit, for a canvas of width x height px.
+        """Return the width and height that the file states, as texts with a unit.
 
-        Return None if no size is set, or if it is responsive. Raise InputError for an invalid size,
-        and for one at which a side would be written as 0.
+        width, height  sides of the canvas in px
+
+        Return None if no size is set, or if the size is responsive. Raise InputError if the size is
+        invalid, or if a side would be written as 0.
         """
         if self.size is None or self.is_responsive:
             return None
@@ -113,16 +127,22 @@ class Document(OptionGroup):
         return first, second
 
     def of_photo(self, width: int, height: int, dpi: tuple[float, float] | None) -> Document:
-        """Return the document. If its size is "photo", the photo's resolution sets the width.
+        """Return the document, with a width in mm in place of the size "photo".
 
-        dpi  px per inch across and down. None if the photo has no resolution tag
-        Raise InputError if the size is "photo" and the photo has no resolution with square pixels,
-        or if a side would be written as 0.
+        This width follows from the resolution of the photo. A document with any other size is
+        returned as it is.
+
+        width, height  sides of the canvas in px
+        dpi            px per inch across and down. None if the photo has no resolution tag
+
+        If the size is "photo", raise InputError if the photo has no resolution tag, or if its
+        pixels are not square. For any size, raise InputError if a side would be written as 0.
         """
         document = self
         if self.size == PHOTO_SIZE:
             across, down = dpi or (math.nan, math.nan)
-            # Files round resolutions, so even those of square pixels differ by up to 1 %.
+            # Files store rounded numbers, so the px per inch across and down may differ by up to
+            # 1 % although pixels are square.
             if not abs(across / down - 1) <= 0.01:
                 lacking = "without a resolution tag"
                 if dpi is not None:
@@ -133,7 +153,7 @@ class Document(OptionGroup):
         return document
 
     def mm_each(self, width: float) -> float:
-        """Return the millimetres on paper of one px of a canvas that is `width` px wide."""
+        """Return the size on paper, in mm, of one px of a canvas that is `width` px wide."""
         has_size = self.size is not None and not self.is_responsive
         across, unit = _width_of("size", self.size) if has_size else (width, "px")
         return across * MM[unit] / width
@@ -141,12 +161,12 @@ class Document(OptionGroup):
     def style(self, rounds: Sequence[int]) -> str:
         """Return the style sheet for the groups of `rounds`, or "" if they need none.
 
-        With `fragments` the sheet hides the groups above the group that the file's address names.
-        If the address names no group, all groups are shown.
+        If `fragments` is set, the sheet hides all groups above the group that the address of the
+        file names. If the address names no group, all groups are shown.
 
-        With `animate` the groups fade in one after the other. A group is transparent until the
-        group below is half visible, and has its written opacity in the end. Viewers who prefer less
-        motion see the finished picture at once, and so do programs without CSS.
+        If `animate` is set, the groups fade in one after the other. A group begins to appear when
+        the group below it is half visible, and has its own opacity in the end. Viewers who prefer
+        reduced motion see the finished picture at once, and so do programs without CSS.
         """
         sheet = UP_TO_TARGET if self.fragments and rounds else ""
         if self.animate is not None and rounds:
@@ -161,7 +181,7 @@ class Document(OptionGroup):
 
 
 def round_id(index: int) -> str:
-    """Return the id of a round's group. Rounds are counted from 0, ids from 1."""
+    """Return the id of the group of a round. `index` counts from 0, and ids count from 1."""
     return f"round-{index + 1}"
 
 
@@ -177,19 +197,19 @@ def _width_of(name: str, size: Any) -> tuple[float, str]:
 Form = Literal["gradient", "blur"]
 EDITABLE, MINIMAL = "editable", "minimal"
 ROUNDS, INKS = "rounds", "inks"
-# Range of the precision in px. Above 1 px thin shapes would be rounded to nothing.
+# The range of the precision in px. A precision above 1 px would round thin shapes to nothing.
 LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
-StopCount = Literal[5, 6, 8, 10, 12]  # number of stops of a gradient
+StopCount = Literal[5, 6, 8, 10, 12]  # how many stops a gradient may have
 Markup = Literal["editable", "minimal"]
 STOP_COUNTS = get_args(StopCount)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SvgFormat(OptionGroup):
-    """Options for how write_svg writes a scene.
+    """Options that say how write_svg writes a scene.
 
-    vectorize derives them from its SvgOptions, its preset and its limits. Additive scenes have only
-    gradients and no opacities.
+    vectorize derives them from its SvgOptions, its preset and its limits. In the file of an
+    additive scene all shapes have gradients, and there are no opacities.
     """
 
     form: Form = "gradient"

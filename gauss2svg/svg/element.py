@@ -1,9 +1,10 @@
-"""Elements of an SVG and the short texts in them: numbers, colours, ids.
+"""Elements of an SVG, and the short texts in them: numbers, colours and ids.
 
-Element.text writes all elements except the root of editable files, which svgwrite writes
+Element.text writes all elements except the root of an editable file, which svgwrite writes
 (gauss2svg.svg.write).
 
-Numbers in a file are limited, because renderers compute in float32 and some crash on large ones.
+The size of numbers in a file is limited, because renderers compute in float32, and some renderers
+crash on large numbers.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ class Element:
     """An element: its tag, its content, and its attributes in the order of the file.
 
     inside      elements, a text, or None for a tag that closes itself
-    attributes  names are written with - for _. Attributes whose value is None are left out
+    attributes  each _ in a name becomes -. Attributes whose value is None are left out
 
-    Text and attributes are not escaped here. Callers escape the texts of users.
+    Texts and attributes are not escaped here. Callers must escape texts that come from users.
     """
 
     __slots__ = "attributes", "inside", "tag"
@@ -36,7 +37,7 @@ class Element:
         self.attributes = {k.replace("_", "-"): v for k, v in attributes.items() if v is not None}
 
     def replace(self, **attributes: str | None) -> Element:
-        """Return the element with attributes replaced or added. None removes an attribute."""
+        """Return a copy of the element with other attributes. None removes an attribute."""
         return Element(self.tag, self.inside, **{**self.attributes, **attributes})
 
     def text(self) -> str:
@@ -50,17 +51,17 @@ class Element:
 
 
 def attributes_text(attributes: Mapping[str, str]) -> str:
-    """Return attributes as text, each after a space."""
+    """Return the attributes as they stand in a tag, with a space before each of them."""
     return "".join([f' {name}="{value}"' for name, value in attributes.items()])
 
 
 def unless(default: str, value: str) -> str | None:
-    """Return an attribute's value, or None if it is the default, which need not be written."""
+    """Return `value`, or None if it is the default of its attribute and need not be written."""
     return None if value == default else value
 
 
 def number(value: float, decimals: int) -> str:
-    """Return the shortest text of a finite value rounded to some decimals."""
+    """Return the shortest text of a finite value that is rounded to `decimals` decimals."""
     text = f"{value:.{decimals}f}"
     text = text.rstrip("0").rstrip(".") if decimals else text
     if text.startswith(("0.", "-0.")):
@@ -69,28 +70,35 @@ def number(value: float, decimals: int) -> str:
 
 
 def hex_color(color: Iterable[int], short: bool = True) -> str:
-    """Return #rrggbb for three levels in 0..255, or #rgb if `short` and that is the same colour."""
+    """Return three levels in 0..255 as a colour #rrggbb.
+
+    If `short` is true, return #rgb for a colour that can be written exactly in this form.
+    """
     text = "#" + "".join(f"{int(v):02x}" for v in color)
     return "#" + text[1::2] if short and text[1::2] == text[2::2] else text
 
 
 def short_id(index: int) -> str:
-    """Return the id at `index` in the list a, b, ..., Z, aa, ab, ..., which has short ids first."""
+    """Return the id with this index, counted from 0, in the list a, b, ..., Z, aa, ab, ..."""
     before, last = divmod(index, len(ascii_letters))
     return (short_id(before - 1) if before else "") + ascii_letters[last]
 
 
-# Largest number in a file, in user units. resvg panics from about 1e9 on. All six renderers draw
-# numbers up to 1e8 with errors of at most 2.1 levels of 255 (docs/decisions/numbers.md).
+# The largest number in a file, in user units. From about 1e9 on, resvg panics. With numbers up to
+# 1e8, the errors of all six renderers are at most 2.1 levels of 255 (docs/decisions/numbers.md).
 LARGEST_NUMBER = 1e8
-_SMALLEST_CANVAS = 0.01  # px, shortest side of a canvas
-# px, largest distance of a shape's edge from the origin. Cairo has 23 bits for whole pixels, and
-# errs by 47 levels at 1e7.
+_SMALLEST_CANVAS = 0.01  # shortest allowed side of a canvas, in px
+# The largest distance of a shape's edge from the origin, in px. Renderers that use cairo are wrong
+# beyond it, because cairo has only 23 bits for whole pixels. At a distance of 1e7 px their errors
+# are 47 levels of 255.
 _FARTHEST = 8e6
 
 
 def check_view(scene: Scene, precision: float = 1.0) -> None:
-    """Raise SceneError if the canvas is too small, or too large in units of `precision` px."""
+    """Raise SceneError if the canvas is too small or too large for a file.
+
+    precision  user unit of the file in px. The sides in this unit must not exceed LARGEST_NUMBER
+    """
     low, high = sorted((scene.width, scene.height))
     most = LARGEST_NUMBER * precision
     if low < _SMALLEST_CANVAS or high > most:
@@ -103,14 +111,15 @@ def check_view(scene: Scene, precision: float = 1.0) -> None:
 def writable(
     scene: Scene, radius: ArrayLike, precision: float, unit: ArrayLike = 1
 ) -> NDArray[np.bool_]:
-    """Return whether the numbers and the reach of each shape (n,) are small enough for a file.
+    """Return for each shape (n,) whether it can be written to a file.
 
-    radius     radius in sigmas of the disc that is drawn
-    precision  user unit in px
-    unit       radius of the circle that the shape's matrix maps, in user units
+    A shape can be written if its numbers do not exceed LARGEST_NUMBER, and if its edge is not
+    farther than _FARTHEST from the origin. Callers leave out the shapes that cannot be written.
+    Raise SceneError if one of these may be visible on the canvas.
 
-    Callers leave out the other shapes, which are off the canvas. Raise SceneError if one of these
-    may be visible.
+    radius     radius, in sigmas, of the disc that is drawn
+    precision  user unit of the file in px
+    unit       radius of the circle to which the shape's matrix applies, in user units
     """
     extent = np.asarray(radius)[..., None] * scene.sigma
     offset = np.abs(scene.mean)
@@ -118,8 +127,8 @@ def writable(
     farthest = (offset + extent).max(axis=1)
     canvas = np.array([scene.width, scene.height])
     beyond = np.maximum(-scene.mean, scene.mean - canvas)
-    # A shape is drawn within 4 radii of its mean, because a blur extends its disc by up to 2.5
-    # radii. Antialiasing adds a px.
+    # A blurred disc reaches up to 2.5 radii beyond its edge, and other shapes reach less far. So no
+    # shape reaches farther than 4 radii from its mean. Antialiasing adds one px.
     off = (beyond > 4.0 * extent + 1.0).any(axis=1)
     fits = (number <= LARGEST_NUMBER) & (farthest <= _FARTHEST)
     lost = ~fits & ~off

@@ -1,13 +1,13 @@
 """Elements of an editable file. svgwrite writes the document around them.
 
-A Gaussian is the unit circle under matrix(a b c d e f). Any matrix M with M M^T = R^2 covariance,
-R = cut_radius(beta), draws the same ellipse, because a circle has no direction. The lower
-triangular matrix has c = 0 and is the shortest to write:
+A Gaussian is the unit circle under matrix(a b c d e f). With R = cut_radius(beta), any matrix M for
+which M M^T = R^2 covariance draws the same ellipse, because a circle has no direction. Of these
+matrices the lower triangular one is written, because it is the shortest. It has c = 0:
 
     a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
 
-The user unit is `precision` px, so that all these are whole numbers. Three shapes in units of 0.04
-px, 25 to a pixel:
+The user unit is `precision` px, and all these are rounded to whole numbers of this unit. For
+example, these are three shapes in a file whose user unit is 0.04 px, so that a pixel has 25 units:
 
     mean (20, 15) px, sigma (4, 3) px, rho 0.5, orange, opacity 0.8; the exponent 1 has R = 3
         <circle fill="url(#a)" fill-opacity=".8" r="1" transform="matrix(300 112 0 195 500 375)"/>
@@ -20,17 +20,18 @@ px, 25 to a pixel:
       <stop offset=".066" stop-color="#f80" stop-opacity=".99"/> .. <stop offset=".94" ../>
     <radialGradient cx="0" cy="0" fx=".1" gradientUnits="userSpaceOnUse" id="b" r="100"> ..
 
-Two kinds of shape have no gradient. A crisp shape is a plain ellipse of the same area if that looks
-the same. In the form blur, a large soft shape is a disc under a filter, which shapes of the same
-exponent share:
+Two kinds of shape have no gradient. If a plain ellipse of the same area looks the same as a crisp
+shape, it is written in place of the gradient. In the form "blur", a large soft shape is written as
+a disc under a filter. Shapes of the same exponent share a filter. One shape of each kind:
 
     <circle fill="#084" r="1" transform=".."/> <circle fill="#f80" filter="url(#c)" r="1" ../>
 
 Crisp rims need two more things (docs/decisions/svg.md):
 
-- The circle is a little larger than its gradient, because its antialiased edge would clip the rim.
-- From the exponent LARGE_FROM on, the gradient has a radius of 100 and the matrix is a hundredth.
-  Otherwise cairo would shift the rim of large shapes.
+- The circle is a little larger than its gradient. Otherwise the antialiased edge of the circle
+  would clip the rim.
+- If the exponent is at least LARGE_FROM, the gradient has a radius of 100, and a, b, c and d of the
+  matrix are divided by 100. Otherwise cairo would shift the rim of large shapes.
 """
 
 from __future__ import annotations
@@ -50,31 +51,37 @@ from gauss2svg.svg.element import Element, check_view, hex_color, number, short_
 from gauss2svg.svg.forms import BLURS, CLEAR, Blur, drawn_blurs, drawn_radius, is_plain, snapped
 from gauss2svg.svg.stops import Floats, gradient_stops
 
-_LARGE_RADIUS = 100  # radius of gradients whose exponent is at least LARGE_FROM
-Round = tuple[int, list[Element]]  # index of the round, and the elements of its shapes
-# fx of a gradient of radius 1. With fx = 0 resvg is less accurate (docs/decisions/svg.md).
+_LARGE_RADIUS = 100  # radius of a gradient whose exponent is at least LARGE_FROM
+Round = tuple[int, list[Element]]  # the index of a round, and the elements of its shapes
+# The fx of a gradient of radius 1. With fx = 0, resvg is less accurate (docs/decisions/svg.md).
 _FOCUS = 0.001
 
 
-# Circles and gradients of crisp rims (docs/decisions/svg.md).
-LARGE_FROM = 16.0  # smallest exponent whose gradients have the radius _LARGE_RADIUS
-SOFT_RIM = 1.0  # px, narrowest rim that a circle's antialiased edge hardly clips
-CLEAR_OF_THE_RIM = 0.7  # px from the gradient's end to the circle's edge, for rims under SOFT_RIM
-# Largest distance from a gradient's end to the circle's edge, in radii of the gradient. Shapes that
-# need more are too thin to be drawn.
+# Shapes with crisp rims are written with other circles and gradients than soft ones. The next four
+# numbers set when and how (docs/decisions/svg.md).
+LARGE_FROM = 16.0  # smallest exponent at which a gradient has the radius _LARGE_RADIUS
+# If a rim is at least this wide, in px, the antialiased edge of the circle hardly clips it. Then
+# the circle ends where its gradient ends.
+SOFT_RIM = 1.0
+# If a rim is narrower than SOFT_RIM, the circle must be larger than its gradient. Otherwise the
+# antialiased edge of the circle would clip the rim. The distance from the end of the gradient to
+# the edge of the circle is at least this, in px.
+CLEAR_OF_THE_RIM = 0.7
+# The largest distance from the gradient's end to the edge of the circle, as a multiple of the
+# gradient's radius. Shapes that need a larger distance are too thin to be visible.
 MOST_MARGIN = 20.0
 
 
 class Drawing(NamedTuple):
-    """Elements of a file, its style sheet, and attributes of its root.
+    """The elements of a file, its style sheet, and attributes of its root.
 
     view         width and height in user units
     gaussians    number of shapes
-    definitions  gradients and filters that are used
-    body         background and groups of shapes, bottom first
-    sheet        style sheet, "" for none
-    root         further attributes of the root
-    size         width with its unit, None for the size of the document
+    definitions  the gradients and filters that the shapes use
+    body         background and groups of shapes, from bottom to top
+    sheet        style sheet, or "" if there is none
+    root         attributes of the root in addition to those that every file has
+    size         width of the picture with its unit. None if the document sets the size
     """
 
     view: tuple[str, str]
@@ -87,23 +94,26 @@ class Drawing(NamedTuple):
 
 
 def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
-    """Return the drawing of a scene. It depends only on the arguments.
+    """Return the drawing of a scene. Equal arguments always give the same drawing.
 
-    Gaussians whose opacity or extent is written as 0 are left out. So are Gaussians off the canvas
-    whose numbers are too large for a file (gauss2svg.svg.element.writable). Raise SceneError for
-    visible Gaussians with such numbers, and for a canvas that is too small or too large.
+    A Gaussian is left out if its opacity or its extent is written as 0. It is also left out if it
+    is off the canvas and its numbers are too large for a file (gauss2svg.svg.element.writable).
+    Raise SceneError if a visible Gaussian has such numbers, or if the canvas is too small or too
+    large.
     """
     scene = snapped(scene, svg_format.form)
-    # A shape is drawn as a plain ellipse, as a blurred disc or by a gradient.
+    # Each shape is drawn as a plain ellipse, as a blurred disc, or by a gradient.
     plain, blur = is_plain(scene), drawn_blurs(scene)
     blurred = ~plain & (blur >= 0)
     shaded = ~plain & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
-    # Shapes of one exponent and colour share a gradient. Shapes of one blur share a filter.
+    # Shapes that have the same exponent and colour share a gradient. Shapes that have the same blur
+    # share a filter.
     kind = np.where(blurred, len(BETA_CLASSES) + blur, nearest_class(scene.beta))
     keys = np.column_stack([kind, np.where(blurred[:, None], 0, color)])[~plain]
     shared, entry, uses = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-    # The most used definitions get the shortest ids. argsort of argsort is the rank.
+    # The definitions that are used most often get the shortest ids. The argsort of an argsort is
+    # the rank of each definition.
     ids = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
     links = np.full(len(scene), None, dtype=object)
     links[~plain] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
@@ -120,7 +130,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
             fill, link = (links[i], None) if shaded[i] else (hex_color(color[i]), links[i])
             more = {"fill_opacity": unless("1", alpha), "filter": link, "r": number(circle[i], 1)}
             shapes.append((i, Element("circle", fill=fill, **more, transform=matrix)))
-    # Definitions that only omitted shapes use are omitted too.
+    # A definition is left out if all shapes that use it are left out.
     used = set(links[[i for i, _ in shapes]].tolist())
     definitions = [
         _definition(name, kind, shade, svg_format.stops)
@@ -134,13 +144,16 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
 
 
 def rounds_of(drawn: Sequence[tuple[int, Element]], scene: Scene) -> list[Round]:
-    """Return elements by round, from pairs of a shape's index and its element."""
+    """Return the index of each round, with the elements of the round's shapes.
+
+    drawn  pairs of a shape's index in the scene and its element, in the order of the file
+    """
     runs = groupby(drawn, lambda one: int(scene.round_index[one[0]]))
     return [(index, [element for _, element in run]) for index, run in runs]
 
 
 def round_layers(rounds: Sequence[Round]) -> list[Element]:
-    """Return a group for each round, which Inkscape shows as a layer."""
+    """Return a group for each round. Inkscape shows these groups as layers."""
     return [
         layer(f"Round {index + 1}: {len(inside)} Gaussians", inside, id=round_id(index))
         for index, inside in rounds
@@ -148,7 +161,7 @@ def round_layers(rounds: Sequence[Round]) -> list[Element]:
 
 
 def ink_layers(rounds: Sequence[Round]) -> list[Element]:
-    """Return a group for each round. The shapes of a round have one ink, the group's fill."""
+    """Return a group for each round. The shapes of a round share one ink, which the group sets."""
     layers = []
     for index, inside in rounds:
         fill, bare = inside[0].attributes["fill"], [one.replace(fill=None) for one in inside]
@@ -165,7 +178,7 @@ def layer(label: str, inside: Sequence[Element], **attributes: str) -> Element:
 
 
 def sides_of(scene: Scene, unit: float = 1.0, decimals: int = 3) -> tuple[str, str]:
-    """Return the width and height of a canvas as texts, in units of `unit` px."""
+    """Return the width and height of the canvas as texts, in units of `unit` px."""
     return number(scene.width / unit, decimals), number(scene.height / unit, decimals)
 
 
@@ -177,15 +190,15 @@ def _background(scene: Scene) -> list[Element]:
 
 
 def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike = 1) -> list[str]:
-    """Return the transform of each shape's circle, or "" if the shape is not drawn.
+    """Return the transform of the circle of each shape, or "" if the shape is left out.
 
-    radius     (n,) radius in sigmas of the ellipse that is drawn
+    radius     (n,) radius, in sigmas, of the ellipse that is drawn
     precision  user unit in px
-    unit       (n,) radius of the circle, a power of ten
+    unit       (n,) radius of the circle, which is a power of ten
 
-    A shape is not drawn if its extent is written as 0, or if it is off the canvas and its numbers
-    are too large. Raise SceneError for a visible shape with such numbers
-    (gauss2svg.svg.element.writable), and for a canvas that is too small or too large.
+    A shape is left out if its extent is written as 0, or if it is off the canvas and its numbers
+    are too large. Raise SceneError if a visible shape has such numbers
+    (gauss2svg.svg.element.writable), or if the canvas is too small or too large.
     """
     check_view(scene, precision)
     unit = np.broadcast_to(unit, len(scene))
@@ -203,7 +216,10 @@ def matrices_of(scene: Scene, radius: Floats, precision: float, unit: ArrayLike 
 def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Element:
     """Return the gradient for one exponent and colour, or the filter of a blur.
 
-    kind  index into BETA_CLASSES, or len(BETA_CLASSES) plus an index into BLURS
+    kind   for a gradient, an index into BETA_CLASSES. For a filter, len(BETA_CLASSES) plus an index
+           into BLURS
+    count  number of stops of a gradient whose exponent is 1. Gradients of other exponents may have
+           fewer stops
     """
     if kind >= len(BETA_CLASSES):
         return _filter(name, BLURS[kind - len(BETA_CLASSES)])
@@ -218,25 +234,35 @@ def _definition(name: str, kind: int, color: Sequence[int], count: int) -> Eleme
 def radial_gradient(key: str, stops: list[Element], r: str = "1", fx: str | None = None) -> Element:
     """Return a radial gradient of radius r around the origin of user space.
 
-    With fx, resvg uses its more accurate algorithm (docs/decisions/svg.md).
+    If fx is given and is not 0, resvg draws the gradient by a more accurate algorithm
+    (docs/decisions/svg.md).
     """
     units = "userSpaceOnUse"
     return Element("radialGradient", stops, cx="0", cy="0", fx=fx, gradientUnits=units, id=key, r=r)
 
 
 def _filter(name: str, blur: Blur) -> Element:
-    """Return the filter of a blur. Its region is the circle's box with a margin."""
-    margin = number(CLEAR * blur.deviation / 2, 2)  # margin as a share of the diameter
+    """Return the filter of a blur.
+
+    Its region is the box around the disc, with a margin on each side.
+    """
+    # The margin is CLEAR * deviation times the radius of the disc. The region is written in shares
+    # of the box around the disc, whose sides are two radii long. So the margin is divided by 2.
+    margin = number(CLEAR * blur.deviation / 2, 2)
     size, start = number(1 + 2 * float(margin), 2), f"-{margin}"
     region = {"height": size, "id": name, "width": size, "x": start, "y": start}
     source = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
     step = Element("feGaussianBlur", **source)
-    # By default filters work in linearRGB, which would round colours once more.
+    # By default a filter works in linearRGB, so colours would be rounded once more.
     return Element("filter", [step], color_interpolation_filters="sRGB", **region)
 
 
 def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> Floats:
-    """Return the radius of each circle (n,) in radii of its gradient, rounded up to 0.1."""
+    """Return for each shape (n,) the radius of its circle, divided by the radius of its gradient.
+
+    This ratio is larger than 1 only if the rim of the shape is crisp. It is rounded up to one
+    decimal.
+    """
     minor = scene.ellipse_axes[0][:, 1]
     crisp = shaded & (scene.beta > 1) & (RIM_WIDTH * minor < SOFT_RIM * scene.beta)
     end = minor * cut_radius(scene.beta)

@@ -1,11 +1,12 @@
-"""SVG files: their names, their bytes and text, their XML and size, and HTML that shows them.
+"""SVG files: their names, bytes, text, XML and size, and HTML that shows them.
 
 A file that is read is not trusted. Everything before its root is dropped, so that neither the
-parser nor a renderer sees a document type or an encoding. A document type with declarations of its
-own is refused, and so is a file with more bytes than the limit.
+parser nor a renderer sees a document type or a declared encoding. A file is refused if it has a
+document type with declarations of its own, or more bytes than the limit.
 
-IPython shows a scene as HTML, and `gauss2svg.scene` must not import a renderer. So this module sets
-`Scene.as_html`, and the package and the reader import `Scene` from here.
+IPython shows a scene by the HTML that `Scene.as_html` returns. `gauss2svg.scene` cannot define this
+method, because it must not import a renderer. So this module sets the method, and both the package
+and the reader import `Scene` from here.
 """
 
 from __future__ import annotations
@@ -29,28 +30,31 @@ from gauss2svg.options import file_name
 from gauss2svg.scene import Scene
 from gauss2svg.svg import MM
 
-SvgSource = Any  # a path, text that begins with <, bytes or a binary file
+SvgSource = Any  # a path, a text that begins with <, bytes or a binary file
 SVG = "{http://www.w3.org/2000/svg}"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
 BLANKS = "\ufeff \t\r\n"  # characters that may precede the first <
-MOST_BYTES = 256_000_000  # limit for a gunzipped file, because a gzip bomb expands a thousandfold
-_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # byte order marks
+# The default limit of a file's size in bytes, after gunzipping. Without a limit, a hostile file
+# could become a thousand times as large when it is gunzipped.
+MOST_BYTES = 256_000_000
+_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # encoding for each byte order mark
 _DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
-# Text that may precede the root: blanks, comments, processing instructions except xml-stylesheet,
-# and document types without declarations.
+# Matches all that may precede the root: blanks, comments, processing instructions other than
+# xml-stylesheet, and document types without declarations.
 _BEFORE_ROOT = re.compile(
     r"""(?:[\s\ufeff]++|<\?(?!xml-stylesheet).*?\?>|<!--.*?-->|<!DOCTYPE(?:[^\[\]<>"']|"[^"]*"|'[^']*')*+>)*+""",
     re.DOTALL,
 )
 _ATTRIBUTE = re.compile(r"""\s+([^\s=/>]+)\s*=\s*(?:"[^"]*"|'[^']*')""")
 _START_TAG = re.compile(rf"<([^\s/>]+)((?:{_ATTRIBUTE.pattern})*+)")
-# A finite number. float() alone would accept nan, inf and 1_000. The quantifiers are possessive, so
-# that a long run of digits that ends in rubbish takes linear time.
+# Matches a number. float() alone would also accept nan, inf and 1_000. Possessive quantifiers never
+# give back what they have matched. So the time is linear even if the text has a long run of digits
+# that is no part of a number.
 NUMBER = r"[+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+"
 _LENGTH = re.compile(rf"\s*+({NUMBER})({'|'.join(MM)}|)\s*+")
 _LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
-# Bounds of a frame's sides. Renderers have 32-bit floats, and their transform to pixels needs part
-# of that range.
+# The bounds of the sides of a frame. Renderers compute with 32-bit floats, and they need a part of
+# the range of these floats for the transform to pixels.
 _LEAST, _MOST = 1e-30, 1e30
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
 _SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
@@ -61,19 +65,21 @@ def read_source(
 ) -> tuple[bytes, str]:
     """Return the bytes of an SVG, gunzipped, and the text that they encode.
 
-    A str is text if it begins with <, and a path otherwise. Raise InputError if the source cannot
-    be read, or if it has more than most_bytes bytes, gunzipped. The messages use the names
-    `argument` and `limit`.
+    A str that begins with < is the text itself, and any other str is a path. Raise InputError if
+    the source cannot be read, or if it has more than most_bytes bytes after gunzipping.
+
+    argument  name of the source in error messages
+    limit     name of the option that sets most_bytes, in error messages
     """
     name, data = "the SVG", source
     if isinstance(source, str) and source.lstrip(BLANKS).startswith("<"):
         data = source.encode("utf-8", "surrogatepass")
     elif isinstance(source, (str, os.PathLike)):
         name = file_name(argument, source)
-        try:  # not by files.reading, which refuses pipes
+        try:  # `open` is used because files.reading refuses pipes
             with open(name, "rb") as file:
                 data = file.read(most_bytes + 1)
-        except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        except (OSError, ValueError) as error:  # a path with a null character raises ValueError
             raise InputError(f"cannot read {name}: {reason_of(error)}. Try another path") from error
     elif hasattr(source, "read"):
         data = source.read(most_bytes + 1)
@@ -105,12 +111,13 @@ def _decoded(data: bytes, name: str) -> str:
 
 
 def from_root(text: str) -> str:
-    """Return the text from the root on.
+    """Return the text of an SVG without all that precedes its root.
 
-    Raise InputError if the text has a null character, or if a document type with declarations or a
-    style sheet of another file precedes the root.
+    Raise InputError if the text has a null character. Also raise InputError if the text before the
+    root has a document type with declarations, or a reference to a style sheet in another file.
     """
-    # expat would read a text with nulls as UTF-16, and find elements that no renderer finds.
+    # expat would read a text with null characters as UTF-16. It would then find elements that no
+    # renderer finds.
     if "\0" in text:
         raise refusal("the SVG", "without null characters", "some", "to save it as UTF-8")
     rest = _BEFORE_ROOT.sub("", text, count=1)
@@ -122,9 +129,11 @@ def from_root(text: str) -> str:
 
 
 def parse(text: str, target: Any = None) -> Any:
-    """Return the tree of an SVG's text, or the result of the parser's `target`.
+    """Parse the text of an SVG, which must begin with its root.
 
-    The text begins with the root. Raise InputError if it is not well-formed XML.
+    Return the tree of its elements. If `target` is given, the parser builds no tree, but calls the
+    methods of `target`. The result is then that of `target.close()`, or None if `target` has no
+    such method. Raise InputError if the text is not well-formed XML.
     """
     try:
         parser = ElementTree.XMLParser(target=target)
@@ -135,10 +144,12 @@ def parse(text: str, target: Any = None) -> Any:
 
 
 def stretched(text: str, width: int, height: int, view_box: str | None = None) -> str:
-    """Return an SVG's text with its root stretched to width x height px.
+    """Return the text of an SVG with its root stretched to width x height px.
 
-    view_box is the visible part. If it is None, the root keeps its own viewBox, and a text without
-    a viewBox is returned unchanged. A width in the root's style has no effect in any renderer.
+    view_box  viewBox of the root, which is the visible part of the SVG. If it is None, the root
+              keeps its own viewBox. A text without any viewBox is then returned unchanged
+
+    A width in the style of the root remains, because it has no effect in any renderer.
     """
     size = {"width": width, "height": height, "preserveAspectRatio": "none"}
     if view_box is not None:
@@ -153,7 +164,11 @@ def stretched(text: str, width: int, height: int, view_box: str | None = None) -
 
 
 class Frame(NamedTuple):
-    """The size in px, and the visible part in user units: its x, y, width and height."""
+    """The size of an SVG and its visible part.
+
+    width, height  size in px
+    view_box       x, y, width and height of the visible part, in user units
+    """
 
     width: float
     height: float
@@ -161,9 +176,11 @@ class Frame(NamedTuple):
 
 
 def numbers(text: str, name: str, count: int = 0) -> list[float]:
-    """Return finite numbers, separated by blanks or commas. Raise InputError for other texts.
+    """Return the numbers in a text. Blanks or commas must separate them.
 
-    count  required number of numbers, 0 for any
+    Raise InputError if the text has anything else, or if a number is not finite.
+
+    count  how many numbers the text must have. 0 allows any count
     """
     values = list(map(float, re.findall(NUMBER, text))) if _LIST.fullmatch(text) else [math.nan]
     if not all(map(math.isfinite, values)) or (count and len(values) != count):
@@ -173,16 +190,20 @@ def numbers(text: str, name: str, count: int = 0) -> list[float]:
 
 
 def pixels_of(text: str) -> float | None:
-    """Return an absolute length in px, at 96 to the inch, or None for anything else."""
+    """Return an absolute length, such as 5in, in px. An inch has 96 px.
+
+    Return None if the text is not an absolute length.
+    """
     match = _LENGTH.fullmatch(text)
     return float(match[1]) * (MM[match[2] or "px"] / MM["px"]) if match else None
 
 
 def frame_of(root: Mapping[str, str]) -> Frame:
-    """Return the frame of a root's attributes. A missing side follows from the viewBox.
+    """Return the frame of an SVG, which the attributes of its root determine.
 
-    Raise InputError if there is neither a viewBox nor a width and a height in absolute units, and
-    for numbers that are too large or too small for renderers.
+    If the width or the height is missing, it follows from the viewBox. Raise InputError if there is
+    neither a viewBox nor a width and a height in absolute units. Also raise InputError if a number
+    is too large or too small for renderers.
     """
     sides = [pixels_of(root.get(name, "")) for name in ("width", "height")]
     box = numbers(root["viewBox"], "viewBox", 4) if root.get("viewBox", "").strip() else None
@@ -206,12 +227,16 @@ def frame_of(root: Mapping[str, str]) -> Frame:
 
 
 def is_svgz(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file name ends in .svgz, in any case. Such a file is a gzipped SVG."""
+    """Return whether a path ends in .svgz, in small or capital letters. Such files are gzipped."""
     return os.fsdecode(path).lower().endswith(".svgz")
 
 
 def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
-    """Raise InputError if a file name is empty, a folder's, or has the suffix of another format."""
+    """Raise InputError if an SVG cannot be written to this path.
+
+    That is so if the path is empty, if it ends with a separator, or if it has the suffix of another
+    file format.
+    """
     text = os.fspath(path)
     if not os.path.basename(text):
         raise refusal(name, "the name of a file, not of a folder", quoted(text))
@@ -221,7 +246,10 @@ def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
 
 
 def check_suffix(name: str, path: str | os.PathLike[str], suffix: str) -> None:
-    """Raise InputError if a file name's suffix is that of another type of file than `suffix`."""
+    """Raise InputError if a file name has the suffix of a format other than that of `suffix`.
+
+    The suffix .txt is allowed, and so is a suffix that belongs to no known format.
+    """
     text = os.fspath(path)
     if _type_of(text) not in (None, "text/plain", _type_of(f"x{suffix}")):
         raise refusal(name, f"a name that ends in {suffix}", quoted(text))
@@ -232,20 +260,26 @@ def _type_of(path: str) -> str | None:
 
 
 def file_bytes(svg: str, gzipped: bool) -> bytes:
-    """Return the bytes of an SVG's file. gzip writes no date, so the bytes are always the same."""
+    """Return the bytes of the file of an SVG.
+
+    gzip writes no date into it, so the same SVG always gives the same bytes.
+    """
     data = svg.encode()
     return gzip.compress(data, compresslevel=9, mtime=0) if gzipped else data
 
 
 def bytes_by_part(svg: str) -> dict[str, int]:
-    """Return the number of bytes of each part of an SVG by write_svg. The sum is the file's size.
+    """Return the number of bytes of each part of an SVG that write_svg wrote.
+
+    The sum is the size of the file. Its parts are:
 
     gradients  all definitions
-    geometry   elements of the shapes
+    geometry   the elements of the shapes
     overhead   the rest: root, names, background, groups and style sheet
     """
     data = svg.encode()
-    # Text and attributes contain no < or > themselves, as both are written as entities.
+    # The patterns always find whole elements, because texts and attributes have entities in place
+    # of the characters < and >.
     rest = _DEFS.sub(b"", data)
     gradients, geometry = len(data) - len(rest), sum(map(len, _SHAPES.findall(rest)))
     overhead = len(rest) - geometry
@@ -253,17 +287,22 @@ def bytes_by_part(svg: str) -> dict[str, int]:
 
 
 def image(data: bytes, media_type: str, alt: str) -> str:
-    """Return HTML that embeds a picture's data and shows it no wider than the page.
+    """Return HTML that contains the data of a picture and shows it no wider than the page.
 
-    The HTML is an <img>, because the gradient ids of two inline SVGs would clash.
+    The HTML is an <img> and not an inline SVG, because gradients of two inline SVGs in one page
+    could have the same id.
     """
     source = f"data:{media_type};base64,{base64.b64encode(data).decode()}"
     return f'<img alt="{html.escape(alt)}" style="max-width:100%" src="{source}"/>'
 
 
 def picture(scene: Scene) -> str:
-    """Return HTML that shows a scene as a JPEG: some 50 kB for any number of Gaussians."""
-    from gauss2svg.render import as_jpeg  # imports numba, which is slow and seldom needed
+    """Return HTML that shows a scene as a JPEG.
+
+    The JPEG has about 50 kB, whatever the number of Gaussians.
+    """
+    # Imported here because it imports numba, which is slow to import and seldom needed.
+    from gauss2svg.render import as_jpeg
 
     return image(as_jpeg(scene), "image/jpeg", repr(scene))
 

@@ -1,28 +1,29 @@
-"""Forms in which a shape is drawn besides a gradient: a plain ellipse, and a blurred disc.
+"""The two forms in which a shape is drawn without a gradient: a plain ellipse and a blurred disc.
 
-A plain ellipse, without a gradient, draws some shapes as well as a gradient does:
-
-A renderer draws the edge of a filled ellipse by the coverage of each pixel, as a ramp one pixel
-wide. A crisp rim of the falloff looks the same if it is about that wide. Its profile is
+Some shapes look the same as a plain ellipse, which needs no gradient. The reason is this: a
+renderer colours each pixel at the edge of a filled ellipse by the share of the pixel that the
+ellipse covers. So the edge is a ramp one pixel wide. If the crisp rim of a falloff is about that
+wide, it looks the same. The profile of the rim is
 
     f(x) = exp(-exp(x ln(ln 0.1 / ln 0.9) / width)),  width = RIM_WIDTH / (beta |grad r|) px,
 
 where x is the distance outwards from the rim, and |grad r| is the growth of the Mahalanobis
-distance per pixel there. The squared difference of ramp and profile is integrated along the rim,
-and compared with the integral of falloff^2 and with the rim's length (docs/decisions/svg.md).
+distance per pixel there. The squared difference between the ramp and the profile is integrated
+along the rim. This error is compared with the integral of falloff^2, and with the length of the rim
+(docs/decisions/svg.md).
 
-A blurred disc is a circle under feGaussianBlur:
-
-A disc of radius rho blurred by s has the radial profile
+A blurred disc is a circle under feGaussianBlur. If its radius is rho and the standard deviation of
+the blur is s, it has the radial profile
 
     g(r) = integral over t in 0..rho of t / s^2 exp(-(r^2 + t^2) / 2 s^2) I0(r t / s^2),
 
-the variance rho^2 / 4 + s^2 per axis, and the peak g(0) = 1 - exp(-rho^2 / 2 s^2). A small rho / s
-gives a faint Gaussian. A large one gives the flat top and crisp rim of a large exponent. So every
-ratio draws one exponent and limits the opacity. docs/decisions/svg.md has the exponents, the
-largest opacities and errors of BLURS, and tests/svg/test_blur.py derives them again.
+the variance rho^2 / 4 + s^2 per axis, and the peak g(0) = 1 - exp(-rho^2 / 2 s^2). If the ratio
+rho / s is small, the profile is a faint Gaussian. If the ratio is large, the profile has the flat
+top and the crisp rim of a large exponent. So each ratio draws one exponent, and limits the opacity.
+docs/decisions/svg.md has the exponents, largest opacities and errors of BLURS, and
+tests/svg/test_blur.py derives them again.
 
-`snapped` rounds exponents and colours to those that a file can hold.
+`snapped` rounds the exponents and colours of a scene to those that a file can have.
 """
 
 from __future__ import annotations
@@ -47,37 +48,48 @@ from gauss2svg.scene.falloff import (
 )
 from gauss2svg.svg import Form
 
-# Least exponent of plain ellipses. Profiles of smaller exponents have no flat top.
+# The smallest exponent of plain ellipses. Profiles with a smaller exponent have no flat top.
 LEAST_PLAIN_BETA = 3.0
-_DIRECTIONS = 16  # directions from the mean to the rim in one quadrant. The others mirror them
-_WIDTHS = np.geomspace(0.05, 8, 48)  # px, widths of rims for which `_errors` returns the errors
-# Exponents that plain_beta tries. Steps of 6 % change the width of a 1 px rim by 0.06 px.
+# The number of directions, from the mean to the rim, in which errors are computed. They are all in
+# one quadrant, because the other quadrants have the same errors.
+_DIRECTIONS = 16
+# The widths of rims, in px, for which `_errors` computes errors.
+_WIDTHS = np.geomspace(0.05, 8, 48)
+# The exponents that plain_beta tries. From one to the next they grow by 6 %, which changes the
+# width of a rim of 1 px by 0.06 px.
 _PLAIN_BETAS = tuple(np.round(np.geomspace(LEAST_PLAIN_BETA, MOST_BETA, 78), 2).tolist())
 
 
-# Largest errors at which a shape is drawn as a plain ellipse (docs/decisions/svg.md).
-LARGEST_ERROR = 0.003  # share of the integral of falloff^2, a compromise between PSNR and bytes
-# Squared error in px for each px of the rim's length. Rims 0.5 to 1.2 px wide stay within this
-# limit. Without it large soft discs would become visibly crisper.
+# A shape is drawn as a plain ellipse if its squared error is within the next two limits
+# (docs/decisions/svg.md). The first limit is for the squared error divided by the integral of
+# falloff^2. It is a compromise between PSNR and bytes.
+LARGEST_ERROR = 0.003
+# The second limit is for the squared error divided by the length of the rim, in px. If a rim is 0.5
+# to 1.2 px wide, the error is within this limit. Without the limit, large soft discs would also be
+# drawn as plain ellipses, and would look visibly crisper.
 LARGEST_ON_RIM = 0.013
-# px. Minimal markup also draws a shape as an arc if its rim is narrower than this everywhere. The
-# edge of the arc, about a pixel wide, is no crisper than such a rim.
+# If the rim of a shape is everywhere narrower than this, in px, minimal markup draws the shape as
+# an arc. The edge of an arc is about one pixel wide, so it is no crisper than such a rim.
 CRISP_RIM = 1.0
 
 
 def is_plain(scene: Scene) -> NDArray[np.bool_]:
-    """Return whether a file draws each shape (n,) as a plain ellipse.
+    """Return for each shape (n,) whether a file draws it as a plain ellipse.
 
-    A file does so if the shape is plain in the scene, or if an ellipse looks the same at the size
-    of the scene's canvas. On a larger canvas rims are wider.
+    That is so if the shape is already a plain ellipse in the scene, or if a plain ellipse looks the
+    same. Whether it looks the same depends on the size of the canvas, because rims are wider on a
+    larger canvas.
     """
     return (scene.drawn == PLAIN) | looks_plain(scene.ellipse_axes[0], scene.beta)
 
 
 def looks_plain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return whether each shape (n,), drawn as a plain ellipse, is within both limits on error.
+    """Return for each shape (n,) whether a plain ellipse looks the same.
 
-    axes  (n, 2) one-sigma semi-axes in px, larger first
+    That is so if the error of the ellipse is within the limits LARGEST_ERROR and LARGEST_ON_RIM,
+    and if the exponent of the shape is at least LEAST_PLAIN_BETA.
+
+    axes  (n, 2) one-sigma semi-axes in px, the larger one first
     beta  (n,) exponents
     """
     plain = beta >= LEAST_PLAIN_BETA
@@ -87,16 +99,21 @@ def looks_plain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray
 
 
 def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the exponents (n,) of the profiles that plain ellipses draw best.
+    """Return for each plain ellipse (n,) the exponent of the profile that differs least from it.
 
-    semi_axes  (n, 2) px, larger first
+    semi_axes  (n, 2) semi-axes of the ellipses in px, the larger one first
 
-    At these exponents the error that is_plain measures is smallest, so a shape written as a plain
-    ellipse is plain when it is read. If the semi-axes exceed about 180 px, even the largest
-    exponent has a softer rim than the ellipse.
+    The difference is measured as the error that `looks_plain` limits. A shape is written as a plain
+    ellipse only if its error is within the limits. When the file is read, the shape gets the
+    exponent that this function returns. Its error is then no larger than before, so the shape is
+    written as a plain ellipse again.
+
+    If the semi-axes exceed about 180 px, the result is the largest exponent that is tried, although
+    the rim of this profile is still softer than the edge of the ellipse.
     """
     radius = plain_radius(np.array(_PLAIN_BETAS))
-    # Begin at the exponent whose rim is 0.7 px wide along the minor axis. The best one is near.
+    # Begin at the exponent whose rim is 0.7 px wide along the minor axis. The best exponent is near
+    # this one.
     guess = np.searchsorted(0.7 / RIM_WIDTH * np.array(_PLAIN_BETAS) * radius, semi_axes[:, 1])
     best = np.full(len(semi_axes), np.inf)
     beta = np.full(len(semi_axes), _PLAIN_BETAS[0])
@@ -110,12 +127,12 @@ def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def is_arc(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return whether minimal markup draws each shape (n,) as an arc.
+    """Return for each shape (n,) whether minimal markup draws it as an arc.
 
-    It does so if the ellipse looks the same, or if the exponent is at least LEAST_PLAIN_BETA and
-    the rim is narrower than CRISP_RIM.
+    That is so if a plain ellipse looks the same, or if the exponent is at least LEAST_PLAIN_BETA
+    and the rim is narrower than CRISP_RIM.
 
-    axes  (n, 2) one-sigma semi-axes in px, larger first
+    axes  (n, 2) one-sigma semi-axes in px, the larger one first
     beta  (n,) exponents
     """
     across = RIM_WIDTH * axes[:, 0] / beta
@@ -124,10 +141,13 @@ def is_arc(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.b
 
 
 def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the exponents (n,) that arcs of semi_axes (n, 2) px, larger first, stand for.
+    """Return the exponents (n,) of the shapes that are read from arcs.
 
-    An arc stands for the exponent that a plain ellipse draws best. But thin shapes of that exponent
-    would be written as soft shapes, so thin arcs stand for the largest exponent.
+    semi_axes  (n, 2) semi-axes of the arcs in px, the larger one first
+
+    A shape gets the exponent that `plain_beta` returns for a plain ellipse of the same size. But if
+    the arc is thin, a shape of that exponent would not be written as an arc again. So the shape of
+    a thin arc gets the largest exponent.
     """
     beta = plain_beta(semi_axes)
     axes = semi_axes / plain_radius(beta)[:, None]
@@ -135,7 +155,7 @@ def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _relative_error(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the squared errors (n,) of plain ellipses, divided by the largest allowed ones."""
+    """Return the squared error of each plain ellipse (n,), divided by the error that is allowed."""
     angle_rad = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
     along, across = np.cos(angle_rad), np.sin(angle_rad)
     growth = np.hypot(along / axes[:, :1], across / axes[:, 1:])
@@ -149,61 +169,84 @@ def _relative_error(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDA
 
 
 def plain_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the radii (n,), in sigmas, of ellipses with as much mass as the profiles of beta."""
+    """Return for each exponent in `beta` (n,) the radius of a plain ellipse, in sigmas.
+
+    With this radius, the ellipse has the same mass as the profile of the exponent.
+    """
     return np.sqrt([_integrals(b)[0] / np.pi for b in np.round(beta, 2)])
 
 
 def drawn_radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return each shape's radius (n,) in sigmas: the ellipse's if plain, else the gradient's."""
+    """Return the radius (n,), in sigmas, at which each shape is drawn.
+
+    For the shapes in the mask `plain` (n,) it is the radius of the plain ellipse. For the others it
+    is the radius of the gradient.
+    """
     radius = cut_radius(beta)
     radius[plain] = plain_radius(beta[plain])
     return radius
 
 
 def drawn_beta(scene: Scene, plain: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the exponents that ellipses draw best, for the shapes in the mask `plain` (n,)."""
+    """Return the exponents that shapes get when they become plain ellipses.
+
+    plain  (n,) mask of the shapes that become plain ellipses. The result has only their exponents
+    """
     radius = plain_radius(scene.beta[plain])
     return plain_beta(scene.ellipse_axes[0][plain] * radius[:, None])
 
 
 @lru_cache(maxsize=1)
 def _errors() -> NDArray[np.float64]:
-    """Return the integral of (rim - ramp)^2 across a rim, in px, for each of _WIDTHS."""
+    """Return the error of a plain ellipse across its rim, in px, for each width in _WIDTHS.
+
+    The error is the integral of (rim - ramp)^2. `rim` is the opacity across a rim of this width,
+    and `ramp` is the opacity across the edge of the ellipse.
+    """
     x = np.linspace(-12, 12, 4801)
     step = x[1] - x[0]
     grade = math.log(math.log(0.1) / math.log(0.9)) / _WIDTHS[:, None]
     rim = np.exp(-np.exp(np.minimum(grade * x, 30.0)))
-    edge = rim.sum(axis=1, keepdims=True) * step + x[0]  # middle of the ramp of equal mass
+    # The antialiased edge of a plain ellipse is a ramp that is one px wide. The middle of this ramp
+    # is at x = edge, so that the ramp and the rim have the same integral.
+    edge = rim.sum(axis=1, keepdims=True) * step + x[0]
     return np.square(rim - np.clip(0.5 - (x - edge), 0, 1)).sum(axis=1) * step
 
 
 @lru_cache(maxsize=4096)
 def _integrals(beta: float) -> tuple[float, float]:
-    """Return the integrals of f and of f^2 over the plane, in px^2 at sigma 1 px."""
+    """Return the integrals of the falloff f and of f^2 over the plane, in px^2 if sigma is 1 px."""
     r = (np.arange(2000) + 0.5) / 2000 * float(cut_radius(beta))
     value, area = profile(r, beta), 2 * np.pi * r * (r[1] - r[0])
     return float(np.sum(value * area)), float(np.sum(value**2 * area))
 
 
 GRADIENT, BLUR = get_args(Form)
-_LOG_STEP = 0.04  # step of log(exponent) between cached differences
+# `_difference` is computed only for exponents whose logarithm is a multiple of this step. For any
+# other exponent, the result for the nearest of these is used.
+_LOG_STEP = 0.04
 
-# Limits of blurred shapes (docs/decisions/svg.md).
-# px. Shapes whose contour of half height is nearer to the mean than this are not blurred.
+# The next three numbers limit which shapes become blurred discs (docs/decisions/svg.md). A shape
+# may become a blurred disc only if all points of its contour at half height are at least this far
+# from its mean, in px.
 LEAST_HALF_WIDTH = 1.8
-# Largest error of a blurred disc's opacity, 0..1. A gradient of the nearest exponent errs as much.
+# A shape may become a blurred disc only if their opacities differ by at most this, on the scale
+# 0..1. A gradient may differ from its shape as much, because a file has only a few exponents, and
+# the gradient gets the one of these that is nearest to the exponent of the shape.
 MOST_DIFFERING = 0.08
-OVERFULL = 0.02  # largest excess over 1 of a disc's fill-opacity, which is then clipped
-CLEAR = 3.5  # margin of a filter region around the disc, in standard deviations
+# A shape may need a blurred disc whose fill-opacity exceeds 1. If it exceeds 1 by at most this, the
+# disc is used, and its fill-opacity is written as 1.
+OVERFULL = 0.02
+CLEAR = 3.5  # margin of a filter's region around the disc, in standard deviations of the blur
 
 
 class Blur(NamedTuple):
-    """A blur of a disc of radius 1, and the profile that it draws.
+    """A blur of a disc of radius 1, and the profile that the blurred disc draws.
 
-    deviation  standard deviation of the blur, in radii of the disc
+    deviation  standard deviation of the blur, as a multiple of the disc's radius
     beta       exponent of the profile
     radius     radius of the disc, in sigmas of the profile
-    peak       fill-opacity of the disc divided by the opacity of the shape
+    peak       fill-opacity of the disc, divided by the opacity of the shape
     """
 
     deviation: float
@@ -212,8 +255,9 @@ class Blur(NamedTuple):
     peak: float
 
 
-# Blurs that a file may have, softest first: for discs with radii of 1.4, 2, 2.6, 3.4, 5, 8 and 12
-# standard deviations. tests/svg/test_blur.py fits the other numbers.
+# The blurs that a file may have, from the softest to the crispest. The first number of each blur is
+# its standard deviation, for a disc of radius 1. The other three numbers were fitted so that the
+# blurred disc draws the profile as well as possible, and tests/svg/test_blur.py fits them again.
 BLURS = (
     Blur(1 / 1.4, 1.01147233778, 1.09458307443, 1.59501799762),
     Blur(1 / 2, 1.14528662352, 1.25762415807, 1.16469982183),
@@ -226,8 +270,11 @@ BLURS = (
 
 
 def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
-    """Return the opacity (n,), at radii r (n,), of a disc of radius 1 blurred by 1 / ratio."""
-    from scipy.special import ive  # takes 0.3 s, and is seldom needed
+    """Return the opacity (n,) of a blurred disc at the radii r (n,).
+
+    The radius of the disc is 1, and the standard deviation of the blur is 1 / ratio.
+    """
+    from scipy.special import ive  # imported here because it takes 0.3 s and is seldom needed
 
     t = (np.arange(300) + 0.5) / 300
     exponent = -0.5 * (ratio * (r[:, None] - t)) ** 2
@@ -235,11 +282,18 @@ def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
 
 
 def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
-    """Return the index (n,) into BLURS of the blur that a form gives each shape. -1 is no blur.
+    """Return for each shape (n,) the index of its blur in BLURS, or -1 if the shape gets no blur.
 
-    A shape gets the blur of nearest exponent among those that allow its opacity. It gets none if it
-    is small, or if its profile and the blur's differ too much. A shape that is blurred already
-    keeps its blur, unless its opacity needs another.
+    form  form of the file
+
+    In a file of the form "gradient" no shape gets a blur. In the other forms, a blur is possible
+    for a shape if the fill-opacity of the blurred disc would be at most 1 + OVERFULL. Of the
+    possible blurs, the nearest one is that whose exponent is nearest to the exponent of the shape.
+
+    A shape that is already a blurred disc in the scene gets the nearest possible blur. This is the
+    blur that it has, if that is still possible. Any other shape also gets the nearest possible
+    blur, unless the shape is small, is drawn as a plain ellipse, or would differ too much from the
+    blurred disc.
     """
     index = np.full(len(scene), -1)
     if form == GRADIENT or not len(scene):
@@ -260,16 +314,23 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
 
 
 def drawn_blurs(scene: Scene) -> NDArray[np.intp]:
-    """Return the index (n,) into BLURS of each blurred shape, by its exponent. Others have -1."""
+    """Return for each shape (n,) the index of its blur in BLURS, or -1 if it is not a blurred disc.
+
+    The blur is the one whose exponent is nearest to that of the shape.
+    """
     distance = np.abs(np.log(scene.beta[:, None] / [blur.beta for blur in BLURS]))
     return np.where(scene.drawn == BLURRED, distance.argmin(axis=1), -1)
 
 
 @lru_cache(maxsize=4096)
 def _difference(step: int, index: int) -> float:
-    """Return the largest difference, 0..1, of a blurred disc from a profile of equal half-radius.
+    """Return the largest difference in opacity, 0..1, between a blurred disc and a profile.
 
-    The exponent of the profile is exp(step * _LOG_STEP).
+    The size of the disc is chosen so that the opacities of disc and profile fall to half of their
+    peaks at the same radius.
+
+    step   logarithm of the exponent of the profile, as a multiple of _LOG_STEP
+    index  index of the blur in BLURS
     """
     beta, blur = math.exp(step * _LOG_STEP), BLURS[index]
     r = np.linspace(0, 4, 400)  # radii in sigmas of the profile
@@ -279,12 +340,14 @@ def _difference(step: int, index: int) -> float:
 
 
 def snapped(scene: Scene, form: str) -> Scene:
-    """Return the scene with the exponents and colours that a file of this form holds.
+    """Return the scene with the exponents and colours that a file of this form has.
 
-    Exponents become values of BETA_CLASSES, or of BLURS for shapes that the form blurs. Sigma
-    changes with them so that the contour of half height stays. Plain ellipses keep their exponent.
-    Colours are rounded to 8 bits. Additive scenes are returned as they are, because their stops are
-    computed from exact colours. A scene that was snapped before does not change.
+    A shape that the file draws as a blurred disc gets the exponent of its blur. A shape that it
+    draws by a gradient gets the nearest exponent of BETA_CLASSES. The sigmas of these shapes change
+    too, so that each keeps its contour at half height. Plain ellipses keep their exponents. Colours
+    are rounded to 8 bits. If a scene that this function returned is passed to it again, the scene
+    does not change. An additive scene is returned as it is, because its stops are computed from the
+    exact colours.
     """
     if scene.blend == ADD:
         return scene
@@ -301,23 +364,31 @@ def snapped(scene: Scene, form: str) -> Scene:
 
 
 def with_falloffs(scene: Scene, beta: NDArray[np.float64]) -> Scene:
-    """Return the scene with other exponents (n,). Shapes keep their contours of half height."""
+    """Return the scene with the exponents `beta` (n,).
+
+    The sigmas change too, so that each shape keeps its contour at half height.
+    """
     sigma = scene.sigma * (half_radius(scene.beta) / half_radius(beta))[:, None]
     return scene.replace(beta=beta, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))
 
 
-# Bounds within which a shape of a drawing counts as crisp (docs/decisions/enlarged.md).
-RIM_OF_EDGE = 1.5  # widest crisp rim in px, from .9 to .1 of the opacity across the minor axis
-# Least distance in px from the middle of a crisp shape to its rim. A thinner shape does not look
-# crisp, and matches the picture better in the form in which it was fitted.
+# If a picture is a drawing, its crisp shapes become plain ellipses (docs/decisions/enlarged.md). A
+# shape is crisp if its rim is narrow and if the shape is not too thin. The rim is the part in which
+# the opacity falls from 0.9 to 0.1 of its peak. It is narrow if its width along the minor axis is
+# less than this, in px.
+RIM_OF_EDGE = 1.5
+# A shape is too thin if its plain ellipse would have a minor semi-axis of at most this, in px. Such
+# a shape does not look crisp. It keeps the form in which it was fitted, because this form matches
+# the picture better.
 MIDDLE_OF_EDGE = 1.0
 
 
 def with_plain_edges(scene: Scene) -> Scene:
-    """Return the scene with its crisp shapes as plain ellipses.
+    """Return the scene with its crisp shapes turned into plain ellipses.
 
-    Shapes keep their contour at half the opacity. A fit of this scene draws a plain ellipse by the
-    share of each pixel that it covers.
+    Each shape keeps its contour at half of its opacity. If a fit goes on with this scene, it draws
+    the plain ellipses without a falloff, and with antialiased edges. If an ellipse covers a third
+    of a pixel, it has a third of its opacity in that pixel.
     """
     minor = scene.ellipse_axes[0][:, 1]
     crisp = RIM_WIDTH * minor < RIM_OF_EDGE * scene.beta
@@ -328,10 +399,11 @@ def with_plain_edges(scene: Scene) -> Scene:
 def with_plain(
     scene: Scene, plain: NDArray[np.bool_], beta: NDArray[np.float64] | None = None
 ) -> Scene:
-    """Return the scene with exponents `beta`, and with some shapes as plain ellipses.
+    """Return the scene with other exponents. Each shape keeps its contour at half height.
 
-    plain  (n,) whether a shape gets the exponent that a plain ellipse draws
-    beta   (n,) exponents of the other shapes, by default those of the scene
+    plain  (n,) mask of the shapes that will be drawn as plain ellipses. Each gets the exponent that
+           `drawn_beta` returns
+    beta   (n,) exponents of the other shapes. By default these keep their exponents
     """
     beta = (scene.beta if beta is None else beta).copy()
     beta[plain] = drawn_beta(scene, plain)

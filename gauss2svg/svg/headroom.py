@@ -1,20 +1,21 @@
-"""The order in which Gaussians are added to a canvas that holds a limited range of values.
+"""Find the order in which Gaussians are added to a canvas that can hold a limited range of values.
 
-The range includes at least the background and the image. An example: at one place the
-background is .5, and the image is .7, which is .5 + .3 + .4 - .5. The range is .5 to .7:
+The range includes at least the background and the image. For example, at one place the background
+is .5, and Gaussians add .3, .4 and -.5. So the image is .7 there, and the range is .5 to .7. The
+excess of a Gaussian is how far the total would be outside of the range if it were drawn next:
 
-    total   excess of +.3, +.4, -.5    drawn
-    .5      .1, .2, .5                 +.3: all exceed the range, +.3 by the least
-    .8          .5, .2                 -.5
-    .3          0                      +.4: the total is then the image
+    total   excess of +.3, +.4, -.5    drawn next
+    .5      .1, .2, .5                 +.3, because all exceed the range, and +.3 by the least
+    .8          .5, .2                 -.5, because its excess is less than that of +.4
+    .3          0                      +.4, and then the total is the image
 
-In this order the canvas must hold .3 to .8. In another order it would have to hold .5 to 1.2, and
-would round everything on it more coarsely.
+In this order the canvas must hold the totals .3 to .8. In another order the totals would be .5 to
+1.2. On such a canvas all values would be rounded more coarsely.
 
-Totals are checked at samples: the pixels of a grid, and the means of all Gaussians, because thin
-ones peak between pixels. Samples are sorted by the row of the grid in which they lie, then by x.
-Kernels walk the samples of a Gaussian and store nothing for each Gaussian, so memory depends on the
-number of samples alone.
+Totals are checked at samples. These are the centres of the cells of a grid, and the means of all
+Gaussians, because a thin Gaussian may peak between two centres. Samples are sorted by the row of
+the grid in which they lie, and then by x. Kernels visit the samples that a Gaussian reaches, and
+store nothing for each Gaussian. So the memory depends only on the number of samples.
 """
 
 from __future__ import annotations
@@ -30,36 +31,42 @@ from gauss2svg.scene.falloff import cut_radius, profile
 
 Floats = NDArray[np.float64]
 _kernel = cached()
-# Smaller contributions to a colour channel at a sample are not checked.
+# If a Gaussian changes a colour channel of a sample by no more than this, the new total of that
+# channel is not compared with the range.
 _LEAST_CHECKED = 1e-3
-# Largest difference at which two values of a colour channel count as equal, above the rounding of
-# float32. The second compares a sum with the image at one sample, where both may exceed the range.
+# An excess of less than _EQUAL over the range may be due to the rounding of float32, so it is
+# ignored. The range is extended so that it contains the partial sums, but not for a partial sum
+# that exceeds the image at the same sample by less than _EQUAL_IN_IMAGE.
 _EQUAL, _EQUAL_IN_IMAGE = 1e-4, 1e-3
-# Colour by which either end of the range is extended, so that fewer Gaussians have to wait.
+# While the order of the Gaussians is chosen, the range of each colour channel is extended at both
+# ends by this much. More Gaussians then stay within the range, so fewer are put off until later.
 SPARE = 0.02
 _RADIUS = float(cut_radius(1.0))
-_STEPS = 4096  # number of steps of squared radius in the table of the falloff
+# The falloff is stored in a table with this many steps. From one step to the next, the squared
+# radius grows by the same amount.
+_STEPS = 4096
 _FALLOFF = profile(_RADIUS * np.sqrt(np.arange(_STEPS + 1) / _STEPS), 1.0)
-_DRAWN = -1  # marks a drawn Gaussian in the array `worst`
+_DRAWN = -1  # a Gaussian that has been drawn has this value in the array `worst`
 
 
-# Grid on which partial sums are sampled (docs/decisions/svg.md).
-FINEST = 4.0  # largest number of samples per px, in x and in y
-SIDE = 1536  # largest number of samples along a side
-# Largest number of grid samples that Gaussians touch, summed over all Gaussians. A coarser grid
-# keeps the number below, and is exact enough for wide Gaussians.
+# The next three numbers limit the grid on which partial sums are sampled (docs/decisions/svg.md).
+FINEST = 4.0  # largest number of samples per px, along x and along y
+SIDE = 1536  # largest number of samples along a side of the grid
+# Largest number of pairs of a Gaussian and a sample that the Gaussian may reach. If Gaussians are
+# wide, a fine grid would have more such pairs, so the grid is made coarser. A coarser grid is exact
+# enough for wide Gaussians.
 TOUCHED = 3e7
 
 
 class Samples(NamedTuple):
-    """Positions of m samples, and the n Gaussians. The unit is a cell of the grid.
+    """The positions of m samples, and n Gaussians. The unit of length is a cell of the grid.
 
     place      (m, 2) x and y of the samples
-    start      (rows + 1,) index of each row's first sample, and m
-    mean       (n, 2)
-    whitening  (n, 3) w11, w21, w22
-    reach      (n, 2) largest distance from the mean in x and y
-    color      (n, 3)
+    start      (rows + 1,) index of the first sample of each row. The last number is m
+    mean       (n, 2) means of the Gaussians
+    whitening  (n, 3) w11, w21 and w22 of their whitening matrices
+    reach      (n, 2) how far the Gaussians reach from their means, in x and in y
+    color      (n, 3) their colours
     """
 
     place: NDArray[np.float32]
@@ -71,14 +78,21 @@ class Samples(NamedTuple):
 
 
 def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Floats, Floats]:
-    """Return an additive scene's phases in drawing order, and both ends (3,) of channels' ranges.
+    """Return the phases of an additive scene, and the range of values that its canvas must hold.
 
-    A phase has the indices of Gaussians with the same signs, and each Gaussian is in one phase. The
-    canvas must hold the range, which includes the image and the partial sums after each Gaussian.
-    The range leaves out sums that go no farther than the image at their sample.
+    A phase has the indices of Gaussians whose colours have the same signs. The phases are in the
+    order in which they are drawn, and each Gaussian is in one phase.
 
-    Values of the image outside of the range fold: a value v above the highest h becomes 2 h - v.
-    Values above 1 are clipped in the end, so 2 h - v >= 1 is enough. The same holds below 0.
+    The range is given by the lowest values (3,) and the highest values (3,) of the channels. It
+    contains the background, and all values of the image that are in 0..1. It also contains the
+    partial sums, which are the sums after each Gaussian. A partial sum may be outside of the range
+    only where the image is at least as far outside.
+
+    If a value v of the image is above the highest value h, the canvas shows 2 h - v. This is called
+    folding. Folding does no harm if 2 h - v is at least 1, because v and 2 h - v are then both
+    clipped to 1 in the end. So h need only be halfway between 1 and the largest v of the image. In
+    the same way, if the smallest v is below 0, the lowest value of the range need only be halfway
+    between 0 and this v.
     """
     samples, background = _samples_of(scene), scene.background
     total = np.tile(background.astype(np.float32), (len(samples.place), 1))
@@ -102,7 +116,7 @@ def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Floats, Floats]:
 
 
 def _samples_of(scene: Scene) -> Samples:
-    """Return the samples of an additive scene. They depend only on the scene."""
+    """Return the samples at which the sums of an additive scene are checked."""
     canvas = np.array([scene.width, scene.height])
     touched = float(np.minimum(2 * _RADIUS * scene.sigma, canvas).prod(axis=1).sum())
     factor = min(FINEST, SIDE / canvas.max(), np.sqrt(TOUCHED / max(1.0, touched)))
@@ -121,18 +135,26 @@ def _samples_of(scene: Scene) -> Samples:
 
 @_kernel
 def _order_of(samples, picture, low, high, total, lowest, highest, pattern, by_mass):
-    """Return the indices of all Gaussians, in the order in which to draw them within low..high.
+    """Return the indices of all Gaussians, in an order that keeps the totals near low..high.
 
-    Add each Gaussian to `total` (m, 3), and update `lowest` and `highest` (m, 3). A sum may leave
-    the range as far as the image does at its sample: the sum then folds like the image, and the
-    final error is no larger than the image's.
-    Tours through the patterns draw each Gaussian that stays in the range, in the order by_mass. If
-    a tour draws none, the Gaussian that exceeds the range least is drawn.
+    A total is the sum at a sample, in one channel, of the background and all Gaussians drawn so
+    far. When a Gaussian is drawn, it is added to `total` (m, 3). `lowest` and `highest` (m, 3)
+    store the lowest and the highest total that each sample has had.
+
+    Where the image is outside of the range, a total may be as far outside as the image. The canvas
+    folds the values of both (see phases_of), so the total causes no larger error than the image.
+
+    The order is found in tours. A tour visits all patterns of signs, one after the other. At each
+    pattern it tries those Gaussians of this pattern that are not drawn yet, in the order by_mass.
+    It draws each one with which the totals stay in the range. If a tour draws no Gaussian, the
+    Gaussian that exceeds the range least is drawn.
     """
     order = np.empty(by_mass.size, np.intp)
     waiting, done = by_mass, 0
-    patterns = np.arange(8) ^ (np.arange(8) >> 1)  # Gray code: each step changes one sign
-    worst = np.zeros(by_mass.size, np.intp)  # sample at which each Gaussian last exceeded the range
+    patterns = np.arange(8) ^ (np.arange(8) >> 1)  # a Gray code: each step changes only one sign
+    # For each Gaussian, the index of the sample at which it exceeded the range the most when it was
+    # last tried. The next trial begins at this sample.
+    worst = np.zeros(by_mass.size, np.intp)
     while waiting.size:
         before = done
         for signs in patterns:
@@ -153,16 +175,19 @@ def _order_of(samples, picture, low, high, total, lowest, highest, pattern, by_m
         for i in order[before:done]:
             worst[i] = _DRAWN
         waiting = waiting[worst[waiting] != _DRAWN]
-        # The next tour goes backwards, so that it begins with the last pattern of this tour.
+        # Each change of the pattern inverts channels of the canvas. The next tour visits the
+        # patterns in reverse order. So it begins with the last pattern of this tour, and nothing is
+        # inverted between the two tours.
         patterns = patterns[::-1].copy()
     return order
 
 
 @_kernel
 def _excess(samples, i, total, picture, low, high, first, enough):
-    """Return by how much the i-th Gaussian would exceed low..high, and at which sample.
+    """Return the largest excess of the i-th Gaussian at any sample, and the index of that sample.
 
-    The search begins at the sample `first`, and ends early once the excess is at least `enough`.
+    The search begins at the sample with the index `first`. It ends early if it finds an excess of
+    at least `enough`.
     """
     most, worst = _excess_at(samples, i, first, total, picture, low, high), first
     for row in range(*_rows(samples, i)):
@@ -177,7 +202,10 @@ def _excess(samples, i, total, picture, low, high, first, enough):
 
 @_kernel
 def _excess_at(samples, i, at, total, picture, low, high):
-    """Return by how much the i-th Gaussian would exceed low..high at a sample, 0 if not at all."""
+    """Return how far the i-th Gaussian would push a total out of low..high at sample `at`, or 0.
+
+    If the image is outside of low..high at this sample, the total may be as far outside.
+    """
     alpha = _alpha(samples, i, at)
     most = 0.0
     for c in range(3):
@@ -203,7 +231,7 @@ def _add(samples, i, total, lowest, highest):
 
 @_kernel
 def _rows(samples, i):
-    """Return the first row that the i-th Gaussian may reach, and one past the last."""
+    """Return the first row that the i-th Gaussian may reach, and the row after the last one."""
     y, reach, rows = samples.mean[i, 1], samples.reach[i, 1], float(samples.start.size - 1)
     first, last = max(0.0, min(rows, y - reach)), max(0.0, min(rows, y + reach))
     return int(np.floor(first)), int(np.ceil(last))
@@ -211,11 +239,18 @@ def _rows(samples, i):
 
 @_kernel
 def _of_row(samples, i, row):
-    """Return the first sample of a row that the i-th Gaussian may reach, and one past the last."""
+    """Return the range of the samples that the i-th Gaussian may reach in a row.
+
+    The first result is the index of the first such sample. The second result is one more than the
+    index of the last such sample.
+    """
     mean, reach, whitening = samples.mean, samples.reach, samples.whitening
     w11, w21, w22 = whitening[i, 0], whitening[i, 1], whitening[i, 2]
-    # Samples lie anywhere in their row. So the interval is taken at the row's edge nearest to the
-    # mean. It is widened, because the Gaussian's ridge shifts within half a row.
+    # The interval left..right must contain the Gaussian at every height in the row. Within the row,
+    # the Gaussian is widest at the height nearest to the mean, so the interval has at least this
+    # width. A tilted Gaussian also has its centre at a different x at each height. So the interval
+    # is widened at each end by the distance in x between the centre at the middle of the row and
+    # the centre at an edge of the row.
     across, v = w11 * w11 + w21 * w21, row + 0.5 - mean[i, 1]
     ridge, near = -w21 * w22 / across, min(1.0, max(0.0, abs(v) - 0.5) / reach[i, 1])
     half = _RADIUS * np.sqrt((1 - near * near) / across) + 0.5 * abs(ridge)
@@ -229,7 +264,10 @@ def _of_row(samples, i, row):
 
 @_kernel
 def _alpha(samples, i, at):
-    """Return the falloff of the i-th Gaussian at a sample, by linear interpolation in a table."""
+    """Return the falloff of the i-th Gaussian at the sample `at`.
+
+    The falloff is interpolated linearly in a table.
+    """
     mean, whitening, place = samples.mean, samples.whitening, samples.place
     u, v = place[at, 0] - mean[i, 0], place[at, 1] - mean[i, 1]
     across, along = whitening[i, 0] * u, whitening[i, 1] * u + whitening[i, 2] * v

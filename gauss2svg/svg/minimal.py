@@ -1,34 +1,36 @@
-"""Minimal markup: short SVG text with nothing that does not draw the picture.
+"""Minimal markup: short SVG text in which everything is needed to draw the picture.
 
     <svg xmlns=".." viewBox="0 0 64 43"><defs> falloffs </defs><path fill="#abc" d="M0 0h64v43H0"/>
     <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg>
 
-Coordinates are whole numbers of user units (gauss2svg.svg.minimal_shapes). Up to MOST_MASKED
-soft shapes share one masked circle for each exponent, so that a colour costs a few bytes. A mask's
-stops are greys, whose luminance is the falloff. Crisp shapes are arcs of a path. This example
-has two soft shapes of one colour and opacity, and a crisp one whose radii are 8 and 7 units. Its
-unit is a pixel:
+Coordinates are whole numbers of user units (gauss2svg.svg.minimal_shapes). Crisp shapes are arcs of
+a path. If there are at most MOST_MASKED soft shapes, all soft shapes with the same exponent share
+one masked circle, so that each colour needs only a few bytes. The stops of the mask are greys,
+whose luminance is the falloff. The following example has two soft shapes that have the same colour
+and opacity, and a crisp shape whose radii are 8 and 7 units. Its unit is a pixel:
 
     <radialGradient id="c" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1">
       <stop offset=".08" stop-color="#fff"/><stop offset=".63" stop-color="#222"/> ..
     <mask id="b"><circle r="1" fill="url(#c)"/></mask>  the falloff of the exponent 1
     <circle id="a" r="1" mask="url(#b)"/>               a shape of that exponent, of any colour
-    <use id="d" href="#a" fill="#f80" opacity=".5"/>    what shapes have in common, if shorter
+    <use id="d" href="#a" fill="#f80" opacity=".5"/>    common attributes, if that is shorter
     <path fill="#084" d="M40 23a8 7 0 101 0"/>
     <use href="#d" transform="matrix(9 0 0 9 10 5)"/>
     <use href="#d" transform="matrix(12 4 0 8 20 15)"/>
 
-Renderers draw masks slowly, and round each to 8 bits. So if there are more than MOST_MASKED soft
-shapes, the lowest have gradients in place of masks. Each exponent has a gradient with the geometry.
-Each colour of that exponent has another gradient, which refers to it. A style sheet has the
-opacities of stops. Each rule of the sheet applies to one stop and to all later stops:
+Renderers draw masks slowly, and round each mask to 8 bits. So if there are more than MOST_MASKED
+soft shapes, the lowest of them have gradients in place of masks. There is one gradient for each
+exponent, which has only the geometry. There is another gradient for each colour of that exponent,
+which refers to the first gradient and has the stops. The opacities of the stops are in a style
+sheet. Each rule of the sheet applies to one stop and to all later stops, until the next rule
+overrides it:
 
     <style>[href="#a"] stop{stop-color:currentColor;stop-opacity:.99}[href="#a"] stop+stop{..}..
     <radialGradient id="a" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1" fx=".001"/>
     <radialGradient id="b" href="#a" color="#f80"><stop offset=".066"/><stop offset=".18"/> ..
     <circle r="1" fill="url(#b)" fill-opacity=".5" transform="matrix(12 4 0 8 20 15)"/>
 
-docs/decisions/minimal.md has the figures.
+docs/decisions/minimal.md has the sizes and the accuracy of such files.
 """
 
 from __future__ import annotations
@@ -49,14 +51,18 @@ from gauss2svg.svg.element import Element, attributes_text, hex_color, number, s
 from gauss2svg.svg.minimal_shapes import OPACITY_DIGITS, Shapes, color_levels, path_data, shapes_of
 from gauss2svg.svg.stops import gradient_stops, grey_stops
 
-MASK_STOPS = (3, 5)  # number of stops of a mask: for fewer than MANY soft shapes, for MANY or more
+# The first number is how many stops a mask has in a file with fewer than MANY soft shapes. The
+# second number is how many stops it has in a file with MANY or more.
+MASK_STOPS = (3, 5)
 
 
-# Accuracy of a minimal file (docs/decisions/minimal.md).
-MANY = 60  # fewest soft shapes at which two more stops of a mask are worth their bytes
-VIEW_ERROR = 0.02  # largest error of a side of the view box in user units
-VIEW_ERROR_PX = 0.25  # largest error of a side of the view box in px
-# Without userSpaceOnUse librsvg 2.54 loses shapes under a rotation.
+# The next three numbers set the accuracy of a minimal file (docs/decisions/minimal.md).
+# If a file has at least this many soft shapes, each mask gets two more stops (MASK_STOPS). These
+# make the shapes more accurate, and in such a file this is worth the bytes that the stops take.
+MANY = 60
+VIEW_ERROR = 0.02  # largest rounding error of a side of the view box, in user units
+VIEW_ERROR_PX = 0.25  # largest rounding error of a side of the view box, in px
+# Without userSpaceOnUse, librsvg 2.54 loses shapes that are rotated.
 _UNIT_DISC = {"gradientUnits": "userSpaceOnUse", "cx": "0", "cy": "0", "r": "1"}
 
 
@@ -73,19 +79,21 @@ def minimal_svg(
     """Return the shortest SVG text of a scene. Coordinates are whole numbers of units.
 
     unit    user unit in px of the canvas, 0.001..1e6
-    digits  hex digits of a colour, 3 or 6
-    opacity_decimals  decimals of opacities
-    stops   stops of a gradient, one of STOP_COUNTS
-    masked  whether soft shapes are drawn under masks, not by gradients. None: as many as
-            MOST_MASKED and FADING of gauss2svg.svg.minimal_shapes allow
+    digits  number of hex digits of a colour, 3 or 6
+    opacity_decimals  number of decimals of opacities
+    stops   number of stops of a gradient, one of STOP_COUNTS
+    masked  whether soft shapes are drawn under masks (True) or by gradients (False). If None, as
+            many are drawn under masks as MOST_MASKED and FADING of gauss2svg.svg.minimal_shapes
+            allow, and the others by gradients
 
-    The file draws minimal_rounded(scene, unit, digits), if opacity_decimals has its default. Shapes
+    If opacity_decimals has its default, the file draws minimal_rounded(scene, unit, digits). Shapes
     whose extent or opacity is written as 0 are left out. Title, alt, size and aspect are written if
-    the document has them. Without a size in the document, the file has one only if a unit is less
-    than a pixel or a side is not a whole number of units. In the latter case resvg would round the
-    sides of the view box to get a size, and so change the proportions.
+    the document has them. If the document has no size, the size of the canvas in px is written in
+    two cases. The first case is that a unit is less than a pixel. The second case is that a side is
+    not a whole number of units. In the second case, resvg would otherwise round the sides of the
+    view box to get a size, and so change the proportions.
 
-    Raise InputError for an additive scene, and for animation and fragments, which need layers.
+    Raise InputError for an additive scene, and for animation or fragments, which need layers.
     """
     document = instance(document, "document", Document)
     document.check_without_layers("minimal markup", "which has no layers", "--markup editable")
@@ -104,19 +112,23 @@ def minimal_svg(
 
 
 def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
-    """Return the scene that the file of minimal_svg draws, without the shapes that it leaves out.
+    """Return the scene that the file of minimal_svg draws.
 
-    Means, extents, colours, opacities and exponents are those of the file. A plain ellipse gets the
-    exponent whose profile is closest to it. Arguments and errors are those of minimal_svg.
+    The scene does not have the shapes that the file leaves out. Means, extents, colours, opacities
+    and exponents are those of the file. A plain ellipse gets the exponent of the profile that is
+    closest to it. Arguments and errors are those of minimal_svg.
     """
     return shapes_of(scene, unit, digits, OPACITY_DIGITS).rounded(scene, unit, digits)
 
 
 def whole_unit(width: int, height: int, about: float = 0) -> float:
-    """Return a unit in px that divides both sides.
+    """Return the size of a unit, in px. Both sides are whole numbers of such units.
 
-    The longer side has about `about` units, or as few as possible if `about` is 0. The larger the
-    sides' greatest common divisor is, the nearer the number of units is to `about`.
+    about  wanted number of units of the longer side. 0 for as few as possible
+
+    The longer side may have m, 2 m, 3 m, .. units, where m is its length in px divided by the
+    greatest common divisor of width and height. The one of these numbers that is nearest to `about`
+    is taken. If the divisor is small, m is large, so this number may be far from `about`.
     """
     longer = max(width, height)
     fewest = longer // math.gcd(width, height)
@@ -124,7 +136,11 @@ def whole_unit(width: int, height: int, about: float = 0) -> float:
 
 
 def _view_side(side: float, unit: float) -> str:
-    """Return a side of the view box in units, with the fewest decimals that are exact enough."""
+    """Return a side of the view box in units, as a text.
+
+    The text has the smallest number of decimals at which its error is within VIEW_ERROR and
+    VIEW_ERROR_PX.
+    """
     units = side / unit
     error = min(VIEW_ERROR * min(1.0, units), VIEW_ERROR_PX / unit)
     texts = (number(units, decimals) for decimals in range(11))
@@ -132,10 +148,16 @@ def _view_side(side: float, unit: float) -> str:
 
 
 def _size_and_aspect(document: Document, scene: Scene, unit: float) -> dict[str, str | None]:
-    """Return the root's width, height and preserveAspectRatio, each None if it is not needed."""
+    """Return the width, height and preserveAspectRatio of the root.
+
+    An attribute that need not be written has the value None.
+    """
     sides = document.sides(scene.width, scene.height)
     canvas = scene.width / unit, scene.height / unit
-    # Without width and height, the rounded sides of the view box would be the size in px.
+    # If the root has no width and height, the picture has as many px as the view box has units, and
+    # resvg rounds these numbers. So width and height are written if a side of the view box is not a
+    # whole number. They are also written if a unit is less than a pixel, because the picture would
+    # be larger than the canvas without them.
     is_exact = unit >= 1 and all(u >= 0.5 and abs(u - round(u)) <= 1e-9 * u for u in canvas)
     if sides is None and not is_exact and not document.is_responsive:
         sides = number(scene.width, 3), number(scene.height, 3)
@@ -152,7 +174,10 @@ def _title_and_desc(document: Document) -> list[Element]:
 def _drawing(
     shapes: Shapes, opacity_decimals: int, stops: int
 ) -> tuple[list[Element], list[Element]]:
-    """Return the definitions and the elements of all shapes. Gradients have `stops` stops."""
+    """Return the definitions of a file and the elements of its shapes.
+
+    stops  number of stops of a gradient
+    """
     by_gradient = np.flatnonzero((shapes.falloff >= 0) & ~shapes.masked)
     fills = [_fill(levels) for levels in shapes.levels]
     definitions, uses = _masked(shapes.falloff[shapes.masked])
@@ -161,7 +186,8 @@ def _drawing(
         more, circles = _gradients(shapes, by_gradient, fills, stops, 3 * len(uses))
         definitions = more + definitions
     used = sum("id" in definition.attributes for definition in definitions)
-    # Consecutive opaque ellipses of one colour share a path. Translucent ones blend one by one.
+    # Opaque ellipses of the same colour that follow each other share a path. Each translucent
+    # ellipse has its own path, because each must be blended separately.
     opaque = (shapes.falloff < 0) & (np.round(shapes.opacity, opacity_decimals) == 1)
     elements = []
     for _, run in groupby(range(len(fills)), lambda i: fills[i] if opaque[i] else i):
@@ -181,20 +207,25 @@ def _drawing(
 
 
 def _fill(levels: NDArray[np.intp]) -> str | None:
-    """Return a colour (3,) in levels of 255 as hex, None for black."""
+    """Return a colour (3,) in levels of 255 as #rrggbb or #rgb.
+
+    Return None for black, which is the default and need not be written.
+    """
     return unless("#000", hex_color(levels))
 
 
 def _most_used(falloff: NDArray[np.intp]) -> list[int]:
-    """Return the distinct values of `falloff` (n,), most used first."""
+    """Return the distinct values of `falloff` (n,), from the most to the least frequent one."""
     uses = Counter(falloff.tolist())
     return sorted(uses, key=lambda kind: (-uses[kind], kind))
 
 
 def _masked(falloff: NDArray[np.intp]) -> tuple[list[Element], dict[int, Element]]:
-    """Return definitions of a masked circle for each class in `falloff` (n,), and its <use>.
+    """Return definitions of circles under masks, and elements that refer to these circles.
 
-    The circles, masks and gradients have the first ids, three for each class.
+    For each class in `falloff` (n,) there are three definitions: a circle, its mask, and the
+    gradient in the mask. The definitions get the first ids of the file. The second result maps each
+    class to a <use> that refers to the circle of the class.
     """
     kinds = _most_used(falloff)
     count = MASK_STOPS[int(len(falloff) >= MANY)]
@@ -218,12 +249,16 @@ def _masked(falloff: NDArray[np.intp]) -> tuple[list[Element], dict[int, Element
 def _gradients(
     shapes: Shapes, index: NDArray[np.intp], fills: list[str | None], stops: int, used: int
 ) -> tuple[list[Element], dict[int, Element]]:
-    """Return a gradient for each exponent and colour, and circles by exponent.
+    """Return the definitions of gradients, and a circle for each exponent.
 
-    index  indices of the shapes that gradients draw
-    fills  fills of all shapes. Those at `index` are replaced by references to the gradients
+    The definitions are a style sheet, a gradient for each exponent, and a gradient for each pair of
+    an exponent and a colour, which refers to the gradient of the exponent.
+
+    index  indices of the shapes that are drawn by gradients
+    fills  fills of all shapes. The fills of the shapes at `index` are replaced by references to the
+           gradients
     stops  number of stops of a gradient
-    used   number of ids that are used already
+    used   number of ids that are already in use
     """
     kinds = _most_used(shapes.falloff[index])
     rules, definitions, first, ramps = "", [], {}, {}
@@ -233,7 +268,7 @@ def _gradients(
         for at, value in enumerate(values):
             look = ("" if at else "stop-color:currentColor;") + f"stop-opacity:{number(value, 3)}"
             rules += f'[href="#{name}"] stop{"+stop" * at}{{{look}}}'
-        # With fx, resvg uses its more accurate algorithm.
+        # Because of the fx, resvg draws the gradient by a more accurate algorithm.
         definitions.append(Element("radialGradient", id=name, **_UNIT_DISC, fx=".001"))
         ramps[kind] = [Element("stop", offset=number(at, 4)) for at in offsets]
     keys = {i: (int(shapes.falloff[i]), fills[i] or "#000") for i in index.tolist()}
@@ -250,7 +285,8 @@ def _gradients(
 
 
 def _circle(kind: int) -> str:
-    # The edge of a circle of radius 1 would clip a crisp rim (gauss2svg.svg.encode).
+    # A circle of radius 1 ends where its gradient ends. If the rim is crisp, the antialiased edge
+    # of such a circle would clip it, so the circle is made larger (gauss2svg.svg.encode).
     return "1.1" if BETA_CLASSES[kind] >= 6 else "1"
 
 
@@ -260,12 +296,16 @@ def _matrix(numbers: NDArray[np.float64]) -> str:
 
 
 def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Element]]:
-    """Return definitions of common fills and opacities, and all elements, some of which use them.
+    """Move attributes that several elements have in common into definitions.
 
-    A definition is made only if it shortens the file. `used` is the number of ids in use already.
+    Return the definitions and all elements. An element whose attributes were moved refers to the
+    definition instead. A definition is made only if it makes the file shorter.
+
+    used  number of ids that are already in use
     """
     definitions = []
-    # First common pairs of fill and opacity, then common opacities of the other elements.
+    # First look for common pairs of fill and opacity. Then look for common opacities of the
+    # elements that have no common pair.
     for names in (("fill", "opacity"), ("opacity",)):
         ids = {}
         keys = [tuple(map(one.attributes.get, ("href", *names))) for one in elements]
@@ -273,7 +313,9 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
             href, common = key[0], dict(zip(names, key[1:], strict=True))
             name = short_id(used + len(definitions))
             definition = Element("use", id=name, href=href, **common)
-            # An element with this key drops the common attributes, and its href becomes the new id.
+            # An element with this key may refer to the definition. It then needs neither its own
+            # href nor the common attributes, but only the href of the definition. `saved` is the
+            # number of bytes by which this makes the element shorter.
             saved = len(definition.text()) - len(Element("use", id=name, href=f"#{name}").text())
             if uses * saved > len(definition.text()):
                 ids[key] = name
@@ -286,7 +328,10 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
 
 
 def _grouped(elements: list[Element]) -> list[Element]:
-    """Return the elements, with runs of one fill in a group if that is shorter."""
+    """Return the elements, with each run of elements of the same fill put into a group.
+
+    A run is left without a group if the group would not make the file shorter.
+    """
     grouped = []
     for fill, run in groupby(elements, key=lambda one: one.attributes.get("fill")):
         inside = list(run)

@@ -1,15 +1,17 @@
 """Shapes of a minimal file as whole numbers, and the scene that these numbers draw.
 
-Plain ellipses are arcs of a path. One path may have many arcs of one colour:
+Plain ellipses are arcs of a path. One path may have many arcs of the same colour:
 
     <path fill="#abc" d="M10 20a8 4 30 101 0m-2 9a3 3 0 100 1"/>
 
-Each arc goes round its ellipse but for a gap: the arc's end lies one unit right of its start, or
-one unit below. Filling closes the gap. The centre follows from the start, the radii and the tilt in
-degrees. All arcs turn the same way, so that a path fills the union of its ellipses.
+Each arc goes round its whole ellipse except for a gap. The end of the arc is one unit to the right
+of its start, or one unit below it. When the path is filled, the gap is closed. The centre of the
+ellipse follows from the start, the radii and the tilt (in degrees). All arcs have the same
+direction of rotation, so that a path fills the union of its ellipses.
 
-Shapes are reordered so that those of one colour follow each other, if the picture stays the same.
-Two shapes may change places if they do not overlap, or if their colours are equal.
+Shapes of the same colour are moved next to each other, so that one path can draw them. These moves
+must not change the picture. So two shapes may exchange their places only if they do not overlap, or
+if they have the same colour.
 """
 
 from __future__ import annotations
@@ -27,31 +29,35 @@ from gauss2svg.svg.element import check_view, number, writable
 from gauss2svg.svg.forms import arc_beta, drawn_radius, is_arc, with_falloffs
 
 Floats = NDArray[np.float64]
-HEX_DIGITS = (3, 6)  # numbers of hex digits that a colour may have
-OPACITY_DIGITS = 2  # default decimals of an opacity
+HEX_DIGITS = (3, 6)  # a colour may have either of these numbers of hex digits
+OPACITY_DIGITS = 2  # default number of decimals of an opacity
 
 
-# Masks and gradients of a minimal file (docs/decisions/minimal.md).
-# Largest number of soft shapes that are drawn under masks, because masks are slow.
+# The next two numbers set how many soft shapes of a minimal file are drawn under masks
+# (docs/decisions/minimal.md). If a file has at most this many soft shapes, all of these are drawn
+# under masks. If it has more, some of them get gradients instead, because masks are slow.
 MOST_MASKED = 500
-# Number of masks that give way to gradients for each soft shape beyond MOST_MASKED. If all did at
-# once, one more shape would make the file a third larger.
+# For each soft shape beyond MOST_MASKED, the number of soft shapes under masks becomes smaller by
+# this number. So masks are replaced by gradients gradually. If all soft shapes got gradients as
+# soon as there are more than MOST_MASKED, a single additional shape would make the file larger by a
+# third.
 FADING = 2
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """The n shapes of a file, in painter's order.
+    """The n shapes of a file, in the order in which they are drawn.
 
     index    (n,) index of the shape in its scene
-    falloff  (n,) index into BETA_CLASSES, -1 for a plain ellipse
-    numbers  (n, 5) whole numbers a b d e f, the matrix(a b 0 d e f) of a circle of radius 1. For a
-             plain ellipse they are those of `arc_numbers`
-    mean     (n, 2) centre of the ellipse that is drawn, in units
-    factor   (n, 3) Cholesky factor l11 l21 l22 of that ellipse, in units
-    masked   (n,) whether a shape is soft and drawn under a mask, not by a gradient
+    falloff  (n,) index of its exponent in BETA_CLASSES. -1 for a plain ellipse
+    numbers  (n, 5) five numbers. A soft shape is a circle of radius 1 with the transform
+             matrix(a b 0 d e f), and has the whole numbers a b d e f. A plain ellipse has the
+             numbers that `arc_numbers` returns
+    mean     (n, 2) centre of the ellipse that is drawn, in user units
+    factor   (n, 3) Cholesky factor l11 l21 l22 of that ellipse, in user units
+    masked   (n,) whether the shape is a soft one that is drawn under a mask, not by a gradient
     levels   (n, 3) colour in levels, 0..255
-    opacity  (n,) 0..1
+    opacity  (n,) opacity, 0..1
     """
 
     index: NDArray[np.intp]
@@ -64,11 +70,16 @@ class Shapes:
     masked: NDArray[np.bool_]
 
     def rounded(self, scene: Scene, unit: float, digits: int) -> Scene:
-        """Return `scene` as a file with these shapes draws it."""
+        """Return the scene that a file with these shapes draws.
+
+        scene         scene from which the shapes were made
+        unit, digits  as in `shapes_of`
+        """
         plain = self.falloff < 0
         beta = np.array([*BETA_CLASSES, 1.0])[self.falloff]
         beta[plain] = arc_beta(np.sort(unit * self.numbers[plain, :2], axis=1)[:, ::-1])
-        # A minimal file has no layers, and its shapes are not in the order of rounds.
+        # All shapes are in one round, because a minimal file has no layers, and because its shapes
+        # are not in the order of rounds.
         one_round = scene.replace(round_index=np.zeros_like(scene.round_index))
         rounded = one_round.select(self.index).replace(
             color=self.levels / 255,
@@ -83,15 +94,19 @@ class Shapes:
 def shapes_of(
     scene: Scene, unit: float, digits: int, opacity_decimals: int, masked: bool | None = None
 ) -> Shapes:
-    """Return the shapes of a scene's file, without those whose extent or opacity is written as 0.
+    """Return the shapes that the file of a scene has.
+
+    A shape is left out if its extent or opacity is written as 0.
 
     unit    user unit in px
-    digits  hex digits of a colour, 3 or 6
-    masked  whether soft shapes are drawn under masks. None: all are, up to MOST_MASKED soft
-            shapes, and FADING fewer for each soft shape beyond
+    digits  number of hex digits of a colour, 3 or 6
+    masked  whether all soft shapes are drawn under masks (True), or none (False). If None, the
+            number of soft shapes decides. If there are at most MOST_MASKED, all are drawn under
+            masks. For each soft shape beyond MOST_MASKED, FADING fewer shapes are drawn under
+            masks. The other soft shapes get gradients
 
-    Raise InputError for a unit out of range, and for an additive scene. Raise SceneError
-    for visible shapes whose numbers are too large for a file.
+    Raise InputError if the unit is out of range, and for an additive scene. Raise SceneError if the
+    numbers of a visible shape are too large for a file.
     """
     unit = Field("unit", float, 0.001, 1e6).checked(unit)
     if scene.blend == ADD:
@@ -108,12 +123,13 @@ def shapes_of(
         radius = drawn_radius(snapped.beta, plain)
         factor = snapped.factor * radius[:, None, None]
         entries = [factor[:, 0, 0], factor[:, 1], snapped.mean]
-        numbers = np.round(np.column_stack(entries) / unit) + 0.0  # turns -0 into 0
+        numbers = np.round(np.column_stack(entries) / unit) + 0.0  # adding 0.0 turns -0 into 0
         numbers[plain] = arc_numbers(snapped.select(plain), radius[plain], unit)
         extent = np.where(plain, numbers[:, :2].min(axis=1), numbers[:, 0] * numbers[:, 2])
         drawn = writable(snapped, radius, unit) & (extent > 0) & (opacity > 0)
-        # Soft shapes that look plain once they are rounded are made plain, so that rounding a scene
-        # twice changes nothing.
+        # After its numbers are rounded, a soft shape may be so crisp that is_arc holds for it. Such
+        # a shape is made a plain ellipse here, and all shapes are rounded again. Otherwise it would
+        # become an arc when its file is read and written again.
         soft = np.flatnonzero(drawn & ~plain)
         mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
         placed = _placed(snapped.select(soft), mean[soft], factor[soft], radius[soft], unit)
@@ -131,7 +147,7 @@ def shapes_of(
     most = max(MOST_MASKED + FADING * (MOST_MASKED - len(soft)), 0)
     count = {True: len(soft), False: 0, None: min(len(soft), most)}[masked]
     is_masked = np.zeros(len(index), bool)
-    # Upper shapes get the masks, because they are smaller and quicker to paint.
+    # The upper shapes get the masks, because they are smaller, so their masks are drawn faster.
     is_masked[soft[len(soft) - count :]] = True
     return Shapes(
         index, falloff[index], numbers[index], mean[index], factor[index], levels[index],
@@ -140,35 +156,49 @@ def shapes_of(
 
 
 def color_levels(color: Floats, digits: int) -> NDArray[np.intp]:
-    """Return colours, of any shape, in levels of 0..255 that `digits` hex digits can write."""
+    """Return colours as levels in 0..255 that can be written with `digits` hex digits.
+
+    The array `color` may have any shape.
+    """
     most = 15 if digits == HEX_DIGITS[0] else 255
     return np.round(color * most).astype(np.intp) * (255 // most)
 
 
 def _placed(scene: Scene, mean: Floats, factor: Floats, radius: Floats, unit: float) -> Scene:
-    """Return the scene with other ellipses: centres (n, 2) and factors (n, 3) in user units."""
+    """Return the scene with each shape moved and resized so that it fills a given ellipse.
+
+    mean    (n, 2) centres of the ellipses, in user units
+    factor  (n, 3) their Cholesky factors l11 l21 l22, in user units
+    radius  (n,) their radii in sigmas
+    unit    user unit in px
+    """
     a, b, d = unit * factor.T
     sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
     rho = np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT)
     return scene.replace(mean=unit * mean, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA), rho=rho)
 
 
-_TILT_DECIMALS = 1  # decimals of the tilt of long ellipses. Others have none
+# The tilt of a long ellipse is written with this number of decimals. The tilts of other ellipses
+# are written as whole degrees.
+_TILT_DECIMALS = 1
 
 
 def arc_numbers(scene: Scene, radius: Floats, unit: float) -> Floats:
-    """Return the numbers (n, 5) of arcs: radii rx ry, tilt, and start x y.
+    """Return the numbers (n, 5) of each arc: its radii rx and ry, its tilt, and its start x and y.
 
     radius  (n,) radius of the ellipses in sigmas
+    unit    user unit in px
 
-    Radii and start are whole units. The tilt of the first radius is in (-45, 45] degrees. It is
-    whole, or has one decimal for long ellipses, and is 0 for circles. No arc can draw a shape with
-    a radius of 0.
+    The radii and the start are whole numbers of units. The tilt is the angle of the first radius,
+    in (-45, 45] degrees. It is a whole number, or has one decimal if the ellipse is long. The tilt
+    of a circle is 0. If a radius is 0, no arc can draw the shape.
     """
     axes, angle_rad = scene.ellipse_axes
     radii = np.round(axes * radius[:, None] / unit)
     tilt = np.degrees(angle_rad)
-    # If the radii differ by 60 units, half a degree of tilt moves the far end by half a unit.
+    # The tilt gets a decimal if the radii differ by more than 60 units. Without the decimal, the
+    # tilt could be wrong by half a degree, which would move the ends of such an ellipse by more
+    # than half a unit.
     decimals = np.where(radii[:, 0] - radii[:, 1] > 60.0, _TILT_DECIMALS, 0)
     tilt = np.round(tilt * 10.0**decimals) / 10.0**decimals
     steep = (tilt <= -45) | (tilt > 45)
@@ -177,11 +207,14 @@ def arc_numbers(scene: Scene, radius: Floats, unit: float) -> Floats:
     tilt[radii[:, 0] == radii[:, 1]] = 0.0
     offset, _ = _from_start(radii, tilt)
     start = np.round(scene.mean / unit - offset)
-    return np.column_stack([radii, tilt, start]) + 0.0  # turns -0 into 0
+    return np.column_stack([radii, tilt, start]) + 0.0  # adding 0.0 turns -0 into 0
 
 
 def arc_geometry(numbers: Floats) -> tuple[Floats, Floats]:
-    """Return centres (n, 2) and Cholesky factors (n, 3) l11 l21 l22 of arcs' ellipses, in units."""
+    """Return the ellipses of the arcs that have these `arc_numbers` (n, 5).
+
+    Return their centres (n, 2), and their Cholesky factors l11 l21 l22 (n, 3), in user units.
+    """
     (rx, ry), tilt_rad = numbers[:, :2].T, np.radians(numbers[:, 2])
     co, si = np.cos(tilt_rad), np.sin(tilt_rad)
     l11 = np.hypot(rx * co, ry * si)
@@ -197,25 +230,34 @@ def path_data(numbers: Floats) -> str:
         move = f"M{number(start_x, 0)} {number(start_y, 0)}"
         if text:
             move = min(f"m{number(start_x - x, 0)} {number(start_y - y, 0)}", move, key=len)
-        to = "101 0" if chord[0] else "100 1"  # flags: large, counterclockwise; then the arc's end
+        # First come the two flags of a large arc that is drawn counterclockwise (1 and 0), and then
+        # the end of the arc relative to its start.
+        to = "101 0" if chord[0] else "100 1"
         text += f"{move}a{number(rx, 0)} {number(ry, 0)} {number(tilt, _TILT_DECIMALS)} {to}"
         x, y = start_x + chord[0], start_y + chord[1]
     return text.replace(" -", "-")
 
 
 def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
-    """Return offsets (n, 2) in units from each arc's start to its ellipse's centre, and to its end.
+    """Return two vectors (n, 2) for each arc, in user units.
 
-    Of the chords (1, 0) and (0, 1), the arc gets the one that cuts off less. That chord is shorter
-    when the ellipse is mapped onto the unit circle. There the chord is the vector u, and the centre
-    lies beside the middle of u (SVG 2, implementation notes, B.2.4).
+    The first vector leads from the start of the arc to the centre of its ellipse. The second vector
+    is the chord, which leads from the start of the arc to its end. The chord is (1, 0) or (0, 1),
+    whichever cuts off the smaller part of the ellipse.
+
+    To compare these two chords, the ellipse is mapped onto the unit circle. There, the shorter
+    chord cuts off the smaller part. The vector u is this chord of the circle. The centre of the
+    circle lies beside the middle of u, in the direction at a right angle to u (SVG 2,
+    implementation notes, B.2.4).
     """
     tilt_rad, radii = np.radians(tilt), np.maximum(radii, 1.0)
     co, si = np.cos(tilt_rad), np.sin(tilt_rad)
     onto = np.array([[co, -si], [si, co]]).transpose(2, 0, 1) * radii[:, None, :]
     across = np.hypot(co / radii[:, 0], si / radii[:, 1])
     down = np.hypot(si / radii[:, 0], co / radii[:, 1])
-    level = across <= down + 1e-9  # both are equal for circles
+    # For a circle, `across` and `down` are equal except for rounding errors. 1e-9 is larger than
+    # these errors, so all circles get the same chord.
+    level = across <= down + 1e-9
     chord = np.column_stack([level, ~level]).astype(np.float64)
     u = np.einsum("nji,nj->ni", onto / np.square(radii)[:, None, :], chord)
     length = np.where(level, across, down)
@@ -224,20 +266,27 @@ def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
     return chord / 2 + np.einsum("nij,nj->ni", onto, center), chord
 
 
-_DIRECTIONS = np.arange(12) * np.pi / 12  # angles of the lines onto which ellipses are projected
-_ALONG_SIDES = 0, 6  # indices of the directions along x and y, which rule out most pairs first
-_ROWS = 64  # rows compared at a time, a multiple of the 8 bits of a byte
+# Two ellipses count as apart if there is a line onto which their projections are apart. These are
+# the angles of the lines that are tried.
+_DIRECTIONS = np.arange(12) * np.pi / 12
+# The indices of the lines along x and y. These two lines are tested first, because they rule out
+# most pairs.
+_ALONG_SIDES = 0, 6
+_ROWS = 64  # number of shapes that are compared at a time, a multiple of the 8 bits of a byte
 
 
 def overlaps(
     mean: Floats, factor: Floats, kind: NDArray[np.generic], margin: float
 ) -> NDArray[np.uint8]:
-    """Return n x n bits, packed to (n, n / 8): whether shape i lies below shape j and overlaps it.
+    """Return for each pair of shapes i and j one bit: whether i is below j and overlaps it.
 
-    kind  (n,) kind of each shape. The bit of two shapes of one kind is 0
+    The n bits of each shape i are packed into a row of n / 8 bytes, rounded up. They are unpacked
+    by np.unpackbits(row, count=n). The bits of 20000 shapes take 50 MB, whatever the number of
+    shapes that overlap.
 
-    The other arguments are those of `colors_together`. np.unpackbits(row, count=n) unpacks row i.
-    The bits of 20000 shapes take 50 MB, however many overlap.
+    kind  (n,) kind of each shape. If two shapes are of the same kind, their bit is 0
+
+    The other arguments are those of `colors_together`.
     """
     x, y = np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)
     at = mean[:, :1] * x + mean[:, 1:] * y
@@ -262,21 +311,27 @@ def overlaps(
 def colors_together(
     mean: Floats, factor: Floats, color: NDArray[np.intp], key: Floats, margin: float
 ) -> NDArray[np.intp]:
-    """Return an order (n,) of shapes that looks the same and has few changes of colour.
+    """Return an order (n,) of the shapes that draws the same picture with few changes of colour.
 
-    All orders of the shapes that look the same lead to one result. A shape is ready once all
-    overlapping shapes of other colours below it are drawn. The next colour is the one with the
-    largest share of ready shapes. All ready shapes of that colour are then drawn.
+    The shapes may be passed in any order that draws this picture. All these orders give the same
+    result.
+
+    A shape must wait for all shapes of other colours that are below it and overlap it. When these
+    have been drawn, the shape is ready. In each step, a share is computed for each colour: the
+    number of its ready shapes, divided by the number of its shapes that are not drawn yet. The
+    colour with the largest share comes next, and all its ready shapes are drawn.
 
     mean    (n, 2) centres of the ellipses that contain the shapes
-    factor  (n, 3) l11 l21 l22 of these ellipses
-    color   (n, 3) whole levels
-    key     (k, n) sort keys within a run of one colour, primary key last
+    factor  (n, 3) Cholesky factors l11 l21 l22 of these ellipses
+    color   (n, 3) colours of the shapes in whole levels
+    key     (k, n) keys for sorting. Shapes of one colour that become ready at the same time are
+            sorted by these keys. The primary key is the last
     margin  smallest distance at which two ellipses count as apart
     """
     kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
     below, undrawn = overlaps(mean, factor, kind, margin), np.ones(len(mean), bool)
-    waiting = np.zeros(len(mean), np.intp)  # number of undrawn shapes that each shape waits for
+    # For each shape, the number of shapes that must be drawn before it and are not drawn yet.
+    waiting = np.zeros(len(mean), np.intp)
     for row in below:
         waiting += np.unpackbits(row, count=len(mean))
     order = [np.zeros(0, np.intp)]

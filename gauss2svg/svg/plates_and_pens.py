@@ -1,10 +1,12 @@
-"""Drawings for printers and plotters: plates of inks, and outlines that pens draw.
+"""Drawings for printers and plotters: a plate for each ink, and outlines that pens draw.
 
-For example, yellow ellipses, blue ones over them and yellow ones on top are three groups in two
-inks. The yellow plate has both yellow groups in black, and the blue group between them in white.
+A plate shows where one ink is printed. For example, a scene has yellow ellipses, blue ellipses over
+them, and yellow ellipses on top. These are three groups in two inks. The yellow plate has both
+yellow groups in black, and between them the blue group in white.
 
-An outline is a stroke where a shape's falloff is 1/2. With pens, strokes are cut at the page's
-edges, and the pen of the nearest colour draws each:
+An outline is a stroke along the contour at which the falloff of a shape is 1/2. If there are pens,
+strokes are cut at the edges of the page, and each stroke is drawn by the pen whose colour is
+nearest:
 
     <g inkscape:label="1 #c0322c" stroke="#c0322c"> <ellipse cx="90" cy="40" rx="8" ry="3"/>
       <path d="M0 12.5A31 20 15 0 1 22.1 0"/> .. </g>
@@ -30,12 +32,16 @@ from gauss2svg.svg.minimal_shapes import color_levels, colors_together, overlaps
 from gauss2svg.without_scipy import nearest_entry
 
 Floats = NDArray[np.float64]
-STROKE_WIDTHS = 0.01, 100.0  # px, range of a stroke's width
-STROKE_DECIMALS = 2  # decimals of px, of mm with pens, and of degrees
+STROKE_WIDTHS = 0.01, 100.0  # the range of a stroke's width in px
+# The number of decimals of lengths and of degrees. Lengths are in px, or in mm if there are pens.
+STROKE_DECIMALS = 2
 MOST_PENS = MOST_INKS
-# Longest piece of an arc. Rounding the ends' coordinates would move a longer arc's centre.
+# An arc is written in pieces of at most this angle. If a piece were longer, the rounding of the
+# coordinates of its ends would move its centre.
 _PIECE_RAD = 0.5 * math.pi
-_MARGIN = 1.0  # px, smallest gap at which ellipses count as apart, because edges are antialiased
+# Two ellipses count as apart if the gap between them is at least this, in px. It is more than 0,
+# because edges are antialiased.
+_MARGIN = 1.0
 
 
 def encode_outlines(
@@ -64,17 +70,17 @@ def encode_outlines(
 
 
 def outlines(scene: Scene) -> list[tuple[int, Element]]:
-    """Return the index of each shape and an <ellipse> with the shape's colour as its stroke.
+    """Return for each shape its index and an <ellipse> whose stroke has the colour of the shape.
 
-    Shapes whose extent or opacity is written as 0 are left out, as are those off the canvas whose
-    numbers are too large (gauss2svg.svg.element.writable).
+    A shape is left out if its extent or opacity would be written as 0. It is also left out if it is
+    off the canvas and its numbers are too large (gauss2svg.svg.element.writable).
     """
     radius = half_radius(scene.beta)
     axes, angle_rad = scene.ellipse_axes
     radii, angles = axes * radius[:, None], np.degrees(angle_rad)
     levels = np.round(scene.color * 255).astype(int)
     drawn = []
-    # With two decimals, an opacity under 0.005 would be written as 0.
+    # A shape is left out if its opacity is under 0.005, because two decimals round this to 0.
     for i in np.flatnonzero(writable(scene, radius, 1.0) & (scene.opacity >= 0.005)).tolist():
         numbers = *radii[i], *scene.mean[i], angles[i]
         rx, ry, x, y, angle = (number(v, STROKE_DECIMALS) for v in numbers)
@@ -88,10 +94,11 @@ def outlines(scene: Scene) -> list[tuple[int, Element]]:
 
 
 def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
-    """Return up to `count` pens, each with its colour #rrggbb and its strokes, lightest pen first.
+    """Return up to `count` pens, each with its colour #rrggbb and its strokes.
 
-    gauss2svg.scene.inks.inks_of chooses the colours of the pens from those of the shapes. The
-    strokes are those of `outlines`, cut at the page's sides, lowest first.
+    The pens are in the order from the lightest to the darkest colour. Their colours are chosen by
+    gauss2svg.scene.inks.inks_of from the colours of the shapes. The strokes of a pen are those of
+    `outlines`, cut at the sides of the page, in the order from bottom to top.
     """
     drawn = outlines(scene)
     if not drawn:
@@ -101,8 +108,8 @@ def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
     if distinct == 1:
         pens = hex_color(np.round(color[0] * 255).astype(int), short=False)
     else:
-        # inks_of compares neighbouring pixels. Sorting makes its choice independent of the
-        # painter's order.
+        # inks_of compares neighbouring pixels, so its result depends on the order of the colours.
+        # They are sorted here, so that it does not depend on the order of the shapes.
         sorted_by_color = color[np.lexsort(color.T)][None].astype(np.float32)
         pens = inks_of(sorted_by_color, min(count, distinct))
     entry = nearest_entry(ink_colors(pens), color)[1]
@@ -115,10 +122,12 @@ def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
 
 
 def _on_page(ellipse: Element, matrix: Floats, center: Floats, scene: Scene) -> list[Element]:
-    """Return the part of the ellipse center + matrix (cos t, sin t) that is on the page, if any.
+    """Return the part of an ellipse that is on the page, as an element. Return [] if there is none.
 
-    The ellipse crosses a side x = k where m11 cos t + m12 sin t = k - center_x, at
-    t = atan2(m12, m11) +- acos(..).
+    The points of the ellipse are center + matrix (cos t, sin t). It crosses a side x = k of the
+    page where m11 cos t + m12 sin t = k - center_x. The solutions of this equation are
+
+    t = atan2(m12, m11) +- acos((k - center_x) / hypot(m11, m12)).
     """
     page = np.array([scene.width, scene.height])
     crossings: list[float] = []
@@ -150,9 +159,10 @@ def _points(t: Floats, matrix: Floats, center: Floats) -> Floats:
 
 
 def grouped_by_ink(scene: Scene) -> Scene:
-    """Return the scene with its shapes grouped by ink, as far as the picture stays the same.
+    """Return the scene with shapes of the same ink moved together.
 
-    Each run of one ink becomes a round. Raise InputError for a scene that is not in inks.
+    A shape is moved only if this does not change the picture. Each run of shapes of the same ink
+    becomes a round. Raise InputError if the scene is not in inks.
     """
     inks_of_scene(scene)
     mean, factor = _ellipses(scene)
@@ -167,8 +177,8 @@ def grouped_by_ink(scene: Scene) -> Scene:
 def plate_of(scene: Scene, ink: str) -> Scene:
     """Return the plate of an ink #rrggbb: black where the ink is visible, and white elsewhere.
 
-    Shapes of other inks are white where they cover shapes of this ink. Shapes that change nothing
-    are left out. Raise InputError for an ink that the scene does not have.
+    Shapes of this ink are black, and shapes of other inks are white. Shapes that change nothing on
+    the plate are left out. Raise InputError for an ink that the scene does not have.
     """
     names = [ink_name(one) for one in inks_of_scene(scene)]
     if ink not in names:
@@ -177,7 +187,8 @@ def plate_of(scene: Scene, ink: str) -> Scene:
     printed = (color_levels(scene.color, 6) == levels).all(axis=1)
     ground = not scene.transparent and bool((color_levels(scene.background, 6) == levels).all())
     shows = printed != ground
-    # Shapes in the colour of the plate's background are needed where they cover other shapes.
+    # `shows` marks the shapes whose colour on the plate differs from the background of the plate. A
+    # shape that is not marked is needed only if it covers a part of a marked shape.
     below = overlaps(*_ellipses(scene), shows, _MARGIN)[shows]
     shows |= np.unpackbits(np.bitwise_or.reduce(below), count=len(scene)).astype(bool)
     black = np.where(printed, 0.0, 1.0)[:, None]
@@ -190,6 +201,9 @@ def plate_of(scene: Scene, ink: str) -> Scene:
 
 
 def _ellipses(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the centres (n, 2) and factors (n, 3) of the ellipses that are drawn, in px."""
+    """Return the centres (n, 2) of the ellipses that are drawn, and their Cholesky factors (n, 3).
+
+    Both are in px. The factors are l11 l21 l22.
+    """
     factor = scene.factor * plain_radius(scene.beta)[:, None, None]
     return scene.mean, np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1)

@@ -1,20 +1,24 @@
-"""Reading of scenes from SVG files that write_svg wrote, also after an editor saved them.
+"""Read scenes from SVG files that write_svg wrote, even if an editor has saved them since.
 
-Additive files are refused. Editable files are groups of circles. Minimal files have <use>s of
-masked circles, circles with gradients whose opacities are in a style sheet, and paths of arcs. One
-walk reads both kinds of file, because it decides element by element.
+Additive files are refused. Editable files have groups of circles. Minimal files have <use>
+elements that refer to masked circles, circles with gradients whose opacities are in a style sheet,
+and paths of arcs. The same code reads both kinds of file, because it decides for each element how
+to read it.
 
-Inkscape 1.2 makes these changes when it saves a file (tests/data has one, before and after):
+Inkscape 1.2 changes a file in these ways when it saves it. tests/data has such a file, before and
+after.
 
-- Opening and saving alone adds ids and a namedview. The numbers stay as they were.
-- A shape that is moved, rotated or scaled by itself becomes an ellipse with cx, cy, rx, ry of 8
-  digits, under a transform with unit columns. A gradientTransform moves its gradient too. If other
-  shapes use that gradient, a new one with this transform refers to it for its stops.
-- "Object to Path" makes a path of four arcs, and later transforms keep the arcs.
-- Moving a group or layer gives it a transform. Ungrouping gives the transform to its children.
-- Colours, opacities and display go into style=, which overrides the attributes.
-- Resizing the page changes width, height and viewBox, and moves layers and background.
-- Saving as plain SVG drops labels and layers, and keeps ids.
+- If the file is only opened and saved, ids and a namedview are added. Numbers stay as they were.
+- If a single shape is moved, rotated or scaled, it becomes an ellipse whose cx, cy, rx and ry have
+  8 digits. Its transform has columns of length 1. Its gradient gets a gradientTransform. If other
+  shapes use the same gradient, a new gradient gets the gradientTransform, and refers to the old
+  gradient for its stops.
+- "Object to Path" turns a shape into a path of four arcs. Later transforms keep the arcs.
+- If a group or layer is moved, it gets a transform. If it is ungrouped, its children get this
+  transform.
+- Colours, opacities and display are written into style=, which overrides the attributes.
+- If the page is resized, width, height and viewBox change, and layers and background are moved.
+- If the file is saved as plain SVG, labels and layers are dropped, and ids are kept.
 """
 
 from __future__ import annotations
@@ -50,9 +54,13 @@ from gauss2svg.svg.file import (
 from gauss2svg.svg.forms import arc_beta, plain_radius
 from gauss2svg.svg.read_shapes import Affine, Fill, color_of, compose, share_of, styled, target_of
 
-MOST_ELEMENTS = 4_000_000  # limit of elements in a file. Their tree then takes about 3 GB
+# The default limit on the number of elements in a file. The tree of a file with this many elements
+# takes about 3 GB of memory.
+MOST_ELEMENTS = 4_000_000
 _DEEPEST = 100  # largest depth of nested groups
-_LONGEST_CHAIN = 9  # largest number of gradients in a chain of references. Inkscape chains two
+# A gradient may refer to another gradient, which may refer to a third one, and so on. This is the
+# largest number of gradients in such a chain. In files of Inkscape there are two.
+_LONGEST_CHAIN = 9
 _LABEL = INKSCAPE + "label"
 _ROUND_LABEL = re.compile(r"Round ([1-9]\d{0,8})\b")
 _ROUND_ID = re.compile(r"round-([1-9]\d{0,8})")
@@ -60,15 +68,17 @@ _GROUPS = {"svg", "g", "use"}
 _DRAWN = {*_GROUPS, "circle", "ellipse", "path", "rect"}
 # Elements that draw nothing themselves.
 _SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "filter", "mask", "style"}
-# Attributes and properties that change a shape. They are refused unless their value is in _OFF, or
-# _READ has the pair of the element's tag and the attribute.
+# Attributes and properties that change how a shape looks. An element with one of them is refused,
+# unless its value is in _OFF, or the pair of the element's tag and the attribute is in _READ.
 _EFFECTS = {"stroke", "filter", "mask", "clip-path", "mix-blend-mode", "visibility", "animation"}
 _EFFECTS |= {"translate", "rotate", "scale", "transform-origin", "transform-box", "offset-path"}
 _EFFECTS |= {"zoom", "systemLanguage", "all"}
 _READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
 _OFF = {"none", "normal", "inherit", "visible"}
-_COVER = re.compile(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0")  # background of gauss2svg.svg.minimal
-# Rules in style sheets of write_svg, without blanks. Only those of stops are read.
+# Matches the path that is the background in minimal markup.
+_COVER = re.compile(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0")
+# Once the blanks of a style sheet are removed, this matches each rule that write_svg writes into
+# it. Only the rules for stops are read.
 _RULE = re.compile(
     rf'\[href="#([A-Za-z]+)"\]stop(?:\+stop)*+\{{(?:stop-color:currentColor;)?'
     rf"stop-opacity:({NUMBER})\}}|svg>g:target~g\{{display:none;?\}}"
@@ -85,26 +95,27 @@ def read_svg(
     max_bytes: int = MOST_BYTES,
     max_elements: int = MOST_ELEMENTS,
 ) -> Scene:
-    """Return the scene of an SVG that write_svg wrote, also after Inkscape edited and saved it.
+    """Return the scene of an SVG that write_svg wrote, even if Inkscape has edited and saved it.
 
-    A shape's covariance is (M / R)(M / R)^T. M is the linear part of all transforms down to the
-    unit circle of its gradient, and R = cut_radius(beta). Its exponent is the one of BETA_CLASSES
-    that has such stops. A plain ellipse gets the exponent whose profile it draws best
-    (gauss2svg.svg.forms.arc_beta). Numbers are as exact as in the file.
+    The covariance of a shape is (M / R)(M / R)^T. M is the linear part of all transforms down to
+    the unit circle of its gradient, and R = cut_radius(beta). The exponent of a shape is the one of
+    BETA_CLASSES to which the stops of its gradient belong. A plain ellipse gets the exponent of the
+    profile that it draws best (gauss2svg.svg.forms.arc_beta). Numbers are as exact as in the file.
 
-    A shape's round comes from the label or id of its group ("Round 3: ..", "round-3"), but is at
-    least the round of the shapes below. A group at the top level without such a label or id is a
-    round of its own. A minimal file has one round. If it has no size, the scene is in user units.
+    The round of a shape comes from the label or the id of its group ("Round 3: ..", "round-3"). It
+    is at least the round of the shapes below it. If a group at the top level has no such label or
+    id, the group is a round of its own. A minimal file has one round. If a minimal file has no
+    size, the scene is in user units.
 
-    source       a path (.svg, .svgz), text, or bytes
-    background   sRGB colour in 0..1 for a file without a background. If it is None, the scene of
-                 such a file is transparent
+    source       a path (.svg or .svgz), a text, or bytes
+    background   sRGB colour in 0..1 that the scene gets if the file has no background. If it is
+                 None, the scene of such a file is transparent
     skip_hidden  skip hidden shapes and layers instead of refusing the file
     max_bytes, max_elements  limits of the gunzipped file. Raise them for a file that you trust
 
-    Raise InputError that names the element for anything that write_svg does not write: additive
-    files, texts, images, other paths, strokes, masks, clips and style sheets, and a group with an
-    opacity (docs/reference/svg.md).
+    Raise InputError if the file has anything that write_svg does not write. The message names the
+    element. Such things are additive files, texts, images, other paths, strokes, masks, clips and
+    style sheets, and a group with an opacity (docs/reference/svg.md).
     """
     text = from_root(read_source(source, max_bytes, "source", "max_bytes")[1])
     if text.count("<") - text.count("</") > max_elements:
@@ -114,7 +125,10 @@ def read_svg(
 
 
 class _State(NamedTuple):
-    """State that an element inherits from its ancestors."""
+    """The state that an element inherits from its ancestors.
+
+    onto  map from the user space of the element to px
+    """
 
     onto: Affine
     fill: str = "black"
@@ -125,7 +139,10 @@ class _State(NamedTuple):
 
 
 class _Shape(NamedTuple):
-    """A shape without its maps. All maps are in one array, which takes a third of the memory."""
+    """A shape without its two maps of the unit circle.
+
+    The maps of all shapes are in one array, because that takes only a third of the memory.
+    """
 
     element: Any
     fill: Fill
@@ -134,17 +151,18 @@ class _Shape(NamedTuple):
 
 
 class _Reader:
-    """A walk over one document, which collects its shapes."""
+    """Reads one document: visits the elements and collects their shapes."""
 
     def __init__(self, root: Any, background: ArrayLike | None, skip_hidden: bool) -> None:
         self._skip_hidden = skip_hidden
         self._by_id = {e.get("id"): e for e in root.iter() if e.get("id")}
-        self._opacities = defaultdict[str, list[str]](list)  # opacities of stops by gradient id
+        # The opacities of the stops in the style sheet. The keys are ids of gradients.
+        self._opacities = defaultdict[str, list[str]](list)
         self._gradient = cache(self._read_gradient)
         self._arcs = read_shapes.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
         self._shapes: list[_Shape] = []
-        # Two maps of the unit circle for each shape, in px: onto its outline, and onto the edge of
-        # its fill.
+        # There are two maps for each shape. The first maps the unit circle onto the outline of the
+        # shape in px, and the second maps it onto the edge of the shape's fill.
         self._maps = array("d")
         self._background = None if background is None else np.asarray(background, np.float64)
         for sheet in root.iter(SVG + "style"):
@@ -157,7 +175,10 @@ class _Reader:
         self._visit(root, _State(onto))
 
     def _read_sheet(self, sheet: Any) -> None:
-        """Keep the opacities of stops in a style sheet. Raise InputError if it has other rules."""
+        """Store the opacities that a style sheet gives to stops.
+
+        Raise InputError if the sheet has rules that write_svg does not write.
+        """
         text = re.sub(r"\s+|/\*.*?(?:\*/|\Z)", "", sheet.text or "", flags=re.DOTALL)
         if len(sheet) or _RULE.sub("", text):
             needed = "one that write_svg writes for a scene whose blend is 'over'"
@@ -171,7 +192,7 @@ class _Reader:
         """Add the shapes of an element and of its children."""
         space, _, tag = element.tag.rpartition("}")
         if space + "}" != SVG or tag in _SILENT:
-            return  # such elements, and those of an editor's namespace, draw nothing
+            return  # an element of another namespace or with a tag in _SILENT draws nothing
         with _naming(element):
             if tag not in _DRAWN or parent.depth > _DEEPEST:
                 needed = f"ellipses alone, in groups of at most {_DEEPEST}"
@@ -186,7 +207,9 @@ class _Reader:
                 raise refusal("shapes", "visible", "a hidden one", advice)
             if tag not in _GROUPS:
                 self._add(element, tag, attributes, state)
-                state = state._replace(depth=_DEEPEST)  # so that children that draw are refused
+                # A shape cannot have children that are shapes. Because of this depth, `_visit`
+                # refuses each child that would draw something.
+                state = state._replace(depth=_DEEPEST)
             children = list(element)
             if tag == "use":
                 x, y = (numbers(attributes.get(name, "0"), name, 1)[0] for name in ("x", "y"))
@@ -194,7 +217,8 @@ class _Reader:
                 children = [target_of(self._by_id, read_shapes.link_of(element), "circle", "use")]
             elif tag in ("svg", "g"):
                 number = _round_of(element)
-                # A group with no attribute but fill is from minimal markup, which has no rounds.
+                # If fill is the only attribute of a group, the group is from minimal markup, which
+                # has no rounds.
                 if number is None and state.depth == 1 and set(element.attrib) != {"fill"}:
                     number = self._shapes[-1].round + 1 if self._shapes else 0
                 state = state if number is None else state._replace(round=number)
@@ -203,7 +227,7 @@ class _Reader:
             self._visit(child, state)
 
     def _add(self, element: Any, tag: str, attributes: dict[str, str], state: _State) -> None:
-        """Add the shape of an element, or the shapes of a path of minimal markup."""
+        """Add the shape of an element. A path of minimal markup may have several shapes."""
         alpha = state.opacity * share_of(state.fill_opacity, "fill-opacity")
         data = attributes.get("d", "") if tag == "path" else ""
         cover, arcs = _COVER.fullmatch(data), self._arcs.get(data)
@@ -233,7 +257,8 @@ class _Reader:
         if blur_id is None:
             return Fill(color)
         blur = read_shapes.blur_of(target_of(self._by_id, blur_id, "filter"), edge)
-        # The fill-opacity of a blurred disc is blur.peak times the shape's opacity.
+        # write_svg multiplies the opacity of a shape by blur.peak to get the fill-opacity of its
+        # blurred disc. 1 / blur.peak undoes this.
         return Fill(color, BLURRED, 1 / blur.peak, blur.beta, blur.radius)
 
     def _read_gradient(self, key: str, in_mask: bool) -> Fill:
@@ -248,17 +273,20 @@ class _Reader:
         return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), read_shapes.disc_of(values))
 
     def _cover(self, sides: Mapping[str, str], state: _State, alpha: float) -> None:
-        """Keep the fill of a rectangle as the background.
+        """Store the fill of a rectangle as the background.
 
-        Raise InputError unless the rectangle is opaque, upright, below all shapes, and covers the
-        canvas but for 0.01 px or 0.05 user units a side, because minimal markup rounds the sides.
+        Raise InputError unless the rectangle is opaque, upright and below all shapes, and covers
+        the canvas. Minimal markup rounds the sides of the canvas. So the rectangle may leave a
+        strip uncovered at each side of the canvas. The strip may be 0.01 px or 0.05 user units
+        wide, whichever is more.
         """
         whole = dict(zip(("x", "y", "width", "height"), 2 * self._user_size, strict=True))
         x, y, across, down = (_side(sides.get(name, "0"), name, whole[name]) for name in whole)
         a, b, c, d, left, top = compose(state.onto, (across, 0.0, 0.0, down, x, y))
         right, bottom, (width, height) = left + a, top + d, self._size
         missed = max(left, top, width - right, height - bottom)
-        most = max(0.01, 0.05 * abs(state.onto[0]), 0.05 * abs(state.onto[3]))  # px
+        # The strip that may stay uncovered at a side has at most this width, in px.
+        most = max(0.01, 0.05 * abs(state.onto[0]), 0.05 * abs(state.onto[3]))
         is_whole = missed <= most and not (b or c or {"rx", "ry"} & sides.keys())
         if self._shapes or not is_whole or (alpha < 1 and state.fill != "none"):
             needed = f"the background, over all {width:g}x{height:g} px, upright and opaque"
@@ -273,7 +301,7 @@ class _Reader:
         shapes = self._shapes
         maps = np.array(self._maps).reshape(-1, 2, 3, 2)
         edge, disc = maps.transpose(1, 0, 3, 2)
-        rows = disc[:, :, :2]  # the matrices M (n, 2, 2)
+        rows = disc[:, :, :2]  # the linear parts (n, 2, 2) of the maps
         with np.errstate(all="ignore"):
             extent = np.hypot(rows[:, :, 0], rows[:, :, 1])
             unit = rows / extent[:, :, None]
@@ -308,15 +336,17 @@ class _Reader:
 
 
 def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ...], Affine]:
-    """Return the canvas's size in px, its size in user units, and the map from user units to px.
+    """Return the size of the canvas in px and in user units, and the map from user units to px.
 
-    The viewBox fills the canvas, whose size in px is that of data-canvas if the root has it.
+    The viewBox fills the canvas. The attribute data-canvas of the root states the size of the
+    canvas in px. If the root does not have this attribute, the canvas has the size of the root.
     """
     frame = frame_of(root)
     width, height = numbers(root[CANVAS], CANVAS, 2) if CANVAS in root else frame[:2]
     x, y, across, down = frame.view_box
     scale_x, scale_y = width / across, height / down
-    # Minimal markup rounds the sides of its viewBox.
+    # The scales along x and y may differ a little, because minimal markup rounds the sides of its
+    # viewBox.
     if not abs(scale_x - scale_y) <= (1e-3 + 0.05 / min(across, down)) * scale_y:
         needed = f"of the proportions of the viewBox, {across:g}x{down:g}"
         advice = f"to write its size in px into {CANVAS}, or to remove that"
@@ -325,7 +355,11 @@ def _canvas(root: Mapping[str, str]) -> tuple[tuple[float, ...], tuple[float, ..
 
 
 def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
-    """Return the state inside an element. Raise InputError for effects that a scene cannot hold."""
+    """Return the state in which an element and its children are drawn.
+
+    This is the state of its parent, changed by the attributes of the element. Raise InputError if
+    the element has an effect that a scene cannot represent.
+    """
     changes: dict[str, Any] = {}
     for name, value in attributes.items():
         if name in ("fill", "fill-opacity") and value != "inherit":
@@ -335,7 +369,8 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
         elif name == "opacity":
             changes["opacity"] = parent.opacity * share_of(value, "opacity")
             if tag in ("svg", "g") and changes["opacity"] < 1:
-                advice = "to set that of each shape"  # a scene composites shapes one by one
+                # A scene composites each shape by itself, so a group cannot have an opacity.
+                advice = "to set that of each shape"
                 raise refusal("opacity of a group", "1", quoted(value), advice)
         elif name in _EFFECTS and (tag, name) not in _READ and value.lower() not in _OFF:
             raise refusal(f"its {name}", "none", quoted(value), "to remove it")
@@ -343,13 +378,17 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
 
 
 def _side(text: str, name: str, whole: float) -> float:
-    """Return the value of a number, or of a percentage of `whole`."""
+    """Return the number in a text. If the text is a percentage, return that share of `whole`."""
     scale = whole / 100 if text.endswith("%") else 1.0
     return scale * numbers(text.removesuffix("%"), name, 1)[0]
 
 
 def _round_of(group: Any) -> int | None:
-    """Return the round, counted from 0, in a group's label, or else in its id, or else None."""
+    """Return the number of the round that a group contains, counted from 0.
+
+    The number is read from the label of the group. If the label has none, it is read from the id.
+    Return None if neither has a number.
+    """
     label = _ROUND_LABEL.match(group.get(_LABEL, ""))
     match = label or _ROUND_ID.fullmatch(group.get("id", ""))
     return int(match[1]) - 1 if match else None
@@ -357,7 +396,7 @@ def _round_of(group: Any) -> int | None:
 
 @contextmanager
 def _naming(element: Any) -> Iterator[None]:
-    """Name the element at the start of an InputError's message."""
+    """Put the name of the element before the message of an InputError that the block raises."""
     try:
         yield
     except InputError as error:
@@ -365,7 +404,10 @@ def _naming(element: Any) -> Iterator[None]:
 
 
 def _name(element: Any) -> str:
-    """Return an element's tag with its id and label, or else with its first three attributes."""
+    """Return the tag of an element with its id and label, for error messages.
+
+    If the element has neither an id nor a label, return the tag with its first three attributes.
+    """
     named = [(key, element.get(key)) for key in ("id", _LABEL) if element.get(key)]
     shown = " ".join(f'{_bare(k)}="{v}"' for k, v in named or list(element.attrib.items())[:3])
     return f"<{_bare(element.tag)[:40]} {' '.join(shown.split())[:120]}>".replace(" >", ">")

@@ -1,19 +1,20 @@
-"""Outlines and fills of a file's elements: circles, ellipses and paths of arcs.
+"""Read the outline and the fill of each shape of a file: of circles, ellipses and paths of arcs.
 
 An affine map of the plane is a tuple of six numbers, in the order of SVG's matrix(a b c d e f):
 
     x' = a x + c y + e,   y' = b x + d y + f
 
-Maps are tuples because thousands are read one by one, and numpy is ten times slower for that.
+Maps are tuples, and not arrays, because thousands of them are read one by one. With numpy this
+would take ten times as long.
 
 An outline is the affine map of the unit circle onto a circle, an ellipse or a path of arcs. If a
-circle is moved by itself, Inkscape makes it an ellipse. "Object to Path" makes it a path of four
-arcs, and every later transform keeps the arcs. Minimal markup writes many ellipses of one colour as
+single circle is moved, Inkscape makes it an ellipse. "Object to Path" makes it a path of four arcs,
+and each later transform keeps the arcs. Minimal markup writes many ellipses of the same colour as
 open arcs of one path.
 
-A gradient's exponent is the one of BETA_CLASSES for which files have such stops. In minimal markup
-the opacities of stops are in a style sheet, or the stops are greys of a mask, whose luminance is
-the falloff.
+The exponent of a gradient is the one of BETA_CLASSES to which its stops belong. In minimal markup,
+the opacities of the stops are in a style sheet, or the stops are the greys of a mask. The luminance
+of such a grey is the falloff.
 """
 
 from __future__ import annotations
@@ -47,17 +48,23 @@ _CALL = re.compile(r"[\s,]*+(matrix|translate|scale|rotate)\s*+\(([^()]*+)\)[\s,
 _CALLS = re.compile(rf"(?:{_CALL.pattern})*+\s*+")
 _REFERENCE = re.compile(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""")
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
-# Largest difference of a stop's offset or opacity from the stops that files have for an exponent.
-# The stops of two exponents differ by 0.1.
+# When a file is read, a gradient gets the exponent for which write_svg writes such stops. The
+# offsets and opacities may differ by at most this from those that write_svg writes. The stops of
+# two exponents differ by at least 0.1, so only one exponent can match.
 _SAME_STOP = 0.02
-MOST_BEYOND_PX = 0.05  # largest accepted reach of a gradient beyond its ellipse: editors round
-# Largest error of an arc's end, in radii. Editors write 8 digits, which is coarse for thin arcs.
+# A gradient may reach this far beyond the ellipse that it fills, in px, because editors round
+# numbers.
+MOST_BEYOND_PX = 0.05
+# The end of an arc may be away from its exact place by at most this, as a multiple of the radius.
+# Some error must be allowed, because editors write only 8 digits, which are too few to be exact for
+# thin arcs.
 _ARC_END_TOLERANCE = 0.02
 _GAP = r"[\s,]*"
 _N = rf"({NUMBER}){_GAP}"
 _ARC = re.compile(rf"{_GAP}([Aa]?){_GAP}{_N}{_N}{_N}([01]){_GAP}([01]){_GAP}{_N}{_N}")
 _CLOSED = re.compile(rf"\s*[Mm]{_GAP}{_N}{_N}((?:{_ARC.pattern}){{4}})[Zz]\s*")
-_PLACE, _RADIUS = r"(-?\d{1,9})", r"([1-9]\d{0,8})"  # whole numbers, as in minimal markup
+# Minimal markup writes the coordinates and the radii of arcs as whole numbers.
+_PLACE, _RADIUS = r"(-?\d{1,9})", r"([1-9]\d{0,8})"
 _TILT = r"(-?(?:\d{1,3}(?:\.\d)?|\.\d))"
 _OPEN_ARC = re.compile(
     rf"([Mm]){_PLACE}{_GAP}{_PLACE}a{_RADIUS} {_RADIUS}{_GAP}{_TILT} 10(1 0|0 1)"
@@ -72,7 +79,7 @@ _FUNCTIONS = {
 
 
 def compose(outer: Affine, inner: Affine) -> Affine:
-    """Return the map that applies `inner` first, then `outer`."""
+    """Return the map that applies first `inner` and then `outer`."""
     a, b, c, d, e, f = outer
     p, q, r, s, t, u = inner
     return (
@@ -82,11 +89,12 @@ def compose(outer: Affine, inner: Affine) -> Affine:
 
 
 def transform_of(text: str, name: str = "transform") -> Affine:
-    """Return the affine map of a transform that lists matrix, translate, scale, rotate.
+    """Return the affine map of a transform, which is a list of matrix, translate, scale and rotate.
 
     Raise InputError for anything else.
     """
-    with suppress(TypeError):  # raised if a function gets a wrong number of values
+    # If the text gives a function such as rotate too many or too few values, TypeError is raised.
+    with suppress(TypeError):
         maps = [_FUNCTIONS[call](*numbers(values, name)) for call, values in _CALL.findall(text)]
         if _CALLS.fullmatch(text):
             return reduce(compose, maps, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))
@@ -99,28 +107,32 @@ def _rotation(angle_rad: float, x: float, y: float) -> Affine:
 
 
 def share_of(text: str, name: str) -> float:
-    """Return a number clamped to 0..1, as renderers do with opacities and offsets."""
+    """Return the number in a text, clamped to 0..1, as renderers clamp opacities and offsets."""
     return min(max(numbers(text, name, 1)[0], 0.0), 1.0)
 
 
 @lru_cache(maxsize=4096)
 def color_of(text: str, name: str) -> Color:
-    """Return an opaque sRGB colour in 0..1: #rgb, #rrggbb, rgb(..) or a name."""
+    """Return the sRGB colour, in 0..1, of a text such as #rgb, #rrggbb, rgb(..) or a name.
+
+    Raise InputError for a text that is not an opaque colour. `name` is the name of the colour in
+    the error message.
+    """
     try:
         red, green, blue = map(int, ImageColor.getrgb(text.strip()[:40]))
-    except ValueError:  # raised also for a colour with alpha
+    except ValueError:  # this is also raised for a colour with alpha, which has four numbers
         raise refusal(name, "an opaque colour, such as #1a2b3c", quoted(text)) from None
     return red / 255, green / 255, blue / 255
 
 
 def reference_of(text: str) -> str | None:
-    """Return the id in url(#id), or None if there is no such reference."""
+    """Return the id in a text url(#id). Return None if it does not begin with such a reference."""
     match = _REFERENCE.match(text)
     return match[1] if match else None
 
 
 def styled(element: Any) -> dict[str, str]:
-    """Return the attributes of an element, overridden by the properties of its style.
+    """Return the attributes of an element, overridden by the properties in its style attribute.
 
     Raise InputError if the style has an escape or !important.
     """
@@ -135,14 +147,15 @@ def styled(element: Any) -> dict[str, str]:
 
 
 class Fill(NamedTuple):
-    """Fill of an outline.
+    """The fill of an outline.
 
-    color   sRGB in 0..1
-    drawn   value of Scene.drawn for the shape
-    peak    opacity of the shape divided by its fill-opacity
-    beta    exponent, 0 for a plain ellipse
-    radius  radius in sigmas of the circle that `disc` maps, 0 for a plain ellipse
-    disc    map of the unit circle onto the gradient's edge in user space. None: the outline
+    color   sRGB colour in 0..1
+    drawn   how the shape is drawn, as a value of Scene.drawn
+    peak    opacity at the centre of the shape, divided by the fill-opacity of the element
+    beta    exponent. 0 for a plain ellipse
+    radius  radius, in sigmas, of the circle that `disc` maps. 0 for a plain ellipse
+    disc    map of the unit circle onto the edge of the gradient, in user space. None if there is
+            no gradient. The edge of the fill is then the outline
     """
 
     color: Color
@@ -154,7 +167,7 @@ class Fill(NamedTuple):
 
 
 def target_of(by_id: Mapping[str, Any], key: str | None, *tags: str) -> Any:
-    """Return the element with an id. Raise InputError unless its tag is one of `tags`."""
+    """Return the element whose id is `key`. Raise InputError unless its tag is one of `tags`."""
     element = by_id.get(key or "")
     if element is None or element.tag.removeprefix(SVG) not in tags:
         raise refusal("its reference", f"to a {tags[0]} in the file", quoted(key), "to remove it")
@@ -162,18 +175,23 @@ def target_of(by_id: Mapping[str, Any], key: str | None, *tags: str) -> Any:
 
 
 def link_of(element: Any) -> str:
-    """Return the id that an element's href refers to, "" for none."""
+    """Return the id to which the href of an element refers, or "" if it has no href."""
     return next((element.get(h) for h in _HREFS if element.get(h)), "").removeprefix("#")
 
 
 def disc_of(gradient: Mapping[str, str]) -> Affine:
-    """Return the map of the unit circle onto the edge of a gradient with these attributes."""
+    """Return the map of the unit circle onto the edge of a gradient that has these attributes.
+
+    Raise InputError if write_svg does not write such a gradient, for example if it is not in user
+    space, or if its focus is not at its centre.
+    """
     center = {"fx": gradient.get("cx", ""), "fy": gradient.get("cy", "")}
     values = {"spreadMethod": "pad", "fr": "0", **center, **gradient}
     texts = (values.get(name, "") for name in ("cx", "cy", "r", "fx", "fy"))
     cx, cy, r, fx, fy = (numbers(text, "a number of its gradient", 1)[0] for text in texts)
     kind = values.get("gradientUnits"), values["spreadMethod"], values["fr"]
-    # A focus within 0.01 radii of the centre changes the image by less than a level.
+    # The focus may be off the centre by 0.01 of the radius, because that changes the image by less
+    # than one level.
     off_center = 100 * math.hypot(fx - cx, fy - cy)
     if kind != ("userSpaceOnUse", "pad", "0") or not r > 0 or off_center > r:
         needed = "in user space, with its focus at the centre"
@@ -185,10 +203,12 @@ def disc_of(gradient: Mapping[str, str]) -> Affine:
 def beyond_px(edge: NDArray[np.float64], disc: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far, in px, each of n gradients reaches beyond the ellipse that it fills.
 
-    edge, disc  (n, 2, 3) maps of the unit circle onto the ellipses and onto the gradients' edges
+    edge  (n, 2, 3) maps of the unit circle onto the ellipses
+    disc  (n, 2, 3) maps of the unit circle onto the edges of the gradients
     """
     linear, abs_det = edge[:, :, :2], np.abs(np.linalg.det(edge[:, :, :2]))
-    # The adjugate maps each ellipse onto a circle of radius abs_det. The inverse might not exist.
+    # The adjugate matrix maps each ellipse onto a circle of radius abs_det. It is used because the
+    # inverse may not exist.
     adjugate = linear[:, ::-1, ::-1].swapaxes(1, 2) * [[1, -1], [-1, 1]]
     offset = np.linalg.norm(adjugate @ (disc - edge)[:, :, 2:], axis=(1, 2))
     return (_larger_axis(adjugate @ disc[:, :, :2]) + offset - abs_det) / _larger_axis(linear)
@@ -200,10 +220,14 @@ def _larger_axis(linear: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def stops_of(owner: Any, sheet: Sequence[str], in_mask: bool) -> tuple[Color, float]:
-    """Return the colour of a gradient's stops, white in a mask, and their exponent.
+    """Return the colour of the stops of a gradient, and the exponent that the stops draw.
 
-    owner  element that contains the stops
-    sheet  opacities of the stops in a style sheet, empty if they are in the stops themselves
+    Raise InputError if the stops have several colours, or if they are not the stops of any exponent
+    in BETA_CLASSES.
+
+    owner    element that contains the stops
+    sheet    opacities of the stops in a style sheet. Empty if the stops themselves have opacities
+    in_mask  whether the stops are those of a mask. Their colour is then white
     """
     colors, stops = set[Color](), []
     for k, stop in enumerate(owner):
@@ -228,7 +252,13 @@ def stops_of(owner: Any, sheet: Sequence[str], in_mask: bool) -> tuple[Color, fl
 
 @lru_cache(maxsize=2)
 def _known_stops(in_mask: bool) -> list[tuple[float, NDArray[np.float64]]]:
-    """Return each exponent that files have, with the offsets and opacities (k, 2) of its stops."""
+    """Return all lists of stops that write_svg may write, each with its exponent.
+
+    in_mask  whether to return the stops of gradients in masks, or those of all other gradients
+
+    Each entry has an exponent, and an array (k, 2) with the offsets and opacities of k stops. There
+    are several entries for an exponent, which differ in the number of stops.
+    """
     counts, stops = (MASK_STOPS, grey_stops) if in_mask else (STOP_COUNTS, gradient_stops)
     unit = np.array([1, MOST_GREY if in_mask else 1])
     rows = product(BETA_CLASSES, counts)
@@ -236,7 +266,10 @@ def _known_stops(in_mask: bool) -> list[tuple[float, NDArray[np.float64]]]:
 
 
 def gradient_id(mask: Any, edge: Affine) -> str:
-    """Return the gradient id of a mask. Raise InputError unless the mask is a circle of `edge`."""
+    """Return the id of the gradient in a mask.
+
+    Raise InputError unless the mask is a circle with the outline `edge`.
+    """
     inside = [child.attrib for child in mask if child.tag == SVG + "circle"]
     key = reference_of(inside[0].get("fill", "")) if len(inside) == len(mask) == 1 else None
     if key is None or outline_of("circle", inside[0]) != edge or "maskUnits" in mask.attrib:
@@ -245,12 +278,17 @@ def gradient_id(mask: Any, edge: Affine) -> str:
 
 
 def blur_of(element: Any, edge: Affine) -> Blur:
-    """Return the blur that a filter applies to a circle. Raise InputError if it is not in BLURS."""
+    """Return the blur of BLURS that a filter applies to a circle with the outline `edge`.
+
+    Raise InputError if the filter applies no such blur.
+    """
     steps = [step.attrib for step in element if step.tag == SVG + "feGaussianBlur"]
     if len(steps) == len(element) == 1 and set(steps[0]) <= {"in", "stdDeviation", "id"}:
         deviation = numbers(steps[0].get("stdDeviation", ""), "stdDeviation", 1)[0]
         for blur in BLURS if edge[0] == edge[3] and not edge[1] else ():
-            if abs(edge[0] * blur.deviation - deviation) < 0.005 * deviation:  # editors round
+            # The deviation in the file may differ a little from that of the blur, because editors
+            # round numbers.
+            if abs(edge[0] * blur.deviation - deviation) < 0.005 * deviation:
                 return blur
     raise refusal("its filter", "a blur of a circle that write_svg writes", "another", "to undo")
 
@@ -258,7 +296,7 @@ def blur_of(element: Any, edge: Affine) -> Blur:
 def outline_of(tag: str, attributes: Mapping[str, str]) -> Affine:
     """Return the outline of a circle, an ellipse or a closed path of four arcs.
 
-    Raise InputError for a radius under 0 and for any other path.
+    Raise InputError if a radius is less than 0, or if a path is not a closed path of four arcs.
     """
     if tag == "path":
         return _closed(attributes.get("d", ""))
@@ -270,7 +308,10 @@ def outline_of(tag: str, attributes: Mapping[str, str]) -> Affine:
 
 
 def open_arcs(paths: Iterable[str]) -> dict[str, list[Affine]]:
-    """Return the ellipses of each path of open arcs, by the path's d. Leave out other paths."""
+    """Return the ellipses of each path that consists of open arcs. Leave out all other paths.
+
+    paths  the d of each path. The keys of the result are those d that consist of open arcs
+    """
     texts, rows = [], []
     for data in filter(_OPEN_ARCS.fullmatch, set(paths)):
         x = y = 0.0
@@ -287,7 +328,10 @@ def open_arcs(paths: Iterable[str]) -> dict[str, list[Affine]]:
 
 
 def _closed(data: str) -> Affine:
-    """Return the outline of a closed path of four arcs, each a quarter of the same ellipse."""
+    """Return the outline of a closed path of four arcs.
+
+    Raise InputError unless each arc is a quarter of the same ellipse.
+    """
     if path := _CLOSED.fullmatch(data):
         ends, letter = [complex(float(path[1]), float(path[2]))], ""
         arcs = _ARC.findall(path[3])
@@ -296,7 +340,8 @@ def _closed(data: str) -> Affine:
             ends.append(complex(float(x), float(y)) + (ends[-1] if letter == "a" else 0))
         rx, ry, tilt_rad = float(arcs[0][1]), float(arcs[0][2]), math.radians(float(arcs[0][3]))
         center = sum(ends[1:]) / 4
-        # Mapped to the unit circle, the ends of the arcs must be a quarter turn apart.
+        # Each arc must be a quarter of the ellipse. To check this, the ellipse is mapped onto the
+        # unit circle. There, the ends of each arc must be a quarter of a turn apart.
         with np.errstate(all="ignore"):
             turned = (np.array(ends) - center) * np.exp(-1j * tilt_rad)
             at = turned.real / rx + 1j * turned.imag / ry

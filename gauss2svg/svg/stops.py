@@ -1,23 +1,25 @@
-"""Gradient stops: the piecewise linear functions that are nearest to the falloff's profiles.
+"""Stops of gradients: the piecewise linear functions that are nearest to the profiles of falloffs.
 
-An SVG gradient is linear between its stops. Their offsets (free knots) and opacities minimise
+An SVG gradient is linear between its stops. The offsets of the stops (free knots) and their
+opacities minimise
 
-    integral over the disc of (stops(r) - f(r))^2 2 pi r dr,   r in 0..cut_radius(beta),
+    integral over the disc of (stops(r) - f(r))^2 2 pi r dr,   r in 0..cut_radius(beta).
 
-in px^2 for a shape of sigma 1 px. The integral is the squared error of the image. Finding stops
-takes up to a second for each exponent, so stops.json has all stops that files use, and
-`python benchmarks/stops.py gauss2svg/svg/stops.json` writes it. tests/svg/test_stops.py derives the
-stops again, and checks the errors that docs/decisions/svg.md states.
+This integral is the squared error of the image. It is in px^2 for a shape whose sigma is 1 px. It
+takes up to a second to find the stops of one exponent, so stops.json has all stops that files use.
+`python benchmarks/stops.py gauss2svg/svg/stops.json` writes this file. tests/svg/test_stops.py
+derives the stops again, and checks the errors that docs/decisions/svg.md states.
 
-Whole stops are stops of opaque colours in whole levels, because a file rounds colours to 8 bits.
-The error of this rounding is as large as that of all layers together. But most offsets are near
-another one at which all three channels are nearly whole. So a search moves a colour's stops one by
-one, and gives each stop the best whole colour at its offset, so that
+Whole stops have opaque colours, whose levels are whole numbers because a file rounds colours to 8
+bits. The error of this rounding would be as large as that of all layers together. But near most
+offsets there is another offset at which the levels of all three channels are nearly whole. So a
+search moves the stops of a colour one by one. It gives each stop the best whole colour at its
+offset, so that this sum becomes smaller:
 
     sum over channels of the integral of (stops(r) - level f(r))^2 2 pi r dr
 
-falls. The search gains 1 to 4 dB (docs/decisions/svg.md). By the same search, greys of one hex
-digit with offsets of two decimals lose little (docs/decisions/minimal.md).
+The search gains 1 to 4 dB (docs/decisions/svg.md). The same search finds greys of one hex digit, at
+offsets of two decimals, which lose little (docs/decisions/minimal.md).
 """
 
 from __future__ import annotations
@@ -34,18 +36,22 @@ from gauss2svg.scene.falloff import cut_radius, profile
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 FEWEST_STOPS = 3
-LENIENCE = 1.2  # largest error of another exponent's stops, as a multiple of the error at beta = 1
-# Above this exponent offsets have one more decimal, because a thousandth of the radius shifts a
-# crisp rim of sigma 100 px by 0.14 px.
+# A gradient whose exponent is not 1 may have fewer stops than the gradient of the exponent 1. Its
+# error must then be at most this many times the error of that gradient.
+LENIENCE = 1.2
+# If the exponent is larger than this, offsets have one more decimal: three in place of two in
+# masks, and four in place of three in other gradients. Otherwise, rounding would visibly shift a
+# rim that is so crisp: if sigma is 100 px, an error of 0.001 in an offset shifts it by 0.14 px.
 CRISP = 8.0
 Stops = tuple[list[float], list[float]]
 
 
 def gradient_stops(count: int, beta: float = 1.0) -> Stops:
-    """Return offsets (0..1, as shares of cut_radius(beta)) and opacities (0..1) of gradient stops.
+    """Return the offsets and the opacities of the stops of a gradient.
 
-    At beta = 1 there are `count` stops. Another beta has the fewest stops whose error is at most
-    LENIENCE times that at beta = 1, and never more than `count`.
+    Both are in 0..1. Offsets are shares of cut_radius(beta). At beta = 1 there are `count` stops.
+    At any other beta there are fewer stops if this keeps the error within LENIENCE times the error
+    at beta = 1. Otherwise there are `count` stops.
 
     count  one of STOP_COUNTS
     beta   one of BETA_CLASSES
@@ -58,39 +64,46 @@ def gradient_stops(count: int, beta: float = 1.0) -> Stops:
 
 @lru_cache(maxsize=1)
 def known_stops() -> dict[tuple[int, float], tuple[Stops, float]]:
-    """Return the best stops and their squared error in px^2, by number of stops and exponent."""
+    """Return the stops that draw each profile best, and their squared errors, from stops.json.
+
+    Each key of the result is a pair: the number of stops, and the exponent of the profile. Each
+    value has the stops, and their squared error in px^2.
+    """
     rows = json.loads(files("gauss2svg.svg").joinpath("stops.json").read_text(encoding="utf-8"))
     return {(count, beta): ((at, values), error) for count, beta, at, values, error in rows}
 
 
-MOST_GREY = 15  # largest level of a grey of one hex digit
-_PLACES = 1000  # number of places on a radius. Offsets are multiples of a thousandth
-_SAMPLES_A_PLACE = 8  # samples of the falloff from one place to the next
+MOST_GREY = 15  # largest level of a grey that has one hex digit
+_PLACES = 1000  # number of places along the radius at which a stop may be
+_SAMPLES_A_PLACE = 8  # number of samples of the falloff from one place to the next
 
 
-# Settings of the search for whole stops (docs/decisions/svg.md).
-TRIED = 24  # offsets tried for a stop between its neighbours
+# The next three numbers are settings of the search for stops whose colours are whole levels
+# (docs/decisions/svg.md). To move a stop, the search tries this many places between its neighbours.
+TRIED = 24
 SWEEPS = 3  # number of times that each stop is moved
-GAP = 8  # least distance between two stops, in places
+GAP = 8  # smallest distance between two stops, in places
 _Integrals = tuple[Floats, ...]
 
 
 def whole_stops(levels: Floats, count: int) -> tuple[Floats, Ints]:
-    """Return whole stops: offsets (n, count), and colours (n, count, 3) in levels of 255.
+    """Return the stops of n gradients. Their colours are whole levels of 255.
 
-    levels  (n, 3) colours of the peaks, >= 0, in levels of 255
+    The results are the offsets (n, count) and the colours (n, count, 3). The last stop is black.
 
-    The last stop is black.
+    levels  (n, 3) colours of the peaks in levels of 255, at least 0
+    count   number of stops, one of STOP_COUNTS
     """
     return _moved(levels, gradient_stops(count), 1.0, 255, 1)
 
 
 def grey_stops(count: int, beta: float) -> tuple[Floats, Ints]:
-    """Return the offsets (count,) and greys (count,), in 0..15, of an exponent's profile.
+    """Return the offsets (count,) and the greys (count,), in 0..15, of the stops of a mask.
 
-    count  3..5
+    count  number of stops, 3..5
+    beta   exponent of the profile that the mask draws
 
-    Offsets have two decimals, or three for crisp exponents. The last grey is 0.
+    Offsets have two decimals, or three if the exponent is larger than CRISP. The last grey is 0.
     """
     levels = np.full((1, 3), float(MOST_GREY))
     step = 1 if beta > CRISP else 10
@@ -99,9 +112,17 @@ def grey_stops(count: int, beta: float) -> tuple[Floats, Ints]:
 
 
 def _moved(levels: Floats, stops: Stops, beta: float, most: int, step: int) -> tuple[Floats, Ints]:
-    """Return whole stops near `stops`: offsets (n, count) and colours (n, count, 3) in 0..most.
+    """Return the stops of n gradients. Their colours are whole levels.
 
-    Offsets are multiples of `step` places.
+    The results are the offsets (n, count) and the colours (n, count, 3). They are found by a search
+    that moves one stop at a time. Of the places that are tried for a stop, the search takes the one
+    at which the squared error is smallest, and it gives the stop the best whole levels there.
+
+    levels  (n, 3) colours of the peaks
+    stops   offsets and opacities from which the search begins
+    beta    exponent of the profile that the gradients draw
+    most    largest level that a channel of a stop may have
+    step    offsets are multiples of this number of places
     """
     offsets, values = (np.array(part) for part in stops)
     count, moments = len(offsets), _moments(beta)
@@ -130,13 +151,19 @@ def _moved(levels: Floats, stops: Stops, beta: float, most: int, step: int) -> t
 def _around(
     k: int, tried: Ints, places: Ints, colors: Floats, levels: Floats, moments: _Integrals
 ) -> _Integrals:
-    """Return square (n, t), linear (n, t, 3) and cost (n, t) of the k-th stop at places `tried`.
+    """Return three terms from which the squared error around the k-th stop is computed.
 
-    If the stop has a colour u there, the squared error between its two neighbours is, up to a
-    constant, cost plus the sum over channels of u^2 square - 2 u linear.
+    tried  (n, t) places at which the stop may be
+
+    The terms are square (n, t), linear (n, t, 3) and cost (n, t). They are for the part of the
+    radius from the stop before the k-th one to the stop after it. The squared error of this part
+    is a constant plus `cost` plus the sum of u^2 square - 2 u linear over the three channels, where
+    u is the level of the k-th stop in a channel. The constant is the same for all places.
     """
     level = levels[:, None, :]
-    if k == 0:  # the first stop's colour fills the disc inside it
+    # There is no stop before the first one. Up to its place, the gradient has the colour of the
+    # first stop everywhere, so these terms are those of a disc of one colour.
+    if k == 0:
         square, linear = moments[0][tried], level * moments[3][tried][:, :, None]
         cost = np.zeros(tried.shape)
     else:
@@ -154,10 +181,12 @@ def _around(
 
 
 def _segment(first: Ints, last: Ints, moments: _Integrals) -> _Integrals:
-    """Return the integrals of a a, a b, b b, f a and f b from one place to another, weighted by r.
+    """Return the integrals of a^2, a b, b^2, f a and f b over a part of the radius.
 
-    a falls from 1 to 0 between the places, and b = 1 - a. The integrals of a a and b b have the
-    shape (n, t), the others (n, t, 1).
+    This part begins at the place `first` and ends at the place `last`. f is the falloff. a is the
+    linear function that falls from 1 at the first place to 0 at the last place, and b = 1 - a. Each
+    integrand is multiplied by the radius, as in `_moments`. The integrals of a^2 and b^2 have the
+    shape (n, t), and the others have the shape (n, t, 1).
     """
     one, x, xx, f, fx = (moment[last] - moment[first] for moment in moments)
     p, q = first / _PLACES, last / _PLACES
@@ -171,7 +200,12 @@ def _segment(first: Ints, last: Ints, moments: _Integrals) -> _Integrals:
 
 @lru_cache(maxsize=8)
 def _moments(beta: float) -> _Integrals:
-    """Return the integrals of r, r x, r x^2, r f and r f x from 0 to each place (x: offset)."""
+    """Return the integrals of 1, x, x^2, f and f x over a disc that ends at each of the places.
+
+    x is the radius as a share of cut_radius(beta), and f is the falloff at this radius. Each
+    integrand is multiplied by the weight x, because the length of a circle is proportional to its
+    radius.
+    """
     count = _PLACES * _SAMPLES_A_PLACE
     x = (np.arange(count) + 0.5) / count
     weight = x / count

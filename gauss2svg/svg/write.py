@@ -1,12 +1,12 @@
-"""Writing of SVG files: write_svg, outline_svg and plate_svg. Only this module imports svgwrite.
+"""Write SVG files: write_svg, outline_svg and plate_svg. Only this module imports svgwrite.
 
-gauss2svg.svg.encode makes the elements of an editable file. Other encodings need elements that fail
-in one renderer or another (docs/decisions/svg.md). gauss2svg.svg.additive writes an additive scene
-as differences.
+gauss2svg.svg.encode makes the elements of an editable file. Other elements could draw the same
+picture, but each of them is drawn wrongly by at least one renderer (docs/decisions/svg.md).
+gauss2svg.svg.additive makes the elements of an additive file, which draws by differences.
 
-The root of these files has role="img". With this role Chromium gives screen readers the title as
-the name and the desc as the description, for an SVG in a page and for a file. aria-labelledby would
-add nothing.
+The root of these files has role="img". Because of this role, Chromium tells screen readers the
+title as the name of the picture, and the desc as its description. It does so both for an SVG in a
+page and for a file that is opened by itself. aria-labelledby would add nothing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gauss2svg.version import __version__
 if TYPE_CHECKING:
     from gauss2svg.svg.encode import Drawing
 
-OUTLINE_WIDTH = 0.5  # default width of strokes in px
+OUTLINE_WIDTH = 0.5  # default width of a stroke, in px
 _PORTABLE = "the alpha-composited form (--portable)"
 
 
@@ -33,34 +33,42 @@ def write_svg(
 ) -> str:
     """Return the SVG text of a scene. It depends only on the scene, the format and the document.
 
-    Exponents and colours become those that a file can hold (gauss2svg.svg.forms.snapped). With
-    fewer exponents and colours, as gauss2svg.quantize makes them, the file is smaller. The file of
-    a transparent scene has no <rect>.
+    Exponents and colours are rounded to those that a file can have (gauss2svg.svg.forms.snapped).
+    The fewer different exponents and colours a scene has, the smaller its file is.
+    gauss2svg.quantize reduces their number. The file of a transparent scene has no <rect>.
 
     gauss2svg.svg.minimal explains minimal markup. gauss2svg.svg.additive explains the file of an
-    additive scene, which has phases as layers. plates_and_pens.grouped_by_ink makes layers by ink.
+    additive scene, whose layers are phases. plates_and_pens.grouped_by_ink makes layers by ink.
 
-    Raise InputError for
+    Raise InputError in these cases:
 
-    - animation or fragments with an additive scene, with minimal markup or with layers by ink;
-    - an additive scene or blurs in minimal markup, and blurs of an additive scene;
-    - layers by ink of a scene that is not in inks (Scene.inks);
-    - a document whose size depends on a photo.
+    - The document has animation or fragments, but the scene is additive, the markup is minimal, or
+      the layers are by ink.
+    - The scene is additive, but the markup is minimal or the form is "blur".
+    - The markup is minimal, but the form is "blur".
+    - The layers are by ink, but the scene is not in inks (Scene.inks).
+    - The size of the document depends on a photo.
     """
     scene = required(scene, "scene", Scene)
     svg_format = instance(svg_format, "svg_format", SvgFormat)
     document = instance(document, "document", Document)
-    if svg_format.markup != MINIMAL:  # minimal_svg orders shapes itself, after rounding
+    if svg_format.markup != MINIMAL:  # minimal_svg itself orders the shapes after it rounds them
         scene = in_file_order(scene, svg_format, document)
     return ordered_svg(scene, svg_format, document)
 
 
 def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Scene:
-    """Return the scene in the order of its file. Layers by ink make each run of one ink a round."""
+    """Return the scene with its shapes in the order of the file.
+
+    The order changes only if there is a layer for each ink. Shapes of the same ink are then moved
+    next to each other, as far as this does not change the picture. Each run of shapes of the same
+    ink becomes a round.
+    """
     if svg_format.layers != INKS:
         return scene
     document.check_without_layers(f"layers {INKS}", "which are no rounds", f"layers {ROUNDS}")
-    from gauss2svg.svg.plates_and_pens import grouped_by_ink  # few files need this module
+    # Imported here because few files need this module.
+    from gauss2svg.svg.plates_and_pens import grouped_by_ink
 
     return grouped_by_ink(scene)
 
@@ -68,7 +76,7 @@ def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Sc
 def ordered_svg(
     scene: Scene, svg_format: SvgFormat, document: Document, masked: bool | None = None
 ) -> str:
-    """Return the text of write_svg for a scene that in_file_order returned.
+    """Return the text that write_svg returns, for a scene that in_file_order has already ordered.
 
     masked  as in gauss2svg.svg.minimal.minimal_svg
     """
@@ -77,7 +85,7 @@ def ordered_svg(
         why = "in minimal markup" if is_minimal else "for an additive scene, whose blurs do not add"
         raise refusal("form", f"{GRADIENT!r} {why}", quoted(svg_format.form))
     if is_minimal:
-        from gauss2svg.svg.minimal import minimal_svg  # few files are minimal
+        from gauss2svg.svg.minimal import minimal_svg  # imported here because few files are minimal
         from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 
         return minimal_svg(
@@ -85,22 +93,25 @@ def ordered_svg(
             opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops, masked=masked,
         )  # fmt: skip
     if not is_additive:
-        from gauss2svg.svg.encode import encode  # minimal files do not need this module
+        # Imported here because minimal files do not need this module.
+        from gauss2svg.svg.encode import encode
 
         return _text(encode(scene, svg_format, document), scene, document)
     document.check_without_layers("additive blending", "whose layers are no rounds", _PORTABLE)
-    from gauss2svg.svg.additive import encode_additive  # few files need its kernels
+    # Imported here because few files need the kernels of this module.
+    from gauss2svg.svg.additive import encode_additive
 
     return _text(encode_additive(scene, svg_format), scene, document)
 
 
 def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
-    """Return the SVG text of an ink's plate, which is black where the ink #rrggbb is visible.
+    """Return the SVG text of the plate of an ink. It is black where the ink #rrggbb is visible.
 
     All plates of a scene have the same size, so that they can be printed over each other. Raise
-    InputError for a scene that is not in inks (Scene.inks), and for an ink that the scene lacks.
+    InputError if the scene is not in inks (Scene.inks), or if it does not have this ink.
     """
-    from gauss2svg.svg.plates_and_pens import plate_of  # few files need this module
+    # Imported here because few files need this module.
+    from gauss2svg.svg.plates_and_pens import plate_of
 
     plate = plate_of(required(scene, "scene", Scene), ink)
     return write_svg(plate, SvgFormat(layers=INKS), document)
@@ -112,33 +123,39 @@ def outline_svg(
     stroke_width: float = OUTLINE_WIDTH,
     pens: int | None = None,
 ) -> str:
-    """Return the SVG text of a scene's shapes as bare strokes, for plotters.
+    """Return the SVG text of a scene whose shapes are drawn as strokes alone, for plotters.
 
-    Each shape is an <ellipse> along the contour on which the falloff is half of its height. Its
-    stroke has the shape's colour and is opaque. Layers are those of write_svg, and there is no
+    Each shape is an <ellipse> along the contour at which the falloff is half of its height. Its
+    stroke is opaque and has the colour of the shape. The layers are those of write_svg. There is no
     background. Shapes whose extent or opacity is written as 0 are left out.
 
-    stroke_width  width in px, 0.01..100
-    pens          largest number of colours. Each has a layer of its strokes, such as "1 #c0322c:
-                  ..". Strokes are then cut at the page's edges, and written in mm on paper. The
-                  page has the document's size, or without one 96 px an inch
+    stroke_width  width of a stroke in px, 0.01..100
+    pens          largest number of colours. With pens, each colour has a layer with its strokes,
+                  such as "1 #c0322c: ..". Strokes are cut at the edges of the page, and written in
+                  mm on paper. The page has the size of the document. If the document has no size,
+                  an inch on paper has 96 px
 
-    Raise InputError for a width or a number of pens out of range, for an additive scene, and for
-    pens with animation or fragments, which need layers of rounds.
+    Raise InputError if the width or the number of pens is out of range, and for an additive scene.
+    Also raise InputError for pens with animation or fragments, because these need a layer for each
+    round.
     """
     scene = required(scene, "scene", Scene)
     document = instance(document, "document", Document)
     if scene.blend == ADD:
         got = "'add', whose colours are differences and show nothing by themselves"
         raise refusal("blend of a scene with outlines", "'over'", got, _PORTABLE)
-    from gauss2svg.svg.plates_and_pens import encode_outlines  # few files need this module
+    # Imported here because few files need this module.
+    from gauss2svg.svg.plates_and_pens import encode_outlines
 
     return _text(encode_outlines(scene, document, stroke_width, pens), scene, document)
 
 
 def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
-    """Return the text of a file: a root with size, title and description, around the drawing."""
-    import svgwrite  # slow to import, and minimal files do not need it
+    """Return the text of a file.
+
+    Its root has a size, a title and a description, and contains the elements of the drawing.
+    """
+    import svgwrite  # imported here because it is slow to import and minimal files do not need it
     from svgwrite.extensions import Inkscape
 
     from gauss2svg.svg.encode import sides_of
@@ -147,9 +164,10 @@ def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
     document = dataclasses.replace(document, size=drawing.size or document.size)
     sides = document.sides(scene.width, scene.height)
     view = f"0 0 {drawing.view[0]} {drawing.view[1]}"
-    # svgwrite's checks (debug=True) triple the time, and let NaN pass.
+    # The checks of svgwrite are off. With debug=True, writing would take three times as long, and
+    # the checks do not find NaN.
     root = svgwrite.Drawing(size=sides or canvas, viewBox=view, debug=False)
-    Inkscape(root)  # adds Inkscape's namespaces
+    Inkscape(root)  # adds the namespaces of Inkscape to the root
     if document.aspect:
         root["preserveAspectRatio"] = document.aspect
     if document.is_responsive:

@@ -1,4 +1,7 @@
-"""Galleries, which are static web pages that compare results for photos, and their options."""
+"""Make galleries, which are static web pages that compare results for photos.
+
+This file defines the options of a gallery.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Building of a gallery: worker processes make the missing SVGs, then the pages are written."""
+"""Build a gallery: worker processes make the missing SVGs, and then the pages are written."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
 GalleryProgress = Progress
-# Keys of reports that are also in the rows of gallery.json. Reports of peers lack some.
+# A row of gallery.json has these numbers of a report. The reports of other tools lack some of them.
 NUMBERS = (
     "gaussians", "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
     *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
@@ -50,7 +50,8 @@ class Gallery:
     directory  folder of its pages
     rows       a row for each SVG, as in gallery.json
     summary    a row for each variant, with medians and totals
-    failures   a row for each SVG that could not be made, and one with variant None for a bad photo
+    failures   a row for each SVG that could not be made. For a photo that could not be read, there
+               is one row, whose variant is None
     kept       number of SVGs that are kept from an earlier build
     absent     names of the peers that are not installed
     """
@@ -81,10 +82,11 @@ def build_gallery(
 ) -> Gallery:
     """Vectorise photos in several variants, and write web pages that compare them.
 
-    photos     paths
-    directory  folder of the pages, created if missing
+    photos     paths of the photos
+    directory  folder of the pages. It is created if it does not exist.
     variants   names of presets
-    counts     numbers of Gaussians. Without variants and counts: draft, balanced and high.
+    counts     numbers of Gaussians. If neither variants nor counts are given, the presets draft,
+               balanced and high are compared.
     peers      names of other tools that write SVGs, such as "vtracer", or "vtracer:detailed" for
                other settings. Tools that are not installed are skipped.
     options    all other options, such as GalleryOptions(jobs=2, title="Flowers")
@@ -92,20 +94,21 @@ def build_gallery(
     progress   called with a GalleryProgress when a step begins or ends
 
     A finished SVG is kept. It is made again only if the bytes of the photo, the settings, the code
-    of this package, the renderer or the packages of scores have changed. An interruption loses only
-    unfinished SVGs. If a photo cannot be read, the first page lists the failure, and the other
-    photos are still compared. The pages need neither a server nor a network. Raise InputError for
-    bad arguments. Raise OutputError if the folder cannot be written, or if it has other files with
-    the names of the pages.
+    of this package, the renderer or the packages that compute scores have changed. An interruption
+    loses only the SVGs that are not finished. If a photo cannot be read, the first page lists the
+    failure, and the other photos are still compared. The pages need neither a server nor a network.
+    Raise InputError for bad arguments. Raise OutputError if the folder cannot be written, or if it
+    has other files with the names of the pages.
     """
     listed = listed_photos(photos)
     chosen, absent = variants_of(variants, counts, peers)
     options = options or GalleryOptions()
     jobs, size, seed = options.jobs, options.photo_size, options.seed
-    # By default the processes share the cores.
+    # If no number of threads is given, the processes share the cores.
     threads = thread_count(options.threads) // (jobs if options.threads is None else 1) or 1
     root = _folder(directory)
-    # The processes share the free memory, because each would otherwise take most of it.
+    # Several processes run at the same time, so each gets an equal share of the free memory as its
+    # max_memory. Without this limit, each of them could take most of the free memory.
     run_options = {
         "seed": seed, "threads": threads, "max_memory": memory_limit(None) // jobs,
         "max_pixels": options.max_pixels, "fragments": True,
@@ -119,7 +122,9 @@ def build_gallery(
             "folder": str(root / folder), "page_photo": str(page_photo), "photo_size": size,
             "options": run_options, "peer_timeout": options.peer_timeout,
         }  # fmt: skip
-        # The key needs no jobs, threads and limits, which change no image. Peers take no seed.
+        # A record must be made again only if something changes on which the SVG depends. The SVG
+        # does not depend on the numbers of jobs and threads, nor on the limits. If another tool
+        # makes the SVG, it does not depend on the seed either.
         dependencies = (size, seed) if variant and variant.is_own else (size,)
         columns = {"seed": seed, "jobs": jobs, "threads": threads, "folder": folder}
         file = root / folder / run.PICTURE if variant else page_photo
@@ -142,9 +147,12 @@ def build_gallery(
 
     try:
         if jobs > 1:
-            compile_kernels()  # else processes that start together would each compile
+            # The kernels are compiled before the processes start. Otherwise each process would
+            # compile them, because all processes start at the same time.
+            compile_kernels()
         with Pool(jobs) as pool:
-            for record in grid.run(plan, pool, run.make_photo):  # first, to report bad photos early
+            # The photos are prepared first, so that bad photos are reported early.
+            for record in grid.run(plan, pool, run.make_photo):
                 grid.total -= len(chosen) * ("error" in record)
             svgs = [task for photo in plan if grid.has_succeeded(photo) for task in plan[photo]]
             for _ in grid.run(svgs, pool, run.make_svg):
@@ -156,9 +164,10 @@ def build_gallery(
 
 
 def _folder(directory: str | os.PathLike[str]) -> Path:
-    """Create the folder of a gallery with its subfolders if missing, and return its path.
+    """Create the folder of a gallery and its subfolders if they do not exist, and return its path.
 
-    Raise OutputError if a file or folder has the name of an output and is not part of a gallery.
+    Raise OutputError if a name that the gallery would write to is already taken by a file or folder
+    that is not part of a gallery.
     """
     root = output_folder(directory, ())
     is_ours = (root / _RECORDS).exists()
@@ -176,7 +185,9 @@ def _folder(directory: str | os.PathLike[str]) -> Path:
 def write_pages(
     root: Path, about: Mapping[str, Any], plan: Mapping[Task, Sequence[Task]], grid: Grid
 ) -> dict[str, Any]:
-    """Write all pages, the data and the static files, or none of them. Return the data.
+    """Write the pages, the data and the static files. Return the data of gallery.json.
+
+    No old file is replaced before all new files are on the disk.
 
     about  title, command, date and options of the gallery
     plan   {task of a photo: tasks of its SVGs}
@@ -195,7 +206,8 @@ def write_pages(
     document = {
         **about,
         "renderers": sorted({row["renderer"] for row in rows}),
-        "missing": len(unfinished),  # number of SVGs that an interruption prevented
+        # "missing" is the number of SVGs that were not made, because the run was interrupted.
+        "missing": len(unfinished),
         "summary": summary_of(rows, variants),
         "rows": rows,
         "failures": [
@@ -238,9 +250,10 @@ def write_pages(
 
 
 def _svg(photo: Row, record: Row, variant: Variant) -> Row:
-    """Return the record of an SVG, with its title, its variant, `row` and `script` added.
+    """Return the record of an SVG with four more entries: title, variant, row and script.
 
-    `row` is its row of gallery.json. `script` has the values that the scripts of the pages read.
+    The entry `row` is the row that the SVG has in gallery.json. The entry `script` has the values
+    that the scripts of the pages read.
     """
     report, folder = record["report"], record["folder"]
     names = {"SVG": run.PICTURE, "report": run.REPORT}
@@ -278,7 +291,7 @@ def _svg(photo: Row, record: Row, variant: Variant) -> Row:
 
 
 def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
-    """Return a row for each variant that has SVGs: number of photos, medians and totals.
+    """Return a row for each variant that has SVGs, with the number of photos, medians and totals.
 
     Medians and totals leave out missing numbers, such as the infinite PSNR of an exact SVG.
     """
