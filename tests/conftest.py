@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 # Two threads also on one core, so that the tests of thread counts have two to compare;
 # numba reads it on import.
@@ -27,12 +28,12 @@ import pytest
 from batches import PoolHere
 from hypothesis import settings
 from numpy.typing import NDArray
+from screens import chromium
 from skimage import data
 
 from gauss2svg.errors import RendererError
 from gauss2svg.measure import Scores
-from gauss2svg.raster import RENDERERS, rasterize
-from gauss2svg.scene import Scene
+from gauss2svg.raster import RENDERERS, rasterize, rasterize_rgba
 
 
 def pytest_addoption(parser):
@@ -69,30 +70,6 @@ def _draw_no_constants_of_modules() -> None:
 
 
 _draw_no_constants_of_modules()
-
-
-def random_scene(
-    count: int,
-    width: int = 40,
-    height: int = 30,
-    seed: int = 0,
-    sigma: tuple = (0.5, 8.0),
-    beta: tuple = (0.5, 32.0),
-) -> Scene:
-    """Return a scene of `count` shapes, every parameter over a wide range; half are Gaussians."""
-    rng = np.random.default_rng(seed)
-    return Scene(
-        width,
-        height,
-        mean=rng.uniform(-5, 5, (count, 2)) + rng.random((count, 2)) * [width, height],
-        sigma=np.exp(rng.uniform(*np.log(sigma), (count, 2))),
-        rho=rng.uniform(-0.95, 0.95, count),
-        color=rng.random((count, 3)),
-        opacity=rng.random(count),
-        background=rng.random(3),
-        round_index=np.sort(rng.integers(0, 3, count)),
-        beta=np.where(np.arange(count) % 2, np.exp(rng.uniform(*np.log(beta), count)), 1.0),
-    )
 
 
 @pytest.fixture(scope="session")
@@ -159,7 +136,7 @@ def pytest_collection_modifyitems(items) -> None:
         given = getattr(item, "callspec", None)
         values = [] if given is None else given.params.values()
         renderers = {value for value in values if isinstance(value, str)}
-        needed = {"browser", "headless", "visit"} & set(item.fixturenames)
+        needed = {"browser", "tabs", "visit"} & set(item.fixturenames)
         if needed or renderers & _NOT_INSTALLED_WITH_US:
             item.add_marker(pytest.mark.browser)
         marks = {mark.name for mark in item.iter_markers()}
@@ -204,7 +181,11 @@ def unscored(monkeypatch) -> None:
 @pytest.fixture
 def drawn_here(monkeypatch, unscored) -> None:
     """`check` draws without a process of its own, which takes a third of a second; no scores."""
-    monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *given: rasterize(*given[:4]))
+
+    def draw(svg, width, height, renderer, _, channels):
+        return (rasterize if channels == 3 else rasterize_rgba)(svg, width, height, renderer)
+
+    monkeypatch.setattr("gauss2svg.measure.check.draw", draw)
 
 
 @pytest.fixture
@@ -241,31 +222,19 @@ def gallery(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def headless(request, tmp_path_factory):
-    """A browser for that gallery."""
+def tabs() -> Iterator[Any]:
+    """The browser of the renderer chromium."""
     needs("chromium")
-    site = request.getfixturevalue("gallery").directory
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = gallery_site.Headless(playwright, site, tmp_path_factory.mktemp("alone"))
+    with chromium() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture
-def visit(headless):
-    """Opens visits, each of which must end without errors."""
-    with gallery_site.closed_after(headless.visit) as open_one:
+def visit(tabs, gallery):
+    """Opens visits to that gallery, each of which must end without errors."""
+    visits = partial(gallery_site.Visit, tabs, gallery.directory)
+    with gallery_site.closed_after(visits) as open_one:
         yield open_one
-
-
-def random_sum(count: int, width: int, height: int, seed: int, **shape: tuple) -> Scene:
-    """A random scene whose Gaussians have signed colours and are summed."""
-    scene = random_scene(count, width, height, seed, **shape)
-    color = np.random.default_rng(seed).uniform(-0.6, 0.6, (count, 3))
-    one = {"opacity": np.ones(count), "beta": np.ones(count)}
-    return scene.replace(blend="add", color=color, **one)
 
 
 @pytest.fixture
@@ -304,17 +273,3 @@ def two(photo, tmp_path):
 def pool_here(monkeypatch) -> None:
     """Batches have no processes of their own."""
     monkeypatch.setattr("gauss2svg.batch.many.Pool", PoolHere)
-
-
-@pytest.fixture(scope="module")
-def dask_client():
-    """Of a cluster without processes: one thread works."""
-    import distributed
-
-    with (
-        distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):
-        yield client

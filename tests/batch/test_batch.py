@@ -5,6 +5,7 @@ import dataclasses
 import errno
 import json
 import os
+from types import SimpleNamespace
 
 import pytest
 from batches import TINY_COMMAND, left_parts, marks, outputs, save_photo, save_photos, tiny
@@ -12,7 +13,7 @@ from batches import TINY_COMMAND, left_parts, marks, outputs, save_photo, save_p
 from gauss2svg.batch import many, worker
 from gauss2svg.batch.many import vectorize_many
 from gauss2svg.batch.stores import PARTS, STATE, prepare, write
-from gauss2svg.batch.table import PARQUET, TABLE, write_table
+from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
 from gauss2svg.batch.worker import MARK, PhotoRecord
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
@@ -63,33 +64,20 @@ def test_outputs_are_those_of_the_command_under_relative_names(run, photos, tmp_
     assert (tmp_path / "out/a.svgz").read_bytes()[:2] == b"\x1f\x8b"
 
 
-def test_output_folder_may_be_in_an_input_one_whose_photos_it_adds_none_to(run, photos, tmp_path):
-    run(photos)
-    for _ in range(2):
-        found = [one.output for one in vectorize_many([photos], photos, tiny())]
-        assert sorted(found) == GOOD
-    made = outputs(photos)
-    assert {name: made[name] for name in GOOD} == outputs(tmp_path / "out")
-
-
 def test_each_photo_has_a_row_and_each_svg_a_mark_with_all_that_is_asked_for(run, photos, tmp_path):
     (photos / "bad.png").write_bytes(b"no picture")
     run(photos)
     out = tmp_path / "out"
     table = rows(out)
-    bad = table["bad.svg"]
     assert table.keys() == {*GOOD, "bad.svg"}
-    assert "must be a supported image" in bad["error"]
-    assert bad["error_code"] == "InputError"
+    assert "must be a supported image" in table["bad.svg"]["error"]
     assert outputs(out).keys() == marks(out).keys() == set(GOOD)
     for name, one in marks(out).items():
         assert one.keys() == {*table[name], "run"} == {*PhotoRecord._fields, "run"}
         assert (out / STATE / f"options-{one['options']}.json").exists()
         assert one["bytes"] == (out / name).stat().st_size
         assert (one["width"], one["height"]) == (12, 12)
-        assert one["psnr_svg"] > 5
-        assert min(one["paint_ms"], one["seconds"], one["cpu_seconds"]) > 0
-        assert one["stop_reason"] in {"gaussians", "iterations", "enough", "cap", "gain"}
+        assert min(one["psnr_svg"], one["paint_ms"], one["seconds"], one["cpu_seconds"]) > 0
         assert table[name]["psnr_svg"] == str(one["psnr_svg"])
     assert left_parts(out) == []
     parquet = pytest.importorskip("pyarrow.parquet").read_table(out / PARQUET).to_pydict()
@@ -110,10 +98,7 @@ def test_what_is_done_needs_no_worker_and_stays_as_it_is(
     printed = capsys.readouterr()
     logged = [json.loads(line) for line in printed.out.splitlines()]
     assert {one["output"]: one["skipped"] for one in logged} == dict.fromkeys(GOOD, True)
-    summary, see = printed.err.splitlines()
-    assert summary.startswith("gauss2svg: 0 done, 4 skipped, 0 failed in ")
-    assert str(out / TABLE) in see
-    assert {row["skipped"] for row in rows(out).values()} == {"True"}
+    assert printed.err.startswith("gauss2svg: 0 done, 4 skipped, 0 failed in ")
     assert files.items() <= {path: path.read_bytes() for path in out.rglob("*.*")}.items()
 
 
@@ -128,14 +113,12 @@ def damage_marks(folder):
     [
         (lambda at: None, {}, []),
         (lambda at: save_photo(at / "photos/a.png", 9), {}, ["a.svg"]),
-        (lambda at: save_photo(at / "photos/n.png", 9), {}, ["n.svg"]),
         (lambda at: os.utime(at / "photos/a.png", ns=(1, 1)), {}, ["a.svg"]),
         (lambda at: (at / "out/e.svg").unlink(), {}, ["e.svg"]),
         (lambda at: (at / "out/e.svg").write_text("cut"), {}, ["e.svg"]),
         (lambda at: (at / f"out/e.svg{MARK}").unlink(), {}, ["e.svg"]),
         (lambda at: None, {"seed": 5}, GOOD),
         (lambda at: None, {"threads": 1}, []),
-        (lambda at: None, {"max_pixels": 1000}, []),
         (damage_marks, {}, GOOD),
     ],
 )  # fmt: skip
@@ -191,13 +174,10 @@ def test_disk_that_cannot_be_written_ends_the_batch_and_loses_nothing(
 def test_name_that_cannot_be_written_costs_its_photo_alone(run, photos, tmp_path):
     save_photo(photos / "e.svg/x.png", 5)
     names = ["n" * length for length in (252, 250)]
-    found = run(
-        photos, *(save_photo(tmp_path / "x.png", 6).rename(tmp_path / name) for name in names)
-    )
-    failed = ["e.svg/x.svg", *(f"{name}.svg" for name in names[::-1])]
-    assert (found["done"], found["failed"]) == (GOOD, failed)
-    table = rows(tmp_path / "out")
-    assert [name for name in failed if "cannot " not in table[name]["error"]] == []
+    long = [save_photo(tmp_path / "x.png", 6).rename(tmp_path / name) for name in names]
+    found = run(photos, *long)
+    assert found["done"] == GOOD
+    assert found["failed"] == ["e.svg/x.svg", *(f"{name}.svg" for name in names[::-1])]
     assert not left_parts(tmp_path / "out")
 
 
@@ -234,7 +214,7 @@ def test_photo_that_kills_its_workers_is_found_and_costs_no_other(run, tmp_path,
         return vectorize_photo(spec, photo)
 
     monkeypatch.setattr(worker, "vectorize_photo", deadly)
-    monkeypatch.setattr(many, "_SINGLE", 3)  # a job has several photos
+    monkeypatch.setattr(many, "_FEW_PHOTOS", 3)  # a job has several photos
     found = run(photos)
     assert (len(found["done"]), found["failed"]) == (8, ["3.svg", "7.svg"])
     assert max(map(deaths.count, deaths)) == 2
@@ -248,37 +228,21 @@ def test_worker_of_another_version_is_refused_in_a_line(run, photos, tmp_path, m
     assert outputs(tmp_path / "out") == {}
 
 
-def test_stores_of_fsspec_are_read_and_written(tmp_path):
-    fs = pytest.importorskip("fsspec").filesystem("memory")
-    for seed, name in enumerate(("in/a.png", "in/sub/b.png", "in/.hidden/c.png", "in/note.md")):
-        fs.pipe_file(f"/{tmp_path.name}/{name}", save_photo(tmp_path / "x.png", seed).read_bytes())
-    fs.pipe_file(f"/{tmp_path.name}/list.txt", f"memory://{tmp_path.name}/in/a.png\n".encode())
-    root = f"memory://{tmp_path.name}"
-
-    def go(sources, output):
-        found = vectorize_many(sources, output, tiny())
-        return {one.output: (one.skipped, one.error) for one in found}
-
-    assert go([f"{root}/in"], f"{root}/out") == dict.fromkeys(("a.svg", "sub/b.svg"), (False, None))
-    assert go([f"{root}/in"], f"{root}/out") == dict.fromkeys(("a.svg", "sub/b.svg"), (True, None))
-    globbed = go([f"{root}/in/a.png", f"{root}/in/*/*.png"], tmp_path / "out")
-    assert globbed.keys() == {"a.svg", "sub/b.svg"}
-    assert go([f"{root}/list.txt"], tmp_path / "out").keys() == {f"{tmp_path.name}/in/a.svg"}
-    made = fs.cat_file(f"/{tmp_path.name}/out/a.svg")
-    assert made == (tmp_path / "out/a.svg").read_bytes()
-    assert fs.exists(f"/{tmp_path.name}/out/{TABLE}")
+def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatch):
+    now = iter((0.0, 10.0))
+    monkeypatch.setattr("gauss2svg.batch.table.time", SimpleNamespace(monotonic=now.__next__))
+    summary = Summary()
+    for given in ({}, {"error": "x"}, {"skipped": True}):
+        summary.add(PhotoRecord("a.png", "a.svg", **given))
+    assert summary.progress_text(13) == "0.2 photos/s, 1 failed, 0:00:50 left"
 
 
 def test_no_cell_of_a_table_begins_a_formula_and_every_name_is_unicode(tmp_path):
     texts = ["=1+1", "+1", "-1", "@a", "\tx", "\rx", "a=1", "'a", "\udcffü"]
-    found = [PhotoRecord(text, text, psnr_svg=-1.5, error=text) for text in texts]
     (tmp_path / PARTS).mkdir(parents=True)
-    write_table(str(tmp_path), [*found, PhotoRecord("b", "b", unreached=["=1", "a"])])
+    write_table(str(tmp_path), [PhotoRecord(text, text, psnr_svg=-1.5) for text in texts])
     table = rows(tmp_path)
-    formulas = {f"'{text}" for text in texts[:6]}
-    assert table.keys() == {*formulas, "a=1", "'a", "\\udcffü", "b"}
-    assert table["'=1+1"]["error"] == table["'=1+1"]["input"] == "'=1+1"
-    assert table["b"]["unreached"] == "'=1; a"
+    assert table.keys() == {*(f"'{text}" for text in texts[:6]), "a=1", "'a", "\\udcffü"}
     assert table["a=1"]["psnr_svg"] == "-1.5"  # a number stays one
 
 
@@ -305,13 +269,3 @@ def test_photo_is_not_overwritten_by_its_output(run, photos, tmp_path, monkeypat
     data = photo.read_bytes()
     assert run(listed)["failed"] == ["x.svg"]
     assert photo.read_bytes() == data
-
-
-def test_the_summary_has_a_line_of_each_of_the_first_five_failures(tmp_path, capsys):
-    photos = tmp_path / "photos"
-    photos.mkdir()
-    for number in range(7):
-        (photos / f"{number}.png").write_bytes(b"no picture")
-    assert main(["batch", str(photos), "-o", str(tmp_path / "out"), *TINY_COMMAND]) == 1
-    lines = [line for line in capsys.readouterr().err.splitlines() if "failed: " in line]
-    assert len({line for line in lines if ".png: " in line and "must be" in line}) == 5

@@ -57,35 +57,19 @@ def listed(path="o.json"):
     return [entry["metadata"] for entry in json.loads(Path(path).read_text())]
 
 
-def test_what_cannot_be_written_is_refused(folder, refusal):
-    before = {path: path.read_bytes() for path in folder.iterdir()}
-    for words, line in {
-        "one.png -o one.png": "output must be a file of its own",
-        "one.png bad.png --format svg": "--output must be given for several SVGs",
-        "one.png --format svg -o one.svg": "--output must be a folder",
-        "one.png --max-bytes 21k": "--max-bytes must be at most 20000",
-        "one.png --bytes-of gzip": "--bytes-of",
-    }.items():
-        assert line in refusal("placeholder", *words.split())
-    assert {path: path.read_bytes() for path in folder.iterdir()} == before
-
-
 @pytest.mark.parametrize(
     ("form", "data"),
     [
-        *[("json", data) for data in (b"no JSON", b"", b"[1]", b"{}", b"{", b'{"a": 1}')],
-        ("json", b'[{"metadata": 1}]'), ("json", b"[" * 100_000), ("json", b'["\xff"]'),
-        *[("object", d) for d in (b"no JSON", b"[]", b'{"a": 1}', b'{"a": {"metadata": {}}}')],
-        ("html", b""), ("html", b"<p>mine</p>"), ("html", b'<img src="a.png">\n<p>mine</p>'),
-        ("html", b'<img src="\xff">'),
+        *(("json", data) for data in (b"no JSON", b"", b"[1]", b"{}", b"[" * 100_000, b'["\xff"]')),
+        *(("object", data) for data in (b"[]", b'{"a": 1}', b'{"a": {"metadata": {}}}')),
+        *(("html", data) for data in (b"", b'<img src="a.png">\n<p>mine</p>', b'<img src="\xff">')),
     ],
-)  # fmt: skip
+)
 def test_another_file_is_kept_and_refused_before_any_work(form, data, folder, refusal, monkeypatch):
     monkeypatch.setattr(lists, "placeholder", pytest.fail)
     Path("mine").write_bytes(data)
     line = refusal("placeholder", "one.png", "--format", form, "-o", "mine")
     assert f"--output must be a file of placeholders in {form}, or none yet" in line
-    assert "Try another name" in line
     assert Path("mine").read_bytes() == data
 
 
@@ -117,50 +101,38 @@ def test_a_photo_that_fails_keeps_its_entry_and_one_that_is_not_given_loses_it(
     assert "one.png" not in Path("o").read_text()
 
 
-def test_one_bad_photo_of_many_costs_only_itself(folder, capsys):
-    assert make("one.png bad.png one.png none.png --max-bytes 300 -o o.json", "two words.png") == 1
-    assert [entry["filename"] for entry in listed()] == ["one.png", "two words.png"]
-    lines = capsys.readouterr().err.splitlines()
-    for text in ("bad.png", "none.png", "more than once"):
-        assert sum(text in line for line in lines) == 1
-
-
 @pytest.mark.parametrize("form", ["json", "object"])
 def test_what_has_not_changed_is_kept_and_found_by_its_path(
     form, folder, capsys, counted, monkeypatch
 ):
     Path("bad.png").unlink()
-    command, output = f". --format {form} -o made/list", Path("made/list")
+    output = Path("made/list")
 
     def made(more="") -> int:
         counted.clear()
-        assert make(command + more) == 0
+        assert make(f". --format {form} -o {output}{more}") == 0
         return len(counted)
 
     def paths() -> list[str]:
         records = json.loads(output.read_text())
-        if form == "object":
-            records = records.values()
-        return [one["metadata"]["path"] for one in records]
+        listed = records.values() if form == "object" else records
+        return [one["metadata"]["path"] for one in listed]
 
     assert (made(), paths()) == (2, ["../one.png", "../two words.png"])
     written = output.stat()
     assert made() == 0
     assert output.stat().st_ino == written.st_ino  # not even written anew
-    assert "2 of them unchanged" in capsys.readouterr().err
-    Path("deep").mkdir()
-    for name in ("one.png", "deep/one.png"):
-        Path(name).write_bytes(Path("two words.png").read_bytes())
-    assert (made(), made(" --max-bytes 500"), made()) == (2, 3, 3)
+    Path("one.png").write_bytes(Path("two words.png").read_bytes())
+    assert (made(), made(" --max-bytes 500"), made()) == (1, 2, 2)
     monkeypatch.setattr(lists, "__version__", "0")
-    assert (made(), made(" --root ."), paths()[2]) == (3, 3, "deep/one.png")
+    assert (made(), made(" --root ."), paths()) == (2, 2, ["one.png", "two words.png"])
 
 
 @pytest.mark.parametrize(("error", "status"), [(KeyboardInterrupt, 130), (Terminated, 143)])
 def test_what_was_made_before_an_interrupt_is_written_and_kept(
     error, status, folder, capsys, counted, monkeypatch
 ):
-    made = lists.placeholder
+    made, both = lists.placeholder, ("one.png", "two words.png")
 
     def interrupted(path, *given, **named):
         if Path(path).name != "one.png":
@@ -169,14 +141,14 @@ def test_what_was_made_before_an_interrupt_is_written_and_kept(
 
     with monkeypatch.context() as patch:
         patch.setattr(lists, "placeholder", interrupted)
-        assert make("one.png -o o.json", "two words.png") == status
-    assert [entry["path"] for entry in listed()] == ["one.png"]
-    assert make("one.png -o o.json", "two words.png") == 0
-    assert counted == ["one.png", "two words.png"]
-    # Standard output is written whole or not at all.
-    monkeypatch.setattr(lists, "placeholder", interrupted)
-    assert make("one.png", "two words.png") == status
-    assert capsys.readouterr().out == ""
+        assert make("-o o.json", *both) == status
+        assert [entry["path"] for entry in listed()] == ["one.png"]
+        # Standard output is written whole or not at all.
+        assert make("", *both) == status
+        assert capsys.readouterr().out == ""
+    counted.clear()
+    assert make("-o o.json", *both) == 0
+    assert counted == ["two words.png"]
 
 
 def test_a_picture_offers_the_better_files_of_its_name(folder, counted):
@@ -194,14 +166,10 @@ def test_a_picture_offers_the_better_files_of_its_name(folder, counted):
 def test_names_are_those_of_the_files_and_addresses_are_escaped(folder, capsys, counted):
     addresses = {
         "two  spaces.png": "two%20%20spaces.png", "no\u00a0break.png": "no%C2%A0break.png",
-        "family \U0001f468\u200d\U0001f469.png":
-            "family%20%F0%9F%91%A8%E2%80%8D%F0%9F%91%A9.png",
         "a #1 50%?\n.png": "a%20%231%2050%25%3F%0A.png", os.fsdecode(b"caf\xe9.png"): "caf%E9.png",
     }  # fmt: skip
     for name in addresses:
         Path(name).write_bytes(Path("one.png").read_bytes() + name[:3].encode())
-    assert make("-o o.json", *addresses) == 0
-    assert [entry["filename"] for entry in listed()] == [*addresses]
     assert make("--format html -o pages/page.html", *addresses) == 0
     sources = [line.split('"')[1] for line in Path("pages/page.html").read_text().splitlines()]
     assert sources == [f"../{address}" for address in addresses.values()]

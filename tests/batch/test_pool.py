@@ -21,10 +21,6 @@ def processes():
     return {pid for pid in words if "gauss2svg.pool" in words[pid]}
 
 
-def numbers(jobs):
-    return [job.result(300) for job in jobs]
-
-
 def test_each_end_of_a_job_fails_it_alone():
     with Pool(2, memory=400_000_000) as pool:
         failures = {
@@ -37,7 +33,7 @@ def test_each_end_of_a_job_fails_it_alone():
         }
         others = [pool.submit(abs, -number) for number in range(20)]
         cancelled = pool.submit(time.sleep, 60), pool.submit(time.sleep, 60)
-        assert numbers(others) == list(range(20))
+        assert [job.result(300) for job in others] == list(range(20))
         while not any(job.running() for job in cancelled):
             time.sleep(0.01)
         assert all(job.cancel() for job in cancelled)

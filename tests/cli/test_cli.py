@@ -9,13 +9,13 @@ import sys
 
 import numpy as np
 import pytest
+from flat import vectorize
 from PIL import Image
 
 import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.cli.summary import print_summary
 from gauss2svg.cli.terminal import counting_bar
-from gauss2svg.fit.session import STOP_REASONS
 from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.scene import Scene
 
@@ -36,25 +36,23 @@ def run(*arguments, **options):
 
 
 def test_photo_becomes_svg_with_all_that_was_asked_for(picture, tmp_path):
-    out, report, preview, scene = (tmp_path / n for n in ("o.svg", "r.json", "p.png", "s.npz"))
-    done = run(
-        picture, "-o", out, *QUICK, "--report", report, "--preview", preview, "--save-scene", scene
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == b""
+    """What goes to a pipe is UTF-8, whatever the system encodes."""
+    words = ["-o", "中.svg", "--report", "r.json", "--preview", "p.png", "--save-scene", "s.npz"]
+    environment = {**os.environ, "PYTHONIOENCODING": "latin-1"}
+    done = run(picture.name, *words, *QUICK, cwd=tmp_path, env=environment)
+    assert (done.returncode, done.stdout) == (0, b""), done.stderr
     summary = done.stderr.decode()
-    for word in ("shapes", "gzipped", "PSNR", "SSIM"):
+    for word in ("中.svg", "shapes", "gzipped", "PSNR", "SSIM"):
         assert word in summary
     assert sum(not line.startswith(" ") for line in summary.splitlines()) <= 5
-    numbers = json.loads(report.read_text())
-    assert numbers["svg_bytes"] == out.stat().st_size
-    with Image.open(preview) as raster:
+    numbers = json.loads((tmp_path / "r.json").read_text())
+    assert numbers["svg_bytes"] == (tmp_path / "中.svg").stat().st_size
+    with Image.open(tmp_path / "p.png") as raster:
         assert raster.size == (64, 48)
-    assert len(Scene.load(scene)) == numbers["gaussians"]
+    assert len(Scene.load(tmp_path / "s.npz")) == numbers["gaussians"]
 
 
 COMMANDS = {
-    "check photo.png o.svg --report r.json --heatmap h.png": ("r.json", "h.png"),
     "placeholder photo.png --format html -o page.html": ("page.html",),
     "batch photo.png -o many --gaussians 9 --workers 1": ("many/photo.svg",),
     "bench photo.png -o bench --axis gaussians=5,9": ("bench/summary.md", "bench/bench.csv"),
@@ -66,8 +64,6 @@ COMMANDS = {
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_writes_its_files_and_says_what_it_did(command, picture, tmp_path):
     picture.rename(tmp_path / "photo.png")
-    svg = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><path d="M0 0h2v3"/></svg>'
-    (tmp_path / "o.svg").write_text(svg)
     done = run(*command.split(), cwd=tmp_path)
     assert (done.returncode, done.stdout) == (0, b""), done.stderr
     assert done.stderr
@@ -84,14 +80,32 @@ def test_a_log_has_a_line_of_progress_a_minute(capsys):
     assert capsys.readouterr().err.splitlines() == lines
 
 
+HEAVY, FULL = {"paint_ms": 3000.0}, {"stop_reason": "max_bytes", "max_bytes": 9000}
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({**HEAVY, "markup": "minimal"}, "to paint it, 64 px wide; less with --markup editable"),
+        ({**HEAVY, "markup": "editable"}, "less with fewer shapes"),
+        ({**FULL, "count_gzipped": True}, "9,000 gzipped bytes; one more would not fit"),
+        ({"size": "responsive"}, "64x48 px, shown as wide as its place, "),
+    ],
+)
+def test_the_summary_says_what_the_report_has(changed, said, photo, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    print_summary(vectorize(photo[:48, :64], gaussians=9, iterations=2).report | changed, "o.svg")
+    assert said in capsys.readouterr().err
+
+
 def test_missed_target_is_one_line_and_status_zero(picture, tmp_path, capfd):
-    asked = ["--target-psnr", "60", "--max-bytes", "9k", "--iterations", "30", "--quiet"]
+    asked = ["--target-psnr", "60", "--max-bytes", "2k", "--iterations", "30", "--quiet"]
     assert main([str(picture), "-o", str(tmp_path / "o.svg"), *asked]) == 0
     out, err = capfd.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert "target of 60 dB not reached" in err
     assert "stopped by max bytes" in err
-    assert 7000 < (tmp_path / "o.svg").stat().st_size <= 9000
+    assert 1500 < (tmp_path / "o.svg").stat().st_size <= 2000
 
 
 @pytest.mark.process
@@ -103,8 +117,6 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
 
 
 MISTAKES = [
-    ("PHOTO no.svg -o OUT", "must be one file; got"),
-    ("no.png -o OUT", "cannot read no.png: No such file or directory"),
     ("PHOTO -o FOLDER/x/", "--output must be the name of a file, not of a folder"),
     ("PHOTO -o --quiet", "got --quiet, which reads like an option. Try ./--quiet"),
     ("PHOTO -o FOLDER/o.png", "--output must be a name that ends in .svg or .svgz"),
@@ -112,20 +124,12 @@ MISTAKES = [
     ("PHOTO -o OUT --report FOLDER/a.png", "a name that ends in .json"),
     ("PHOTO -o OUT -o OUT", "-o specified multiple times. Try"),
     ("PHOTO -o OUT --gaussians -3", "a whole number in 0..10000000 or auto; got -3"),
-    ("PHOTO -o OUT --max-bytes 12x", "got '12x'. Try 150k or 1.5M"),
     ("PHOTO -o OUT --time-limit nan", "--time-limit must be a number above 0 and at most 1e+09"),
     ("PHOTO --max-bytes", "--max-bytes must be given with a value; got none. Try"),
-    ("PHOTO -o OUT --target-psnr 30 --target-ssimulacra2 60",
-     "--target-ssimulacra2 must not be given with --target-psnr. Try"),
-    ("PHOTO -o OUT --inks 3 --falloff gaussian",
-     "--falloff gaussian must not be given with --inks, because a picture in inks"),
-    ("PHOTO -o OUT --loss l1 --ssim-weight 0.3",
-     "--loss must be one with ssim if --ssim-weight is given; got 'l1'. Try --loss l1+ssim"),
     ("PHOTO -o OUT --focus no.png", "focus must be a picture, but cannot read no.png"),
     ("PHOTO -o OUT --focus-strength 3", "--focus-strength must be given with a mask; got 3"),
     ("PHOTO -o OUT --focus FOLDER/m.png --preview FOLDER/m.png", "m.png, which is also the mask"),
     ("PHOTO -o OUT --start no.svg", "cannot read no.svg"),
-    ("PHOTO -o OUT --start no.npz", "must be"),
     ("-o OUT", "the photo must be one file; got none. Try gauss2svg --help"),
     ("-", "--output must be given if the photo is standard input"),
     ("check a.svg", "SVG must be given; got none. Try gauss2svg check"),
@@ -133,6 +137,9 @@ MISTAKES = [
     ("PHOTO --treads 2", "must be an option; got an unknown one. Try --threads"),
     ("PHOTO -q", "-q must be an option; got an unknown one. Try --help, or ./-q for a"),
     ("placeholder PHOTO --max-byte 1k", "unknown one. Try --max-bytes"),
+    ("placeholder PHOTO -o PHOTO", "output must be a file of its own"),
+    ("placeholder PHOTO no.png --format svg", "--output must be given for several SVGs"),
+    ("placeholder PHOTO --format svg -o OUT", "--output must be a folder"),
     ("bench PHOTO -o PHOTO", "cannot create"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
     ("bench PHOTO -o FOLDER/x --axis schedule", "; got linear. Try --axis gaussians=1000"),
@@ -140,9 +147,10 @@ MISTAKES = [
     ("bench PHOTO -o FOLDER/x --peers jpeg:30,jpeg:31", "avif:90; got 'jpeg:31'"),
     ("bench PHOTO -o FOLDER/x --peer-timeout inf", "--peer-timeout must be a number in"),
     ("gallery PHOTO -o PHOTO/x", "output must be outside of the inputs"),
+    ("gallery PHOTO -o FOLDER/x --variants quick", "variant must be one of draft, "),
+    ("gallery PHOTO -o FOLDER/x --peers vtracer:fine", "peer must be one of vtracer, "),
     ("gallery PHOTO -o FOLDER/x --counts 2.5", "each of --counts must be a whole number"),
     ("studio --no-browser --port 70000", "port"),
-    ("studio --no-browser --jobs 0", "jobs"),
     ("studio --no-browser none", "FOLDER"),
     ("studio --no-browser --host 300.1.1.1", "host and port"),
     ("gallery PHOTO -o FOLDER/x --jobs 0", "jobs must be a whole number in 1..256; got 0"),
@@ -171,21 +179,6 @@ def test_without_a_name_the_svg_goes_beside_the_photo(picture, refusal):
     assert beside.read_bytes() == ours
 
 
-@pytest.mark.posix
-def test_link_stays_a_link(picture, tmp_path):
-    (tmp_path / "real.svg").write_text("old")
-    (tmp_path / "link.svg").symlink_to("real.svg")
-    assert main([str(picture), "-o", str(tmp_path / "link.svg"), *QUICK, "--quiet"]) == 0
-    assert (tmp_path / "link.svg").is_symlink()
-    assert (tmp_path / "real.svg").read_text().startswith("<?xml")
-
-
-def test_what_goes_to_a_pipe_is_utf8_whatever_the_system_encodes(tmp_path):
-    done = run("ä中.png", env={**os.environ, "PYTHONIOENCODING": "latin-1"}, cwd=tmp_path)
-    assert done.returncode == 2
-    assert "cannot read ä中.png" in done.stderr.decode()
-
-
 def test_full_help_names_every_option(capsys):
     assert main(["--help-all"]) == 0
     text = capsys.readouterr().out
@@ -203,21 +196,3 @@ def test_version_prints_the_block_of_a_fault_report(capsys):
     text = " ".join(lines)
     assert all(name in text for name in ("resvg 0", "numpy 2", "pyvips", platform.python_version()))
     assert all(len(line) < 80 for line in lines)
-
-
-@pytest.mark.process
-def test_version_says_which_package_is_broken_and_prints_the_rest(tmp_path):
-    (tmp_path / "resvg_py.py").write_text('raise ImportError("no such library")')
-    python_path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    done = run("--version", env={**os.environ, "PYTHONPATH": python_path})
-    assert (done.returncode, done.stderr) == (0, b"")
-    text = " ".join(done.stdout.decode().split())
-    assert "resvg: no such library" in text
-    assert "numpy 2" in text
-
-
-def test_a_summary_without_a_preset_names_none(photo, capsys):
-    report = gauss2svg.vectorize(photo[:16, :16], gaussians=3).report | {"max_bytes": 9000}
-    for reason in STOP_REASONS:
-        print_summary(report | {"stop_reason": reason, "quality": None}, "o.svg")
-        assert "None" not in capsys.readouterr().err, reason

@@ -13,18 +13,17 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gauss2svg.batch.listing import ListedPhoto, listed_photos, slug_of
+from gauss2svg.batch.listing import listed_photos, slug_of
 from gauss2svg.compare import chart
-from gauss2svg.compare.grid import Task, add_row, rows_in
+from gauss2svg.compare.grid import add_row, rows_in
+from gauss2svg.compare.records import TOOL
 from gauss2svg.compare.run import crops_of
-from gauss2svg.compare.table import below
+from gauss2svg.compare.table import below, plots_of
 from gauss2svg.compare.variants import (
-    Variant,
     apply_constants,
     options_in,
     parse_axes,
     settings_of,
-    variants_of,
 )
 from gauss2svg.errors import InputError
 from gauss2svg.measure import PSNR, SCORES, SSIM
@@ -50,9 +49,7 @@ def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
     ("text", "values"),
     [
         ("inks=3,6", (3, 6)),
-        ("inks=#f7c306,#17324d", ("#f7c306,#17324d",)),
         ("inks=6;#fff,#000; f7c306,17324d", (6, "#ffffff,#000000", "#f7c306,#17324d")),
-        ("max-size=64,32,64", (64, 32, 64)),
         ("gaussians=auto, 5", ("auto", 5)),
         (f"{FULL}=0.5,1", (0.5, 1.0)),
     ],
@@ -67,12 +64,9 @@ def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
     ("axes", "line"),
     [
         (["speed"], "axis must be an option: one of quality, gaussians"),
-        (["gaussians"], "axis gaussians must be given with values; got none. Try --axis gaussians"),
         (["inks=6,#fff,#000"], "axis inks must be .*Try 6, or"),
         (["gaussians=many"], "axis gaussians must be .*; got 'many'"),
         ([f"{FULL}=x"], f"axis {FULL} must be a number in .*; got 'x'"),
-        (["a.b=1"], "axis must be a number that a module has in capitals; got 'a.b'"),
-        ({"loss": "mse"}, "axis loss must be a sequence; got 'mse'"),
         ({"loss": ()}, "axis loss must be given with values"),
         ({"loss": ["l3"]}, "axis loss must be one of mse"),
         (["form=gradient,blur", "renderer=chromium,cairo"], ".*for form blur; got 'cairo'"),
@@ -90,18 +84,6 @@ def test_a_constant_of_the_code_is_replaced_where_it_is_read(monkeypatch):
     monkeypatch.setattr(limits, "FULL", limits.FULL)
     apply_constants(dict(settings))
     assert limits.FULL == 0.5
-
-
-def test_key_knows_all_that_changes_a_record_and_no_path():
-    def key(path="a.png", digest="d", count=5, others=(0,), **variant):
-        photo = ListedPhoto(path, path, path, "a", digest)
-        made = None if count is None else Variant((("gaussians", count),), **variant)
-        return Task(photo, made, {}, others, {}).key
-
-    assert key() == key(path="b/c.png")
-    changes = [{"digest": "e"}, {"count": 6}, {"count": None}, {"others": (1,)}]
-    changes += [{"version": "0"}, {"tool": "jpeg"}]
-    assert len({key(), *(key(**change) for change in changes)}) == len(changes) + 1
 
 
 # Few values, so that equals are common.
@@ -124,6 +106,19 @@ def test_distance_below_a_front_is_the_gain_at_no_more_cost(rows, score):
         assert both == max(gains) >= 0
         # A second cost can only excuse.
         assert both <= min(below(one, rows, score, cost) for cost in ("s", "b"))
+
+
+def test_the_line_of_a_plot_joins_the_cheapest_settings_of_the_best_scores():
+    none = {"tool": TOOL, "preset": "", **dict.fromkeys(axis.key for axis in SCORES)}
+    settings = (("dear", 30, 8), ("good", 35, 9), ("cheap", 30, 2), ("worse", 20, 4))
+    for plot in plots_of([
+        none | {"label": label, "psnr_svg": score, "cpu_s": cost, "svgz_bytes": cost}
+        for label, score, cost in settings
+    ]).values():  # fmt: skip
+        places = re.findall(r"<title>(\w+): .*?translate\((\S+) (\S+)\)", plot)
+        at = {f"{x},{y}": label for label, x, y in places}
+        line = re.search(r'points="([^"]*)"', plot)[1]
+        assert [at[point] for point in line.split()] == ["cheap", "good"]
 
 
 odd_letters = st.sampled_from("\udcff\ud800\u202e\u200f🙂/\\.:-x1 A\u0130")
@@ -170,16 +165,6 @@ def test_photo_named_twice_is_one_where_it_is_named_first(tmp_path, monkeypatch)
     assert [photo.name for photo in listed_photos(paths)] == ["one.png", "other.png"]
 
 
-def test_variants_are_presets_counts_and_peers_each_once():
-    found, absent = variants_of(["high", "draft", "high"], [2000, 1, np.int64(0), 2000])
-    assert absent == []
-    assert [(variant.name, variant.slug) for variant in found] == [
-        ("high", "high"), ("draft", "draft"), ("2000 Gaussians", "gaussians-2000"),
-        ("1 Gaussian", "gaussians-1"), ("0 Gaussians", "gaussians-0"),
-    ]  # fmt: skip
-    assert [variant.name for variant in variants_of()[0]] == ["draft", "balanced", "high"]
-
-
 @pytest.mark.parametrize(
     ("height", "width", "side"), [(9, 14, 4), (3, 14, 5), (12, 6, 6), (1, 1, 3)]
 )
@@ -200,9 +185,8 @@ def test_crops_are_the_worst_window_and_one_of_the_median_error(height, width, s
 points = st.lists(
     st.fixed_dictionaries(
         {
-            "cost": st.floats(1e-2, 1e7) | st.sampled_from([1.27, 3.0, 3.0, 7.0]),
+            "cost": st.floats(1e-2, 1e7) | st.sampled_from([1.27, 3.0, 7.0]),
             "score": st.none() | st.floats(-5, 120, allow_subnormal=False) | st.just(30.0),
-            "group": st.none() | st.integers(0, 2),
         }
     ),
     min_size=1,
@@ -212,12 +196,12 @@ points = st.lists(
 
 @pytest.mark.parametrize("frame", [chart.WIDE, chart.NARROW])
 @given(points)
-@example([{"cost": 7.0, "score": None, "group": 0}] * 2)
-@example([{"cost": 1.0, "score": 30.0, "group": 0}] * 2)
+@example([{"cost": 7.0, "score": None}] * 2)
+@example([{"cost": 1.0, "score": 30.0}] * 2)
 def test_points_and_ticks_lie_in_the_frame_in_their_order(frame, given_points):
-    drawn = chart.scatter(given_points, chart.COSTS[0], frame=frame)
-    placed, equal_y = drawn["points"], drawn["equal_y"]
-    assert [{name: one[name] for name in given_points[0]} for one in placed] == given_points
+    drawn = chart.scatter([{"group": 0} | one for one in given_points], chart.COSTS[0], frame=frame)
+    placed, equal_y, levels = drawn["points"], drawn["equal_y"], drawn["y_ticks"]
+    assert [{name: one[name] for name in ("cost", "score")} for one in placed] == given_points
     for one in placed:
         assert frame.left < one["x"] < frame.right
         assert frame.top <= one["y"] <= frame.bottom
@@ -227,30 +211,25 @@ def test_points_and_ticks_lie_in_the_frame_in_their_order(frame, given_points):
     finite = [one for one in placed if one["score"] is not None]
     finite.sort(key=lambda one: one["score"])
     assert all(one["y"] >= other["y"] for one, other in pairwise(finite))
-    assert all(equal_y is None or one["y"] > equal_y for one in finite)
     places = [x for x, _ in drawn["x_ticks"]]
     assert all(other - one >= 28 for one, other in pairwise(places))  # so that texts fit
-    assert 2 <= len(drawn["y_ticks"]) <= 9
-    assert all(frame.top <= y <= frame.bottom for y, _ in drawn["y_ticks"])
-    levels = [float(text) for _, text in drawn["y_ticks"]]
-    assert levels == sorted(set(levels))
-    assert all(levels[0] <= one["score"] <= levels[-1] for one in finite)
+    assert 2 <= len(levels) <= 9
+    assert all(frame.top <= y <= frame.bottom for y, _ in levels)
+    least, most = float(levels[0][1]), float(levels[-1][1])
+    assert all(least <= one["score"] <= most for one in finite)
 
 
-NOTHING = "\N{EN DASH}"
 in_bytes, in_seconds = partial(chart.tick, unit="bytes"), partial(chart.tick, unit="seconds")
 
 
 @pytest.mark.parametrize(
     ("show", "value", "text"),
     [
-        (chart.size, 0, "0 B"), (chart.size, 999.5, "1.00 kB"), (chart.size, 2625, "2.63 kB"),
-        (chart.size, 99_949, "99.9 kB"), (chart.size, 1.5e9, "1 500 MB"),
-        (chart.size, None, NOTHING), (chart.seconds, 0.844, "0.84 s"),
-        (chart.seconds, 9.995, "10.0 s"), (chart.seconds, 12_345.6, "12 346 s"),
-        (PSNR.text, 31.416, "31.42 dB"), (PSNR.text, None, "equal"), (SSIM.text, 0.6666, "0.667"),
-        (SSIM.text, None, NOTHING), (chart.whole, 1_234_567, "1 234 567"),
-        (in_bytes, 5e4, "50 kB"), (in_seconds, 0.5, "0.5 s"),
+        (chart.size, 0, "0 B"), (chart.size, 999.5, "1.00 kB"), (chart.size, 1.5e9, "1 500 MB"),
+        (chart.size, None, "\N{EN DASH}"), (chart.seconds, 0.844, "0.84 s"),
+        (chart.seconds, 9.995, "10.0 s"), (PSNR.text, 31.416, "31.42 dB"),
+        (PSNR.text, None, "equal"), (SSIM.text, 0.6666, "0.667"), (in_bytes, 5e4, "50 kB"),
+        (chart.whole, 1_234_567, "1 234 567"), (in_seconds, 0.5, "0.5 s"),
     ],
 )  # fmt: skip
 def test_numbers_are_shown_so(show, value, text):

@@ -7,21 +7,12 @@ import with_torch  # noqa: F401  # isort: skip, for the script needs it
 import numpy as np
 import pytest
 import reproduce_paper as paper
-from conftest import random_sum
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from scenes import random_sum
 
 scenes = st.builds(random_sum, st.just(8), st.just(50), st.just(40), st.integers(0, 2**32 - 1))
-
-
-@given(scenes)
-def test_the_sum_without_windows_is_that_of_the_inverse_covariances(scene):
-    y, x = np.mgrid[: scene.height, : scene.width] + 0.5
-    offset = np.stack([x, y], axis=-1)[:, :, None] - scene.mean
-    squared = np.einsum("hwni,nij,hwnj->hwn", offset, np.linalg.inv(scene.covariance), offset)
-    expected = scene.background + np.exp(-squared / 2) @ scene.color
-    np.testing.assert_allclose(paper.windowed(scene, 1e9, False)[0], expected, atol=1e-9)
 
 
 @given(scenes, st.floats(4, 60))

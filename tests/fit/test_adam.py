@@ -108,14 +108,3 @@ def test_only_gaussians_whose_step_is_not_finite_stay_and_forget(bad):
             forgotten = 0 if name in ("adam_m", "adam_v", "age") else kept[7]
             np.testing.assert_array_equal(array[7], forgotten)
             np.testing.assert_array_equal(array[others], getattr(good, name)[others])
-
-
-@pytest.mark.parametrize("name", ["opacity", "color", "beta"])
-def test_parameter_without_a_rate_stays_as_it_is(name):
-    state, before = random_state(40, 5), random_state(40, 5)
-    gradient = np.random.default_rng(6).normal(size=(40, STEPS))
-    for _ in range(3):
-        adam.step(state, gradient, OVER.without(name), MOST_SIGMA, 1.0)
-    for parameter, raw in STEPPED:
-        stays = getattr(state, raw.name) == getattr(before, raw.name)
-        assert stays.all() == (parameter.name == name)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import random_scene
 from flat import choices, fit_config
+from scenes import random_scene
 
 from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.placement import place
@@ -18,14 +18,8 @@ from gauss2svg.fit.target import (
     structural_similarity,
     target_of,
 )
-from gauss2svg.pipeline.export import Export, Exporter
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.outcome import Subject
-from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render.weights import visible_mass
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgFormat
-from gauss2svg.svg.write import write_svg
 
 
 def planes(height: int, width: int, dtype: type = np.float64, channels: int = 3):
@@ -100,8 +94,7 @@ def spots(x, y, size=64, **more) -> Scene:
     """Grey Gaussians at (x, y) on white."""
     n = len(x)
     given = {"sigma": np.full((n, 2), 3.0), "color": np.full((n, 3), 0.5), **more}
-    opacity = np.full(n, 1.0 if "blend" in more else 0.9)
-    return Scene(size, size, np.column_stack([x, y]), rho=np.zeros(n), opacity=opacity, **given)
+    return Scene(size, size, np.column_stack([x, y]), rho=[0] * n, opacity=[0.9] * n, **given)
 
 
 def population(pixels, scene=None, **given) -> Population:
@@ -193,16 +186,3 @@ def test_moments_of_a_reduced_refinement_are_those_of_its_own_gradients(factor):
     fitted.reduce_to(1, scale_moments=True)
     np.testing.assert_allclose(fitted.state.adam_m, full)
     np.testing.assert_allclose(fitted.state.adam_v, full**2)
-
-
-def test_file_of_limited_size_keeps_the_gaussians_that_its_tune_favours():
-    # Those on the texture, which psnr takes for flat, are a little larger.
-    x, y = np.tile([16, 48], 4), np.repeat([8, 24, 40, 56], 2)
-    scene = spots(x, y, sigma=np.where(x < 32, 3.0, 3.2)[:, None].repeat(2, axis=1))
-    svg = write_svg(scene, SvgFormat())
-    whole = Export(scene, svg, SvgFormat(), len(svg), 20.0)
-    for tune, kept in {"perceptual": 16, "psnr": 48}.items():
-        exporter = Exporter(Plan(Options().changed(tune=tune)), Subject.of(half_flat(1)))
-        less = exporter.pruned(whole, int(0.7 * whole.size))
-        assert 0 < len(less.scene) <= 4
-        assert (less.scene.mean[:, 0] == kept).all()

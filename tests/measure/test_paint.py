@@ -39,7 +39,10 @@ def test_cost_grows_with_shapes_pixels_and_masks():
     assert cost(Scene(100, 80)) == 0
     assert cost(one((50, 40), copies=30)) == pytest.approx(30 * once)
     assert cost(one((50, 40), sigma=(8.0, 4.0))) > once
-    assert cost(one((50, 40)), "<svg><mask/></svg>") > once
+    masks = cost(one((50, 40)), "<svg><mask/></svg>")
+    half = cost(one((50, 40)), '<svg><style/><mask/><use href="#a"/><circle r="1"/></svg>')
+    assert masks > once
+    assert half == pytest.approx((once + masks) / 2)  # of the shapes one is under a mask
 
 
 def test_an_estimate_is_for_the_width_that_the_file_says_or_1600_px():
@@ -58,10 +61,3 @@ def test_a_report_estimates_files_without_filters(given, known, photo):
     estimate = made.report["paint_ms"]
     assert (estimate is not None) == known
     assert not known or 0 < estimate < HEAVY_MS
-
-
-def test_the_cost_of_masks_counts_for_the_shapes_under_them_alone():
-    scene, style = one((50, 40)), "<svg><style/><mask/>{}</svg>"
-    gradients, masks = cost(scene), cost(scene, "<svg><mask/></svg>")
-    half = cost(scene, style.format('<use href="#a"/><circle r="1"/>'))
-    assert half == pytest.approx((gradients + masks) / 2)

@@ -187,21 +187,6 @@ def test_ink_is_what_its_profile_says_or_covers_paper(name, profile):
     assert len(photo.notes) == 1 + bool(profile)
 
 
-def test_ycck_of_adobe_is_ink_as_well():
-    # The Adobe marker's last byte says what the four components are: 2 is YCCK, whose first
-    # three are the YCbCr of the complements of C, M and Y. In grey ink Cb and Cr are 128.
-    stored = np.uint8([[200, 128, 128, 255], [60, 128, 128, 255], [90, 128, 128, 55]])
-    blocks = np.kron(255 - stored[None], np.ones((16, 16, 1), np.uint8))
-    jpeg = bytearray(encoded(Image.fromarray(blocks, "CMYK"), "JPEG", quality=100))
-    place = jpeg.index(b"Adobe") + 11
-    assert jpeg[place] == 0
-    jpeg[place] = 2
-    seen = load_image(bytes(jpeg)).pixels[8, 8::16]
-    # Adobe stores inks inverted: 255 - luma is what is stored of C, M and Y.
-    expected = (255 - stored[:, :1]) / 255 * stored[:, 3:] / 255 * np.ones(3)
-    np.testing.assert_allclose(seen, expected, atol=4 / 255)
-
-
 def test_lab_is_converted():
     # L in 0..255, a and b signed (TIFF 6.0, section 23): white, black, and sRGB's red, green
     # and blue by D50 (CSS Color 4).

@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-import tifffile
 from pictures import chunk, encoded, png, tiff
 from PIL import Image, ImageCms
 
@@ -38,6 +37,9 @@ FILES = {
     "JPEG": encoded(RGB, "JPEG"),
     "progressive JPEG": encoded(RGB, "JPEG", progressive=True),
     "JPEG with restarts": encoded(RGB, "JPEG", restart_marker_blocks=3),
+    "JPEG of all colours": encoded(RGB, "JPEG", subsampling=0, icc_profile=SRGB),
+    "JPEG of greys": encoded(RGB.convert("L"), "JPEG"),
+    "JPEG of inks": encoded(RGB.convert("CMYK"), "JPEG"),
     "PNG": encoded(RGB, "PNG"),
     "RGBA PNG": encoded(RGBA, "PNG"),
     "16-bit PNG": png(WIDE[:, :, :3], bits=16),
@@ -63,9 +65,9 @@ FILES = {
 }
 
 
-def refuses(file: bytes) -> bool:
+def refuses(file: bytes, **given: int) -> bool:
     try:
-        load_image(file)
+        load_image(file, **given)
     except InputError as error:
         return REFUSED in str(error) and "\n" not in str(error)
     return False
@@ -77,6 +79,7 @@ def test_what_is_cut_in_its_data_is_refused_and_the_whole_is_read(name):
     assert not refuses(file)
     for left in np.linspace(0.6, 0.95, 8):
         assert refuses(file[: int(left * len(file))]), left
+    assert refuses(file[: len(file) // 2], needed=20)
 
 
 @pytest.mark.parametrize("name", ["JPEG", "progressive JPEG"])
@@ -117,26 +120,6 @@ def test_png_whose_rows_end_early_is_refused(channels, bits, interlaced):
     assert not refuses(whole[:place] + chunk(b"IDAT", zlib.compress(rows + b"abc")) + whole[-12:])
 
 
-def without(file: bytes, tag: int) -> bytes:
-    """A TIFF whose tag has zeros after its first value."""
-    with tifffile.TiffFile(io.BytesIO(file)) as pages:
-        found = pages.pages[0].tags[tag]
-    size = {3: 2, 4: 4}[int(found.dtype)]
-    begin, end = (found.valueoffset + size * n for n in (1, found.count))
-    return file[:begin] + bytes(end - begin) + file[end:]
-
-
-@pytest.mark.parametrize("compression", [None, "zlib"])
-@pytest.mark.parametrize("array", [NOISY, np.float32(NOISY) / 255])
-def test_tiff_without_some_of_its_parts_is_refused(array, compression):
-    for parts, tags in (({"rowsperstrip": 8}, (273, 279)), ({"tile": (16, 16)}, (324, 325))):
-        whole = tiff(array, photometric="rgb", compression=compression, **parts)
-        assert not refuses(whole)
-        for tag in tags:
-            with pytest.raises(InputError):
-                load_image(without(whole, tag))
-
-
 def resampled(whole, height, width):
     """Pixels (h, w, channels) by Pillow: by the cubic filter if opaque, else by a triangle."""
     is_sharp = whole.shape[2] == 3
@@ -156,10 +139,14 @@ OPAQUE = {"JPEG", "PNG", "16-bit PNG", "two levels", "BMP"}  # whose mode tells
 def test_reducing_while_decoding_is_reducing_afterwards(kind):
     file = FILES[kind]
     whole, header = load_image(file), header_of(file)
-    for size in ((WIDTH - 1, HEIGHT - 1), (101, 70), (49, 31)):
+    level = LEVEL * (8 if "two levels" in kind else 1 if whole.alpha is None else 4)
+    for size in ((WIDTH - 1, HEIGHT - 1), (101, 70), (49, 31), (16, 11)):
         photo = load_image(file, needed=lambda width, height, size=size: size)
-        off = np.abs(pixels_of(photo) - resampled(pixels_of(whole), size[1], size[0]))
-        assert off.mean() < (8 if "two levels" in kind else 4) * LEVEL
+        off = pixels_of(photo) - resampled(pixels_of(whole), size[1], size[0])
+        # A JPEG that is decoded at a fourth of its size has less of its noise.
+        assert np.abs(off).mean() < (5 if size == (16, 11) else 1) * level
+        # The whole numbers by which libvips weights 8 bits are off by half a level at times.
+        assert np.abs(off.mean(axis=(0, 1))).max() < 0.8 * level
         assert (photo.width, photo.height) == size
         assert photo.original_size == whole.original_size == (WIDTH, HEIGHT)
         assert photo.notes == whole.notes
@@ -168,34 +155,6 @@ def test_reducing_while_decoding_is_reducing_afterwards(kind):
         assert same.tobytes() == pixels_of(whole).tobytes()
     assert (header.width, header.height) == (WIDTH, HEIGHT)
     assert (whole.alpha is not None) <= header.has_alpha <= (kind not in OPAQUE)
-
-
-JPEGS = {
-    "plain": {}, "progressive": {"progressive": True}, "grey": {"mode": "L"},
-    "all colours": {"subsampling": 0, "quality": 95}, "inks": {"mode": "CMYK"},
-    "profile": {"icc_profile": SRGB},
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", JPEGS)
-def test_colours_of_a_jpeg_are_within_a_level(kind):
-    options = dict(JPEGS[kind])
-    large = RGB.resize((4 * WIDTH, 4 * HEIGHT), Image.Resampling.BICUBIC)
-    file = encoded(large.convert(options.pop("mode", "RGB")), "JPEG", **options)
-    whole = load_image(file)
-    for times in (1, 3, 4.1, 8, 13):
-        side = int(4 * WIDTH / times)
-        photo = load_image(file, needed=side)
-        assert max(photo.width, photo.height) == side
-        assert photo.original_size == (4 * WIDTH, 4 * HEIGHT)
-        assert photo.notes == whole.notes
-        off = 255 * (photo.pixels - resampled(whole.pixels, photo.height, photo.width))
-        assert np.abs(off).mean() < 1
-        assert np.quantile(np.abs(off), 0.98) < 2
-        # The whole numbers by which libvips weights 8 bits are off by half a level at times.
-        assert np.abs(off.mean(axis=(0, 1))).max() < 0.6
-    with pytest.raises(InputError, match="premature end"):
-        load_image(file[: len(file) // 2], needed=20)
 
 
 @pytest.mark.parametrize("source", [RGBA, np.asarray(RGBA), RGB, "opened"])
@@ -207,9 +166,6 @@ def test_what_is_in_memory_is_reduced_too_and_stays_whole(source):
     off = np.abs(pixels_of(photo) - shrunk(whole, photo.height, 50, sharp=True))
     assert off.mean() < 6 * LEVEL  # an average, a triangle and the cubic filter
     assert photo.original_size == (WIDTH, HEIGHT) == whole.shape[1::-1]
-    whole = load_image(source, matte=(1, 0.5, 0)).pixels
-    photo = load_image(source, matte=(1, 0.5, 0), needed=60)
-    assert np.abs(photo.pixels - shrunk(whole, photo.height, 60)).mean() < 4 * LEVEL
 
 
 def test_a_tiff_is_never_whole_in_memory():

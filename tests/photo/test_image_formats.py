@@ -1,4 +1,4 @@
-"""What each format can hold arrives as it was stored."""
+"""What any source and each format can hold arrives as it was stored, or is refused."""
 
 import io
 import struct
@@ -9,7 +9,10 @@ import pytest
 from pictures import assert_read, chunk, encoded, png, srgb_curve
 from PIL import Image
 
+from gauss2svg.errors import InputError
+from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.load import load_image
+from gauss2svg.photo.pixels import shrunk
 
 RNG = np.random.default_rng(0)
 CONVERTED = "converted from its embedded ICC profile to sRGB"
@@ -17,6 +20,101 @@ DATA = Path(__file__).parents[1] / "data"
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
 WIDE = RNG.integers(0, 65536, (11, 13, 4), dtype=np.uint16)
 SMOOTH = np.uint8(np.mgrid[:24, :40].sum(0)[:, :, None] * [3, 2, 1] + [20, 60, 100])
+
+
+def test_every_kind_of_source_gives_the_same_pixels(tmp_path):
+    picture = Image.fromarray(BYTES)
+    png = encoded(picture, "PNG")
+    path = tmp_path / "a photo.png"
+    path.write_bytes(png)
+    big_endian = (BYTES / 255).astype(">f8")
+    arrays = np.asfortranarray(BYTES), big_endian, BYTES.astype(np.uint16) * 257
+    streams = [io.BytesIO(png) for _ in range(3)]
+    for stream, at in zip(streams, (0, 9, 10**6), strict=True):
+        stream.seek(at)  # files are read from their start, wherever they were read to
+    for source in (path, str(path), png, bytearray(png), *streams, picture, *arrays):
+        photo = assert_read(source, BYTES / 255)
+        assert photo.pixels.dtype == np.float32
+
+
+RGBA = np.dstack([BYTES, RNG.integers(0, 3, (6, 9), dtype=np.uint8) * 100])
+
+
+@pytest.mark.parametrize("source", [RGBA, RGBA / 255, encoded(Image.fromarray(RGBA), "PNG")])
+def test_alpha_is_kept_beside_colours_or_covers_a_matte(source):
+    alpha = RGBA[:, :, 3:] / 255
+    shown = BYTES / 255 * (alpha > 0)  # not a colour that nobody sees
+    assert assert_read(source, shown, alpha=alpha[:, :, 0]).alpha.dtype == np.float32
+    for matte, name in (((1, 1, 1), "#ffffff"), ((0.2, 0.4, 0.6), "#336699")):
+        over = load_image(source, matte=matte)
+        expected = BYTES / 255 * alpha + np.array(matte) * (1 - alpha)
+        np.testing.assert_allclose(over.pixels, expected, atol=1e-6)
+        assert over.alpha is None
+        assert over.notes == (f"composited over {name}",)
+    assert_read(np.dstack([BYTES, np.full((6, 9), 255, np.uint8)]), BYTES / 255)
+
+
+def test_tensors_are_read_or_refused():
+    torch = pytest.importorskip("torch")
+    levels = torch.from_numpy(np.moveaxis(BYTES, -1, 0).copy())
+    for one in (levels, levels / 255, (levels / 255).to_sparse()):
+        assert_read(one, BYTES / 255)
+    assert_read((levels / 255).bfloat16(), BYTES / 255, atol=1 / 128)
+    with pytest.raises(InputError, match="tensor must be one that NumPy can hold; got Cannot"):
+        load_image(torch.empty(3, 4, 4, device="meta"))
+
+
+CLOSED = io.BytesIO()
+CLOSED.close()
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (np.zeros((4, 4, 2)), r"shape of array must be .*; got \(4, 4, 2\)"),
+        (np.zeros((0, 4, 3)), "must be at least 1x1 px; got 4x0 px"),
+        (np.zeros((4, 4), np.int64), "type of array must be uint8, .*; got int64"),
+        (np.full((4, 4), 1.5), "must be finite and in 0..1; got 1.5 at row 0, column 0, channel 0"),
+        (np.array([[0, float("inf")]]), "got inf at row 0, column 1, channel 0"),
+        (42, "got int"),
+        (np.ma.array(BYTES, mask=BYTES > 100), r"array must be without masked .* Try .filled\(0\)"),
+        (io.StringIO("text"), "must be binary; got one that reads str"),
+        (CLOSED, "file object must be open; got a closed one"),
+        (Image.fromarray(np.array([[70000, 5]], np.int32)), r"in 0\.\.1; got 1\.068"),
+    ],
+)
+def test_what_is_no_picture_is_refused_in_one_line(source, message):
+    with pytest.raises(InputError, match=message) as caught:
+        load_image(source)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [*({"matte": matte} for matte in ((1, 1), (1, 1, 1.5), (0, 0, float("nan")), 0.5)),
+     *({"max_pixels": limit} for limit in (0, MOST_PIXELS + 1, 1.5))],
+)  # fmt: skip
+def test_options_of_reading_are_refused_by_name(given):
+    with pytest.raises(InputError, match=f"{next(iter(given))} must be"):
+        load_image(RGBA, **given)
+
+
+def test_shrinking_averages_areas_and_weights_colours_by_alpha():
+    pixels = RNG.random((12, 18, 4), dtype=np.float32)
+    pixels[:3, :3, 3] = 0
+    small = shrunk(pixels, 4, 6)
+    alpha = pixels[:, :, 3].reshape(4, 3, 6, 3)
+    np.testing.assert_allclose(small[:, :, 3], alpha.mean(axis=(1, 3)), atol=1e-6)
+    light = (pixels[:, :, :3] * pixels[:, :, 3:]).reshape(4, 3, 6, 3, 3).sum(axis=(1, 3))
+    weight = alpha.sum(axis=(1, 3))[:, :, None]
+    expected = np.divide(light, weight, out=np.zeros_like(light), where=weight > 0)
+    np.testing.assert_allclose(small[:, :, :3], expected, atol=1e-5)
+    assert (small[0, 0] == 0).all()
+    opaque = np.dstack([pixels[:, :, :3], np.ones((12, 18), np.float32)])
+    for one in (pixels, pixels[:, :, :3]):
+        assert shrunk(one, 12, 18) is one
+    alone = shrunk(pixels[:, :, :3], 5, 7)
+    np.testing.assert_allclose(shrunk(opaque, 5, 7)[:, :, :3], alone, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["PNG", "BMP", "TIFF", "GIF", "WEBP", "JPEG2000", "JPEG", "AVIF"])
@@ -60,14 +158,6 @@ def test_frames_of_a_gif_are_where_they_lie_on_its_screen():
     shows[1:4, 2:4] = 1
     np.testing.assert_array_equal(photo.alpha, shows)
     np.testing.assert_allclose(photo.pixels[2, 2:4] * 255, [[220, 30, 30], [30, 30, 220]], atol=1)
-    first, later = Image.new("RGB", (6, 5), (220, 30, 30)), Image.new("RGB", (6, 5), (220, 30, 30))
-    later.paste((30, 30, 220), (2, 1, 4, 4))
-    file = encoded(first, "GIF", save_all=True, append_images=[later], disposal=1)
-    with Image.open(io.BytesIO(file)) as image:
-        image.seek(1)
-        photo = load_image(image)
-    assert photo.alpha is None
-    np.testing.assert_allclose(photo.pixels * 255, np.asarray(later), atol=1)
 
 
 QUARTERS = np.uint8([[[220, 30, 30], [30, 160, 30]], [[30, 30, 220], [240, 220, 40]]])
@@ -158,9 +248,8 @@ def test_first_of_several_frames_is_taken_and_noted(name):
 
 @pytest.mark.parametrize(
     ("name", "expected"),
-    [("PNG", (300, 150)), ("TIFF", (300, 150)), ("JPEG", (300, 150)), ("exif", (300, 150)),
-     ("turned", (150, 300)), ("cm", (127, 254))],
-)  # fmt: skip
+    [*((name, (300, 150)) for name in ("PNG", "TIFF", "JPEG", "exif")), ("turned", (150, 300))],
+)
 def test_resolution_is_that_of_the_tag_as_the_photo_is_turned_and_one_of_oblong_pixels_is_noted(
     name, expected
 ):
@@ -170,20 +259,14 @@ def test_resolution_is_that_of_the_tag_as_the_photo_is_turned_and_one_of_oblong_
     by_exif = name in ("exif", "turned")
     options = {"exif": exif} if by_exif else {"dpi": (300, 150)}
     picture = Image.fromarray(BYTES)
-    file = encoded(picture, "JPEG" if by_exif or name == "cm" else name, **options)
-    if name == "cm":  # 50 and 100 a centimetre, as the header's unit 2 says
-        place = file.index(b"JFIF") + 7
-        file = file[:place] + b"\2\0\x32\0\x64" + file[place + 5 :]
+    file = encoded(picture, "JPEG" if by_exif else name, **options)
     photo = load_image(file)
     assert photo.dpi == pytest.approx(expected, rel=1e-4)
     times = 2 if expected[0] < expected[1] else 0.5
     assert any(note.startswith(f"pixels are {times} times as wide") for note in photo.notes)
-    square = load_image(encoded(picture, "PNG", dpi=(300, 300)))
-    assert (square.notes, square.dpi) == ((), pytest.approx((300, 300), rel=1e-4))
-    assert load_image(encoded(picture, "PNG")).dpi is None
 
 
-def test_proportions_of_pixels_in_no_unit_are_noted():
+def test_density_of_a_jpeg_is_by_centimetres_and_proportions_in_no_unit_are_noted():
     jpeg = encoded(Image.fromarray(BYTES), "JPEG")
     place = jpeg.index(b"JFIF") + 7
     for file, times in (
@@ -193,5 +276,7 @@ def test_proportions_of_pixels_in_no_unit_are_noted():
         photo = load_image(file)
         assert any(note.startswith(f"pixels are {times} times as wide") for note in photo.notes)
         assert photo.dpi is None
+    metric = load_image(jpeg[:place] + b"\2\0\x32\0\x32" + jpeg[place + 5 :])
+    assert (metric.notes, metric.dpi) == ((), (127, 127))
     short = jpeg[:2] + b"\xff\xe0\0\7JFIF\0" + jpeg[20:]  # which has no density
     assert load_image(short).notes == ()

@@ -27,15 +27,16 @@ def psnr(raster, photo, where) -> float:
 
 COUNT = {"gaussians": 120, "iterations": 60}
 GOALS = {
-    "count": COUNT, "psnr": {**COUNT, "tune": "psnr"}, "l1": {**COUNT, "loss": "l1"},
-    "ssim": {**COUNT, "loss": "mse+ssim"}, "by error": {**COUNT, "init": "error", "tune": "psnr"},
-    "additive": {**COUNT, "blend": "add"}, "inks": {**COUNT, "inks": 4},
+    "count": COUNT, "inks": {**COUNT, "inks": 4}, "psnr": {**COUNT, "tune": "psnr"},
+    "ssim": {**COUNT, "loss": "mse+ssim"}, "additive": {**COUNT, "blend": "add"},
     "small file": {"max_bytes": 1500, "iterations": 60},
     "editable file": {"max_bytes": 9000, "markup": "editable", "iterations": 60},
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("goal", GOALS)
+@pytest.mark.parametrize(
+    "goal", [pytest.param(g, marks=[pytest.mark.sweep] * (k > 1)) for k, g in enumerate(GOALS)]
+)
 def test_a_photo_is_closer_inside_of_its_mask_at_the_cost_of_the_rest(goal):
     gains = []
     for name in ("astronaut", "coffee", "chelsea"):
@@ -63,18 +64,6 @@ def test_without_a_count_shapes_are_added_for_the_error_that_the_mask_weighs():
         for left in (True, False)
     )
     assert on_flat.report["gaussians"] < on_detail.report["gaussians"]
-
-
-def test_a_larger_strength_moves_more_of_the_picture_into_the_mask():
-    inside = []
-    for strength in (1, 4, 16):
-        results = [
-            vectorize(small(name), **COUNT, focus=MASK, focus_strength=strength)
-            for name in ("astronaut", "coffee", "chelsea")
-        ]
-        assert {result.report["focus_strength"] for result in results} == {strength}
-        inside.append(np.mean([result.report["psnr_svg_inside"] for result in results]))
-    assert inside == sorted(inside)
 
 
 def test_a_mask_is_read_like_a_photo(tmp_path):
@@ -105,8 +94,8 @@ def test_the_weight_inside_is_larger_by_the_strength_and_has_its_mean(tune, size
     [
         (MASK.T, r"focus must be a mask of the photo's proportions, 96x72; got 72x96 px. Try the"),
         (MASK[:, :-2], "proportions, 96x72; got 94x72 px"),
-        (np.zeros((HEIGHT, WIDTH)), "focus must be a mask with white .*; got one colour. Try pain"),
-        (np.ones((HEIGHT, WIDTH)), "got one colour"),
+        (np.zeros((HEIGHT, WIDTH)), "focus must be a mask with white .*; got greys from 0 to 0 of"),
+        (np.ones((HEIGHT, WIDTH)), "got greys from 255 to 255 of 255"),
         (7, "focus must be a picture, but photo must be a path, .*; got int"),
         (np.full((HEIGHT, WIDTH), 2.0), "focus must be a picture, but samples of array .*0..1"),
         (b"rubbish", "focus must be a picture, but .* got an unknown format"),

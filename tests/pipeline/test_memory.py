@@ -7,18 +7,16 @@ import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
-import numpy as np
 import psutil
 import pytest
 from flat import vectorize
 from hypothesis import given
 from hypothesis import strategies as st
-from pictures import encoded, tiff
+from pictures import encoded
 from PIL import Image
 
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
-from gauss2svg.photo.load import header_of
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline import budgets as memory
 from gauss2svg.pipeline.budgets import Load, free_bytes, load_of, memory_limit, size_that_fits
@@ -82,43 +80,21 @@ def test_size_is_the_largest_that_fits(load, limit):
 
 @pytest.mark.process
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.parametrize(
-    ("size", "given"),
-    [
-        ((1500, 1000), {"gaussians": 500}),
-        ((3600, 2400), {"gaussians": 500}),
-        ((2100, 1400), {"gaussians": 100, "max_size": 2100, "inks": "#000,#f00,#fff"}),
-    ],
-)
-def test_estimate_is_over_what_a_process_takes_but_not_by_far(size, given, tmp_path):
+@pytest.mark.parametrize("given", [{}, {"max_size": 2100, "inks": "#000,#f00,#fff"}])
+def test_estimate_is_over_what_a_process_takes_but_not_by_far(given, tmp_path):
     compile_kernels()
-    path, options = tmp_path / "photo.png", Options.from_flat({**given, "iterations": 3})
-    Image.new("RGB", size, (200, 100, 50)).save(path)
+    options = Options.from_flat({**given, "gaussians": 300, "iterations": 3})
+    path = tmp_path / "photo.png"
+    Image.new("RGB", (2100, 1400), (200, 100, 50)).save(path)
     code = (
         "import pickle, sys; from gauss2svg.pipeline.vectorize import vectorize_by; "
         "vectorize_by(pickle.load(sys.stdin.buffer), sys.argv[1]); "
         "print(next(l for l in open('/proc/self/status') if l.startswith('VmHWM')).split()[1])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, path], input=pickle.dumps(options), capture_output=True,
-        check=True,
-    )  # fmt: skip
-    header = header_of(path)
-    assert header is not None
-    needed, plain = (
-        load_of(Plan(one), header).bytes for one in (options, options.changed(inks=None))
-    )
-    assert plain + ("inks" in given) <= needed
+    command = [sys.executable, "-c", code, path]
+    done = subprocess.run(command, input=pickle.dumps(options), capture_output=True, check=True)
+    needed = load_of(Plan(options), Header(2100, 1400, has_alpha=False)).bytes
     assert 1 <= needed / (int(done.stdout) * 1024) <= 1.9
-
-
-@given(LOADS, st.integers(1, 30))
-def test_what_is_measured_reduced_takes_no_more(load, reduced_bytes):
-    load = replace(load, plan=Plan(load.plan.options.changed(full_size=False)))
-    reduced = replace(load, photo=replace(load.photo, reduced_bytes=reduced_bytes))
-    assert reduced.bytes <= load.bytes
-    if reduced.measured == load.photo.size:
-        assert reduced.bytes == load.bytes
 
 
 def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):
@@ -132,30 +108,6 @@ def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):
     with pytest.raises(InputError, match=r"at least \d+ MB for a fit on 128x128 px; got \d+ MB"):
         vectorize(photo, max_memory=limit, max_size=128, **QUICK)
     assert vectorize(photo, max_memory=limit, max_size=32, **QUICK).report["notes"] == []
-    assert vectorize(photo, max_memory="9G", **QUICK).report["fit_width"] == 128
-
-
-def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkeypatch, refusal):
-    monkeypatch.setattr("gauss2svg.pipeline.by_count.ByCount", None)
-    path, out = tmp_path / "photo.png", tmp_path / "o.svg"
-    path.write_bytes(as_png(photo))
-    line = refusal(path, "-o", out, "--gaussians", 3, "--max-memory", "100M")
-    assert "and up to 3 Gaussians; got 100 MB. Try a smaller photo, or a larger" in line
-    assert list(tmp_path.iterdir()) == [path]
-    monkeypatch.setattr(memory, "MEMORY_SHARE", 0.001)
-    with pytest.raises(InputError, match="Try a smaller photo"):
-        vectorize(photo, **QUICK)
-
-
-def test_a_budget_has_bounded_memory_and_a_target_beside_it_the_same_fit():
-    def of(width, height, **given):
-        return load_of(Plan(Options.from_flat(given)), Header(width, height, False))
-
-    for limit in ({"time_limit": 60}, {"max_bytes": "10M"}):
-        assert of(3000, 2000, **limit).bytes < 3e9
-    alone, both = (of(4000, 3000, max_bytes="5M", **more) for more in ({}, {"target_psnr": 90}))
-    assert both.fit == alone.fit
-    assert both.bytes >= alone.bytes
 
 
 def test_a_share_of_what_is_free_and_its_own_is_allowed(monkeypatch):
@@ -198,34 +150,12 @@ def test_control_groups_bound_what_is_free(version, row, place, tmp_path):
     assert free_bytes(process, groups) == 100
 
 
-@pytest.mark.posix
-def test_limits_of_the_process_bound_what_is_free(monkeypatch):
-    import resource
-
-    none = resource.RLIM_INFINITY, resource.RLIM_INFINITY
-    for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA):
-        held = psutil.Process().memory_info()
-        limit = (held.vms if kind == resource.RLIMIT_AS else held.rss) + 50_000_000
-        bounds = {kind: (limit, resource.RLIM_INFINITY)}
-        monkeypatch.setattr(resource, "getrlimit", lambda k, b=bounds: b.get(k, none))
-        assert 0 < free_bytes() <= 50_000_000
-
-
-LARGE = Image.new("L", (3000, 2000))
-LARGE_FILES = {
-    "PNG": encoded(LARGE, "PNG"),
-    "JPEG": encoded(LARGE, "JPEG"),
-    "RGBA PNG": encoded(LARGE.convert("RGBA"), "PNG"),
-    "float TIFF": tiff(np.zeros((2000, 3000), np.float16), photometric="minisblack"),
-    "image": LARGE,
-}
-
-
-@pytest.mark.parametrize("kind", LARGE_FILES)
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "image"])
 def test_what_cannot_fit_is_refused_by_its_header(kind, monkeypatch):
+    large = Image.new("L", (3000, 2000))
     monkeypatch.setattr("gauss2svg.pipeline.run.load_image", None)
     with pytest.raises(InputError, match=r"memory must be .* for a photo of 3000x2000 px.*300 MB"):
-        vectorize(LARGE_FILES[kind], max_memory="300M", **QUICK)
+        vectorize(large if kind == "image" else encoded(large, kind), max_memory="300M", **QUICK)
 
 
 def test_a_stream_that_is_read_once_is_still_read(photo):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import random_scene, random_sum
+from scenes import random_scene, random_sum
 
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.export import Exporter

@@ -3,8 +3,6 @@
 import gzip
 import json
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -13,9 +11,7 @@ from flat import fit_config, vectorize
 from numba import get_num_threads
 
 from gauss2svg import quantize
-from gauss2svg.cli.main import main
 from gauss2svg.errors import RendererError
-from gauss2svg.files import as_png
 from gauss2svg.fit.population import composited
 from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
@@ -50,9 +46,9 @@ def test_report_measures_the_file_not_the_model_and_is_json(photo, result):
     assert report["gaussians"] == len(result.scene)
 
 
-def test_same_seed_gives_the_same_bytes_on_any_number_of_threads(photo, result):
-    assert vectorize(photo, seed=0, threads=1, **QUICK).svg == result.svg
-    assert vectorize(photo, seed=1, init="error", **QUICK).svg != result.svg
+def test_another_seed_gives_another_file(photo):
+    one, other = (vectorize(photo, seed=seed, init="error", **QUICK).svg for seed in (0, 1))
+    assert one != other
 
 
 @pytest.mark.parametrize(
@@ -64,46 +60,17 @@ def test_every_option_reaches_the_fit(photo, result, change):
     assert vectorize(photo, **QUICK, **change).svg != result.svg
 
 
-def test_threads_are_used_inside_and_given_back(photo):
-    inside = []
-    before = get_num_threads()
+def test_phases_come_in_order_on_the_threads_that_were_asked_for(photo, capfd):
+    """And nothing is printed."""
+    seen, before = [], get_num_threads()
     report = vectorize(
-        photo, threads=1, progress=lambda p: inside.append(get_num_threads()), **QUICK
+        photo, threads=1, progress=lambda p: seen.append((p.phase, get_num_threads())), **QUICK
     ).report
-    assert inside[1:] == [1] * (len(inside) - 1)
-    assert report["threads"] == 1
-    assert get_num_threads() == before
-
-
-@pytest.mark.process
-def test_warming_up_compiles_all_that_a_run_needs():
-    code = (
-        "import numpy as np; from gauss2svg import FitOptions, vectorize; "
-        "from gauss2svg.pipeline.run import compile_kernels; compile_kernels(); "
-        "from gauss2svg.render.cpu import add_pairs, walk_tiles; "
-        "from gauss2svg.render.tiles import _find_strip_rows, _list_pairs; "
-        "vectorize(np.random.default_rng(0).random((20, 20, 3)), "
-        "gaussians=9, fit=FitOptions(iterations=9)); "
-        "kernels = add_pairs, walk_tiles, _find_strip_rows, _list_pairs; "
-        "print(*(len(kernel.signatures) for kernel in kernels))"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ["1"] * 4
-
-
-def test_smaller_fit_keeps_the_photos_size(photo):
-    result = vectorize(photo, max_size=50, **QUICK)
-    assert (result.report["fit_width"], result.report["fit_height"]) == (50, 50)
-    assert 'height="128"' in result.svg
-    assert (result.scene.width, result.scene.height) == (128, 128)
-    assert result.report["psnr_svg"] > 20
-
-
-def test_phases_come_in_order_and_nothing_is_printed(photo, capfd):
-    phases = []
-    vectorize(photo, progress=lambda p: phases.append(p.phase), **QUICK)
+    phases, threads = zip(*seen, strict=True)
     assert list(dict.fromkeys(phases)) == ["read", "compile", "fit", "write", "measure"]
     assert phases.count("fit") == QUICK["iterations"]
+    assert set(threads[1:]) == {report["threads"]} == {1}
+    assert get_num_threads() == before
     assert capfd.readouterr() == ("", "")
 
 
@@ -119,16 +86,12 @@ def test_missing_renderer_is_reported_before_the_fit(photo, monkeypatch):
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 3), (2, 5, 3), (1, 200, 3)])
-def test_tiny_and_flat_pictures_have_a_report_that_json_knows(shape):
+def test_tiny_pictures_have_a_report_that_json_knows(shape):
     pixels = np.random.default_rng(0).random(shape)
     report = vectorize(pixels, **QUICK).report
     assert math.isfinite(report["psnr_svg"])
-    flat = vectorize(np.zeros(shape), gaussians=0)
-    assert "<circle" not in flat.svg
-    assert (flat.report["gaussians"], flat.report["psnr_svg"]) == (0, None)  # it is exact
-    for one in (report, flat.report):
-        assert one["ssim_svg"] is None
-        json.dumps(one, allow_nan=False)
+    assert report["ssim_svg"] is None
+    json.dumps(report, allow_nan=False)
 
 
 def test_palette_trades_bytes_for_accuracy(photo):
@@ -177,14 +140,10 @@ def test_the_portable_form_is_composited_by_a_second_fit_and_drawn_by_all(photo,
     assert report["psnr_model"] > vectorize(photo, **SUMMED).report["psnr_model"] - 0.3
 
 
-def test_conversion_begins_with_the_additive_shapes_largest_first(photo, additive):
+def test_conversion_begins_with_the_largest_shapes(photo, additive):
     state = composited(additive.scene, target_of(photo, np.float32, "psnr"), fit_config(150).fit)
-    back = state.scene(additive.scene.background, additive.scene.width, additive.scene.height)
-    area = np.sqrt(np.linalg.det(back.covariance))
-    assert (np.diff(area) <= 1e-9).all()
-    before = np.sqrt(np.linalg.det(additive.scene.covariance))
-    np.testing.assert_allclose(np.sort(area), np.sort(before), rtol=1e-6)
-    assert (np.diff(back.round_index) >= 0).all()
+    back = state.scene(additive.scene.background, 128, 128)
+    assert (np.diff(np.sqrt(np.linalg.det(back.covariance))) <= 1e-9).all()
     assert len(np.unique(back.round_index)) == 6
 
 
@@ -199,35 +158,13 @@ def test_targets_and_presets_hold_for_additive_blending(photo, portable):
     close = vectorize(photo, target_psnr=24, **draft)
     assert 23.95 <= close.report["psnr_svg"] < 26
     assert close.report["stop_reason"] == "target_psnr"
-    few, many = (vectorize(photo, quality=name, **options) for name in ("draft", "balanced"))
-    assert 20 < len(few.scene) < len(many.scene)
-    flat = vectorize(np.full((32, 40, 3), 0.3), **options)
-    assert len(flat.scene) == 0
-    assert flat.report["psnr_svg"] > 48
 
 
 def test_the_portable_form_has_as_many_as_were_asked_for(photo):
-    # Additive fits lose some invisible Gaussians: others replace them.
-    pixels = photo[:64, :80]
-    additive_only = vectorize(pixels, blend=ADD, gaussians=300, iterations=30, init="random")
-    assert len(additive_only.scene) < 300
-    result = vectorize(
-        pixels, blend=ADD, portable=True, gaussians=300, iterations=30, init="random"
-    )
+    """Additive fits lose some invisible Gaussians, which others replace."""
+    options = {"blend": ADD, "gaussians": 300, "iterations": 30, "init": "random"}
+    assert len(vectorize(photo[:64, :80], **options).scene) < 300
+    result = vectorize(photo[:64, :80], portable=True, **options)
     assert 280 < len(result.scene) <= 300
     assert (np.diff(result.scene.round_index) >= 0).all()
     assert result.report["rounds"] == 6
-
-
-def test_the_command_writes_additive_files_and_their_portable_form(photo, tmp_path, refusal):
-    out, photo_file = tmp_path / "out.svg", tmp_path / "photo.png"
-    photo_file.write_bytes(as_png(photo[:48, :64]))
-    command = [photo_file, "-o", out, "--gaussians", "40", "--iterations", "20", "--blend", "add"]
-    outline = ["--outline", tmp_path / "outline.svg"]
-    for more, is_sum in (([], True), (["--portable", "--no-relocate", *outline], False)):
-        assert main([*map(str, command + more)]) == 0
-        assert ("mix-blend-mode" in out.read_text()) == is_sum
-    before = out.read_text()
-    assert "--outline must not be given with --blend add" in refusal(*command, *outline)
-    assert out.read_text() == before
-    assert "--portable" in refusal(*command, "--renderer", "cairo")

@@ -6,7 +6,9 @@ from both_renderers import in_both
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gauss2svg.render.cpu import removal_cost, render_planar, splats_of, squared_error
+from gauss2svg.photo.pixels import over
+from gauss2svg.render import render, render_rgba
+from gauss2svg.render.cpu import render_planar, splats_of, squared_error
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import coverage, covered_radius
 from gauss2svg.svg.forms import plain_radius
@@ -70,6 +72,9 @@ def test_only_plain_shapes_cover_and_only_where_asked():
     assert (draw[0] == draw[1]).all()
     assert (draw[1] == draw[2]).all()
     assert np.abs(draw[3] - draw[0]).max() > 0.05
+    clear = scene.replace(transparent=True)
+    over_it = over(render_rgba(clear, covering=True), tuple(clear.background))
+    np.testing.assert_allclose(over_it, render(clear, covering=True), atol=1e-5)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -123,28 +128,6 @@ def test_gradient_is_that_of_differences(dtype):
             assert gradient[place] == pytest.approx(expected, abs=2e-3 * np.abs(gradient).max())
 
 
-@in_both
-def test_removal_cost_is_what_removal_costs(dtype):
-    scene = ellipses(7, 4)
-    target = np.random.default_rng(5).random((HEIGHT, WIDTH, 3))
-    planar = np.ascontiguousarray(np.moveaxis(target, -1, 0), dtype)
-    cost = removal_cost(splats_of(scene, covering=True), planar)[1][:, 0]
-    whole, *others = (
-        np.square(by_numpy(scene.select(np.arange(7) != k)) - target).sum() for k in (7, *range(7))
-    )
-    np.testing.assert_allclose(cost, np.array(others) - whole, atol=1e-4 * whole)
-
-
 def test_covered_radius_is_that_of_the_ellipse_of_a_file():
     beta = np.round(np.geomspace(0.6, 250, 60), 2)
     np.testing.assert_allclose(covered_radius(beta), plain_radius(beta), rtol=2e-4)
-
-
-@given(seed=st.integers(0, 2**32 - 1))
-def test_a_plain_ellipse_covers_its_area(seed):
-    white = {"color": np.ones((1, 3)), "opacity": np.ones(1), "background": np.zeros(3)}
-    scene = ellipses(1, seed, least=2.0, mean=np.full((1, 2), 17.3), **white)
-    scene = scene.replace(sigma=np.minimum(scene.sigma, 5.0), rho=0.5 * scene.rho)
-    image = render_planar(splats_of(scene, covering=True), HEIGHT, WIDTH, np.float64)
-    area = np.pi * plain_radius(scene.beta)[0] ** 2 * scene.ellipse_axes[0].prod()
-    assert image[0].sum() == pytest.approx(area, rel=0.03)

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import random_scene
 from PIL import Image
+from scenes import random_scene
 
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
@@ -57,24 +57,16 @@ def oracle(scene: Scene) -> np.ndarray:
     return image
 
 
-@pytest.fixture(params=sorted(SCENES))
-def golden(request) -> tuple[Scene, np.ndarray]:
-    name = request.param
+@pytest.mark.parametrize("name", SCENES)
+def test_both_renderers_draw_the_golden_picture(name, request):
+    files = [GOLDEN / f"{name}-{channel}.png" for channel in range(3)]
     if request.config.getoption("--rewrite-golden"):
         SCENES[name].save(GOLDEN / f"{name}.npz")
         levels = np.round(oracle(SCENES[name]) * 65535).astype(np.uint16)
-        for channel in range(3):
-            Image.fromarray(levels[:, :, channel]).save(GOLDEN / f"{name}-{channel}.png")
-    return load(name)
-
-
-def load(name: str) -> tuple[Scene, np.ndarray]:
-    planes = [np.asarray(Image.open(GOLDEN / f"{name}-{c}.png")) for c in range(3)]
-    return Scene.load(GOLDEN / f"{name}.npz"), np.stack(planes, axis=2) / 65535
-
-
-def test_both_renderers_draw_the_golden_picture(golden):
-    scene, picture = golden
+        for channel, file in enumerate(files):
+            Image.fromarray(levels[:, :, channel]).save(file)
+    scene = Scene.load(GOLDEN / f"{name}.npz")
+    picture = np.stack([np.asarray(Image.open(file)) for file in files], axis=2) / 65535
     np.testing.assert_allclose(render(scene), picture, atol=4e-5)
     pytest.importorskip("torch")
     from gauss2svg.render.reference import render_reference

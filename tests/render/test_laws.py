@@ -2,10 +2,9 @@
 
 import numpy as np
 from both_renderers import TORCH, drawn, in_both, tensors_of
-from extreme_scenes import extreme_scenes, rounding_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from scenes import extreme_scenes, rounding_of
 from with_torch import torch
 
 from gauss2svg.render import render
@@ -15,11 +14,6 @@ from gauss2svg.scene import ADD, OVER, Scene
 
 blends = st.sampled_from([OVER, ADD])
 ROUNDING = {np.float32: 3e-5, np.float64: 0.0}  # on top of rounding_of
-
-
-def drawings(scene: Scene, dtype: type) -> list[NDArray]:
-    """The scene by both renderers."""
-    return [render(scene, dtype=dtype), render_reference(scene, dtype=TORCH[dtype]).numpy()]
 
 
 def allowed(scene: Scene, dtype: type) -> float:
@@ -45,48 +39,6 @@ def test_pictures_and_gradients_are_finite(dtype, data, blend):
     _, loss, moments, _ = squared_error(splats_of(scene), target)
     assert np.isfinite(loss)
     assert np.isfinite(moments).all()
-
-
-@in_both
-@given(st.data())
-def test_values_lie_between_the_darkest_and_the_brightest_colour(dtype, data):
-    scene = data.draw(extreme_scenes())
-    colors = np.concatenate([scene.color, scene.background[None]])
-    slack = {np.float32: 2e-6, np.float64: 1e-14}[dtype]
-    for image in drawings(scene, dtype):
-        assert (image >= colors.min(axis=0) - slack).all()
-        assert (image <= colors.max(axis=0) + slack).all()
-
-
-@in_both
-@given(st.data())
-def test_opacity_zero_changes_no_pixel(dtype, data):
-    scene, ghost = (data.draw(extreme_scenes(least=1)) for _ in range(2))
-    shape = np.zeros(len(ghost))
-    joined = scene.concatenate(ghost.replace(opacity=shape))
-    below = ghost.replace(
-        opacity=shape, width=scene.width, height=scene.height, background=scene.background
-    ).concatenate(scene)
-    for other in (joined, below):
-        for image, same in zip(drawings(scene, dtype), drawings(other, dtype), strict=True):
-            assert image.tobytes() == same.tobytes()
-
-
-@in_both
-@given(st.data(), blends, st.integers(-9, 9), st.integers(-9, 9))
-def test_translation_by_whole_pixels_translates_the_picture(dtype, data, blend, right, down):
-    scene = data.draw(extreme_scenes(blend))
-    assume(not (np.abs(scene.mean) > 5e11).any())  # nowhere to go
-    moved = scene.replace(mean=scene.mean + [right, down])
-    h, w = round(scene.height), round(scene.width)
-    overlap = slice(max(0, down), h + min(0, down)), slice(max(0, right), w + min(0, right))
-    before = slice(max(0, -down), h + min(0, -down)), slice(max(0, -right), w + min(0, -right))
-    for one, other in zip(drawings(scene, dtype), drawings(moved, dtype), strict=True):
-        if one[before].size and other[overlap].size and TORCH[dtype] == torch.float64:
-            np.testing.assert_allclose(other[overlap], one[before], atol=allowed(scene, dtype))
-    one, other = render(scene, dtype=dtype), render(moved, dtype=dtype)
-    if one[before].size and other[overlap].size:
-        np.testing.assert_allclose(other[overlap], one[before], atol=allowed(scene, dtype))
 
 
 @in_both

@@ -7,7 +7,6 @@ from gauss2svg.scene.falloff import (
     LEAST_BETA,
     MOST_BETA,
     RADIUS,
-    RIM_WIDTH,
     cut_radius,
     half_radius,
     nearest_class,
@@ -43,11 +42,3 @@ def test_exponents_are_rounded_to_the_nearest_class_as_ratios_go():
     distance = np.abs(np.log(beta[:, None] / classes))
     nearest = distance[np.arange(400), nearest_class(beta)]
     np.testing.assert_allclose(nearest, distance.min(axis=1))
-
-
-@pytest.mark.parametrize("beta", [16.0, 64.0])
-def test_rim_width_is_that_from_nine_tenths_to_a_tenth(beta):
-    r = np.linspace(1, 2, 200001)
-    values = np.exp(-((r * r / 2) ** beta))
-    width = np.interp(-0.1, -values, r) - np.interp(-0.9, -values, r)
-    assert width * beta == pytest.approx(RIM_WIDTH, rel=0.06)

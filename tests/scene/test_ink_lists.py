@@ -53,7 +53,7 @@ def test_other_inks_are_refused_in_one_line(inks, why):
      ("GIMP Palette\n#" + " " * 10**6, "at most 1,000,000 bytes")]
     + [
         (f"GIMP Palette\n1 1 1\n{line}\n9 9 9\n", f"0 to 255 a line; got .line 3, {line}")
-        for line in ("0 0 256", "1000 0 0", "-1 0 0", "10 20", "10 20 30blue", "black")
+        for line in ("0 0 256", "10 20", "black")
     ],
 )  # fmt: skip
 def test_other_palette_files_are_refused(text, why, tmp_path):

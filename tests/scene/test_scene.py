@@ -8,13 +8,11 @@ import pickle
 
 import numpy as np
 import pytest
-from conftest import random_scene, random_sum
+from scenes import random_scene, random_sum
 
-from gauss2svg import read_svg, write_svg
 from gauss2svg.errors import Gauss2SvgError, SceneError
-from gauss2svg.scene import PLAIN, SOFT, Scene, peaks_of
+from gauss2svg.scene import Scene, peaks_of
 from gauss2svg.scene.scene import PARAMETERS, STEPPED
-from gauss2svg.svg.minimal import minimal_svg
 
 FIELDS = [field.name for field in dataclasses.fields(Scene)]
 TWO = random_scene(2)
@@ -57,21 +55,16 @@ def test_a_scene_comes_back_to_the_last_bit_and_cannot_be_written(again, scene):
 
 REFUSALS = [
     ({"sigma": np.zeros((2, 2))}, r"sigma\[0, 0\] must be finite and in .* got 0.0. Try"),
-    ({"opacity": [0, np.nan]}, r"opacity\[1\] must be .* got nan"),
-    ({"color": np.full((2, 3), 1.5)}, r"color\[0, 0\] must be .* got 1.5. Try to clip it"),
     ({"color": np.full((2, 3), 200)}, r"color\[0, 0\] must be .* to divide by 255"),
-    ({"background": (255, 0, 0)}, r"background\[0\] must be .* to divide by 255"),
     ({"mean": np.zeros((2, 3))}, r"mean must be of shape \(2, 2\); got \(2, 3\)"),
     ({"rho": np.ma.array([0.1, 0.2], mask=[0, 1])}, r"rho\[1\] must be .* got nan"),
     ({"round_index": [1, 0]}, "round_index must not decrease"),
     ({"round_index": [0, 1.7]}, r"round_index\[1\] must be finite and whole .* got 1.7"),
-    ({"round_index": [0, 2**40]}, r"round_index\[1\] must .* in 0\.\.2147483647"),
     ({"width": [3, 4]}, r"width must be of shape \(\); got \(2,\)"),
     ({"blend": "multiply"}, "blend must be one of over, add; got 'multiply'"),
     ({"transparent": "yes"}, "transparent must be one of False, True; got 'yes'"),
     ({"blend": "add", "opacity": [1, 1], "beta": [1, 2]}, r"beta\[1\] must be .* additive scene"),
     ({"blend": "add", "opacity": [1, 1], "beta": None, "transparent": True}, "blend must be"),
-    ({"blend": "add", "opacity": [1, 1], "color": np.full((2, 3), 101)}, r"color.* -100\.\.100"),
 ]
 
 
@@ -103,7 +96,6 @@ def test_parameters_that_a_file_lacks_have_their_defaults():
     ("content", "message"),
     [
         (b"", "scene file must be one written by Scene.save"),
-        (b"not a zip", "scene file must be"),
         (b"PK\x03\x04broken", "scene file must be"),
         (npz(), "scene file must be"),
         (npz(format_version=2), "Scene.save, in version 1; got format version 2"),
@@ -156,11 +148,6 @@ def test_covariance_conic_and_axes_agree():
     )  # fmt: skip
     for name in ("mean", "sigma", "rho", "color", "opacity", "background"):
         np.testing.assert_allclose(getattr(again, name), getattr(scene, name), rtol=1e-9)
-    single = Scene.from_covariance(
-        9, 9, scene.mean, np.float32(scene.covariance), scene.color, 0.5, blend="over"
-    )
-    assert np.allclose(single.covariance, scene.covariance, rtol=1e-5)
-    assert (single.opacity == 0.5).all()
 
 
 @pytest.mark.parametrize(
@@ -170,8 +157,6 @@ def test_a_matrix_that_is_no_covariance_is_refused_with_its_number(matrix):
     line = r"covariance\[1\] must be finite, symmetric and positive definite; got \[\["
     with pytest.raises(SceneError, match=line):
         Scene.from_covariance(9, 9, np.ones((2, 2)), [np.eye(2), matrix], np.ones((2, 3)))
-    with pytest.raises(SceneError, match=r"covariance must be of shape \(n, 2, 2\)"):
-        Scene.from_covariance(9, 9, np.ones((2, 2)), matrix, np.ones((2, 3)))
 
 
 def test_densities_are_the_papers_coefficients():
@@ -205,16 +190,3 @@ def test_slices_masks_and_indices_select_the_same_of_copies():
     changed = scene.replace(mean=mean)
     mean[:] = 7
     assert (changed.mean == 1).all()
-
-
-def test_plain_shapes_are_plain_ellipses_at_any_size_and_come_back_so():
-    scene = Scene(200, 200, [[100, 100]], [[40, 30]], [0.2], [[1, 0, 0]], [1], beta=[2.0])
-    plain = scene.replace(drawn=[PLAIN])
-    for size in (1, 10):
-        soft, flat = scene.scaled(size), plain.scaled(size)
-        assert "radialGradient" in write_svg(soft)
-        assert "radialGradient" in minimal_svg(soft, size)
-        assert "radialGradient" not in write_svg(flat)
-        assert "radialGradient" not in minimal_svg(flat, size)
-    assert read_svg(write_svg(plain)).drawn.tolist() == [PLAIN]
-    assert read_svg(write_svg(scene)).drawn.tolist() == [SOFT]

@@ -11,21 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 from flat import build_gallery
-from names import possible
 from numpy.typing import NDArray
+from pictures import possible
 from PIL import Image, PngImagePlugin
 from screens import captured
 from skimage import data
 
 from gauss2svg.compare.pages.build import Gallery
-from gauss2svg.raster.chromium import launch_options
 
 HOSTILE = possible("<img src=x onerror=alert(1)>&\"'.png")
 COUNTS = (30, 120)
 WIDE, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
 BAD = {"broken.png": "broken.png must be a supported image", "none\udcff.png": "No such file"}
 SECRET = "Ada of Nowhere"
-_CSS = {"left": "x", "top": "y", "width": "width", "height": "height"}
 _BOX = """(element) => {
     const {x, y, width, height} = element.getBoundingClientRect();
     return {x, y, width, height};
@@ -129,36 +127,6 @@ def closed_after(make: Callable[..., Visit]) -> Iterator[Callable[..., Visit]]:
     yield open_one
     for one in visits:
         one.close()
-
-
-class Headless:
-    """The browser of the renderer chromium, for visits to a site."""
-
-    def __init__(self, playwright: Any, site: Path, scratch: Path) -> None:
-        self.site = site
-        self._browser = playwright.chromium.launch(**launch_options())
-        self._alone = scratch / "alone.html"
-        self._bare = self._browser.new_page()
-
-    def visit(self, **options: Any) -> Visit:
-        """A visit in a browser context with these options."""
-        return Visit(self._browser, self.site, **options)
-
-    def alone(self, source: str, place: Box, part: Box, style: str = "") -> NDArray[np.float64]:
-        """A part of a screen that shows one image, stretched over a place, and nothing else."""
-        at = ";".join(f"{side}:{place[key]}px" for side, key in _CSS.items())
-        self._alone.write_text(
-            '<!doctype html><body style="margin:0;overflow:hidden">'
-            f'<img src="{self.site.as_uri()}/{source}" style="position:absolute;{at};{style}">'
-        )
-        ends = (int(part["x"] + part["width"]) + 1, int(part["y"] + part["height"]) + 1)
-        self._bare.set_viewport_size({"width": ends[0], "height": ends[1]})
-        self._bare.goto(self._alone.as_uri())
-        return shot(self._bare, part)
-
-    def close(self) -> None:
-        """End the browser."""
-        self._browser.close()
 
 
 def box(page: Any, selector: str) -> Box:

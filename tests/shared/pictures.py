@@ -1,8 +1,10 @@
-"""Picture files that no library writes, made by hand."""
+"""Picture files that no library writes, made by hand; drawings of flat colours; names of files."""
 
 from __future__ import annotations
 
 import io
+import os
+import re
 import struct
 import zlib
 
@@ -12,17 +14,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg.photo.load import load_image
+from gauss2svg.photo.pixels import shrunk
 
 # First column, first row, step across and step down of each pass (PNG, third edition, 8.1).
 _ADAM7 = (
-    (0, 0, 8, 8),
-    (4, 0, 8, 8),
-    (0, 4, 4, 8),
-    (2, 0, 4, 4),
-    (0, 2, 2, 4),
-    (1, 0, 2, 2),
+    (0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2),
     (0, 1, 1, 2),
-)
+)  # fmt: skip
 _COLOR_TYPES = {1: 0, 2: 4, 3: 2, 4: 6}  # by channels
 
 
@@ -94,7 +92,7 @@ def tiff_file(*strips: bytes, order: str = "<", **tags: int | list[int]) -> byte
     offsets = [8 + len(b"".join(strips[:k])) for k in range(len(strips))]
     entries = {int(name[1:]): value for name, value in tags.items()}
     places, counts = (324, 325) if 322 in entries else (273, 279)
-    entries |= {places: offsets, counts: [len(strip) for strip in strips]}
+    entries = {places: offsets, counts: [len(strip) for strip in strips]} | entries
     data = b"".join(strips)
     place = 8 + len(data) + len(data) % 2
     after, rest = place + 6 + 12 * len(entries), b""
@@ -123,3 +121,37 @@ def assert_read(source, pixels, notes=(), atol=1e-7, alpha=None):
     if alpha is not None:
         np.testing.assert_allclose(photo.alpha, alpha, atol=atol)
     return photo
+
+
+def badge(side: int, times: int = 4) -> NDArray[np.float32]:
+    """A disc, a bar and a ring of flat colours, as many times larger than `side` px."""
+    y, x = (np.mgrid[: side * times, : side * times] + 0.5) / times * (64 / side)
+    picture = np.full((*x.shape, 3), 0.95, np.float32)
+    picture[np.hypot(x - 24, y - 26) < 17] = 0.1, 0.3, 0.7
+    picture[(np.abs(x - y - 20) < 4) & (x + y < 100)] = 0.9, 0.2, 0.1
+    picture[np.abs(np.hypot(x - 44, y - 44) - 11) < 3] = 0.1, 0.6, 0.3
+    return picture
+
+
+def antialiased_badge(side: int) -> NDArray[np.float32]:
+    """That drawing at `side` px, whose edges are antialiased."""
+    return shrunk(badge(side), side, side)
+
+
+def smile(side: int) -> NDArray[np.float32]:
+    """A face of flat colours at `side` px, antialiased."""
+    y, x = np.mgrid[: side * 4, : side * 4] * (32 / side)
+    r = np.hypot(x - 64, y - 64)
+    picture = np.ones((*r.shape, 3), np.float32)
+    picture[r < 54] = 0.2, 0.15, 0.05
+    picture[r < 50] = 1.0, 0.8, 0.2
+    for eye in (45, 83):
+        picture[np.hypot(x - eye, 0.7 * (y - 50)) < 6] = 0.2, 0.15, 0.05
+    mouth = (np.abs(np.hypot(x - 64, y - 66) - 30) < 3) & (y > 74)
+    picture[mouth] = 0.7, 0.1, 0.1
+    return shrunk(picture, side, side)
+
+
+def possible(name: str) -> str:
+    """A name, on Windows without the characters that no file may have in its name there."""
+    return re.sub(r'[<>:"|?*\n]', "", name) if os.name == "nt" else name

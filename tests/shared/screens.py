@@ -27,14 +27,21 @@ def expect(what: Any) -> Any:
 
 
 @contextmanager
-def opened_page(motion: str, width: int, height: int) -> Iterator[Any]:
-    """A page of Chromium, without the flags by which a renderer starts it."""
+def chromium(**given) -> Iterator[Any]:
+    """The browser of the renderer, started as it starts it but for what is given."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(**launch_options(flags=()))
-        yield browser.new_page(reduced_motion=motion, viewport={"width": width, "height": height})
+        browser = playwright.chromium.launch(**launch_options(**given))
+        yield browser
         browser.close()
+
+
+@contextmanager
+def opened_page(motion: str, width: int, height: int) -> Iterator[Any]:
+    """A page of Chromium, without the flags by which a renderer starts it."""
+    with chromium(flags=()) as browser:
+        yield browser.new_page(reduced_motion=motion, viewport={"width": width, "height": height})
 
 
 def captured(page, **options) -> bytes:
@@ -52,16 +59,12 @@ def captured(page, **options) -> bytes:
 def drawn_in_pages(bodies: Iterable[str], width: int, height: int) -> list[NDArray[np.float64]]:
     """Pixels (h, w, 3), 0..255, of pages of these bodies, each a page without margins."""
     found = []
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(**launch_options(flags=()))
+    with chromium(flags=()) as browser:
         for body in bodies:
             page = browser.new_page(viewport={"width": width, "height": height})
             page.set_content(f'<!doctype html><body style="margin:0">{body}</body>')
             with Image.open(io.BytesIO(page.screenshot())) as picture:
                 found.append(np.asarray(picture.convert("RGB"), np.float64))
-        browser.close()
     return found
 
 

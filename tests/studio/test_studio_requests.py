@@ -1,11 +1,9 @@
 """What the studio answers to requests that run no fit: one table of hostile ones, in process."""
 
 import asyncio
-import errno
 import json
 import math
 import os
-import shutil
 import struct
 import zlib
 from xml.etree import ElementTree
@@ -77,12 +75,9 @@ COOKIE = f"gauss2svg-{PORT}={TOKEN}"
 # (method, path, what comes with it, status, word of the line)
 HOSTILE = [
     *(("GET", path, {}, 401, "token") for path in ("/", f"/api/options?token={TOKEN}")),
-    *(("GET", "/api/options", {"headers": headers}, 401, "token") for headers in (
-        {"Authorization": "Bearer wrong"}, {"Authorization": f"Basic {TOKEN}"},
-        {"Cookie": f"gauss2svg-1={TOKEN}"},
-    )),
+    *(("GET", "/api/options", {"headers": {"Authorization": given}}, 401, "token")
+      for given in ("Bearer wrong", f"Basic {TOKEN}")),
     ("GET", "/api/options", {"base": "http://rebound.example:8137"} | headers_of(), 421, "address"),
-    ("GET", "/", {"base": "http://192.168.1.7:8137"} | headers_of(), 421, "address"),
     ("GET", "/", {"base": "http://rebound.example", "local": False} | headers_of(), 421, "address"),
     ("GET", "/", headers_of(Host="["), 421, "address"),
     *(("POST", "/api/jobs", headers_of(Origin=origin), 403, "another site")
@@ -93,7 +88,6 @@ HOSTILE = [
     ("POST", "/api/jobs", photo_of(SCRIPTED, "x.svg"), 422, "SVG"),
     ("POST", "/api/jobs", photo_of(b"\x89PNG\r\n\x1a\nrubbish"), 422, "photo.png must be"),
     ("POST", "/api/jobs", form_of(sample="", of=""), 422, "the photo must be given"),
-    ("POST", "/api/jobs", form_of(photo="photo.png"), 422, "photo must be valid; got 'photo.png'"),
     ("POST", "/api/jobs", form_of(sample="none"), 404, "no sample none"),
     ("POST", "/api/jobs", form_of(options="x" * 2_000_000), 400, "maximum size"),
     *(("POST", "/api/jobs", photo_of(PNG, options=options), 422, word) for options, word in (
@@ -101,7 +95,6 @@ HOSTILE = [
         ("[]", "options"), ("NaN", "options"), ("[" * 60_000, "options must be valid"),
     )),
     ("POST", "/api/chart", json_of("no JSON"), 422, "must be valid"),
-    ("POST", "/api/chart", json_of("[" * 60_000), 400, "body"),
     *(("POST", "/api/chart", chart_of(*point), 422, "points.")
       for point in ((0, 30), (1e300, 30), (math.nan, 30), (5, math.inf), ("5 s", 30))),
     ("GET", "/api/jobs/none/picture.svg", headers_of(), 404, "no job none"),
@@ -111,8 +104,6 @@ HOSTILE = [
     )),
     ("GET", "/api/zip", headers_of(), 422, "ids must be valid; got None (Field required)"),
     ("GET", "/api/zip?ids=,none", headers_of(), 404, "no job"),
-    ("GET", "/api/zip?ids=a&markup=small", headers_of(), 422, "markup must be valid; got 'small'"),
-    ("PUT", "/api/jobs", headers_of(), 405, "Not Allowed"),
 ]  # fmt: skip
 
 
@@ -141,11 +132,6 @@ def test_the_token_and_a_ticket_open_the_page_by_a_cookie_and_the_ticket_once():
         assert TOKEN not in page.text
 
 
-def test_in_a_network_any_ip_address_is_a_name_of_the_server():
-    answer = ask("GET", "/api/options", f"http://[fe80::1]:{PORT}", local=False, headers=BEARER)
-    assert answer.status_code == 200
-
-
 def test_a_port_that_is_taken_is_refused():
     # Not by the command, which would serve for ever if it took the port.
     with (
@@ -159,9 +145,12 @@ def test_nor_may_a_page_of_another_site_drive_a_mounted_studio():
     site = {"Origin": "https://evil.example"}
     assert answer_of(STUDIO, "POST", "/api/chart", HOME, headers=site).status_code == 403
     assert ask("GET", "/api/options", headers=BEARER | {"Origin": HOME}).status_code == 200
+    # In a network any address of the server is its name.
+    answer = ask("GET", "/api/options", f"http://[fe80::1]:{PORT}", local=False, headers=BEARER)
+    assert answer.status_code == 200
 
 
-@pytest.mark.parametrize("path", ["/", "/static/main.js", "/api/options", "/api/jobs/none", "/no"])
+@pytest.mark.parametrize("path", ["/", "/static/main.js", "/api/jobs/none", "/no"])
 def test_the_page_may_load_only_what_is_here_and_every_answer_has_the_headers_of_safety(path):
     answer = ask("GET", path, headers=BEARER)
     policies = answer.headers["content-security-policy"].split("; ")
@@ -172,8 +161,6 @@ def test_the_page_may_load_only_what_is_here_and_every_answer_has_the_headers_of
     assert directives["script-src"] == "'self'"
     assert answer.headers["x-content-type-options"] == "nosniff"
     assert answer.headers["referrer-policy"] == "no-referrer"
-    if path == "/static/main.js":
-        assert answer.headers["content-type"].startswith("text/javascript")
     if path == "/":
         assert "://" not in answer.text.replace("http://www.w3.org/", "")
 
@@ -198,15 +185,6 @@ def test_an_upload_is_given_up_at_the_bound_or_when_it_stops_coming(
     assert parts == 1 or len(list(left)) > 10
 
 
-def test_a_photo_that_the_disk_does_not_take_is_a_line_without_its_path(monkeypatch):
-    def refuse(*_):
-        raise OSError(errno.ENOSPC, "No space left", "/private")
-
-    monkeypatch.setattr(shutil, "copyfileobj", refuse)
-    answer = ask("POST", "/api/jobs", **photo_of(PNG))
-    assert (answer.status_code, line_of(answer)) == (507, "a file cannot be kept: No space left")
-
-
 def test_a_full_line_is_told_with_when_to_ask_again(monkeypatch):
     monkeypatch.setattr(jobs, "MOST_WAITING", 0)
     answer = ask("POST", "/api/jobs", **photo_of(PNG))
@@ -225,14 +203,12 @@ def test_a_file_name_is_shown_and_is_never_a_path():
 
 @pytest.mark.posix
 def test_samples_are_the_photos_of_a_folder_by_names_that_an_address_can_have(tmp_path):
-    names = [b"caf\xe9.png", b"plain.png", "größe.JFIF".encode(), b".hidden.png", b"note.md"]
-    for name in names:
+    for name in (b"caf\xe9.png", "größe.JFIF".encode(), b".hidden.png", b"note.md"):
         (tmp_path / os.fsdecode(name)).write_bytes(PNG)
-    (tmp_path / "link.png").symlink_to("plain.png")
     (tmp_path / "broken.png").write_bytes(b"no photo")
     studio = create_app(folder=tmp_path)
     samples = answer_of(studio, "GET", "/api/samples").json()
-    assert {x["name"] for x in samples} == {"caf\\xe9.png", "plain.png", "größe.JFIF", "link.png"}
+    assert {one["name"] for one in samples} == {"caf\\xe9.png", "größe.JFIF"}
     for one in samples:
         assert answer_of(studio, "GET", f"/{one['url']}").content == PNG
     with pytest.raises(InputError, match="FOLDER must be a folder with photos"):

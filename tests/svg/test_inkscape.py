@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from conftest import random_scene
+from scenes import random_scene
 from svg_texts import assert_same
 
 from gauss2svg.scene import Scene

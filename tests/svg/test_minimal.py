@@ -2,26 +2,21 @@
 
 import io
 import re
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import resvg_py
 from conftest import needs
-from flat import vectorize
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from gauss2svg.errors import RendererError
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
-from gauss2svg.svg import Document, SvgFormat, minimal_shapes
-from gauss2svg.svg.element import number
-from gauss2svg.svg.file import bytes_by_part
+from gauss2svg.scene.falloff import MOST_BETA
+from gauss2svg.svg import SvgFormat, minimal_shapes
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
 from gauss2svg.svg.write import write_svg
 
@@ -82,30 +77,6 @@ def test_the_file_draws_the_rounded_scene(renderer, most_masked, monkeypatch):
         assert match(several_falloffs(), unit, renderer=renderer) > NEAR_CRISP
 
 
-@pytest.mark.parametrize(("digits", "step"), [(3, 1 / 15), (6, 1 / 255)])
-def test_a_rounded_scene_is_within_half_a_step_and_has_the_same_file(digits, step):
-    scene = several_falloffs(3)
-    rounded = minimal_rounded(scene, 1.5, digits)
-    assert minimal_svg(rounded, 1.5, digits) == minimal_svg(scene, 1.5, digits)
-    assert len(rounded) == 48
-    assert np.abs(np.sort(rounded.color, axis=0) - np.sort(scene.color, axis=0)).max() <= step / 2
-
-
-@masked
-def test_xml_is_well_formed_and_short_and_every_reference_is_defined(most_masked, monkeypatch):
-    monkeypatch.setattr(minimal_shapes, "MOST_MASKED", most_masked)
-    svg = minimal_svg(several_falloffs(), 1.5, 3)
-    ids = [e.get("id") for e in ElementTree.fromstring(svg).iter() if e.get("id")]
-    assert len(ids) == len(set(ids))
-    assert set(re.findall(r"(?:href=\"|url\(|\[href=\")#(\w+)", svg)) == set(ids)
-    assert "\n" not in svg
-    assert max(map(len, re.findall('#([0-9a-f]+)"', svg))) == 3
-    for matrix in re.findall(r"matrix\(([^)]*)\)", svg):
-        assert " -" not in matrix
-        assert all(number(float(n), 0) == n for n in re.findall(r"-?(?:\d+\.?\d*|\.\d+)", matrix))
-    assert not re.search(r"[ \"]-?0\.\d", svg.replace(' viewBox="0 0 ', ""))
-
-
 def test_files_take_the_bytes_that_are_stated():
     empty = minimal_svg(Scene(768, 512, background=np.array([0.2, 0.53, 0.67])), 256)
     assert len(empty) < 110
@@ -140,22 +111,6 @@ def test_a_file_drawn_by_one_side_of_its_photo_has_the_other_to_the_pixel(size):
         assert max(width, height) * unit == pytest.approx(max(size))
 
 
-@given(
-    st.floats(-200, 300), st.floats(1e-3, 1e4), st.floats(1e-3, 1e4),
-    st.floats(-0.999999, 0.999999), st.sampled_from([0.5, *BETA_CLASSES, 128.0, 256.0]),
-    st.floats(0, 1), st.sampled_from([0.1, 1.0, 3.0]),
-)  # fmt: skip
-def test_tiny_huge_and_thin_shapes_are_drawn_near_or_left_out(x, sx, sy, rho, beta, opacity, unit):
-    scene = Scene(
-        SIDE, SIDE, np.array([[x, 40.0]]), np.array([[sx, sy]]), np.array([rho]),
-        np.array([[0.2, 0.4, 0.9]]), np.array([opacity]), beta=np.array([beta]),
-    )  # fmt: skip
-    svg, rounded = minimal_svg(scene, unit), minimal_rounded(scene, unit)
-    ElementTree.fromstring(svg)
-    assert minimal_svg(rounded, unit) == svg
-    assert bool(re.search(r"matrix|\da\d", svg)) == bool(len(rounded))
-
-
 @given(st.floats(0.6, 300), st.floats(0.6, 300), st.floats(-np.pi, np.pi))
 def test_rounded_plain_ellipses_are_near(major, minor, angle_rad):
     co, si = np.cos(angle_rad), np.sin(angle_rad)
@@ -183,47 +138,3 @@ def test_arcs_draw_what_the_editable_file_draws_with_fewer_changes_of_colour(uni
     assert svg.count("<path") < 0.7 * np.count_nonzero(np.diff(scene.color, axis=0).any(axis=1))
     if unit == 0.01:
         assert psnr(arcs, rasterize(write_svg(scene, exact), 384, 384)) > 35
-
-
-def test_names_sizes_and_backgrounds_are_written_only_where_they_are_given():
-    scene = Scene(60, 40)
-    assert not re.search("title|desc|role| width|height", minimal_svg(scene, 1))
-    document = Document(title="A <b>&", alt="a & b", size="30mm", aspect="xMidYMid slice")
-    root = ElementTree.fromstring(minimal_svg(scene, 1, document=document))
-    assert [e.text for e in root][:2] == ["A <b>&", "a & b"]
-    assert (root.get("width"), root.get("height"), root.get("role")) == ("30mm", "20mm", "img")
-    assert root.get("preserveAspectRatio") == "xMidYMid slice"
-    assert "<path" not in minimal_svg(soft_scene(3).replace(transparent=True), 1.5)
-
-
-def test_the_switch_writes_minimal_files_which_cairo_refuses():
-    photo = render(soft_scene(12), SIDE, SIDE)
-    asked = vectorize(photo, gaussians=20, iterations=20, markup="minimal")
-    report = asked.report
-    shown = SvgFormat(markup="minimal", precision=report["precision"], stops=report["stops"])
-    assert asked.svg == write_svg(asked.scene, shown)
-    assert report["psnr_roundtrip"] > NEAR
-    assert sum(bytes_by_part(asked.svg).values()) == len(asked.svg)
-    with pytest.raises(RendererError, match="a mask"):
-        rasterize(asked.svg, SIDE, SIDE, "cairo")
-
-
-def test_common_attributes_are_written_once():
-    one = soft_scene(30).replace(color=np.tile([0.2, 0.4, 0.6], (30, 1)), opacity=np.full(30, 0.5))
-    svg = minimal_svg(one, 1.5)
-    assert svg.count("#369") == svg.count('opacity=".5"') == 1
-    # Two alternating colours, and a run of crisp ellipses of one.
-    two = one.replace(color=np.tile([[0.2, 0.4, 0.6], [1.0, 0.8, 0.0]], (15, 1)))
-    assert minimal_svg(two, 1.5).count("#fc0") == 1
-    crisp = one.replace(beta=np.full(30, 128.0), rho=np.zeros(30), opacity=np.ones(30))
-    assert minimal_svg(crisp, 1.5).count("#369") == 1
-
-
-def test_shapes_change_from_masks_to_gradients_one_by_one(monkeypatch):
-    monkeypatch.setattr(minimal_shapes, "MOST_MASKED", 20)
-    scene = soft_scene(44)
-    files = [minimal_svg(scene.select(np.arange(n)), 1.5, 6) for n in range(16, 35)]
-    masks = [text.count("<use") for text in files]
-    assert masks == [16, 17, 18, 19, 20, 18, 16, 14, 12, 10, 8, 6, 4, 2, 0, 0, 0, 0, 0]
-    sizes = [len(text) for text in files]
-    assert sizes == sorted(sizes)

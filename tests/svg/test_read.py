@@ -1,15 +1,14 @@
 """Properties of reading: a file of write_svg gives its scene back, and any other is refused."""
 
-import gzip
 import math
 from typing import get_args
 from unittest.mock import patch
 
 import numpy as np
 import pytest
-from conftest import random_scene, random_sum
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import random_scene, random_sum
 from svg_texts import AS_PATH, CIRCLE, RECT, assert_same, document, gradient
 
 from gauss2svg.errors import InputError
@@ -33,11 +32,11 @@ def mixed_scene(count: int, seed: int, width: float = 60, height: float = 40) ->
     """Shapes of all exponents, few colours and opacities, so that files share what they can."""
     rng = np.random.default_rng(seed)
     some = rng.choice([*BETA_CLASSES, 0.7, 128.0, 256.0], count)
+    sigma = np.exp(rng.uniform(-1.5, 2.5, (count, 2)) * rng.choice([1, 1, 1, 4], (count, 1)))
     return Scene(
-        width, height, rng.uniform(-5, 65, (count, 2)), np.exp(rng.uniform(-1.5, 2.5, (count, 2))),
-        rng.uniform(-0.98, 0.98, count), np.round(rng.random((count, 3)) * 3) / 3,
-        rng.choice([0.004, 0.25, 1.0, 1.0], count), rng.random(3), beta=some,
-        transparent=bool(rng.integers(2)),
+        width, height, rng.uniform(-5, 65, (count, 2)), sigma, rng.uniform(-0.9999, 0.9999, count),
+        np.round(rng.random((count, 3)) * 3) / 3, rng.choice([0.004, 0.25, 1.0, 1.0], count),
+        rng.random(3), beta=some, transparent=bool(rng.integers(2)),
     )  # fmt: skip
 
 
@@ -54,7 +53,9 @@ def assert_read_as(back: Scene, scene: Scene) -> None:
     st.integers(0, 10**6), st.sampled_from([0.001, 0.01]), st.sampled_from(STOP_COUNTS),
     st.booleans(), st.sampled_from(get_args(Form)),
 )  # fmt: skip
-def test_an_editable_file_is_its_scene_within_the_rounding(seed, precision, stops, palette, form):
+def test_an_editable_file_is_its_scene_within_the_rounding_and_then_the_same_file(
+    seed, precision, stops, palette, form
+):
     svg_format = SvgFormat(form=form, stops=stops, precision=precision, opacity_decimals=4)
     scene = quantize(random_scene(25, 60, 45, seed, sigma=(0.5, 25)), form, 12 * palette)
     scene = snapped(scene, form)
@@ -76,14 +77,8 @@ def test_an_editable_file_is_its_scene_within_the_rounding(seed, precision, stop
     np.testing.assert_allclose(back.color, scene.color, atol=0.5 / 255 + 1e-9)
     np.testing.assert_array_equal(back.round_index, scene.round_index)
     assert (back.width, back.height) == (scene.width, scene.height)
-
-
-@given(seeds, st.sampled_from(STOP_COUNTS), st.sampled_from([0.001, 0.04]), st.booleans())
-def test_an_editable_file_is_the_same_file_again(seed, stops, precision, palette):
-    written = SvgFormat(stops=stops, precision=precision)
-    scene = quantize(random_scene(25, 60, 45, seed, sigma=(0.5, 25)), palette=12 * palette)
-    svg = write_svg(read_svg(write_svg(scene, written)), written)
-    assert write_svg(read_svg(svg), written) == svg
+    again = write_svg(back, svg_format)  # and from then on the same file
+    assert write_svg(read_svg(again), svg_format) == again
 
 
 @given(
@@ -127,21 +122,10 @@ def test_plain_ellipses_are_read_as_they_are_drawn(seed):
     assert metrics.psnr(*drawn) > 60
 
 
-def test_source_is_a_path_text_or_bytes(tmp_path):
-    text = write_svg(random_scene(9, seed=1))
-    (tmp_path / "a.svg").write_text(text)
-    (tmp_path / "a.svgz").write_bytes(gzip.compress(text.encode()))
-    expected = read_svg(text)
-    bare = text.replace("<svg", '<!DOCTYPE svg PUBLIC "a" "b"><svg')
-    for source in (tmp_path / "a.svg", str(tmp_path / "a.svgz"), text.encode(), f"\ufeff\n{bare}"):
-        assert_same(read_svg(source), expected)
-
-
 @pytest.mark.parametrize(
     ("root", "scale", "shift"),
     [
         ('width="40" height="30"', 1, (0, 0)),
-        ('viewBox="0 0 40 30"', 1, (0, 0)),
         ('width="30pt" height="22.5pt" viewBox="0 0 40 30"', 1, (0, 0)),
         (f'width="{40 * 25.4 / 96}mm" height="{30 * 2.54 / 96}cm" viewBox="0 0 40 30"', 1, (0, 0)),
         ('width="90mm" height="9cm" viewBox="0 0 40 30" data-canvas="40 30"', 1, (0, 0)),
@@ -227,7 +211,6 @@ def group(label: str, body: str = CIRCLE) -> str:
         (f"<g>{CIRCLE}</g><g>{CIRCLE}<g>{CIRCLE}</g></g>{CIRCLE}", [0, 1, 1, 1]),
         (group("Round 3: 1") + group("Round 1: 1") + group("sky"), [2, 2, 3]),
         (group("Round 2: 2", f'<g id="s">{CIRCLE}</g>{CIRCLE}') + CIRCLE, [1, 1, 1]),
-        (2 * CIRCLE, [0, 0]),
     ],
 )
 def test_rounds_are_those_of_labels_ids_or_order(body, rounds):
@@ -261,9 +244,7 @@ DEFS = (
 # What is in the place of the shape, and the line.
 REFUSED = {
     '<text id="t">a</text>': '<text id="t">: elements must be ellipses',
-    '<use id="u" href="#x"/>': '<use id="u">: its reference must be',
     '<g id="g"/><use href="#g"/>': "its reference must be to a circle",
-    '<path id="p" d="M 0 0 L 9 9 Z" fill="red"/>': '<path id="p">: its d must be an ellipse',
     f'<path {AS_PATH.replace("-1,0 1", "-2,0 1")} fill="red"/>': "an ellipse of four arcs",
     '<path opacity=".5" d="M1 1a2 2 0 101 0m9 9a2 2 0 101 0"/>': "ellipses of one path must be",
     '<circle r="5" style="Stroke:#000"/>': "its stroke must be none",
@@ -275,8 +256,6 @@ REFUSED = {
     '<circle r="nan"/>': "<circle r=\"nan\">: r must be a finite number; got 'nan'",
     '<circle r="-1"/>': "radii must be 0 or more; got -1",
     '<circle id="z" r="0" fill="red"/>': '<circle id="z">: it must be an ellipse with an extent',
-    '<circle r="1e200" transform="scale(1e200)" fill="url(#a)"/>': "with an extent",
-    '<circle r="1" fill="#ff00ff80"/>': "opaque colour",
     '<circle r="1" transform="matrix(1 2 3)" fill="red"/>': "transform must be a list",
     '<circle r="1" fill="url(#missing)"/>': "its reference must be to a radialGradient .*'missing'",
     '<circle r="1" fill="url(#loop)"/>': "opaque colour|of one colour; got 0 colours",
@@ -291,9 +270,14 @@ REFUSED = {
     '<circle r="1" style="fill:red!important;fill:blue"/>': "without escapes and !important",
     "<g>" * 200 + "</g>" * 200: "in groups of at most 100",
 }  # fmt: skip
+RANGE = r"width, height and viewBox of the SVG must be above 0 and in 1e-30\.\.1e\+30"
 ROOTS = {
     'width="x" height="3"': "of a known size",
+    'width="100%" height="100%"': "of a known size",
     'viewBox="0 0 40"': "viewBox must be 4 finite numbers",
+    'width="8" height="-8" viewBox="0 0 8 8"': RANGE,
+    'width="1e9" viewBox="0 0 1e-29 8"': RANGE,
+    'viewBox="-1e300 0 8 8"': RANGE,
     'width="80" height="30" viewBox="0 0 40 30"': "the canvas must be of the proportions",
     f'{SIZE} data-canvas="40"': "data-canvas must be",
     f'{SIZE} display="none"': "<svg.*shapes must be visible",
@@ -311,10 +295,8 @@ WRITTEN = {
     "no colour": (SHEET.replace(' color="#f00"', ""), "opaque colour"),
     "a sum": (write_svg(random_sum(4, 20, 20, 1)), "<style .* whose blend is 'over'"),
     "no document": ("<svg", "well-formed XML"),
-    "no gzip": (b"\x1f\x8bx", "complete gzip file"),
     "no file": ("/none/there.svg", "cannot read /none/there.svg"),
     "no source": (5, "source must be a path"),
-    "entities": ('<!DOCTYPE svg [<!ENTITY a "b">]><svg>&a;</svg>', "a document type of its own"),
 }  # fmt: skip
 CASES = {
     **{body: (document(body, DEFS), line) for body, line in REFUSED.items()},

@@ -7,25 +7,20 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
-from random import Random
 from xml.etree import ElementTree
 
 import pytest
-from batches import PoolHere
 from PIL import Image
 from skimage import data
 
-import gauss2svg
 from gauss2svg.cli.main import main
-from gauss2svg.cli.terminal import _ENDING, Interruption, handling
+from gauss2svg.cli.terminal import Interruption, handling
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
-ENDED = "gauss2svg: interrupted; every file is whole or untouched\n"
-PACKAGES = os.fspath(Path(gauss2svg.__file__).parents[1])
+UNTOUCHED = "gauss2svg: interrupted; every file is whole or untouched"
 each_signal = pytest.mark.parametrize("number", STATUS)
 
 
@@ -40,18 +35,26 @@ def command(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def after(monkeypatch):
-    """Have signals come after these steps of a fit."""
+def at(monkeypatch):
+    """Have signals come after steps of a fit, or as phases of a run begin."""
 
-    def arrange(number, *steps):
-        asked, calls = Interruption.should_stop, itertools.count()  # once before the first step
+    def arrange(number, *moments):
+        asked, calls, notify = Interruption.should_stop, itertools.count(), Run.notify
 
-        def and_a_signal(interruption):
-            for _ in range(steps.count(next(calls))):
+        def and_signals(now):
+            for _ in range(moments.count(now)):
                 signal.raise_signal(number)
+
+        def step(interruption):
+            and_signals(next(calls))  # once before the first step
             return asked(interruption)
 
-        monkeypatch.setattr(Interruption, "should_stop", and_a_signal)
+        def phase(run, now, fit=None):
+            notify(run, now, fit)
+            and_signals(now)
+
+        monkeypatch.setattr(Interruption, "should_stop", step)
+        monkeypatch.setattr(Run, "notify", phase)
 
     return arrange
 
@@ -64,23 +67,25 @@ def report_of_the_file():
 
 
 @each_signal
-@pytest.mark.parametrize("step", [1, 59])
-def test_first_signal_ends_the_fit_with_the_best_so_far(number, step, command, after, capfd):
+@pytest.mark.parametrize("moment", [1, 59, "write", "measure"])
+def test_first_signal_ends_the_fit_with_the_best_so_far(number, moment, command, at, capfd):
     before = {one: signal.getsignal(one) for one in STATUS}
-    after(number, step)
+    at(number, moment)
     assert main(command) == STATUS[number]
     assert {one: signal.getsignal(one) for one in STATUS} == before
-    said = capfd.readouterr().err.splitlines()
+    said, report = capfd.readouterr().err.splitlines(), report_of_the_file()
     assert "interrupt again to quit at once" in said[0]
-    assert f"interrupted after {step} optimiser steps. The best picture so far is in" in said[-1]
-    report = report_of_the_file()
-    assert (report["iterations"], report["stop_reason"]) == (step, "interrupted")
+    if moment in ("write", "measure"):
+        assert report["iterations"] == 60
+    else:
+        assert f"after {moment} optimiser steps. The best picture so far is in" in said[-1]
+        assert (report["iterations"], report["stop_reason"]) == (moment, "interrupted")
     assert report["gaussians"] > 0
 
 
 @pytest.mark.parametrize("goal", ["--target-psnr 24", "--max-bytes 3k --markup editable"])
-def test_an_interrupted_search_keeps_its_limit_and_makes_no_corrections(goal, command, after):
-    after(signal.SIGINT, 15)
+def test_an_interrupted_search_keeps_its_limit_and_makes_no_corrections(goal, command, at):
+    at(signal.SIGINT, 15)
     assert main([*command, *goal.split()]) == STATUS[signal.SIGINT]
     report = report_of_the_file()
     assert (report["corrections"], report["iterations"]) == (0, 15)
@@ -88,33 +93,13 @@ def test_an_interrupted_search_keeps_its_limit_and_makes_no_corrections(goal, co
 
 
 @each_signal
-def test_second_signal_ends_everything_and_leaves_the_old_file(number, command, after, capsys):
-    after(number, 4, 4)
+@pytest.mark.parametrize("moment", [4, "write", "measure"])
+def test_second_signal_ends_everything_and_leaves_the_old_file(number, moment, command, at, capfd):
+    at(number, moment, moment)
     assert main(command) == STATUS[number]
-    assert "every file is whole or untouched" in capsys.readouterr().err
+    assert UNTOUCHED in capfd.readouterr().err
     assert Path("out.svg").read_text() == "old"
     assert sorted(os.listdir()) == ["out.svg", "photo.png"]
-
-
-@each_signal
-@pytest.mark.parametrize("phase", ["write", "measure"])
-@pytest.mark.parametrize("times", [1, 2])
-def test_a_finished_fit_is_written_and_measured_unless_a_second_signal_comes(
-    times, phase, number, command, monkeypatch
-):
-    notify = Run.notify
-
-    def and_signals(run, now, fit=None):
-        notify(run, now, fit)
-        for _ in range(times if now == phase else 0):
-            signal.raise_signal(number)
-
-    monkeypatch.setattr(Run, "notify", and_signals)
-    assert main(command) == STATUS[number]
-    if times == 2:
-        assert Path("out.svg").read_text() == "old"
-    else:
-        assert report_of_the_file()["iterations"] == 60
 
 
 @each_signal
@@ -128,22 +113,11 @@ def test_signal_that_a_callback_loses_ends_a_command_before_what_comes_next(
 
     monkeypatch.setattr("gauss2svg.pipeline.run.compile_kernels", lose)
     assert main(command) == STATUS[number]
-    assert capsys.readouterr().err == ENDED
     assert Path("out.svg").read_text() == "old"
-
     Path("out.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"/>')
     monkeypatch.setattr("gauss2svg.cli.summary.print_check", lose)
     assert main(["check", "photo.png", "out.svg"]) == STATUS[number]
-    assert capsys.readouterr().err == ENDED
-
-    monkeypatch.setattr("gauss2svg.compare.table.Pool", PoolHere)
-    monkeypatch.setattr(
-        "gauss2svg.compare.table.measure_alone", lambda request: lose() or {"error": "unlucky"}
-    )
-    words = "bench photo.png -o out --axis gaussians=5,6 --quiet"
-    assert main(words.split()) == STATUS[number]
-    (row,) = json.loads(Path("out/bench.json").read_text())["rows"]
-    assert row["settings"] == {"gaussians": 5}
+    assert capsys.readouterr().err == 2 * f"{UNTOUCHED}\n"
 
 
 def test_signals_that_were_ignored_at_the_start_stay_ignored():
@@ -158,58 +132,46 @@ def test_signals_that_were_ignored_at_the_start_stay_ignored():
         signal.signal(signal.SIGINT, before)
 
 
-NEW = {
+WHOLE = {
     "out.svg": ElementTree.parse, "outline.svg": ElementTree.parse, "scene.npz": Scene.load,
     "preview.png": lambda path: Image.open(path).load(),
     "report.json": lambda path: json.loads(path.read_text()),
 }  # fmt: skip
 
 
+def handles_signals(process):
+    """Whether a process has a handler of SIGTERM."""
+    said = Path(f"/proc/{process.pid}/status").read_text()
+    return int(said.partition("SigCgt:")[2].split()[0], 16) >> (signal.SIGTERM - 1) & 1
+
+
 @pytest.mark.process
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("is_cold", [False, True])
-def test_a_process_that_is_interrupted_at_any_moment_leaves_whole_files(seed, is_cold, command):
-    rng, number = Random(seed), [signal.SIGINT, signal.SIGTERM][seed]
+@pytest.mark.parametrize(
+    ("number", "is_compiling"), [(signal.SIGINT, True), (signal.SIGTERM, False)]
+)
+def test_a_process_that_only_a_signal_ends_leaves_whole_files(
+    number, is_compiling, command, tmp_path
+):
+    command[command.index("60")] = "1000000"
     options = ["--outline", "outline.svg", "--save-scene", "scene.npz", "--preview", "preview.png"]
-    Path("temporary").mkdir()
-    environment = {"PYTHONPATH": PACKAGES, "TMPDIR": str(Path("temporary").absolute())}
-    if is_cold:
-        environment["NUMBA_CACHE_DIR"] = str(Path("temporary").absolute().parent / "cold")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "gauss2svg", *command, *options],
-        env=os.environ | environment, stderr=subprocess.PIPE,
-    )  # fmt: skip
-    is_ready = False
-    while process.poll() is None and not is_ready:  # until it handles signals
-        caught = Path(f"/proc/{process.pid}/status").read_text().partition("SigCgt:")[2].split()
-        is_ready = caught and int(caught[0], 16) >> (signal.SIGTERM - 1) & 1
-    time.sleep(3 * rng.random())
-    process.send_signal(number)
-    was_old = Path("out.svg").read_text() == "old"
-    lines = process.communicate()[1].replace(_ENDING, b"").decode().splitlines()
-    assert process.returncode == 128 + number or (process.returncode, was_old) == (0, False), lines
-    assert len(lines) == (process.returncode != 0), lines
-    assert set(os.listdir()) <= NEW.keys() | {"photo.png", "temporary", "cold"}
+    for name in ("temporary", "kernels"):
+        Path(name).mkdir()
+    environment = os.environ | {"TMPDIR": str(tmp_path / "temporary")}
+    if is_compiling:
+        environment["NUMBA_CACHE_DIR"] = str(tmp_path / "kernels")
+    words = [sys.executable, "-P", "-m", "gauss2svg", *command, *options]
+    with subprocess.Popen(words, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        while not (
+            list(Path("kernels").rglob("*.nbc")) if is_compiling else handles_signals(process)
+        ):
+            assert process.poll() is None
+        process.send_signal(number)
+        line = process.communicate()[1].splitlines()[-1]
+    assert process.returncode == STATUS[number]
     assert not os.listdir("temporary")
-    found = [name for name in NEW if Path(name).exists() and Path(name).read_bytes() != b"old"]
-    for name in found:
-        NEW[name](Path(name))
-    if process.returncode == 0 or "The best picture so far is in" in lines[0]:
-        assert found == list(NEW)
-    else:
-        assert "every file is whole or untouched" in lines[0]
-
-
-@pytest.mark.process
-def test_the_status_is_that_of_the_command_also_if_the_signal_fell_into_exec(tmp_path, monkeypatch):
-    """As where numba compiles; `python -m` would end by SIGINT."""
-    code = (
-        "def main():\n    try:\n        exec('raise KeyboardInterrupt')\n"
-        "    except KeyboardInterrupt:\n        return 130\n"
-        "from gauss2svg.cli import main as module; module.main = main; module.run()"
-    )
-    monkeypatch.chdir(tmp_path)
-    Path("command.py").write_text(code)
-    environment = os.environ | {"PYTHONPATH": PACKAGES}
-    assert subprocess.run([sys.executable, "-m", "command"], env=environment).returncode == 130
+    new = [name for name in WHOLE if Path(name).exists() and Path(name).read_bytes() != b"old"]
+    assert new == ([] if line == UNTOUCHED else list(WHOLE))
+    for name in new:
+        WHOLE[name](Path(name))
+    assert set(os.listdir()) <= WHOLE.keys() | {"photo.png", "temporary", "kernels"}

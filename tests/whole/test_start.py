@@ -29,22 +29,18 @@ def loaded_by(code, names, *arguments):
 COMMAND = "import sys; from gauss2svg.cli.main import main; main(sys.argv[2:])"
 
 
-@pytest.mark.parametrize("arguments", [["--help"], []])
-def test_help_loads_neither_numpy_nor_numba(arguments):
-    assert loaded_by(COMMAND, ["numpy", "numba", "scipy", "PIL"], *arguments) == []
-
-
 @pytest.mark.process
 @pytest.mark.parametrize(
     ("code", "names"),
     [
+        ("from gauss2svg.cli.main import main; main([])", "numpy numba scipy PIL"),
         ("import gauss2svg", "torch numba numpy"),
         ("import gauss2svg as g; g.vectorize; g.vectorize_many", "dask distributed fsspec"),
         ("import gauss2svg.studio, gauss2svg.cli.main as m; m.build_app()", "fastapi starlette"),
         (COMMAND, "jinja2 uvicorn gauss2svg.compare"),
         ("import gauss2svg.compare.run", "jinja2 gauss2svg.compare.pages"),
     ],
-    ids=["package", "its names", "studio", "command", "worker of a gallery"],
+    ids=["help", "package", "its names", "studio", "command", "worker of a gallery"],
 )
 def test_what_is_of_another_part_is_not_loaded(code, names):
     assert loaded_by(code, names.split(), "no.png", "-o", "x.svg") == []

@@ -10,15 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gallery_site import Visit, closed_after
-from names import possible
+from gallery_site import HOSTILE, Visit, closed_after
 from PIL import Image
 from skimage import data
 from studio_server import Server, running
 
-from gauss2svg.raster.chromium import launch_options
-
-HOSTILE = possible("<img src=x onerror=alert(1)>&\"'.png")
 PLAIN, UPRIGHT = "cat.png", "cup.png"
 # The page ends streams and requests that it no longer needs.
 _ENDED = re.compile(r"/(events|chart|frame\?n=\d+): net::ERR_ABORTED$")
@@ -83,19 +79,8 @@ def server(photos: dict[str, Path]) -> Iterator[Server]:
         yield found
 
 
-@pytest.fixture(scope="module")
-def tabs():
-    """The browser of the renderer chromium."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(**launch_options())
-        yield browser
-        browser.close()
-
-
 @pytest.fixture
-def visit(browser, tabs: Any, server: Server):
+def visit(tabs: Any, server: Server):
     """Opens visits, each of which must end without errors."""
     with closed_after(partial(StudioVisit, tabs, server)) as open_one:
         yield open_one

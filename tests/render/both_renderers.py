@@ -1,16 +1,13 @@
-"""Both renderers of a scene, of either blend and in both precisions, and an oracle of their own."""
+"""Both renderers of a scene, of either blend and in both precisions."""
 
 import numpy as np
 import pytest
-from conftest import random_scene, random_sum
-from numpy.typing import NDArray
+from scenes import random_scene, random_sum
 from with_torch import torch
 
 from gauss2svg.render.autograd import fast_accumulate, fast_composite
-from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.render.reference import accumulate, composite
 from gauss2svg.scene import ADD, OVER, Scene
-from gauss2svg.scene.falloff import profile
 
 TORCH = {np.float32: torch.float32, np.float64: torch.float64}
 in_both = pytest.mark.parametrize("dtype", TORCH, ids=["float32", "float64"])
@@ -36,24 +33,3 @@ def drawn(scene: Scene, tensors: list[torch.Tensor], fast: bool = False) -> torc
         return (fast_accumulate if fast else accumulate)(*tensors, *size)
     *others, beta = tensors
     return (fast_composite if fast else composite)(*others, *size, beta)
-
-
-def planar(scene: Scene, dtype: type) -> NDArray:
-    """The picture of the kernels, which is not clipped."""
-    image = render_planar(splats_of(scene), round(scene.height), round(scene.width), dtype)
-    return np.moveaxis(image, 0, -1)
-
-
-def by_numpy(scene: Scene) -> NDArray:
-    """The formula once more, front to back in float64, from the conic; sums are not clipped."""
-    y, x = np.mgrid[: int(scene.height), : int(scene.width)] + 0.5
-    image = np.zeros((*x.shape, 3))
-    transmittance = np.ones(x.shape)
-    for k in range(len(scene) - 1, -1, -1):
-        u = np.stack([x - scene.mean[k, 0], y - scene.mean[k, 1]], axis=-1)
-        r = np.sqrt(np.einsum("yxi,ij,yxj->yx", u, scene.conic[k], u))
-        alpha = scene.opacity[k] * profile(r, scene.beta[k])
-        image += (alpha * transmittance)[..., None] * scene.color[k]
-        if scene.blend == OVER:
-            transmittance *= 1 - alpha
-    return image + transmittance[..., None] * scene.background

@@ -1,0 +1,108 @@
+"""Random scenes, scenes from all of the domain of a scene, and their rounding."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from gauss2svg.scene import (
+    ADD,
+    LEAST_SIGMA,
+    MOST_MEAN,
+    MOST_SIGMA,
+    OVER,
+    RHO_LIMIT,
+    Scene,
+    narrowing_of,
+)
+
+_BETAS = (0.5, 1.0, 1.0, 1.7, 16.0, 256.0)
+_OPACITIES = (0.0, 1e-7, 0.3, 0.9, 1 - 1e-7, 1.0)
+_RHOS = (0.0, 0.5, 0.95, 1 - 1e-6, 1 - 1e-12, RHO_LIMIT)
+_GRID = 2**20  # of means: whole pixels can be added to them, and they tripled, without rounding
+
+
+def random_scene(
+    count: int,
+    width: int = 40,
+    height: int = 30,
+    seed: int = 0,
+    sigma: tuple = (0.5, 8.0),
+    beta: tuple = (0.5, 32.0),
+) -> Scene:
+    """Return a scene of `count` shapes, every parameter over a wide range; half are Gaussians."""
+    rng = np.random.default_rng(seed)
+    return Scene(
+        width,
+        height,
+        mean=rng.uniform(-5, 5, (count, 2)) + rng.random((count, 2)) * [width, height],
+        sigma=np.exp(rng.uniform(*np.log(sigma), (count, 2))),
+        rho=rng.uniform(-0.95, 0.95, count),
+        color=rng.random((count, 3)),
+        opacity=rng.random(count),
+        background=rng.random(3),
+        round_index=np.sort(rng.integers(0, 3, count)),
+        beta=np.where(np.arange(count) % 2, np.exp(rng.uniform(*np.log(beta), count)), 1.0),
+    )
+
+
+def random_sum(count: int, width: int, height: int, seed: int, **shape: tuple) -> Scene:
+    """A random scene whose Gaussians have signed colours and are summed."""
+    scene = random_scene(count, width, height, seed, **shape)
+    color = np.random.default_rng(seed).uniform(-0.6, 0.6, (count, 3))
+    one = {"opacity": np.ones(count), "beta": np.ones(count)}
+    return scene.replace(blend="add", color=color, **one)
+
+
+@st.composite
+def sizes(draw: st.DrawFn) -> tuple[float, float]:
+    """Sigmas along x and y, alike or not, with the ends of the domain among them."""
+    ends = st.sampled_from([LEAST_SIGMA, 1e-6, 1e6, MOST_SIGMA])
+    one = st.one_of(st.floats(-6, 6).map(lambda e: 10.0**e), ends)
+    first = draw(one)
+    return (first, first) if draw(st.booleans()) else (first, draw(one))
+
+
+@st.composite
+def means(draw: st.DrawFn, size: tuple[int, int], factor: NDArray[np.float64]) -> list[float]:
+    """A mean: where a shape shows, on centres, corners and edges of tiles, or far off."""
+    pixel = [draw(st.integers(0, side - 1)) for side in size]
+    kind = draw(st.sampled_from(["seen", "seen", "seen", "centre", "corner", "tile", "far"]))
+    if kind == "far":
+        return [draw(st.sampled_from([-MOST_MEAN, -1e9, 1e9, MOST_MEAN])) for _ in range(2)]
+    if kind == "tile":
+        return [16.0 * draw(st.integers(0, 2)) for _ in range(2)]
+    at = np.array(pixel) + (0.0 if kind == "corner" else 0.5)
+    if kind == "seen":
+        at = at + factor @ [draw(st.floats(-2, 2)), draw(st.floats(-2, 2))]
+    return np.clip(np.round(at * _GRID) / _GRID, -MOST_MEAN, MOST_MEAN).tolist()
+
+
+@st.composite
+def extreme_scenes(draw: st.DrawFn, blend: str = OVER, size: tuple[int, int] = (40, 36)) -> Scene:
+    """A scene of at most six shapes from all of the domain."""
+    count = draw(st.integers(0, 6))
+    size = draw(st.integers(1, size[0])), draw(st.integers(1, size[1]))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+
+    def each(values: tuple[float, ...]) -> NDArray[np.float64]:
+        return np.array([draw(st.sampled_from(values)) for _ in range(count)], np.float64)
+
+    sigma = np.array([draw(sizes()) for _ in range(count)]).reshape(-1, 2)
+    rho, zeros = each((-1, 1)) * each(_RHOS), np.zeros((count, 3))
+    blank = Scene(*size, zeros[:, :2], sigma, rho, zeros, np.ones(count), rng.random(3))
+    mean = np.array([draw(means(size, factor)) for factor in blank.factor]).reshape(-1, 2)
+    if blend == ADD:
+        color = rng.choice([-100.0, -0.5, 0.2, 100.0], zeros.shape)
+        return blank.replace(mean=mean, color=color, blend=ADD)
+    color = rng.choice([0.0, 1.0, *rng.random(4)], zeros.shape)
+    return blank.replace(mean=mean, color=color, opacity=each(_OPACITIES), beta=each(_BETAS))
+
+
+def rounding_of(scene: Scene) -> float:
+    """What float64 may differ by: z2 loses eps / sqrt(1 - rho^2), and a rim is beta steep."""
+    if not len(scene):
+        return 1e-12
+    steep = scene.beta * np.maximum(np.abs(scene.color).max(axis=1), 1)
+    return 1e-12 + 1e-14 * float((steep / narrowing_of(scene.rho)).max()) * len(scene)
