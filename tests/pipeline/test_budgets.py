@@ -71,6 +71,7 @@ def test_seconds_beyond_what_pays_are_not_taken(work_clock):
     assert long["unreached"] == []
 
 
+@pytest.mark.sweep
 def test_a_preset_beside_a_limit_of_seconds_is_a_cap(photo, work_clock):
     alone = vectorize(photo, time_limit=1.0).report
     capped = vectorize(photo, time_limit=1.0, quality="draft").report

@@ -32,6 +32,7 @@ def covering(picture, **options):
     return Plan(Options().changed(**options)).for_picture(picture).covering
 
 
+@pytest.mark.sweep
 def test_the_files_of_drawings_are_closer_and_crisper_when_they_are_enlarged(monkeypatch):
     """Drawings are closer and have fewer mixed colours when enlarged than as photos are fitted."""
     large = badge(64)

@@ -288,6 +288,7 @@ def test_plain_ellipses_are_planned_as_renderers_draw_them(picture):
     assert psnr(model, raster) > psnr(falloff, raster) + 1
 
 
+@pytest.mark.sweep
 def test_shading_in_a_drawing_does_not_fall_into_bands(monkeypatch):
     """In one pixels are as their neighbours, and then there is an edge."""
 
