@@ -278,11 +278,11 @@ def _result(
 
 
 def _start(path: Path | None) -> "Scene | None":
+    if path is None:
+        return None
     from gauss2svg.scene import Scene
     from gauss2svg.svg.read import read_svg
 
-    if path is None:
-        return None
     return Scene.load(path) if path.suffix.lower() == ".npz" else read_svg(path)
 
 

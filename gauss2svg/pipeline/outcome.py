@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -130,6 +131,11 @@ class Outcome:
         measured = self.measured
         return measured.svgz_bytes if self.plan.counts_gzipped else measured.svg_bytes
 
+    @cached_property
+    def psnr(self) -> float:
+        """PSNR (dB) of the rasterised file, in which the mask weights the errors."""
+        return self.subject.psnr(self.measured.raster)
+
 
 def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
     """Run the searches of a plan, and return the best outcome with the costs of all searches.
@@ -153,23 +159,21 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
             aim_score = aim.score(last.measured.raster, last.subject.photo)
             last = dataclasses.replace(last, aim_score=aim_score)
         outcomes.append(last)
-        psnr = last.subject.psnr(last.measured.raster)
         is_met = aim is not None and aim.is_met_by(last.aim_score) and last.size <= limit
-        is_close = last.enlarged is not None and psnr >= SEEN_UP_TO
+        is_close = last.enlarged is not None and last.psnr >= SEEN_UP_TO
         if is_met or is_close or last.fitted.stop_reason == "interrupted":
             break
     large = next((outcome.enlarged for outcome in outcomes if outcome.enlarged is not None), None)
 
     def closeness(outcome: Outcome) -> tuple[float, float]:
-        psnr = outcome.subject.psnr(outcome.measured.raster)
         if aim is not None:
             return outcome.size <= limit, outcome.aim_score
-        if large is None or len(outcomes) == 1:
-            return psnr, 0.0
+        if large is None:
+            return outcome.psnr, 0.0
         weight, renderer = outcome.subject.weight(large), plan.options.run.renderer
-        return min(psnr, SEEN_UP_TO), -raster_error(outcome.svg, large, renderer, weight)
+        return min(outcome.psnr, SEEN_UP_TO), -raster_error(outcome.svg, large, renderer, weight)
 
-    best = max(outcomes, key=closeness)
+    best = max(outcomes, key=closeness) if len(outcomes) > 1 else outcomes[0]
     fitted, reason = best.fitted, best.fitted.stop_reason
     if outcomes[-1].fitted.stop_reason == "interrupted":
         reason = "interrupted"
