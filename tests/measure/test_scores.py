@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from PIL import Image
 from skimage import data
-from skimage.metrics import peak_signal_noise_ratio
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
@@ -26,6 +25,8 @@ B = RNG.random((30, 40, 3)).astype(np.float32)
 
 
 def test_psnr_is_that_of_scikit_image_and_ssim_falls_with_noise():
+    from skimage.metrics import peak_signal_noise_ratio  # loads scipy.stats, which is slow
+
     expected = peak_signal_noise_ratio(A.astype(np.float64), B, data_range=1)
     assert metrics.psnr(A, B) == pytest.approx(expected, abs=1e-9)
     assert metrics.psnr(A, A) == math.inf
