@@ -1,12 +1,14 @@
 """Entry point of the program `gauss2svg`. It handles signals before it imports anything slow."""
 
 from gauss2svg.cli.terminal import exit_before_fits
+from gauss2svg.processes import importing
 
 
 def run() -> None:
     """Run the command line as a program."""
     exit_before_fits()
-    from gauss2svg.cli.main import run as run_command
+    with importing():
+        from gauss2svg.cli.main import run as run_command
 
     run_command()
 

@@ -205,6 +205,7 @@ def _serve() -> None:
 
     Return when one of these streams is closed.
     """
+    processes.keep_freed_memory()
     end_with_parent(os.getppid())
     answers = os.fdopen(os.dup(1), "wb")
     # Text that a job prints goes to standard error, so that it is not mixed with the answers.

@@ -1,4 +1,4 @@
-"""Start and end child processes, and find how much more memory this process may take.
+"""Start and end child processes, and manage the memory of this process.
 
 `run` starts a child process and waits until it ends. `NEW_GROUP` and `end_tree` are for children
 that run while this process continues. The memory of this process is limited by the machine, by the
@@ -7,6 +7,7 @@ container, and by limits that are set for the process.
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import shlex
@@ -14,8 +15,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +24,10 @@ from typing import NamedTuple
 # own. On other systems, start_new_session=True has this effect. A Ctrl-C does not reach a child in
 # another group, so `end_tree` has to end it.
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
+# Parameters of glibc's mallopt with our values. Arrays above the first number of bytes get memory of
+# their own, which is given back when they are freed. Of the memory that other arrays have freed, up
+# to the second number of bytes is kept for later arrays.
+_MALLOC = {-3: 8 << 20, -1: 32 << 20}
 MEMORY_SHARE = 0.8  # share of the free memory that this program may take by default
 _CHECK_S = 0.2  # seconds between two checks whether the parent is alive
 
@@ -36,6 +41,34 @@ def nothing() -> None:
 # exception if a callback of the garbage collector or of C code is running. So the handler also
 # replaces this function by one that raises the exception again.
 pending: Callable[[], None] = nothing
+
+
+@contextmanager
+def importing() -> Iterator[None]:
+    """Import modules in the block without looking for garbage, and never look for it in them.
+
+    The modules of a run have some hundred thousand objects, none of which is garbage.
+    """
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def keep_freed_memory() -> None:
+    """Keep the memory of arrays that are freed for the next arrays, as far as _MALLOC allows.
+
+    Otherwise each step of a fit would give it back, and the system would clear it for the next step
+    (docs/decisions/memory.md). Only glibc can be told so.
+    """
+    if sys.platform == "linux":
+        import ctypes
+
+        with suppress(AttributeError):  # other C libraries have no mallopt
+            for parameter, value in _MALLOC.items():
+                ctypes.CDLL(None).mallopt(parameter, value)
 
 
 class Ended(NamedTuple):

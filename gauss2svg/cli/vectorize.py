@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from annotated_types import Interval
 from cyclopts import Group, Parameter
 
-from gauss2svg import files
+from gauss2svg import files, processes
 from gauss2svg.cli.parameters import Output, options_of
 from gauss2svg.cli.terminal import (
     Interruption,
@@ -158,6 +158,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
 
 
 def _run(photo: str, output: str | None, options: Options, extras: Files) -> int:
+    processes.keep_freed_memory()
     interruption = Interruption()
     with handling(interruption.receive):
         if output is None:
@@ -262,8 +263,9 @@ def _exclusions(output: str, options: Options, extras: Files) -> Iterator[tuple[
 def _result(
     photo: str, output: str, options: Options, extras: Files, interruption: Interruption
 ) -> "Result":
-    from gauss2svg.pipeline.run import watched
-    from gauss2svg.pipeline.vectorize import vectorize_by
+    with processes.importing():
+        from gauss2svg.pipeline.run import watched
+        from gauss2svg.pipeline.vectorize import vectorize_by
 
     source = files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
     if output == STANDARD_STREAM:
