@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -68,9 +69,10 @@ class Local:
         for path in (self.folder / "held").glob("*-*"):
             path.unlink(missing_ok=True)
 
-    def wait_held(self, name: str, count: int = 1) -> None:
-        """Wait until so many workers wait with this photo."""
-        wait_until(lambda: len(list((self.folder / "held").glob(f"{name}-*"))) >= count)
+    def wait_held(self, name: str, *commands: subprocess.Popen) -> None:
+        """Wait until as many workers as commands wait with this photo."""
+        held = partial((self.folder / "held").glob, f"{name}-*")
+        wait_until(lambda: len(list(held())) >= len(commands), *commands)
 
     def batch(self, out: Path, *photos: Path, local: bool = False) -> subprocess.Popen:
         """The command, under way; local: by processes of its own also beside a cluster."""
@@ -99,7 +101,11 @@ class Cluster(Local):
         self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", *local)
         worker = ("--nthreads", "1", "--nworkers", "2", *local)
         self._nannies = self._start("worker", *worker, "--local-directory", str(self.folder))
-        wait_until(lambda: where.exists() and where.read_text().endswith("}"))
+        wait_until(
+            lambda: where.exists() and where.read_text().endswith("}"),
+            self.scheduler,
+            self._nannies,
+        )
         self.options = ("--scheduler", json.loads(where.read_text())["address"])
 
     def _start(self, kind: str, *options: str) -> subprocess.Popen:
@@ -125,10 +131,11 @@ def ended(process: subprocess.Popen) -> tuple[int, list[str]]:
     return process.returncode, said.splitlines()
 
 
-def wait_until(condition: Callable[[], bool]) -> None:
-    """Wait until a condition holds, for at most four minutes."""
+def wait_until(condition: Callable[[], bool], *running: subprocess.Popen) -> None:
+    """Wait until a condition holds, for at most four minutes, while these commands run."""
     for _ in range(24_000):
         if condition():
             return
+        assert all(one.poll() is None for one in running), [ended(one) for one in running]
         time.sleep(0.01)
     raise AssertionError("waited in vain")

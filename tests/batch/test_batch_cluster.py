@@ -65,7 +65,7 @@ def test_interrupted_and_killed_and_run_again_is_run_once(engine, photos, quiet,
     out, number = tmp_path / "out", signal.SIGINT if type(engine) is Local else signal.SIGTERM
     engine.hold("06")
     command = engine.batch(out, photos)
-    engine.wait_held("06")
+    engine.wait_held("06", command)
     os.killpg(command.pid, number)  # as at a terminal, which sends it to all processes
     status, (see, interrupted) = ended(command)
     assert status == 128 + number
@@ -75,14 +75,14 @@ def test_interrupted_and_killed_and_run_again_is_run_once(engine, photos, quiet,
     check_whole(out, quiet)
     engine.hold("10")
     command = engine.batch(out, photos)
-    wait_until(lambda: len(outputs(out)) > 7)
+    wait_until(lambda: len(outputs(out)) > 7, command)
     command.kill()
     assert ended(command)[0] == -signal.SIGKILL
     check_whole(out, quiet)
     crash = save_photo(tmp_path / "crash.png", 0)
     engine.hold("10")
     command = engine.batch(out, photos, crash)
-    engine.wait_held("10")
+    engine.wait_held("10", command)
     os.kill(engine.workers(command)[0], signal.SIGKILL)
     engine.hold("none")
     status, said = ended(command)
@@ -96,7 +96,7 @@ def test_interrupted_and_killed_and_run_again_is_run_once(engine, photos, quiet,
 def test_two_runs_at_once_lose_nothing(cluster, photos, quiet, tmp_path):
     cluster.hold("00")
     runs = [cluster.batch(tmp_path / "out", photos, local=one) for one in (False, True)]
-    cluster.wait_held("00", 2)  # both have begun
+    cluster.wait_held("00", *runs)  # both have begun
     cluster.hold("none")
     found = [ended(command) for command in runs]
     assert [status for status, _ in found] == [0, 0], found
@@ -109,7 +109,7 @@ def test_scheduler_that_is_killed_ends_the_batch_and_loses_nothing(
 ):
     cluster.hold("04")
     command = cluster.batch(tmp_path / "out", photos)
-    cluster.wait_held("04")
+    cluster.wait_held("04", command)
     os.kill(cluster.scheduler.pid, signal.SIGKILL)
     status, (line,) = ended(command)
     assert status == 2
