@@ -53,7 +53,7 @@ def measured(photo, tmp_path_factory):
     arguments += ["--axis", "renderer=resvg,inkscape"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PATH", str(folder))
-        status = main([*arguments, "--peers", "jpeg", "--quiet"])
+        status = main([*arguments, "--peers", "jpeg:30", "--quiet"])
     return status, folder / "out", json.loads((folder / "out" / "bench.json").read_text())
 
 
