@@ -8,6 +8,7 @@ from contextlib import closing
 import pytest
 from batches import left_parts, marks, outputs, save_photo, save_photos, tiny
 from clusters import Cluster, Local, ended, wait_until
+from conftest import has_ended
 
 from gauss2svg.batch.table import TABLE
 from gauss2svg.pipeline.vectorize import vectorize_by
@@ -76,8 +77,10 @@ def test_interrupted_and_killed_and_run_again_is_run_once(engine, photos, quiet,
     engine.hold("10")
     command = engine.batch(out, photos)
     wait_until(lambda: len(outputs(out)) > 7, command)
+    workers = engine.workers(command)
     command.kill()
     assert ended(command)[0] == -signal.SIGKILL
+    assert type(engine) is Cluster or all(map(has_ended, workers))
     check_whole(out, quiet)
     crash = save_photo(tmp_path / "crash.png", 0)
     engine.hold("10")

@@ -87,8 +87,9 @@ def visit(tabs: Any, server: Server):
 
 
 def draft(page: Any) -> None:
-    """Aim at the quickest run."""
+    """Aim at the quickest run, by an option that may be folded away."""
     page.locator("#preset").select_option("draft")
+    page.locator("#option-iterations").evaluate("(control) => { control.value = 20; }")
 
 
 def aim(page: Any, kind: str, value: float) -> None:
