@@ -101,11 +101,7 @@ class Cluster(Local):
         self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", *local)
         worker = ("--nthreads", "1", "--nworkers", "2", *local)
         self._nannies = self._start("worker", *worker, "--local-directory", str(self.folder))
-        wait_until(
-            lambda: where.exists() and where.read_text().endswith("}"),
-            self.scheduler,
-            self._nannies,
-        )
+        wait_until(lambda: where.exists() and where.read_text().endswith("}"), self.scheduler)
         self.options = ("--scheduler", json.loads(where.read_text())["address"])
 
     def _start(self, kind: str, *options: str) -> subprocess.Popen:
@@ -128,7 +124,7 @@ class Cluster(Local):
 def ended(process: subprocess.Popen) -> tuple[int, list[str]]:
     """Exit status and lines of standard error."""
     said = process.communicate(timeout=300)[1]
-    return process.returncode, said.splitlines()
+    return process.returncode, (said or "").splitlines()
 
 
 def wait_until(condition: Callable[[], bool], *running: subprocess.Popen) -> None:

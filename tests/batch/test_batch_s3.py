@@ -49,9 +49,7 @@ def store(request, tmp_path, monkeypatch):
     fs.clear_instance_cache()
 
 
-def test_photos_of_a_store_become_svgs_of_a_store_and_are_skipped_then(
-    store, tmp_path, monkeypatch
-):
+def test_photos_of_a_store_become_svgs_of_it_and_are_skipped_then(store, tmp_path, monkeypatch):
     fs, root = store
     for seed, name in enumerate([*NAMES, ".hidden/x.png"]):
         fs.pipe_file(f"{root}/in/{name}", save_photo(tmp_path / "in" / name, seed).read_bytes())
