@@ -19,23 +19,23 @@ from batches import TINY_COMMAND
 import gauss2svg
 
 _ROOT = os.fspath(Path(gauss2svg.__file__).parents[1])
-# Loaded by every Python that finds it: photos are held, so that there is a middle, and one kills
-# who works on it.
+# Loaded by every Python that finds it: photos are held between their SVG and their mark, and one
+# kills who works on it.
 _HELD = """
 import ctypes, os, sys, time
 from pathlib import Path
 if "gauss2svg.pool" in sys.orig_argv or "spawn_main" in " ".join(sys.orig_argv):
     from gauss2svg.batch import worker
-    vectorize_by, here = worker.vectorize_by, Path(__file__).parent
-    def held(options, image, **given):
-        name = Path(image).stem
-        while name >= (here / "first").read_text():
-            (here / f"{name}-{os.getpid()}").touch()
-            time.sleep(0.01)
-        if name == "crash":
+    write, here = worker.write, Path(__file__).parent
+    def held(root, name, data, **given):
+        photo = name.partition(".")[0]
+        if photo == "crash":
             ctypes.string_at(0)
-        return vectorize_by(options, image, **given)
-    worker.vectorize_by = held
+        write(root, name, data, **given)
+        while photo >= (here / "first").read_text():
+            (here / f"{photo}-{os.getpid()}").touch()
+            time.sleep(0.01)
+    worker.write = held
 """
 
 

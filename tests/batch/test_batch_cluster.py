@@ -68,21 +68,22 @@ def test_interrupted_and_killed_and_run_again_is_run_once(engine, photos, quiet,
     engine.hold("06")
     command = engine.batch(out, photos)
     engine.wait_held("06", command)
-    number = signal.SIGINT if is_local else signal.SIGTERM
+    workers, number = engine.workers(command), signal.SIGINT if is_local else signal.SIGTERM
     os.killpg(command.pid, number)  # as at a terminal, which sends it to all processes
     status, (see, interrupted) = ended(command)
     assert status == 128 + number
+    assert all(map(has_ended, workers)) or not is_local
     assert see.startswith(f"gauss2svg: see {out / TABLE}")
     assert interrupted == "gauss2svg: interrupted; every file is whole or untouched"
     assert 0 < len(errors_in(out)) <= len(outputs(out)) < len(NAMES)
     check_whole(out, quiet)
     engine.hold("10")
     command = engine.batch(out, photos)
-    wait_until(lambda: len(outputs(out)) > 7, command)
+    wait_until(lambda: len(marks(out)) > 7, command)
     workers = engine.workers(command)
     command.kill()
-    assert ended(command)[0] == -signal.SIGKILL
     assert all(map(has_ended, workers)) or not is_local
+    assert ended(command)[0] == -signal.SIGKILL
     check_whole(out, quiet)
     # Not in a cluster, where one that dies may take along the news of the photo before.
     crashing = [save_photo(tmp_path / "crash.png", 0)] * is_local

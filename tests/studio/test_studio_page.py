@@ -253,15 +253,13 @@ def test_every_run_is_a_point_that_brings_its_picture_back(visit, server):
 
 
 def test_no_grave_accessibility_fault_while_the_page_shows_all(visit, photos):
-    page = visit(viewport=SCREEN).open()
-    draft(page)
+    page = after_a_run(visit)
     open_options(page)
-    page.locator("#files").set_input_files(list(photos.values())[:2])
-    for number in (1, 2):
-        await_run(page, number)
+    page.locator("#files").set_input_files(photos[UPRIGHT])
+    await_run(page, 2)
     page.locator("#run").click()
     await_run(page, 3)
-    page.locator("[data-action=compare-1]").click()
+    page.locator("[data-action=compare-2]").click()
     page.get_by_label("Outlines").check()
     page.get_by_label("Error map").check()
     page.evaluate("document.getElementById('photo-error').hidden = false")
