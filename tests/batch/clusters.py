@@ -43,11 +43,11 @@ def started(*command: str, cwd: Path, **options) -> subprocess.Popen:
     """A Python in a session of its own, whose batches are held."""
     path = os.pathsep.join([str(cwd / "held"), _ROOT])
     # A worker that dies is a fault at once: Dask would try its photo on three others.
-    failures = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+    tries = "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES"
     return subprocess.Popen(
         [sys.executable, "-P", "-m", *command],
         cwd=cwd,
-        env={**os.environ, "PYTHONPATH": path, **failures},
+        env={**os.environ, "PYTHONPATH": path, tries: "0"},
         start_new_session=True,
         **options,
     )

@@ -1,4 +1,4 @@
-"""The pool of processes: what ends a job fails that job alone."""
+"""The pool of processes: what ends a job fails that job alone, and no process is left behind."""
 
 import os
 import time
@@ -7,13 +7,14 @@ from copy import copy
 from functools import partial
 
 import pytest
+from psutil import Process
 
 from gauss2svg.pool import Pool, WorkerDiedError, completed
 
 pytestmark = pytest.mark.process
 
 
-def test_each_end_of_a_job_fails_it_alone():
+def test_each_end_of_a_job_fails_it_alone_and_nothing_is_left():
     with Pool(2, memory=400_000_000) as pool:
         failures = {
             pool.submit(os.abort): WorkerDiedError,
@@ -35,6 +36,11 @@ def test_each_end_of_a_job_fails_it_alone():
         for job, kind in failures.items():
             assert isinstance(job.exception(300), kind)
         assert pool.submit(print, "not an answer").result(300) is None
+        left = [pool.submit(time.sleep, 600) for _ in range(3)]
+        while not all(job.running() for job in left[:2]):
+            time.sleep(0.01)
+    assert all(job.cancelled() or isinstance(job.exception(0), CancelledError) for job in left)
+    assert not any("gauss2svg.pool" in child.cmdline() for child in Process().children())
 
 
 def hold(count):

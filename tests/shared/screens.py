@@ -1,7 +1,6 @@
 """What a page looks like: screenshots on a busy machine, and faults of access."""
 
 import io
-import itertools
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -15,7 +14,7 @@ from gauss2svg.raster.chromium import launch_options
 
 _REFUSED = "Unable to capture screenshot"
 _TRIES, _PAUSE_MS = 5, 200
-_GRAVE = ("serious", "critical")
+_GRAVE, SCHEMES = ("serious", "critical"), ("light", "dark")
 OVERFLOW = "() => document.documentElement.scrollWidth - document.documentElement.clientWidth"
 CONTROLS = "input, select, button, textarea, output, [role=slider], .handle, .badge"
 
@@ -88,9 +87,9 @@ def check_access(page: Any, *sizes: dict[str, int]) -> None:
 
     Light and dark take turns from size to size: they differ by colours alone.
     """
-    for size, scheme in zip(sizes, itertools.cycle(("light", "dark")), strict=False):
+    for number, size in enumerate(sizes):
         page.set_viewport_size(size)
         for forced in ("active", "none"):
-            page.emulate_media(color_scheme=scheme, forced_colors=forced)
+            page.emulate_media(color_scheme=SCHEMES[number % 2], forced_colors=forced)
             assert page.evaluate(OVERFLOW) == 0, (page.url, size)
         assert not grave_faults(page), (page.url, size)

@@ -37,13 +37,8 @@ def server():
 
 
 @pytest.fixture(scope="module")
-def small(photo):
-    return photo[::2, ::2]
-
-
-@pytest.fixture(scope="module")
-def png(small) -> bytes:
-    return as_png(small)
+def png(photo) -> bytes:
+    return as_png(photo[::2, ::2])
 
 
 def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path, monkeypatch):
@@ -63,7 +58,8 @@ def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path,
     assert float(direct.headers["X-Gauss2svg-psnr-svg"]) == job["report"]["psnr_svg"]
 
 
-def test_every_file_of_a_job_is_what_it_says(server, png, small, drawn_here):
+def test_every_file_of_a_job_is_what_it_says(server, png, photo, drawn_here):
+    small = photo[::2, ::2]
     job = server.wait(server.submit(png, quality="draft", iterations=20))
     home = f"/api/jobs/{job['id']}"
 
