@@ -14,7 +14,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
-NAMES = ["a.png", "b/a.png", "b/c d.png"]
+NAMES, ONE = ["a.png", "b/a.png", "b/c d.png"], BatchOptions(workers=1)
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +55,7 @@ def test_photos_of_a_store_become_svgs_of_it_and_are_skipped_then(store, tmp_pat
         fs.pipe_file(f"{root}/in/{name}", save_photo(tmp_path / "in" / name, seed).read_bytes())
 
     def run() -> dict:
-        one = BatchOptions(workers=1)
-        found = vectorize_many([f"{root}/in"], f"{root}/out", tiny(), batch=one)
+        found = vectorize_many([f"{root}/in"], f"{root}/out", tiny(), batch=ONE)
         return {one.output: "skipped" if one.skipped else one.error for one in found}
 
     expected = {name.replace(".png", ".svg"): None for name in NAMES}

@@ -20,6 +20,7 @@ from screens import captured
 from skimage import data
 
 from gauss2svg.compare.pages.build import Gallery
+from gauss2svg.measure import perceptual
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, PRESETS
 
 HOSTILE = possible("<img src=x onerror=alert(1)>&\"'.png")
@@ -44,17 +45,13 @@ def with_metadata() -> dict[str, Any]:
     return {"exif": exif, "pnginfo": texts}
 
 
-def _mean_error(one: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    return float(np.abs(one - other).mean())
-
-
 @contextmanager
 def hastily() -> Iterator[None]:
     """Short runs in this process, where FLIP has no process of its own and is a mean error."""
     preset = PRESETS[DEFAULT_PRESET]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("gauss2svg.compare.pages.build.Pool", PoolHere)
-        patch.setattr("gauss2svg.measure.perceptual.flip", _mean_error)
+        patch.setattr(perceptual, "flip", lambda one, other: float(np.abs(one - other).mean()))
         patch.setitem(PRESETS, DEFAULT_PRESET, dataclasses.replace(preset, iterations=40))
         yield
 
