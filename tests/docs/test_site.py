@@ -16,7 +16,7 @@ from screens import OVERFLOW, grave_faults
 
 ROOT = Path(__file__).parents[2]
 BUILT = "GAUSS2SVG_SITE"  # the folder of a site that is built already
-LOOKED_AT = ("index", "guide/python", "reference/options", "development", "search")
+LOOKED_AT = ("index", "guide/studio", "reference/options", "development", "search")
 
 pytestmark = pytest.mark.example
 
