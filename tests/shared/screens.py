@@ -37,13 +37,6 @@ def chromium(**given) -> Iterator[Any]:
         browser.close()
 
 
-@contextmanager
-def opened_page(motion: str, width: int, height: int) -> Iterator[Any]:
-    """A page of Chromium, without the flags by which a renderer starts it."""
-    with chromium(flags=()) as browser:
-        yield browser.new_page(reduced_motion=motion, viewport={"width": width, "height": height})
-
-
 def captured(page, **options) -> bytes:
     """The PNG of a page; retried if Chromium is too busy to take one."""
     for _ in range(_TRIES - 1):
