@@ -51,9 +51,9 @@ def test_our_own_file_has_the_numbers_of_its_report(fitted):
     for key in ("psnr_svg", "ssim_svg", "bias_svg", "largest_error_svg", "svg_bytes", "svgz_bytes"):
         assert report[key] == pytest.approx(result.report[key], abs=1e-6), key
     assert report["flip_svg"] == result.report["flip_svg"] == checked.scores.flip > 0
-    (small,) = report["scores_missing"]
-    assert result.report["scores_missing"] == [small]
-    assert small.startswith("SSIMULACRA2 is not measured: it needs at least")
+    small = "SSIMULACRA2 is not measured: it needs at least 225 px a side"
+    assert report["scores_missing"] == result.report["scores_missing"] == [small]
+    assert report["ssimulacra2_svg"] is None
     np.testing.assert_allclose(checked.raster, result.raster, atol=1e-6)
     tags = report["elements_by_tag"]
     # Shapes that need no gradient are circles too.
@@ -140,13 +140,17 @@ def test_command_writes_what_was_asked_for_and_too_low_a_psnr_is_status_one(
     photo, svg, result = fitted
     heat, preview, report = (tmp_path / name for name in ("h.png", "p.png", "r.json"))
     asked = ["--heatmap", heat, "--preview", preview, "--report", report, "--reference", svg]
+    asked += ["--reference-scale", 2]
     command = ["check", *map(str, [photo, svg, *asked, "--min-psnr"])]
     assert main([*command, str(result.report["psnr_svg"] - 0.01)]) == 0
     out, err = capsys.readouterr()
     assert out == ""
     for word in ("out.svg", "circle", "gzipped", "PSNR", "MS-SSIM", "resvg", "enlarged"):
         assert word in err
-    assert json.loads(report.read_text()) == gauss2svg.check(photo, svg, reference=svg).report
+    assert (
+        json.loads(report.read_text())
+        == gauss2svg.check(photo, svg, reference=svg, reference_scale=2).report
+    )
     with Image.open(preview) as drawn:
         np.testing.assert_array_equal(np.asarray(drawn), np.round(result.raster * 255))
     with Image.open(heat) as drawn:

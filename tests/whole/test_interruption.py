@@ -31,7 +31,7 @@ def command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Image.fromarray(data.coffee()[::8, ::8]).save("photo.png")
     Path("out.svg").write_text("old")
-    words = "photo.png -o out.svg --gaussians 30 --iterations 60 --report report.json --quiet"
+    words = "photo.png -o out.svg --gaussians 30 --iterations 20 --report report.json --quiet"
     return words.split()
 
 
@@ -68,7 +68,7 @@ def report_of_the_file():
 
 
 @each_signal
-@pytest.mark.parametrize("moment", [1, 59, "write", "measure"])
+@pytest.mark.parametrize("moment", [1, 19, "write", "measure"])
 def test_first_signal_ends_the_fit_with_the_best_so_far(number, moment, command, at, capfd):
     before = {one: signal.getsignal(one) for one in STATUS}
     at(number, moment)
@@ -77,7 +77,7 @@ def test_first_signal_ends_the_fit_with_the_best_so_far(number, moment, command,
     said, report = capfd.readouterr().err.splitlines(), report_of_the_file()
     assert "interrupt again to quit at once" in said[0]
     if moment in ("write", "measure"):
-        assert report["iterations"] == 60
+        assert report["iterations"] == 20
     else:
         assert f"after {moment} optimiser steps. The best picture so far is in" in said[-1]
         assert (report["iterations"], report["stop_reason"]) == (moment, "interrupted")
@@ -154,7 +154,7 @@ def handles_signals(process):
 def test_a_process_that_only_a_signal_ends_leaves_whole_files(
     number, is_compiling, command, tmp_path
 ):
-    command[command.index("60")] = "1000000"
+    command[command.index("20")] = "1000000"
     options = ["--outline", "outline.svg", "--save-scene", "scene.npz", "--preview", "preview.png"]
     for name in ("temporary", "kernels"):
         Path(name).mkdir()
