@@ -110,10 +110,10 @@ def twin(image, other):
         score = 1.0
         for scale, weight in enumerate(WEIGHTS, 1):
             a, b = (np.lib.stride_tricks.sliding_window_view(p, (11, 11)) for p in (x, y))
-            mean_a, mean_b = (np.sum(taps * v, axis=(2, 3)) for v in (a, b))
+            mean_a, mean_b = (np.einsum("hwij,ij", v, taps) for v in (a, b))
             off_a, off_b = a - mean_a[:, :, None, None], b - mean_b[:, :, None, None]
-            variances = np.sum(taps * (off_a**2 + off_b**2), axis=(2, 3))
-            covariance = np.sum(taps * off_a * off_b, axis=(2, 3))
+            variances = np.einsum("hwij,ij", off_a**2 + off_b**2, taps)
+            covariance = np.einsum("hwij,ij", off_a * off_b, taps)
             terms = (2 * covariance + 0.0009) / (variances + 0.0009)
             if scale == 5:
                 terms *= (2 * mean_a * mean_b + 0.0001) / (mean_a**2 + mean_b**2 + 0.0001)
