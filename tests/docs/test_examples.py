@@ -44,9 +44,8 @@ def said(capsys) -> list[str]:
     return capsys.readouterr().out.splitlines()
 
 
-def test_a_folder_of_photos_becomes_svgs_and_a_bad_one_costs_itself(
-    tmp_path, capsys, pool_here, hasty
-):
+@pytest.mark.usefixtures("hasty", "pool_here")
+def test_a_folder_of_photos_becomes_svgs_and_a_bad_one_costs_itself(tmp_path, capsys):
     photos = save_photos(tmp_path / "photos", ["a.png", "sub/b.png"])
     (photos / "bad.png").write_bytes(b"no picture")
     folder = importlib.import_module("folder")
@@ -82,9 +81,7 @@ def test_the_service_answers_svgs_and_refusals(small, monkeypatch):
     assert (drawn.status_code, drawn.headers["content-type"]) == (200, "image/svg+xml")
     assert check(small, drawn.content).psnr > 15
     assert [answer.status_code for answer in refused] == [422, 413]
-    assert [" must be " in answer.text and "\n" not in answer.text for answer in refused] == [
-        True
-    ] * 2
+    assert all(" must be " in one.text and "\n" not in one.text for one in refused)
 
 
 def test_a_loss_of_ones_own_ends_in_an_svg_that_steps_make_better(small, tmp_path, capsys):

@@ -60,21 +60,17 @@ def test_links_lead_to_pages_and_anchors_that_exist(pages):
 
 
 @pytest.fixture(scope="module")
-def open_page(site, tabs):
+def open_one(site, tabs):
     with closed_after(partial(Visit, tabs, site)) as visit:  # fails on errors and strange requests
-
-        def opened(name: str, **options):
-            one = visit(**options)
-            one.page.set_default_timeout(30_000)
-            return one.go(f"{name}.html")
-
-        yield opened
+        yield visit
 
 
 @pytest.mark.browser
 @pytest.mark.parametrize("name", LOOKED_AT)
-def test_pages_are_accessible_in_light_and_dark_wide_and_narrow(open_page, name):
-    page = open_page(name, viewport=PHONE, color_scheme="dark")
+def test_pages_are_accessible_in_light_and_dark_wide_and_narrow(open_one, name):
+    one = open_one(viewport=PHONE, color_scheme="dark")
+    one.page.set_default_timeout(30_000)
+    page = one.go(f"{name}.html")
     for scheme, size in (("dark", PHONE), ("light", WIDE)):
         page.set_viewport_size(size)
         page.emulate_media(color_scheme=scheme)

@@ -77,7 +77,6 @@ def screenshots(shown, folder, motion: str, files: dict[str, str], visits: list)
     return taken
 
 
-@pytest.mark.browser
 @pytest.mark.parametrize(
     ("kind", "motion"),
     [("fragments", "reduce"), ("both", "no-preference"), ("outline", "reduce")],
@@ -97,7 +96,6 @@ def test_a_document_shows_the_rounds_up_to_the_one_in_its_address(kind, motion, 
     assert len({first, middle, last}) == 3
 
 
-@pytest.mark.browser
 def test_a_browser_fades_rounds_in_or_shows_the_end_at_once(shown, tmp_path):
     files = {"still.svg": STILL, "moving.svg": WITH_SHEETS["animated"]}
     still, begin, middle, end = screenshots(

@@ -8,13 +8,14 @@ rasterised and measured between reading and writing is the same in all runs, and
 import errno
 import os
 import sys
+from functools import cache, partial
 
 import numpy as np
 import pytest
 from cyclopts import App
 from PIL import Image
 
-from gauss2svg.cli.main import main
+from gauss2svg.cli.main import build_app, main
 from gauss2svg.pipeline.outcome import best_of
 
 pytestmark = pytest.mark.process
@@ -81,14 +82,8 @@ def content(folder):
 def one_search(monkeypatch, unscored, tmp_path):
     """All runs have what the first has parsed, found and drawn; the folder is given back."""
     monkeypatch.chdir(tmp_path)
-    found, parse, parsed = [], App.parse_args, {}
-
-    def parse_once(app, words, **options):
-        if tuple(words) not in parsed:
-            parsed[tuple(words)] = parse(app, words, **options)
-        return parsed[tuple(words)]
-
-    monkeypatch.setattr(App, "parse_args", parse_once)
+    found, parsed = [], cache(partial(App.parse_args, build_app()))
+    monkeypatch.setattr(App, "parse_args", lambda app, words, **options: parsed(tuple(words)))
     monkeypatch.setattr(os, "fsync", lambda _: None)  # slow, and no fault is put there
 
     def once(outcomes, plan):
