@@ -24,6 +24,12 @@ UNTOUCHED = "gauss2svg: interrupted; every file is whole or untouched"
 each_signal = pytest.mark.parametrize("number", STATUS)
 
 
+def in_turn(*moments):
+    """Each moment with one of the signals, whose handler is the same."""
+    pairs = list(zip(itertools.cycle(STATUS), moments, strict=False))
+    return pytest.mark.parametrize(("number", "moment"), pairs)
+
+
 @pytest.fixture
 def command(tmp_path, monkeypatch):
     """A fit in a folder with a photo and an old output."""
@@ -66,8 +72,7 @@ def report_of_the_file():
     return report
 
 
-@each_signal
-@pytest.mark.parametrize("moment", [1, 19, "write", "measure"])
+@in_turn(1, 19, "write", "measure")
 def test_first_signal_ends_the_fit_with_the_best_so_far(number, moment, command, at, capfd):
     before = {one: signal.getsignal(one) for one in STATUS}
     at(number, moment)
@@ -92,8 +97,7 @@ def test_an_interrupted_search_keeps_its_limit_and_makes_no_corrections(goal, co
     assert "--max-bytes" not in goal or report["svg_bytes"] <= 3000
 
 
-@each_signal
-@pytest.mark.parametrize("moment", [4, "write", "measure"])
+@in_turn(4, "write", "measure")
 def test_second_signal_ends_everything_and_leaves_the_old_file(number, moment, command, at, capfd):
     at(number, moment, moment)
     assert main(command) == STATUS[number]
