@@ -84,7 +84,7 @@ def test_a_target_that_is_reached_by_too_large_a_file_is_looked_for_in_smaller_o
         (30_000, {"markup": "editable", "iterations": 40}, 0.98),
         (12_000, {"markup": "minimal", "iterations": 10}, 0.97),
         # A dozen Gaussians fill a small file in large steps.
-        (9_000, {"quality": "high", "iterations": 4}, 0.8),
+        (6_000, {"quality": "high", "iterations": 4}, 0.8),
         pytest.param(
             100_000, {"markup": "editable", "iterations": 40}, 0.98, marks=pytest.mark.sweep
         ),
@@ -141,7 +141,7 @@ def test_no_time_at_all_still_gives_a_file_measured_small(photo):
 
 
 def test_auto_is_the_default_and_repeats_itself_on_any_number_of_threads(photo):
-    given = {"quality": "draft", "iterations": 30}
+    given = {"quality": "draft", "iterations": 12}
     default = vectorize(photo, **given)
     assert vectorize(photo, gaussians="auto", threads=1, **given).svg == default.svg
     assert default.report["stop_reason"] in ("gain", "enough", "cap")
@@ -220,7 +220,7 @@ def test_late_run_says_so():
 
 
 def test_steps_may_be_given_beside_a_limit_of_seconds(photo):
-    assert vectorize(photo, time_limit=5.0, iterations=10).report["iterations"] == 10
+    assert vectorize(photo, time_limit=5.0, gaussians=9, iterations=10).report["iterations"] == 10
 
 
 @pytest.fixture(scope="module")
@@ -231,16 +231,16 @@ def cat() -> np.ndarray:
 @pytest.mark.sweep
 def test_a_target_of_ssimulacra2_is_met_by_the_rasterised_file_and_hardly_passed(cat):
     passed_by = []
-    for score in (10.0, 30.0):
-        result = vectorize(cat, target_ssimulacra2=score, quality="draft", iterations=30)
+    for score in (10.0, 35.0):
+        result = vectorize(cat, target_ssimulacra2=score, quality="draft", iterations=50)
         report = result.report
         assert (report["stop_reason"], report["unreached"]) == ("target_ssimulacra2", [])
         measured = ssimulacra2(rasterize_like(result.svg, cat, "resvg"), cat)
         assert measured == pytest.approx(report["ssimulacra2_svg"], abs=1e-6)
         passed_by.append(measured - score)
     assert min(passed_by) >= -0.3
-    # Over three CPUs one target is passed by 0.7 to 5.4, the three by 1.8 to 3.1 in the mean.
-    assert np.mean(passed_by) < 5
+    # Over three CPUs one target is passed by 0.7 to 5.4.
+    assert np.mean(passed_by) < 6
 
 
 def test_a_target_of_ssimulacra2_is_refused_for_small_photos(cat):
