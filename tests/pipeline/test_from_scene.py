@@ -23,7 +23,7 @@ def frame(name: str, shift: int = 0, size: tuple[int, int] = (64, 48)) -> np.nda
 @pytest.mark.parametrize(
     ("before", "goal"),
     [
-        ({}, {"gaussians": 60}), pytest.param({}, {}, marks=pytest.mark.sweep),
+        ({}, {"gaussians": 30}), pytest.param({}, {}, marks=pytest.mark.sweep),
         pytest.param({"max_bytes": 6000}, {"max_bytes": 8000, "markup": "editable"},
                      marks=pytest.mark.sweep),
     ],
@@ -57,8 +57,8 @@ def test_the_next_frame_is_about_as_close_as_a_new_fit_at_half_the_cost():
 def test_shapes_are_added_or_removed_until_there_are_as_many_as_asked_for(count):
     psnrs = []
     for name in NAMES:
-        given = {"gaussians": count, "iterations": 100}
-        start = vectorize(frame(name), gaussians=60, iterations=100).scene
+        given = {"gaussians": count, "iterations": 60}
+        start = vectorize(frame(name), gaussians=60, iterations=60).scene
         results = [vectorize(frame(name), **given, start=one) for one in (None, start)]
         assert 0.97 * count <= results[1].report["gaussians"] <= count
         psnrs.append([result.report["psnr_svg"] for result in results])

@@ -180,14 +180,14 @@ def test_from_five_kilobytes_the_closer_markup_is_written():
 def test_a_transparent_photo_stays_transparent():
     picture = shapes()
     alpha = (np.abs(picture - 0.9).max(axis=2) > 0.1).astype(np.float32)
-    result = vectorize(np.dstack([picture, alpha]), max_bytes=900, iterations=FEW_STEPS)
+    result = vectorize(np.dstack([picture, alpha]), max_bytes=600, iterations=FEW_STEPS)
     assert result.raster.shape[2] == 4
     assert result.raster[0, 0, 3] < 0.1
     assert result.report["gaussians"] > 0
 
 
 def test_a_picture_one_pixel_high_is_drawn_by_no_more_shapes_than_it_has_pixels():
-    ramp = np.linspace(0.1, 0.9, 2000, dtype=np.float32)
+    ramp = np.linspace(0.1, 0.9, 600, dtype=np.float32)
     for picture in (np.dstack([ramp[None]] * 3), np.dstack([ramp[:, None]] * 3)):
         run = search(picture, 2000, iterations=FEW_STEPS)
         found = run.file()
@@ -196,7 +196,7 @@ def test_a_picture_one_pixel_high_is_drawn_by_no_more_shapes_than_it_has_pixels(
 
 
 def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr(photo):
-    given = {"max_bytes": 800, "iterations": 6}
+    given = {"max_bytes": 400, "iterations": 6}
     found = {t: vectorize(photo[::4, ::4], tune=t, **given) for t in (None, "psnr", "perceptual")}
     assert found[None].svg == found["psnr"].svg != found["perceptual"].svg
     assert [found[t].report["tune"] for t in found] == ["psnr", "psnr", "perceptual"]
