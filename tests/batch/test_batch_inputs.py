@@ -93,7 +93,7 @@ def test_what_cannot_work_is_refused_in_one_line(words, line, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     save_photos(tmp_path / "in", ["a.png", "b/c.png"])
     monkeypatch.setattr(many, "Pool", None)  # before any worker is started
-    monkeypatch.setattr(many, "_CONNECT_S", 0.3)
+    monkeypatch.setattr(many, "_CONNECT_S", 0.05)
     (tmp_path / "empty").mkdir()
     for name in ("in2/a.png", "x.png", "state/gauss2svg-batch/parts/x.png"):
         save_photo(tmp_path / name, 3)

@@ -2,6 +2,8 @@
 
 import json
 import shutil
+from itertools import chain, repeat
+from unittest import mock
 
 import pytest
 from flat import build_gallery
@@ -69,22 +71,12 @@ def test_failed_svg_is_tried_again_and_the_others_are_kept(two, tmp_path, asked,
     assert made == [("variant", "a/gaussians-13"), ("variant", "b/gaussians-13")]
 
 
-def interrupted_at(count):
-    calls = []
-
-    def progress(_):
-        calls.append(0)
-        if len(calls) == count:
-            raise KeyboardInterrupt
-
-    return progress
-
-
 @pytest.mark.parametrize("count", [2, 7])
 def test_interrupted_gallery_shows_what_is_finished_and_continues(count, two, tmp_path, asked):
     out = tmp_path / "out"
+    calls = chain(repeat(None, count - 1), [KeyboardInterrupt], repeat(None))
     with pytest.raises(KeyboardInterrupt):
-        build_gallery(two, out, counts=[5, 7], progress=interrupted_at(count))
+        build_gallery(two, out, counts=[5, 7], progress=mock.Mock(side_effect=calls))
     done = asked.take()
     document = json.loads((out / "gallery.json").read_text())
     assert len(document["rows"]) == sum(kind == "variant" for kind, _ in done)

@@ -19,12 +19,7 @@ from gauss2svg.compare.grid import add_row, rows_in
 from gauss2svg.compare.records import TOOL
 from gauss2svg.compare.run import crops_of
 from gauss2svg.compare.table import below, plots_of
-from gauss2svg.compare.variants import (
-    apply_constants,
-    options_in,
-    parse_axes,
-    settings_of,
-)
+from gauss2svg.compare.variants import apply_constants, options_in, parse_axes, settings_of
 from gauss2svg.errors import InputError
 from gauss2svg.measure import PSNR, SCORES, SSIM
 from gauss2svg.pipeline import limits

@@ -9,7 +9,8 @@ import pytest
 from galleries import BLANK, program, save
 
 from gauss2svg.cli.main import main
-from gauss2svg.compare.run import in_own_process, make_svg, measure_alone
+from gauss2svg.compare.records import record_or_error
+from gauss2svg.compare.run import make_svg, measure_alone
 from gauss2svg.photo.load import load_image
 
 pytestmark = [pytest.mark.process, pytest.mark.posix]  # stand-ins are shell scripts
@@ -40,5 +41,5 @@ def test_a_program_is_measured_or_an_error_of_a_gallery_and_of_a_benchmark(
         ("exec sleep 600", 0.5, "timed out after 0.5 s"),
     ):
         program(tmp_path / "bin" / "primitive", body)
-        found = in_own_process(measure_alone, request | {"peer_timeout": seconds})
+        found = record_or_error(measure_alone, request | {"peer_timeout": seconds})
         assert line in found["error"]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from batches import save_photos
+from batches import save_photo, save_photos
 from galleries import program
 from PIL import Image
 from scenes import random_scene
@@ -28,7 +28,8 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture(autouse=True)
-def _importable(monkeypatch):
+def _importable(monkeypatch, drawn_here):
+    """Modules of examples; files are checked in this process, without scores."""
     monkeypatch.syspath_prepend(EXAMPLES)  # also for processes that are spawned
 
 
@@ -43,6 +44,7 @@ def said(capsys) -> list[str]:
     return capsys.readouterr().out.splitlines()
 
 
+@pytest.mark.usefixtures("hasty", "pool_here")
 def test_a_folder_of_photos_becomes_svgs_and_a_bad_one_costs_itself(tmp_path, capsys):
     photos = save_photos(tmp_path / "photos", ["a.png", "sub/b.png"])
     (photos / "bad.png").write_bytes(b"no picture")
@@ -72,16 +74,14 @@ def test_the_service_answers_svgs_and_refusals(small, monkeypatch):
     service = importlib.import_module("service")
     monkeypatch.setattr(service, "WORKERS", 1)
     monkeypatch.setattr(service, "MOST_BYTES", 9999)
-    photo = Path(small).read_bytes()
+    photo = save_photo(Path(small), 0).read_bytes()  # smaller still
     with testing.TestClient(service.app) as client:
         uploads = [photo, b"no picture", bytes(10_000)]
         drawn, *refused = (client.post("/vectorize", content=data) for data in uploads)
     assert (drawn.status_code, drawn.headers["content-type"]) == (200, "image/svg+xml")
-    assert check(small, drawn.content).psnr > 20
+    assert check(small, drawn.content).psnr > 15
     assert [answer.status_code for answer in refused] == [422, 413]
-    assert [" must be " in answer.text and "\n" not in answer.text for answer in refused] == [
-        True
-    ] * 2
+    assert all(" must be " in one.text and "\n" not in one.text for one in refused)
 
 
 def test_a_loss_of_ones_own_ends_in_an_svg_that_steps_make_better(small, tmp_path, capsys):

@@ -16,7 +16,7 @@ from screens import OVERFLOW, grave_faults
 
 ROOT = Path(__file__).parents[2]
 BUILT = "GAUSS2SVG_SITE"  # the folder of a site that is built already
-LOOKED_AT = ("index", "guide/python", "reference/options", "development", "search")
+LOOKED_AT = ("index", "guide/studio", "reference/options", "development", "search")
 
 pytestmark = pytest.mark.example
 
@@ -60,21 +60,19 @@ def test_links_lead_to_pages_and_anchors_that_exist(pages):
 
 
 @pytest.fixture(scope="module")
-def open_page(site, tabs):
+def open_one(site, tabs):
     with closed_after(partial(Visit, tabs, site)) as visit:  # fails on errors and strange requests
-
-        def opened(name: str, **options):
-            one = visit(**options)
-            one.page.set_default_timeout(30_000)
-            return one.go(f"{name}.html")
-
-        yield opened
+        yield visit
 
 
 @pytest.mark.browser
 @pytest.mark.parametrize("name", LOOKED_AT)
-def test_pages_are_accessible_in_light_and_dark_wide_and_narrow(open_page, name):
-    for scheme, size in (("light", WIDE), ("dark", PHONE)):
-        page = open_page(name, viewport=size, color_scheme=scheme)
+def test_pages_are_accessible_in_light_and_dark_wide_and_narrow(open_one, name):
+    one = open_one(viewport=PHONE, color_scheme="dark")
+    one.page.set_default_timeout(30_000)
+    page = one.go(f"{name}.html")
+    for scheme, size in (("dark", PHONE), ("light", WIDE)):
+        page.set_viewport_size(size)
+        page.emulate_media(color_scheme=scheme)
         assert not grave_faults(page)
         assert page.evaluate(OVERFLOW) == 0

@@ -182,7 +182,7 @@ def inks_seen(raster) -> set:
 
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
 def test_file_and_raster_have_no_other_colour_and_are_close(markup, picture):
-    result = vectorize(picture, gaussians=40, iterations=150, inks=INKS, markup=markup)
+    result = vectorize(picture, gaussians=40, iterations=80, inks=INKS, markup=markup)
     assert inks_seen(rasterize(result.svg, 480, 384)) <= set(INKS.split(","))
     assert metrics.psnr(rasterize(result.svg, 80, 64), picture) > 25
     assert "Gradient" not in result.svg
@@ -206,10 +206,10 @@ def test_number_of_inks_is_chosen_for_the_picture_and_unseen_inks_are_named(pict
 
 def test_bytes_and_psnr_are_held(picture):
     part = picture[:48, :48]
-    small = vectorize(part, max_bytes=900, inks=INKS)
+    small = vectorize(part, max_bytes=900, iterations=60, inks=INKS)
     assert len(small.svg) <= 900
     assert small.scene.inks is not None
-    aimed = vectorize(part, target_psnr=24, inks=INKS)
+    aimed = vectorize(part, target_psnr=24, iterations=60, inks=INKS)
     assert not aimed.report["unreached"]
     assert aimed.report["psnr_svg"] > 23.9
 

@@ -58,7 +58,7 @@ def test_fit_takes_the_time_until_its_deadline_and_no_more(photo, monkeypatch):
         return session.result().iterations
 
     for most in (None, 2000):
-        assert steps(300, most) * 1.5 < steps(900, most)
+        assert steps(150, most) * 1.5 < steps(450, most)
 
 
 def large(count, iterations=60, config=None):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from flat import vectorize
 
-from gauss2svg.measure.metrics import mean_squared_error
+from gauss2svg.measure.metrics import LEAST_SIDE_FOR_SSIM, mean_squared_error
 from gauss2svg.photo.pixels import stacked
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene.scene import PARAMETERS
@@ -68,6 +68,7 @@ def test_every_picture_is_written_and_not_worse_than_its_mean_colour_or_an_empty
     result = vectorize(levels.astype(np.uint8) if name in ALPHAS else picture, **OPTIONS[how])
     scene, report = result.scene, result.report
     json.dumps(report, allow_nan=False)
+    assert (report["ssim_svg"] is None) == (min(picture.shape[:2]) < LEAST_SIDE_FOR_SSIM)
     assert (scene.width, scene.height) == picture.shape[1::-1]
     assert all(np.isfinite(getattr(scene, parameter.name)).all() for parameter in PARAMETERS)
     assert scene.transparent == (name in ALPHAS) == ("<rect" not in result.svg)

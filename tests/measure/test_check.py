@@ -51,9 +51,8 @@ def test_our_own_file_has_the_numbers_of_its_report(fitted):
     for key in ("psnr_svg", "ssim_svg", "bias_svg", "largest_error_svg", "svg_bytes", "svgz_bytes"):
         assert report[key] == pytest.approx(result.report[key], abs=1e-6), key
     assert report["flip_svg"] == result.report["flip_svg"] == checked.scores.flip > 0
-    (small,) = report["scores_missing"]
-    assert result.report["scores_missing"] == [small]
-    assert small.startswith("SSIMULACRA2 is not measured: it needs at least")
+    small = "SSIMULACRA2 is not measured: it needs at least 225 px a side"
+    assert report["scores_missing"] == result.report["scores_missing"] == [small]
     np.testing.assert_allclose(checked.raster, result.raster, atol=1e-6)
     tags = report["elements_by_tag"]
     # Shapes that need no gradient are circles too.
@@ -73,25 +72,28 @@ def test_the_way_that_it_comes_does_not_matter(pack, fitted, drawn_here):
     assert gauss2svg.check(photo, pack(svg.read_bytes())).report == expected
 
 
-@pytest.mark.parametrize("renderer", ["resvg", "cairo", "chromium", "librsvg"], indirect=True)
+HEADS = [
+    f'<svg {XMLNS} viewBox="0 0 8 8">',
+    f'<svg {XMLNS} width="8" height="8">',
+    f'<svg {XMLNS} width="100%" viewBox="0,0,8,8" preserveAspectRatio="xMinYMin">',
+    f"<svg data-x='a > b' {XMLNS}\n  height='40' viewBox='0 0 8 8'>",
+    f'<svg {XMLNS} viewBox="0 0 1e30 1e30"><g transform="scale(1.25e29)">',
+    f"<?xml version='1.0' encoding='latin-1'?><!-- <svg viewBox='0 0 1 1'> é --><!DOCTYPE svg "
+    f'PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/svg>11.dtd"><svg {XMLNS} '
+    'viewBox="0 0 8 8">',
+]  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    "head",
-    [
-        f'<svg {XMLNS} viewBox="0 0 8 8">',
-        f'<svg {XMLNS} width="8" height="8">',
-        f'<svg {XMLNS} width="100%" viewBox="0,0,8,8" preserveAspectRatio="xMinYMin">',
-        f"<svg data-x='a > b' {XMLNS}\n  height='40' viewBox='0 0 8 8'>",
-        f'<svg {XMLNS} viewBox="0 0 1e30 1e30"><g transform="scale(1.25e29)">',
-        f"<?xml version='1.0' encoding='latin-1'?><!-- <svg viewBox='0 0 1 1'> é --><!DOCTYPE svg "
-        f'PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/svg>11.dtd"><svg {XMLNS} '
-        'viewBox="0 0 8 8">',
-    ],
+    ("renderer", "head"),
+    [(name, head) for name in ("resvg", "cairo", "librsvg") for head in HEADS]
+    + [("chromium", HEADS[2]), ("chromium", HEADS[4])], indirect=["renderer"],
 )  # fmt: skip
 def test_any_root_is_stretched_to_the_photo(head, renderer, halves, drawn_here):
     encoding = "latin-1" if "latin-1" in head else "utf-8"
-    svg = f"{head}{HALVES}{'</g>' * head.count('<g ')}</svg>"
-    checked = gauss2svg.check(halves, svg.encode(encoding), renderer=renderer)
-    np.testing.assert_array_equal(checked.raster, halves)
+    svg, photo = f"{head}{HALVES}{'</g>' * head.count('<g ')}</svg>", halves[:12]
+    checked = gauss2svg.check(photo, svg.encode(encoding), renderer=renderer)
+    np.testing.assert_array_equal(checked.raster, photo)
     assert checked.report["psnr_svg"] is None
     assert checked.psnr == np.inf
 
@@ -136,13 +138,14 @@ def test_command_writes_what_was_asked_for_and_too_low_a_psnr_is_status_one(
     photo, svg, result = fitted
     heat, preview, report = (tmp_path / name for name in ("h.png", "p.png", "r.json"))
     asked = ["--heatmap", heat, "--preview", preview, "--report", report, "--reference", svg]
-    command = ["check", *map(str, [photo, svg, *asked, "--min-psnr"])]
+    command = ["check", *map(str, [photo, svg, *asked, "--reference-scale", 2, "--min-psnr"])]
     assert main([*command, str(result.report["psnr_svg"] - 0.01)]) == 0
     out, err = capsys.readouterr()
     assert out == ""
     for word in ("out.svg", "circle", "gzipped", "PSNR", "MS-SSIM", "resvg", "enlarged"):
         assert word in err
-    assert json.loads(report.read_text()) == gauss2svg.check(photo, svg, reference=svg).report
+    checked = gauss2svg.check(photo, svg, reference=svg, reference_scale=2)
+    assert json.loads(report.read_text()) == checked.report
     with Image.open(preview) as drawn:
         np.testing.assert_array_equal(np.asarray(drawn), np.round(result.raster * 255))
     with Image.open(heat) as drawn:

@@ -53,10 +53,8 @@ def work_clock(monkeypatch):
 @pytest.mark.sweep
 @pytest.mark.parametrize("kind", ["photo", "drawing"])
 def test_more_seconds_are_never_worse(kind, photo, work_clock):
-    picture = photo if kind == "photo" else smile(96)
-    found = [
-        vectorize(picture, time_limit=limit, tune="psnr").report for limit in (0.15, 0.3, 0.6, 1.2)
-    ]
+    picture = photo[::2, ::2] if kind == "photo" else smile(96)
+    found = [vectorize(picture, time_limit=limit, tune="psnr").report for limit in (0.15, 0.3, 0.6)]
     psnr = [min(report["psnr_svg"], DECIDED_BY_8_BITS) for report in found]
     assert all(b > a - 0.1 for a, b in pairwise(psnr))
     assert psnr[-1] >= min(psnr[0] + 1, DECIDED_BY_8_BITS)
@@ -73,8 +71,8 @@ def test_seconds_beyond_what_pays_are_not_taken(work_clock):
 
 @pytest.mark.sweep
 def test_a_preset_beside_a_limit_of_seconds_is_a_cap(photo, work_clock):
-    alone = vectorize(photo, time_limit=1.0).report
-    capped = vectorize(photo, time_limit=1.0, quality="draft").report
+    alone = vectorize(photo, time_limit=0.5).report
+    capped = vectorize(photo, time_limit=0.5, quality="draft").report
     draft = vectorize(photo, quality="draft").report
     assert capped["gaussians"] <= PRESETS["draft"].cap < alone["gaussians"]
     assert capped["psnr_svg"] == pytest.approx(draft["psnr_svg"], abs=0.3)
@@ -95,7 +93,8 @@ def test_the_bytes_of_a_shape_are_known_under_masks_by_gradients_and_between(mar
 
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
 def test_a_limit_of_gzipped_bytes_is_on_what_travels(photo, markup):
-    given = {"max_bytes": 1_500, "iterations": 15, "markup": markup}
+    given = {"max_bytes": 1_500, "iterations": 8, "markup": markup}
+    photo = photo[::2, ::2]
     result = vectorize(photo, count_gzipped=True, **given)
     assert 0.9 * 1_500 <= len(gzip.compress(result.svg.encode(), 9)) <= 1_500 < len(result.svg)
     assert result.report["psnr_svg"] > vectorize(photo, **given).report["psnr_svg"] + 1

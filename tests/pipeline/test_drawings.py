@@ -35,13 +35,13 @@ def covering(picture, **options):
 @pytest.mark.sweep
 def test_the_files_of_drawings_are_closer_and_crisper_when_they_are_enlarged(monkeypatch):
     """Drawings are closer and have fewer mixed colours when enlarged than as photos are fitted."""
-    large = badge(64)
+    large = badge(48)
     truths = [large, large[::-1], np.rot90(large)]
     colors = np.unique(large.reshape(-1, 3), axis=0)
 
     def scores(truth):
         """PSNR of the enlarged file, and the share of its pixels that have none of the colours."""
-        raster = rasterize(vectorize(shrunk(truth, 64, 64)).svg, 256, 256)
+        raster = rasterize(vectorize(shrunk(truth, 48, 48)).svg, 192, 192)
         distance = np.abs(raster[:, :, None] - colors).max(axis=3).min(axis=2)
         return psnr(raster, truth), (distance > 0.1).mean()
 
@@ -203,32 +203,31 @@ def test_an_enlarged_picture_is_what_the_formula_says_and_averages_to_the_pictur
 
 @pytest.mark.sweep
 def test_the_file_of_a_drawing_is_closer_when_it_is_enlarged(monkeypatch):
-    """Than the best file that is fitted at the drawing's own size alone, in the mean of six.
+    """Than the best file that is fitted at the drawing's own size alone.
 
-    A picture gained 0 to 3.5 dB, and the mean 1.25, 1.55 and 1.95 dB with kernels for nehalem, for
-    haswell and for AVX-512.
+    In fits of a few steps differences show at that size, which would decide; here none counts.
     """
-    truths = [sign(side) for side in (44, 48, 52)]
-    truths += [np.dstack([one, one.min(axis=2) < 0.9]).astype(np.float32) for one in truths]
+    monkeypatch.setattr(small_file, "SEEN_UP_TO", 0.0)
+    truths = [sign(46), sign(48)[::-1], sign(50)[:, ::-1]]
+    truths[2] = np.dstack([truths[2], truths[2].min(axis=2) < 0.9]).astype(np.float32)
 
-    def mean_score():
-        scores = []
+    def scores():
         for truth in truths:
-            file = search(pixels_of(truth), 4000).file()
-            assert file.size <= 4000
-            scores.append(psnr(rasterize(file.svg, *truth.shape[:2]), over(truth)))
-        return np.mean(scores)
+            file = search(pixels_of(truth), 3000, iterations=80).file()
+            yield psnr(rasterize(file.svg, *truth.shape[:2]), over(truth))
 
-    enlarged = mean_score()
+    enlarged = list(scores())
     monkeypatch.setattr(by_bytes, "ENLARGED_FROM", np.inf)
-    assert enlarged > mean_score() + 0.6
+    gains = np.subtract(enlarged, list(scores()))
+    assert gains.min() > 0.5  # 1.9 to 4.6 dB for pictures like these
+    assert gains.mean() > 1.5
 
 
 def test_shapes_that_help_no_longer_are_not_added(monkeypatch):
     monkeypatch.setattr(small_file, "LEAST_GAIN", 99.0)
-    outcome = search(pixels_of(sign(64)), 90_000, iterations=4).run()
+    outcome = search(pixels_of(sign(44)), 20_000, iterations=2).run()
     assert outcome.fitted.stop_reason == "gain"
-    assert outcome.measured.svg_bytes < 45_000
+    assert outcome.measured.svg_bytes < 10_000
 
 
 def test_a_search_that_is_stopped_early_has_a_file_with_shapes():
@@ -245,10 +244,10 @@ def test_a_search_that_is_stopped_early_has_a_file_with_shapes():
 @pytest.mark.parametrize(
     ("picture", "limit", "sizes"),
     [
-        (lambda: pixels_of(sign(64)), 2500, {64, 256}),
-        (lambda: pixels_of(sign(80)), 2500, {80, 160}),
-        (lambda: pixels_of(sign(130)), 2500, {130}),
-        (lambda: pixels_of(sign(64)), 1900, {64}),
+        (lambda: pixels_of(sign(48)), 2500, {48, 192}),
+        (lambda: pixels_of(sign(60)), 2500, {60, 120}),
+        (lambda: pixels_of(sign(90)), 2500, {90}),
+        (lambda: pixels_of(sign(48)), 1900, {48}),
         (lambda: sign(16), 2500, {64}),
         (lambda: shrunk((data.astronaut() / 255).astype(np.float32), 64, 64), 2500, {64}),
     ],
@@ -263,8 +262,8 @@ def test_drawings_are_fitted_enlarged_and_other_pictures_at_their_size(
         fitted.add(pixels.shape[1])
         return session(pixels, config, **named)
 
-    monkeypatch.setattr(drawings, "ENLARGED_TWICE_FROM", 70)
-    monkeypatch.setattr(drawings, "LARGEST_ENLARGED", 120)
+    monkeypatch.setattr(drawings, "ENLARGED_TWICE_FROM", 50)
+    monkeypatch.setattr(drawings, "LARGEST_ENLARGED", 80)
     monkeypatch.setattr(by_bytes, "FitSession", spied)
     search(picture(), limit, iterations=2).file()
     assert fitted == sizes
@@ -280,11 +279,11 @@ def test_of_two_files_the_closer_one_is_better_enlarged_where_the_own_size_shows
 
 
 def test_the_file_of_an_enlarged_drawing_is_measured_at_its_size_and_kept_if_it_is_the_closer():
-    picture = pixels_of(sign(64))
+    picture = pixels_of(sign(48))
     outcome = search(picture, 3000, iterations=8).run()
     assert outcome.enlarged is not None
     assert outcome.subject.working.shape == outcome.measured.raster.shape == picture.shape
-    shown = psnr(rasterize(outcome.svg, 64, 64), picture)
+    shown = psnr(rasterize(outcome.svg, 48, 48), picture)
     assert outcome.subject.psnr(outcome.measured.raster) == pytest.approx(shown, abs=0.01)
     assert shown < SEEN_UP_TO
     blank = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"/>'

@@ -31,9 +31,9 @@ from gauss2svg.svg.minimal import minimal_rounded
 from gauss2svg.without_scipy import smoothed
 
 # Far enough apart that what a fit gains or loses by chance is less than what the bytes bring.
-LADDER = (150, 300, 600, 1200, 2600)
+LADDER = (150, 400, 1000, 2600)
 STEPS = 50
-FEW_STEPS = 25  # for what says nothing of how close a fit comes
+FEW_STEPS = 15  # for what says nothing of how close a fit comes
 
 
 def hills(width=72, height=48):
@@ -85,8 +85,8 @@ def test_more_bytes_are_never_worse(picture):
 @pytest.mark.sweep
 def test_more_bytes_are_never_worse_across_markups(photo):
     found = [
-        vectorize(photo[:48, 48:96], max_bytes=limit, tune="psnr", iterations=20).report
-        for limit in (3_000, MINIMAL_FROM, BY_BYTES_UP_TO, BY_BYTES_UP_TO + 1)
+        vectorize(photo[::4, ::4], max_bytes=limit, tune="psnr", iterations=12).report
+        for limit in (EDITABLE_FROM - 1, EDITABLE_FROM, MINIMAL_FROM, 14_000)
     ]
     assert all(b["psnr_svg"] > a["psnr_svg"] - 0.1 for a, b in pairwise(found))
 
@@ -134,7 +134,7 @@ def test_a_file_has_gaussians_wherever_one_fits():
     flat = search(picture, 1000).flat.size
     assert flat < 100
     assert not len(matched(picture, flat)[1].scene)
-    for limit in (flat + 45, flat + 70, flat + 140):
+    for limit in (flat + 45, flat + 140):
         assert len(matched(picture, limit)[1].scene) >= 1
 
 
@@ -167,7 +167,7 @@ def test_max_bytes_under_20_kb_writes_minimal_markup_with_a_title_and_a_full_rep
 @pytest.mark.sweep
 def test_from_five_kilobytes_the_closer_markup_is_written():
     auto, *others = (
-        vectorize(shapes(), max_bytes=9000, iterations=15, markup=markup)
+        vectorize(shapes(32, 32), max_bytes=6000, iterations=4, markup=markup)
         for markup in ("auto", "minimal", "editable")
     )
     best = max(others, key=lambda result: result.report["psnr_svg"])
@@ -180,14 +180,14 @@ def test_from_five_kilobytes_the_closer_markup_is_written():
 def test_a_transparent_photo_stays_transparent():
     picture = shapes()
     alpha = (np.abs(picture - 0.9).max(axis=2) > 0.1).astype(np.float32)
-    result = vectorize(np.dstack([picture, alpha]), max_bytes=900, iterations=FEW_STEPS)
+    result = vectorize(np.dstack([picture, alpha]), max_bytes=600, iterations=FEW_STEPS)
     assert result.raster.shape[2] == 4
     assert result.raster[0, 0, 3] < 0.1
     assert result.report["gaussians"] > 0
 
 
 def test_a_picture_one_pixel_high_is_drawn_by_no_more_shapes_than_it_has_pixels():
-    ramp = np.linspace(0.1, 0.9, 5000, dtype=np.float32)
+    ramp = np.linspace(0.1, 0.9, 600, dtype=np.float32)
     for picture in (np.dstack([ramp[None]] * 3), np.dstack([ramp[:, None]] * 3)):
         run = search(picture, 2000, iterations=FEW_STEPS)
         found = run.file()
@@ -196,8 +196,8 @@ def test_a_picture_one_pixel_high_is_drawn_by_no_more_shapes_than_it_has_pixels(
 
 
 def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr(photo):
-    given = {"max_bytes": 800, "iterations": 6}
-    found = {t: vectorize(photo[:64, :64], tune=t, **given) for t in (None, "psnr", "perceptual")}
+    given = {"max_bytes": 400, "iterations": 6}
+    found = {t: vectorize(photo[::4, ::4], tune=t, **given) for t in (None, "psnr", "perceptual")}
     assert found[None].svg == found["psnr"].svg != found["perceptual"].svg
     assert [found[t].report["tune"] for t in found] == ["psnr", "psnr", "perceptual"]
 

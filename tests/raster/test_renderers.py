@@ -62,7 +62,7 @@ def refusing(svg: str) -> set[str]:
 def test_every_renderer_draws_the_model_at_its_decibels(renderer):
     scene = snapped(random_scene(60, 240, 160, 2, (2.0, 40.0), (1.0, 4.0)), GRADIENT)
     svg = write_svg(scene, SvgFormat(stops=12, precision=0.01))
-    for scale in (1, 2):
+    for scale in (1,) if renderer in BROWSERS else (1, 2):
         drawn = rasterize(svg, scale * 240, scale * 160, renderer)
         assert drawn.shape == (scale * 160, scale * 240, 3)
         assert drawn.dtype == np.float32
@@ -160,8 +160,8 @@ def test_chromium_draws_for_many_threads_and_beside_a_running_loop(browser):
     async def inside() -> np.ndarray:
         return rasterize(GREEN, 30, 20, "chromium")
 
-    with ThreadPoolExecutor(3) as threads:
-        sizes = [(10 + n, 20 - n) for n in range(4)]
+    with ThreadPoolExecutor(2) as threads:
+        sizes = [(10, 20), (11, 19)]
         drawn = threads.map(lambda size: rasterize(GREEN, *size, "chromium"), sizes)
         assert [d.shape[1::-1] for d in drawn] == sizes
     assert (asyncio.run(inside()) == [0, 1, 0]).all()

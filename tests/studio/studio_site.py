@@ -20,21 +20,6 @@ PLAIN, UPRIGHT = "cat.png", "cup.png"
 _ENDED = re.compile(r"/(events|chart|frame\?n=\d+): net::ERR_ABORTED$")
 
 
-def write_photos(folder: Path) -> dict[str, Path]:
-    """Small photos by their names, one of them upright, one transparent and badly named."""
-    cat, cup = (Image.fromarray(one) for one in (data.chelsea(), data.coffee()))
-    alpha = np.broadcast_to(np.linspace(0, 400, 80).clip(0, 255).astype(np.uint8), (60, 80))
-    small = np.asarray(cup.resize((80, 60)))
-    made = {
-        PLAIN: cat.resize((96, 64)),
-        UPRIGHT: cup.rotate(90, expand=True).resize((64, 96)),
-        HOSTILE: Image.fromarray(np.dstack([small, alpha])),
-    }
-    for name, picture in made.items():
-        picture.save(folder / name, "PNG")
-    return {name: folder / name for name in made}
-
-
 class StudioVisit(Visit):
     """A browser tab on the studio."""
 
@@ -68,8 +53,19 @@ class StudioVisit(Visit):
 
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory) -> dict[str, Path]:
-    """Photos that the server offers as samples."""
-    return write_photos(tmp_path_factory.mktemp("photos"))
+    """Small photos by their names, one of them upright, one transparent and badly named."""
+    folder = tmp_path_factory.mktemp("photos")
+    cat, cup = (Image.fromarray(one) for one in (data.chelsea(), data.coffee()))
+    alpha = np.broadcast_to(np.linspace(0, 400, 80).clip(0, 255).astype(np.uint8), (60, 80))
+    small = np.asarray(cup.resize((80, 60)))
+    made = {
+        PLAIN: cat.resize((96, 64)),
+        UPRIGHT: cup.rotate(90, expand=True).resize((64, 96)),
+        HOSTILE: Image.fromarray(np.dstack([small, alpha])),
+    }
+    for name, picture in made.items():
+        picture.save(folder / name, "PNG")
+    return {name: folder / name for name in made}
 
 
 @pytest.fixture(scope="module")
@@ -87,8 +83,9 @@ def visit(tabs: Any, server: Server):
 
 
 def draft(page: Any) -> None:
-    """Aim at the quickest run."""
+    """Aim at the quickest run, by an option that may be folded away."""
     page.locator("#preset").select_option("draft")
+    page.locator("#option-iterations").evaluate("(control) => { control.value = 20; }")
 
 
 def aim(page: Any, kind: str, value: float) -> None:

@@ -8,16 +8,17 @@ import json
 import os
 import shlex
 import signal
-import time
 import zipfile
 
 import numpy as np
 import pytest
+from batches import PoolHere
 from fastapi import FastAPI
+from flat import vectorize
 from PIL import Image
 from studio_server import answer_of, running, with_client
 
-from gauss2svg import check, vectorize
+from gauss2svg import check
 from gauss2svg.cli.main import main
 from gauss2svg.files import as_png
 from gauss2svg.scene import Scene
@@ -25,7 +26,8 @@ from gauss2svg.studio import jobs
 from gauss2svg.studio.service import create_app
 
 pytestmark = pytest.mark.process
-LONG = {"quality": "max", "iterations": 100_000, "gaussians": 3000}
+SHORT = '{"gaussians": 9, "iterations": 9}'
+LONG = {"iterations": 10**8, "gaussians": 50}
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +38,7 @@ def server():
 
 @pytest.fixture(scope="module")
 def png(photo) -> bytes:
-    return as_png(photo)
+    return as_png(photo[::2, ::2])
 
 
 def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path, monkeypatch):
@@ -56,7 +58,8 @@ def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path,
     assert float(direct.headers["X-Gauss2svg-psnr-svg"]) == job["report"]["psnr_svg"]
 
 
-def test_every_file_of_a_job_is_what_it_says(server, png, photo):
+def test_every_file_of_a_job_is_what_it_says(server, png, photo, drawn_here):
+    small = photo[::2, ::2]
     job = server.wait(server.submit(png, quality="draft", iterations=20))
     home = f"/api/jobs/{job['id']}"
 
@@ -67,13 +70,13 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo):
     svg = whole.text
     assert whole.headers["content-security-policy"].endswith("sandbox")
     other = server.get(f"{home}/picture.svg?markup=minimal").decode()
-    assert abs(check(photo, other).psnr - check(photo, svg).psnr) < 0.5
+    assert abs(check(small, other).psnr - check(small, svg).psnr) < 0.5
     packed = server.client.get(f"{home}/picture.svg?gzip=1&download=1")
     assert packed.headers["content-disposition"] == "attachment; filename*=UTF-8''p.svgz"
     assert gzip.decompress(packed.content).decode() == svg
     assert pixels("picture.png?width=300").shape[:2] == (300, 300)
     assert server.client.get(f"{home}/picture.png?width=100000").status_code == 422
-    assert np.array_equal(pixels("photo.png"), np.round(photo * 255))
+    assert np.array_equal(pixels("photo.png"), np.round(small * 255))
     kind, _, encoded = server.get(f"{home}/data-uri.txt").partition(b",")
     assert (kind, base64.b64decode(encoded).decode()) == (b"data:image/svg+xml;base64", svg)
     assert len(Scene.load(io.BytesIO(server.get(f"{home}/scene.npz")))) > 0
@@ -87,7 +90,9 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo):
 
 
 def test_a_fit_is_stopped_with_a_result_and_one_that_nobody_wants_frees_its_place(server, png):
+    (folder,) = server.scratch.glob("gauss2svg-studio-*")
     for way in ("stop", "delete", "reader"):
+        before = set(folder.iterdir())
         job = server.submit(png, **LONG)
         server.fitting(job)
         address = f"/api/jobs/{job['id']}"
@@ -95,7 +100,12 @@ def test_a_fit_is_stopped_with_a_result_and_one_that_nobody_wants_frees_its_plac
             server.client.post(f"{address}/stop")
             assert server.wait(job)["report"]["stop_reason"] == "interrupted"
         elif way == "delete":
-            server.client.delete(address)
+            waiting = server.submit(png, **LONG)
+            assert server.state(waiting)["state"] == "queued"
+            server.client.post(f"/api/jobs/{waiting['id']}/stop")
+            assert server.state(waiting)["state"] == "canceled"
+            for one in (waiting, job):
+                server.client.delete(f"/api/jobs/{one['id']}")
             assert server.client.get(address).status_code == 404
         else:
             stays, leaves = (server.client.stream("GET", f"{address}/events") for _ in range(2))
@@ -109,43 +119,36 @@ def test_a_fit_is_stopped_with_a_result_and_one_that_nobody_wants_frees_its_plac
             assert server.wait(job)["state"] == "canceled"
         # One fit runs at a time: the next would wait for minutes.
         assert server.wait(server.submit(png, quality="draft", iterations=10))["state"] == "done"
+        # What is deleted leaves no file.
+        assert len(set(folder.iterdir()) - before) == (1 if way == "delete" else 2)
 
 
-def test_jobs_run_one_after_the_other_and_leave_no_file_when_they_are_forgotten(server, png):
-    (folder,) = server.scratch.glob("gauss2svg-studio-*")
-    before = set(folder.iterdir())
-    made = [server.submit(png, **LONG) for _ in range(3)]
-    server.fitting(made[0])
-    server.client.post(f"/api/jobs/{made[1]['id']}/stop")
-    assert [server.state(job)["state"] for job in made] == ["running", "canceled", "queued"]
-    for job in made:
-        server.client.delete(f"/api/jobs/{job['id']}")
-    for _ in range(1200):  # while a worker ends
-        if set(folder.iterdir()) <= before:
-            return
-        time.sleep(0.05)
-    raise AssertionError(set(folder.iterdir()) - before)
-
-
-@pytest.mark.parametrize("bound", ["MOST_KEPT", "MOST_BYTES"])
-def test_the_oldest_finished_jobs_are_forgotten(bound, png, monkeypatch):
+def test_the_oldest_finished_jobs_are_forgotten(png, monkeypatch):
+    monkeypatch.setattr(jobs, "Pool", PoolHere)
     monkeypatch.setattr(jobs, "MOST_WAITING", 2)  # those that are finished do not wait
     studio = create_app()
     queue = studio.app.state.jobs
 
     async def story(client):
-        made = []
-        for _ in range(6):
-            data, files = {"options": '{"gaussians": 9}'}, {"photo": ("p.png", png)}
-            answer = (await client.post("/api/jobs", data=data, files=files)).json()
-            made.append(queue.by_id[answer["id"]])
-            await jobs.wait_until(made[-1].call.done)
-            if len(made) == 1:
-                size = sum(path.stat().st_size for path in made[0].folder.iterdir())
-                monkeypatch.setattr(jobs, bound, {"MOST_KEPT": 3, "MOST_BYTES": 2.5 * size}[bound])
-        return [job.folder.exists() for job in made], [job.id in queue.by_id for job in made]
+        async def submit(times):
+            for _ in range(times):
+                data, files = {"options": SHORT}, {"photo": ("p.png", png)}
+                answer = (await client.post("/api/jobs", data=data, files=files)).json()
+                made.append(queue.by_id[answer["id"]])
+            kept = [job.id in queue.by_id for job in made]
+            assert [job.folder.exists() for job in made] == kept
+            return kept
 
-    assert asyncio.run(with_client(studio, story)) == ([False] * 3 + [True] * 3,) * 2
+        made = []
+        with monkeypatch.context() as patch:
+            patch.setattr(jobs, "MOST_KEPT", 3)
+            assert await submit(5) == [False] * 2 + [True] * 3
+        assert await submit(1) == [False] * 2 + [True] * 4
+        size = sum(path.stat().st_size for path in made[-1].folder.iterdir())
+        monkeypatch.setattr(jobs, "MOST_BYTES", 2.5 * size)
+        assert await submit(1) == [False] * 4 + [True] * 3
+
+    asyncio.run(with_client(studio, story))
     assert not list(queue.folder.iterdir())
 
 
@@ -163,13 +166,14 @@ def test_a_killed_worker_or_a_broken_photo_costs_its_own_fit_and_says_so(server,
     assert server.wait(other)["state"] == "done"
 
 
-def test_it_is_mounted_in_another_application(png):
+def test_it_is_mounted_in_another_application(png, monkeypatch):
+    monkeypatch.setattr(jobs, "Pool", PoolHere)
     application = FastAPI()
     application.mount("/studio", create_app())
     assert answer_of(application, "GET", "/studio/static/studio.css").status_code == 200
-    given = {"data": {"options": '{"gaussians": 9}'}, "files": {"photo": ("p.png", png)}}
+    given = {"data": {"options": SHORT}, "files": {"photo": ("p.png", png)}}
     svg = answer_of(application, "POST", "/studio/api/vectorize", **given).text
-    assert svg.strip() == vectorize(io.BytesIO(png), gaussians=9).svg.strip()
+    assert svg.strip() == vectorize(io.BytesIO(png), **json.loads(SHORT)).svg.strip()
 
 
 @pytest.mark.posix
@@ -186,11 +190,3 @@ def test_a_signal_ends_it_cleanly_with_nothing_left(png, number):
         assert server.process.stderr.read() == ""
         assert not list(server.scratch.iterdir())
         assert not any(worker.is_running() for worker in workers)
-
-
-def test_workers_outlive_a_killed_server_by_no_moment(png):
-    with running("--jobs", "1") as server:
-        server.fitting(server.submit(png, **LONG))
-        (worker,) = server.workers()
-        server.process.kill()
-        worker.wait(60)

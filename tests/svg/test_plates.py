@@ -126,9 +126,9 @@ def test_strokes_of_pens_are_those_of_the_page_alone(size):
     assert 0 <= y.min() < y.max() <= width * 70 / 90 + 0.005
     # On the page nothing has gone, and nothing has come.
     before = outline_svg(scene, stroke_width=0.3)
-    ink, inside = (rasterize(one, 900, 700)[:, :, 0] for one in (before, svg))
+    ink, inside = (rasterize(one, 450, 350)[:, :, 0] for one in (before, svg))
     assert before.count("<ellipse") > svg.count("<ellipse") > 5
-    assert (np.abs(ink - inside)[2:-2, 2:-2] > 0.6).mean() < 0.002
+    assert (np.abs(ink - inside)[2:-2, 2:-2] > 0.6).mean() < 0.0005
 
 
 def test_each_pen_is_a_layer_with_its_strokes_in_any_order_of_the_shapes():

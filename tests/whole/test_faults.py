@@ -8,12 +8,14 @@ rasterised and measured between reading and writing is the same in all runs, and
 import errno
 import os
 import sys
+from functools import cache, partial
 
 import numpy as np
 import pytest
+from cyclopts import App
 from PIL import Image
 
-from gauss2svg.cli.main import main
+from gauss2svg.cli.main import build_app, main
 from gauss2svg.pipeline.outcome import best_of
 
 pytestmark = pytest.mark.process
@@ -37,14 +39,14 @@ class Faults:
     def run(self, folder, command, at=None, fault=None):
         """The status of a command in a folder, and how many calls it came to."""
         self.folder, self.calls, self.at, self.fault = str(folder), [], at, fault
-        words = [str(folder / word) if "." in word else word for word in command.split()]
-        status, self.folder = main(words), None
+        os.chdir(folder)
+        status, self.folder = main(command.split()), None
         return status, len(self.calls)
 
     def _hear(self, call, arguments):
         if self.folder is None or call not in CALLS or isinstance(arguments[0], int):
             return
-        if os.fsdecode(arguments[0]).startswith(self.folder):
+        if os.path.abspath(os.fsdecode(arguments[0])).startswith(self.folder):
             self.calls.append(call)
             if len(self.calls) - 1 == self.at:
                 raise self.fault
@@ -77,9 +79,12 @@ def content(folder):
 
 
 @pytest.fixture
-def one_search(monkeypatch, unscored):
-    """All runs have what the first has found and drawn."""
-    found = []
+def one_search(monkeypatch, unscored, tmp_path):
+    """All runs have what the first has parsed, found and drawn; the folder is given back."""
+    monkeypatch.chdir(tmp_path)
+    found, parsed = [], cache(partial(App.parse_args, build_app()))
+    monkeypatch.setattr(App, "parse_args", lambda app, words, **options: parsed(tuple(words)))
+    monkeypatch.setattr(os, "fsync", lambda _: None)  # slow, and no fault is put there
 
     def once(outcomes, plan):
         found.append(found[0] if found else best_of(outcomes, plan))
