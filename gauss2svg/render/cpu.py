@@ -136,6 +136,12 @@ def _weights_of_tile(x0, y0, h, w, weight, out):
             out[y, x] = weight[y0 + y, x0 + x] if y < h and x < w else 0.0
 
 
+# A share of the tiles consists of about this number of runs of consecutive tiles. With fewer runs,
+# the work would be divided less evenly. With more runs, cores would often write to the same lines
+# of the cache, because neighbouring tiles share these lines (docs/decisions/kernels.md).
+_RUNS = 4
+
+
 @kernel
 def walk_tiles(
     mode, share, shares, shape, opacity_color, background, image, weight,
@@ -159,7 +165,11 @@ def walk_tiles(
     """
     height, width = out.shape[1:]
     tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
-    for tile in range(share, start.size - 1, shares):
+    tiles = start.size - 1
+    run = max(1, tiles // (shares * _RUNS))
+    for tile in range(tiles):
+        if tile // run % shares != share:
+            continue
         x0 = (tile % tile_columns) * TILE_WIDTH
         y0 = (tile // tile_columns) * TILE_HEIGHT
         h = min(TILE_HEIGHT, height - y0)
