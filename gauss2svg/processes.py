@@ -24,9 +24,9 @@ from typing import NamedTuple
 # own. On other systems, start_new_session=True has this effect. A Ctrl-C does not reach a child in
 # another group, so `end_tree` has to end it.
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
-# Parameters of glibc's mallopt with our values. An array above the first number of bytes gets memory
-# of its own, which is given back when the array is freed. Of the memory of other freed arrays, up
-# to the second number of bytes is kept for later arrays.
+# Parameters of glibc's mallopt with our values. An array larger than the first number of bytes gets
+# memory of its own, which is given back when the array is freed. Of the memory of other freed
+# arrays, up to the second number of bytes is kept for later arrays.
 _MALLOC = {-3: 32 << 20, -1: 64 << 20}
 MEMORY_SHARE = 0.8  # share of the free memory that this program may take by default
 _CHECK_S = 0.2  # seconds between two checks whether the parent is alive

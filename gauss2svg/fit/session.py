@@ -230,16 +230,19 @@ class FitSession:
             self.population.soften()
             self._refine(iterations, RESUME_AT, [], gently=True)
 
-    def refine(self, scene: Scene, count: int, iterations: int, keeps: bool) -> None:
-        """Begin with the shapes of an alpha-composited scene, and let `resize` refine them.
+    def begin_with(self, scene: Scene) -> None:
+        """Begin with the shapes of an alpha-composited scene. Call `refine` afterwards."""
+        with self._timed():
+            self.population.begin_with(scene)
+
+    def refine(self, count: int, iterations: int, keeps: bool) -> None:
+        """Let `resize` refine the shapes with which the fit has begun.
 
         `resize` changes their number to `count` and takes `iterations` steps. If this gains less
         than LEAST_REFINED dB, it is undone, unless there were more than `count` shapes before or
         `keeps` is False.
         """
         population = self.population
-        with self._timed():
-            population.begin_with(scene)
         before, psnr = population.backup(), population.psnr()
         self.resize(count, iterations)
         if keeps and len(before[0]) <= count and population.psnr() - psnr < LEAST_REFINED:

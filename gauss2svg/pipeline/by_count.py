@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,7 @@ class ByCount:
         adapts = plan.goal.count_adapts
         self._policy = self._limits if adapts else DensificationPolicy(plan.fit_config)
         self._phase = "fit"
+        self._first = list[Export]()  # the file of Subject.start if it is within all limits
 
     def run(self) -> Outcome:
         """Fit and write a scene, and correct its number of Gaussians as long as this helps.
@@ -65,10 +67,11 @@ class ByCount:
             if (wanted := limits.corrected(count, exports)) == count:
                 break
             session.resize(wanted, self._steps(CORRECTION_SHARE))
-        best = limits.best(exports)
+        best = limits.best([*self._first, *exports])
         limit = plan.goal.byte_limit
         if limit is not None and best.size > limit:
-            best = self._exporter.pruned(best, limit)
+            within = [export for export in (*self._first, *exports) if export.size <= limit]
+            best = max([self._exporter.pruned(best, limit), *within], key=attrgetter("score"))
         run.notify("measure")
         renderer, raster = plan.options.run.renderer, self._exporter.raster(best.svg)
         measured = round_trip(best.svg, best.scene, subject.photo, renderer, plan.covering, raster)
@@ -125,10 +128,14 @@ class ByCount:
         if plan.goal.count_adapts:
             count, limits.stop_reason = min(len(start), limits.expected), "start"
         doublings = abs(math.log2(max(count, 1) / len(start)))
+        session.begin_with(start)
+        if (limit := plan.goal.byte_limit) is not None:
+            first = self._exporter.export(session.scene())
+            if first.size <= limit and len(session.state) <= count:
+                self._first = [first]
         # The bytes of shapes that are not yet quantised would mislead the search for the count.
-        limit = plan.goal.byte_limit
-        keeps = limit is None or self._exporter.export(start).size <= limit
-        session.refine(start, count, self._steps(min(max(doublings, CORRECTION_SHARE), 1.0)), keeps)
+        keeps = limit is None or bool(self._first)
+        session.refine(count, self._steps(min(max(doublings, CORRECTION_SHARE), 1.0)), keeps)
 
     def _steps(self, share: float) -> int:
         return max(LEAST_STEPS, round(share * (self._plan.fit_config.iterations or 0)))

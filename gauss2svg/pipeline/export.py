@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
@@ -29,11 +30,11 @@ class Export:
     """A quantised scene on the canvas of the file, and the SVG that shows it.
 
     size   number of bytes of the file, or of the gzipped file if the limit counts those
-    score  value by which a search compares exports, NaN for a pruned file. If the plan has an aim,
-           it is the value of the aim's score for the rasterised SVG. Without an aim, it is a PSNR
-           in dB, usually that of the fitted scene against the working image. But if the plan is
-           covering, it is the PSNR of the rasterised SVG against the photo, because the shapes of
-           the file then have other falloffs than those of the fit
+    score  value by which a search compares exports. If the plan has an aim, it is the value of the
+           aim's score for the rasterised SVG. Without an aim, it is a PSNR in dB, usually that of
+           the fitted scene against the working image. But if the plan is covering, it is the PSNR
+           of the rasterised SVG against the photo, because the shapes of the file then have other
+           falloffs than those of the fit
     """
 
     scene: Scene
@@ -124,20 +125,21 @@ class Exporter:
 
     def export(self, scene: Scene) -> Export:
         """Write a scene that is on the working canvas, and return the file with its score."""
-        plan, subject = self._plan, self._subject
-        written, document = plan.format_at(self._highest_psnr), subject.document
+        written, document = self._plan.format_at(self._highest_psnr), self._subject.document
         # The fit has already given all shapes but the plain ellipses a colour of a palette. A shape
         # that was a plain ellipse at that time may be soft now, and its colour may not be in the
         # palette. So the scene is quantised once more.
         exact = in_file_order(self.quantized(scene, None), written, document)
         svg = ordered_svg(exact, written, document)
+        return Export(exact, svg, written, self._size(svg), self._score(scene, svg))
+
+    def _score(self, scene: Scene, svg: str) -> float:
+        plan, subject = self._plan, self._subject
         if plan.aim is not None:
-            score = plan.aim.score(self.raster(svg), subject.photo)
-        elif plan.covering:
-            score = subject.psnr(self.raster(svg))
-        else:
-            score = model_psnr(scene, subject.working, subject.weight(subject.working))
-        return Export(exact, svg, written, self._size(svg), score)
+            return plan.aim.score(self.raster(svg), subject.photo)
+        if plan.covering:
+            return subject.psnr(self.raster(svg))
+        return model_psnr(scene, subject.working, subject.weight(subject.working))
 
     def pruned(self, export: Export, limit: int) -> Export:
         """Remove the least useful Gaussians of an export until its file has at most `limit` bytes.
@@ -162,4 +164,4 @@ class Exporter:
                 more = count, part.size
             else:
                 fewer, best = (count, part.size), part
-        return best
+        return dataclasses.replace(best, score=self._score(best.scene, best.svg))
