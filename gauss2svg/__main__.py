@@ -3,16 +3,16 @@
 import os
 
 from gauss2svg.cli.terminal import exit_before_fits
-from gauss2svg.processes import importing
 
 
 def run() -> None:
     """Run the command line as a program."""
     exit_before_fits()
-    # NumPy's matrices are small here. With several threads, OpenBLAS would only wait on more cores.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with importing():
-        from gauss2svg.cli.main import run as run_command
+    # OpenBLAS starts its threads when NumPy is imported. Our matrices have at most some hundred
+    # rows, for which more threads only take CPU time.
+    if "OMP_NUM_THREADS" not in os.environ:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from gauss2svg.cli.main import run as run_command
 
     run_command()
 

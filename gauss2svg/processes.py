@@ -7,7 +7,6 @@ container, and by limits that are set for the process.
 
 from __future__ import annotations
 
-import gc
 import os
 import re
 import shlex
@@ -15,8 +14,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,9 +23,10 @@ from typing import NamedTuple
 # own. On other systems, start_new_session=True has this effect. A Ctrl-C does not reach a child in
 # another group, so `end_tree` has to end it.
 NEW_GROUP = 0x200 if sys.platform == "win32" else 0
-# Parameters of glibc's mallopt with our values. An array larger than the first number of bytes gets
-# memory of its own, which is given back when the array is freed. Of the memory of other freed
-# arrays, up to the second number of bytes is kept for later arrays.
+# Parameters of glibc's mallopt with our values: M_MMAP_THRESHOLD and M_TRIM_THRESHOLD. An array
+# larger than the first number of bytes gets memory of its own, which is given back when the array
+# is freed. All other arrays lie in a heap. Of the free memory at the end of the heap, up to the
+# second number of bytes is kept for later arrays. Each thread may have a heap of its own.
 _MALLOC = {-3: 32 << 20, -1: 64 << 20}
 MEMORY_SHARE = 0.8  # share of the free memory that this program may take by default
 _CHECK_S = 0.2  # seconds between two checks whether the parent is alive
@@ -43,30 +43,18 @@ def nothing() -> None:
 pending: Callable[[], None] = nothing
 
 
-@contextmanager
-def importing() -> Iterator[None]:
-    """Import modules in the block without looking for garbage, and never look for it in them.
-
-    The modules of a run have some hundred thousand objects, none of which is garbage.
-    """
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()
-        gc.enable()
-
-
 def keep_freed_memory() -> None:
-    """Keep the memory of arrays that are freed for the next arrays, as far as _MALLOC allows.
+    """Keep the memory of freed arrays for the next arrays, as far as _MALLOC allows.
 
-    Otherwise each step of a fit would give it back, and the system would clear it for the next step
-    (docs/decisions/memory.md). Only glibc can be told so.
+    Otherwise each step of a fit would give memory back, and the system would clear it for the next
+    step (docs/decisions/memory.md). The function changes the whole process, so only the program
+    calls it, for itself and for its processes, and the library does not. It does nothing with other
+    C libraries than glibc.
     """
     if sys.platform == "linux":
         import ctypes
 
-        with suppress(AttributeError):  # other C libraries have no mallopt
+        with suppress(AttributeError):  # raised if the C library has no mallopt
             for parameter, value in _MALLOC.items():
                 ctypes.CDLL(None).mallopt(parameter, value)
 

@@ -57,8 +57,8 @@ def build_app(everything: bool = False, short: bool = False) -> App:
         version_flags=["--version"],
         help_flags=[_HELP_ALL] if everything else ["--help", "-h"],
         help=HELP,
-        # The short help needs no Markdown, whose parser would take a seventh of the time. In the
-        # other helps, Markdown joins the lines of a paragraph.
+        # The short help needs no Markdown, whose parser would take a seventh of the time. In longer
+        # help texts, Markdown joins the lines of a paragraph.
         help_format="plaintext" if short else "markdown",
         version_format="plaintext",
         usage="Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all options)",

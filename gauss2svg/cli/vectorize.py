@@ -263,9 +263,8 @@ def _exclusions(output: str, options: Options, extras: Files) -> Iterator[tuple[
 def _result(
     photo: str, output: str, options: Options, extras: Files, interruption: Interruption
 ) -> "Result":
-    with processes.importing():
-        from gauss2svg.pipeline.run import watched
-        from gauss2svg.pipeline.vectorize import vectorize_by
+    from gauss2svg.pipeline.run import watched
+    from gauss2svg.pipeline.vectorize import vectorize_by
 
     source = files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo
     if output == STANDARD_STREAM:

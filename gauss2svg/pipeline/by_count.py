@@ -45,7 +45,8 @@ class ByCount:
         adapts = plan.goal.count_adapts
         self._policy = self._limits if adapts else DensificationPolicy(plan.fit_config)
         self._phase = "fit"
-        self._first = list[Export]()  # the file of Subject.start if it is within all limits
+        # The file of Subject.start, if there is a limit of bytes and the file is within all limits.
+        self._first = list[Export]()
 
     def run(self) -> Outcome:
         """Fit and write a scene, and correct its number of Gaussians as long as this helps.
@@ -76,6 +77,8 @@ class ByCount:
         renderer, raster = plan.options.run.renderer, self._exporter.raster(best.svg)
         measured = round_trip(best.svg, best.scene, subject.photo, renderer, plan.covering, raster)
         reason = self._ended(session) or self._policy.stop_reason
+        if best in self._first:
+            reason = "start"
         fitted = session.result().after(additive, reason)
         return Outcome(
             plan, subject, best.scene, best.svg, best.format, fitted, measured, len(exports) - 1,
@@ -131,7 +134,7 @@ class ByCount:
         session.begin_with(start)
         if (limit := plan.goal.byte_limit) is not None:
             first = self._exporter.export(session.scene())
-            if first.size <= limit and len(session.state) <= count:
+            if first.size <= limit and len(session.state) == count:
                 self._first = [first]
         # The bytes of shapes that are not yet quantised would mislead the search for the count.
         keeps = limit is None or bool(self._first)

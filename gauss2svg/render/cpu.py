@@ -136,19 +136,13 @@ def _weights_of_tile(x0, y0, h, w, weight, out):
             out[y, x] = weight[y0 + y, x0 + x] if y < h and x < w else 0.0
 
 
-# A share of the tiles consists of about this number of runs of consecutive tiles. With fewer runs,
-# the work would be divided less evenly. With more runs, cores would often write to the same lines
-# of the cache, because neighbouring tiles share these lines (docs/decisions/kernels.md).
-_RUNS = 4
-
-
 @kernel
 def walk_tiles(
-    mode, share, shares, shape, opacity_color, background, image, weight,
+    mode, first_tile, end_tile, shape, opacity_color, background, image, weight,
     gaussian, rows, start, order, alpha, transmittance, steep, logs, color, gradient, behind,
     remaining, inside, columns, pair_out, out, loss,
 ):  # fmt: skip
-    """Do the work of a mode for one share of the tiles.
+    """Do the work of a mode for the tiles from first_tile on and before end_tile.
 
     The results are written to pair_out, out and loss.
 
@@ -165,11 +159,7 @@ def walk_tiles(
     """
     height, width = out.shape[1:]
     tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
-    tiles = start.size - 1
-    run = max(1, tiles // (shares * _RUNS))
-    for tile in range(tiles):
-        if tile // run % shares != share:
-            continue
+    for tile in range(first_tile, end_tile):
         x0 = (tile % tile_columns) * TILE_WIDTH
         y0 = (tile // tile_columns) * TILE_HEIGHT
         h = min(TILE_HEIGHT, height - y0)
@@ -398,8 +388,12 @@ def _visit(
     background = splats.background.astype(image.dtype)
 
     def walk_share(share: int, shares: int) -> None:
+        # A share is consecutive tiles, because neighbouring tiles write to the same lines of the
+        # cache. Two cores that did so would wait for each other (docs/decisions/kernels.md).
+        bounds = np.arange(share, share + 2) * pairs.work[-1] / shares
+        first, end = np.searchsorted(pairs.work, bounds).tolist()
         walk_tiles(
-            mode, share, shares, splats.shape, splats.opacity_color, background, image, weight,
+            mode, first, end, splats.shape, splats.opacity_color, background, image, weight,
             pairs.gaussian, pairs.rows, pairs.start, pairs.order,
             *tile_buffers(pairs.most_rows, image.dtype, splats.additive), pair_out, out, loss,
         )  # fmt: skip

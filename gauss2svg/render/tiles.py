@@ -103,6 +103,8 @@ class Pairs(NamedTuple):
     start      (tiles + 1,) int64: the pairs of tile t are order[start[t]:start[t + 1]]
     order      (p,) int32: indices of pairs, tile by tile. Within a tile they are listed from front
                to back: the topmost Gaussian is first
+    work       (tiles + 1,) int64: work[t] is the work on the tiles before t, in pair rows. A tile
+               counts as TILE_HEIGHT more rows than it has, for the pixels of the image
     most_rows  largest number of pair rows in a tile
     """
 
@@ -111,6 +113,7 @@ class Pairs(NamedTuple):
     rows: NDArray[np.int32]
     start: NDArray[np.int64]
     order: NDArray[np.int32]
+    work: NDArray[np.int64]
     most_rows: int
 
 
@@ -161,7 +164,9 @@ def find_pairs(
         columns, bits, column, strip, strip_rows, offset, gaussian, tile, rows, start, tile_rows,
         order,
     )  # fmt: skip
-    return Pairs(offset, gaussian, rows, start, order, int(tile_rows.max(initial=0)))
+    work = np.zeros(tiles + 1, np.int64)
+    np.cumsum(tile_rows + TILE_HEIGHT, out=work[1:])
+    return Pairs(offset, gaussian, rows, start, order, work, int(tile_rows.max(initial=0)))
 
 
 @kernel
