@@ -75,7 +75,7 @@ class Local:
         wait_until(lambda: len(list(held())) >= len(commands), *commands)
 
     def batch(self, out: Path, *photos: Path, local: bool = False) -> subprocess.Popen:
-        """The command, under way; local: by processes of its own also beside a cluster."""
+        """The command, under way. If `local`, it has processes of its own in any case."""
         words = ["batch", *map(str, photos), "-o", str(out), *TINY_COMMAND]
         words += Local.options if local else self.options
         return started("gauss2svg", *words, cwd=self.folder, stderr=subprocess.PIPE, text=True)

@@ -84,7 +84,7 @@ def test_interrupted_and_killed_and_run_again_is_run_once(engine, photos, quiet,
     assert all(map(has_ended, workers)) or not is_local
     assert ended(command)[0] == -signal.SIGKILL
     check_whole(out, quiet)
-    # Not in a cluster, where one that dies may take along the news of the photo before.
+    # Not in a cluster: a worker that dies there may not have told yet that a photo is done.
     crashing = [save_photo(tmp_path / "crash.png", 0)] * is_local
     engine.hold("10")
     command = engine.batch(out, photos, *crashing)

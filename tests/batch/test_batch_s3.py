@@ -64,7 +64,7 @@ def test_photos_of_a_store_become_svgs_of_it_and_are_skipped_then(store, tmp_pat
         wanted = vectorize_by(tiny(), tmp_path / "in" / name).svg.encode()
         assert fs.cat_file(f"{root}/out/{svg}") == wanted
     assert fs.exists(f"{root}/out/{TABLE}")
-    monkeypatch.setattr("gauss2svg.batch.many.Pool", PoolHere)  # one process has shown it
+    monkeypatch.setattr("gauss2svg.batch.many.Pool", PoolHere)  # the first run had a process
     for name in ("a.png", "new.png"):
         fs.pipe_file(f"{root}/in/{name}", save_photo(tmp_path / "x.png", 9).read_bytes())
     assert run() == dict.fromkeys(expected, "skipped") | dict.fromkeys(("a.svg", "new.svg"))

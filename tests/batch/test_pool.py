@@ -7,6 +7,7 @@ from copy import copy
 from functools import partial
 
 import pytest
+from conftest import has_ended
 from psutil import Process
 
 from gauss2svg.pool import Pool, WorkerDiedError, completed
@@ -15,6 +16,7 @@ pytestmark = pytest.mark.process
 
 
 def test_each_end_of_a_job_fails_it_alone_and_nothing_is_left():
+    before = {child.pid for child in Process().children()}
     with Pool(2, memory=400_000_000) as pool:
         failures = {
             pool.submit(os.abort): WorkerDiedError,
@@ -39,8 +41,10 @@ def test_each_end_of_a_job_fails_it_alone_and_nothing_is_left():
         left = [pool.submit(time.sleep, 600) for _ in range(3)]
         while not all(job.running() for job in left[:2]):
             time.sleep(0.01)
+        processes = {child.pid for child in Process().children()} - before
     assert all(job.cancelled() or isinstance(job.exception(0), CancelledError) for job in left)
-    assert not any("gauss2svg.pool" in child.cmdline() for child in Process().children())
+    assert len(processes) == 2
+    assert all(map(has_ended, processes))
 
 
 def hold(count):

@@ -205,7 +205,8 @@ def test_an_enlarged_picture_is_what_the_formula_says_and_averages_to_the_pictur
 def test_the_file_of_a_drawing_is_closer_when_it_is_enlarged(monkeypatch):
     """Than the best file that is fitted at the drawing's own size alone.
 
-    In fits of a few steps differences show at that size, which would decide; here none counts.
+    After so few steps, people would see the errors at that size, and these would decide. So here
+    no error counts as one that people see.
     """
     monkeypatch.setattr(small_file, "SEEN_UP_TO", 0.0)
     truths = [sign(46), sign(48)[::-1], sign(50)[:, ::-1]]

@@ -110,6 +110,17 @@ def test_removal_cost_is_what_removal_costs_and_mass_is_its_curvature_in_the_col
         assert found[k, 1] == pytest.approx(mass, rel=off, abs=0.1 * OFF[scene.blend][dtype])
 
 
+@pytest.mark.parametrize("shares", [1, 3, 16])
+@pytest.mark.parametrize("size", [(5, 4), (130, 70)])
+def test_shares_of_tiles_are_all_the_tiles_and_change_no_bit(shares, size, monkeypatch):
+    scene, target = random_scene(60, *size, 2), np.zeros((3, *size[::-1]), np.float32)
+    expected = squared_error(splats_of(scene), target)
+    in_turn = lambda work, _: [work(share, shares) for share in range(shares)]  # noqa: E731
+    monkeypatch.setattr("gauss2svg.render.cpu.in_shares", in_turn)
+    for one, other in zip(squared_error(splats_of(scene), target), expected, strict=True):
+        assert np.array_equal(one, other)
+
+
 def test_python_threads_may_render_at_once():
     scenes = [random_scene(200, 90, 70, seed) for seed in range(4)]
     expected = [render(scene) for scene in scenes]

@@ -58,8 +58,10 @@ class Server:
         return self.client.get(f"/api/jobs/{job['id']}").json()
 
     def wait(self, job: dict) -> dict:
-        """The state of a job once it is over."""
+        """The state of a job once it is over, which it is in ten minutes on any machine."""
+        end = time.monotonic() + 600
         while (found := self.state(job))["state"] in ("queued", "running"):
+            assert time.monotonic() < end, found
             time.sleep(0.01)
         return found
 

@@ -135,7 +135,7 @@ def test_every_renderer_draws_glass_as_glass_and_the_file_transparent_where_the_
     np.testing.assert_allclose(drawn[5, 5], [0, 0x88 / 255, 1, 1], atol=0.006)
     np.testing.assert_allclose(drawn[20, 10], [1, 0x88 / 255, 0, 0.5], atol=0.006)
     assert drawn[5, 30, 3] == 0
-    if renderer not in BROWSERS:  # whose white pages other tests have
+    if renderer not in BROWSERS:  # test_renderers draws their white pages
         np.testing.assert_allclose(over(drawn), rasterize(GLASS, 40, 30, renderer), atol=0.006)
     drawn = rasterize_rgba(result.svg, 64, 64, renderer)
     white, black, alpha = psnrs(drawn, cut_out)
