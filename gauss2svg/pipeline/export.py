@@ -31,10 +31,10 @@ class Export:
 
     size   number of bytes of the file, or of the gzipped file if the limit counts those
     score  value by which a search compares exports. If the plan has an aim, it is the value of the
-           aim's score for the rasterised SVG. Without an aim, it is a PSNR in dB, usually that of
-           `scene` against the working image. But if the plan is covering, it is the PSNR
-           of the rasterised SVG against the photo, because the shapes of the file then have other
-           falloffs than those of the fit
+           aim's score for the rasterised SVG. Without an aim, it is usually the PSNR in dB of the
+           fitted scene against the working image, or that of `scene` if the run has a start. But
+           if the plan is covering, it is the PSNR of the rasterised SVG against the photo, because
+           the shapes of the file then have other falloffs than those of the fit
     """
 
     scene: Scene
@@ -131,7 +131,9 @@ class Exporter:
         # palette. So the scene is quantised once more.
         exact = in_file_order(self.quantized(scene, None), written, document)
         svg = ordered_svg(exact, written, document)
-        return Export(exact, svg, written, self._size(svg), self._score(exact, svg))
+        # Shapes of a start may not be quantised yet, so their file may be worse than they are.
+        scored = scene if self._subject.start is None else exact
+        return Export(exact, svg, written, self._size(svg), self._score(scored, svg))
 
     def _score(self, scene: Scene, svg: str) -> float:
         plan, subject = self._plan, self._subject
