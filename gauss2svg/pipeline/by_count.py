@@ -68,17 +68,16 @@ class ByCount:
             if (wanted := limits.corrected(count, exports)) == count:
                 break
             session.resize(wanted, self._steps(CORRECTION_SHARE))
-        best = limits.best([*self._first, *exports])
-        limit = plan.goal.byte_limit
+        candidates, limit = [*self._first, *exports], plan.goal.byte_limit
+        best = limits.best(candidates)
         if limit is not None and best.size > limit:
-            within = [export for export in (*self._first, *exports) if export.size <= limit]
+            within = [export for export in candidates if export.size <= limit]
             best = max([self._exporter.pruned(best, limit), *within], key=attrgetter("score"))
         run.notify("measure")
         renderer, raster = plan.options.run.renderer, self._exporter.raster(best.svg)
         measured = round_trip(best.svg, best.scene, subject.photo, renderer, plan.covering, raster)
-        reason = self._ended(session) or self._policy.stop_reason
-        if best in self._first:
-            reason = "start"
+        kept = "start" if best in self._first else self._policy.stop_reason
+        reason = self._ended(session) or kept
         fitted = session.result().after(additive, reason)
         return Outcome(
             plan, subject, best.scene, best.svg, best.format, fitted, measured, len(exports) - 1,
