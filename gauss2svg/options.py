@@ -29,11 +29,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
-
-from annotated_types import Interval
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from gauss2svg.errors import InputError, plain_scalar, quoted, refusal
+
+
+class Interval(NamedTuple):
+    """Range of an option's values: values are at least `ge` or above `gt`, and at most `le`."""
+
+    ge: float | None = None
+    gt: float | None = None
+    le: float | None = None
+
 
 Renderer = Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"]
 Seed = Annotated[int, Interval(ge=0, le=2**63 - 1)]
@@ -167,8 +174,8 @@ def field_of(name: str, hint: Any, default: Any = None) -> Field:
     kind = kinds[0] if kinds else None
     limits: Any = next((item for item in metadata if isinstance(item, Interval)), Interval())
     supported = [item for item in metadata if isinstance(item, (Interval, str)) or callable(item)]
-    if supported != metadata or limits.lt is not None:
-        raise TypeError(f"{name} must have a range of ge, gt and le, a text or a function")
+    if supported != metadata:
+        raise TypeError(f"{name} must have an Interval, a text or a function")
     most = _MAX_INT if kind is int else math.inf
     return Field(
         name=name,

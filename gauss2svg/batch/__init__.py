@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
 
-from annotated_types import Interval
-
-from gauss2svg.options import OptionGroup, file_name
+from gauss2svg.options import Interval, OptionGroup, file_name
 
 # Largest value of --workers. A larger one is probably a mistake, because few machines have as many
 # cores.

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from annotated_types import Interval
 from cyclopts import Parameter
 
 from gauss2svg import files
@@ -14,7 +13,7 @@ from gauss2svg.cli.terminal import say
 from gauss2svg.errors import brief, refusal
 from gauss2svg.files import STANDARD_STREAM, expanded
 from gauss2svg.measure import CheckOptions
-from gauss2svg.options import OptionGroup
+from gauss2svg.options import Interval, OptionGroup
 
 _Name = Annotated[str, Parameter(allow_leading_hyphen=True)]
 

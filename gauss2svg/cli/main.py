@@ -25,8 +25,8 @@ from gauss2svg.cli.terminal import (
     status_of,
 )
 from gauss2svg.cli.vectorize import HELP, vectorize_command
-from gauss2svg.errors import Gauss2SvgError, InputError
-from gauss2svg.options import Renderer, field_of
+from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.options import Renderer
 from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.version import __version__
 
@@ -40,16 +40,17 @@ _PACKAGES = (
     "ssimulacra2", "flip-evaluator",
 )  # fmt: skip
 _HELP_ALL = "--help-all"
-# For these command lines the parser is built with only the options of the short help, which takes
-# less time.
-_SHORT_LINES = ([], ["--help"], ["-h"], ["--version"])
+# If a command line has no other options than these, the parser is built with only the options of
+# the short help, which takes less time.
+_SHORT = {"--help", "-h", "--version", "--output", "-o"}
+_SHORT |= {f"--{name.replace('_', '-')}" for name, group in OPTIONS.items() if group == "goal"}
 
 
 def build_app(everything: bool = False, short: bool = False) -> App:
     """Return the parser of the command line.
 
     everything  True if the help lists all options, and not only those used most
-    short       True if the parser has to print only the short help or the version
+    short       True if the command line has no other options than the short help
     """
     app = App(
         name="gauss2svg",
@@ -105,7 +106,8 @@ def main(arguments: list[str] | None = None) -> int:
     logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        app = build_app(everything=_HELP_ALL in words, short=list(words) in _SHORT_LINES)
+        short = all(word.partition("=")[0] in _SHORT for word in words if word[:1] == "-")
+        app = build_app(everything=_HELP_ALL in words, short=short)
         with handling():
             status = app(words or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:
@@ -199,15 +201,6 @@ def _error_line(error: CycloptsError) -> str:
         name = error.keyword or error.argument.name
         name = name.lstrip("-").upper() if error.argument.field_info.is_positional else name
         return f"{name} must be given{' with a value' * bool(error.keyword)}; got none. {advice}"
-    if isinstance(error, cyclopts.ValidationError) and error.argument is not None:
-        # If some package has imported pydantic, the value was checked by pydantic, which words its
-        # error in its own way. So `parsed` checks the value again, and the message of its error is
-        # returned.
-        name, annotation = error.argument.name.lstrip("-"), error.argument.field_info.annotation
-        try:
-            field_of(name.replace("-", "_"), annotation).parsed(error.argument.tokens[0].value)
-        except InputError as refused:
-            return str(refused)
     if isinstance(error, cyclopts.CoercionError) and error.token and error.argument:
         choices = error.argument.get_choices(force=True) or ()
         kinds = {int: "a whole number", float: "a number"}

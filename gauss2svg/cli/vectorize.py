@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from annotated_types import Interval
 from cyclopts import Group, Parameter
 
 from gauss2svg import files, processes
@@ -22,7 +21,7 @@ from gauss2svg.cli.terminal import (
 )
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, expanded
-from gauss2svg.options import OptionGroup
+from gauss2svg.options import Interval, OptionGroup
 from gauss2svg.photo import FORMATS
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 from gauss2svg.scene import ADD

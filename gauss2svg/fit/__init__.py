@@ -11,12 +11,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from annotated_types import Interval
-
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.fit import schedule
 from gauss2svg.fit.schedule import refinement_reduction, totals
-from gauss2svg.options import Field, OptionGroup, Seed
+from gauss2svg.options import Field, Interval, OptionGroup, Seed
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import Inks, check_inks
 

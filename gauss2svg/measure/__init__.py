@@ -13,10 +13,8 @@ from importlib.util import find_spec
 from pkgutil import resolve_name
 from typing import Annotated, Any
 
-from annotated_types import Interval
-
 from gauss2svg.errors import InputError
-from gauss2svg.options import OptionGroup, Renderer, byte_size
+from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 
 SPACE = "\N{NARROW NO-BREAK SPACE}"

@@ -10,12 +10,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_type_hints
 
-from annotated_types import Interval
-
 from gauss2svg.errors import InputError, instance, quoted, refusal
 from gauss2svg.fit import MOST_GAUSSIANS, DensifyOptions, FitOptions, FitProgress
 from gauss2svg.measure import TARGETS, Score, color_name
-from gauss2svg.options import OptionGroup, Renderer, byte_size, fields_of
+from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, fields_of
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.scene import OVER
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount

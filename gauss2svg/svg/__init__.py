@@ -14,10 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_args
 
-from annotated_types import Interval
-
 from gauss2svg.errors import InputError, quoted, refusal
-from gauss2svg.options import OptionGroup
+from gauss2svg.options import Interval, OptionGroup
 
 # This attribute of the root has the size of the canvas in px. The root's own width and height may
 # be a size in print instead.

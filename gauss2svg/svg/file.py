@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import base64
 import gzip
-import html
 import io
 import math
 import mimetypes
@@ -22,7 +21,6 @@ import re
 import zlib
 from collections.abc import Mapping
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import reason_of
@@ -135,6 +133,9 @@ def parse(text: str, target: Any = None) -> Any:
     methods of `target`. The result is then that of `target.close()`, or None if `target` has no
     such method. Raise InputError if the text is not well-formed XML.
     """
+    # Only few runs read an SVG, and this import takes 3 ms.
+    from xml.etree import ElementTree
+
     try:
         parser = ElementTree.XMLParser(target=target)
         parser.feed(text)
@@ -293,7 +294,9 @@ def image(data: bytes, media_type: str, alt: str) -> str:
     could have the same id.
     """
     source = f"data:{media_type};base64,{base64.b64encode(data).decode()}"
-    return f'<img alt="{html.escape(alt)}" style="max-width:100%" src="{source}"/>'
+    from html import escape
+
+    return f'<img alt="{escape(alt)}" style="max-width:100%" src="{source}"/>'
 
 
 def picture(scene: Scene) -> str:

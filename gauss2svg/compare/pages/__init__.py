@@ -8,9 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from annotated_types import Interval
-
-from gauss2svg.options import OptionGroup, Seed
+from gauss2svg.options import Interval, OptionGroup, Seed
 from gauss2svg.photo import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.svg import check_text
 
