@@ -39,13 +39,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit import FitOptions
-from gauss2svg.fit.state import COLUMNS, FARTHEST, GEOMETRY, STEPS, State
+from gauss2svg.fit.state import FARTHEST, GEOMETRY, STEPS, State
 from gauss2svg.render.cpu import Splats
+from gauss2svg.render.tiles import kernel
 from gauss2svg.scene import ADD
 from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.scene import PARAMETERS, STEPPED
-
-_Column = NDArray[np.float64]  # (n,), one number for each Gaussian
 
 # Learning rates by the name of the parameter. The rates of mean and sigma are relative to the
 # Gaussian's own sigma. The rate of opacity refers to its logit, and the rate of color to channels
@@ -99,6 +98,20 @@ class Blending:
         return dataclasses.replace(self, rates={**self.rates, **dict.fromkeys(names, 0.0)})
 
     @cached_property
+    def columns(self) -> NDArray[np.float64]:
+        """Learning rate, least and largest value (STEPS, 3) of each column of Adam's arrays.
+
+        The columns of mean and shape have no bounds here.
+        """
+        rows = [(self.rates[name], -math.inf, math.inf) for name in GEOMETRY]
+        for parameter, raw in STEPPED:
+            bounds = raw.least, raw.most
+            if parameter.name == "color":
+                bounds = self.least_color, self.most_color
+            rows += [(self.rates[parameter.name], *bounds)] * parameter.width
+        return np.array(rows)
+
+    @cached_property
     def sharing(self) -> Blending:
         """These settings with a rate of 0 for each parameter whose values several shapes share.
 
@@ -130,32 +143,15 @@ def blending_of(options: FitOptions, opaque: bool = False) -> Blending:
 # A small number that is added to the square root of Adam's second moment before the bias
 # correction, so that a step is finite even if the gradient has always been 0.
 EPSILON = 1e-12
-# Number of Gaussians in a block. `step` handles block after block, because the arrays of a block
-# fit into the cache of the CPU.
-_BLOCK = 4096
-
-
-def gradients(
-    moments: NDArray[np.float64], splats: Splats, price: float = 0.0
-) -> NDArray[np.float64]:
-    """Return the gradients (n, STEPS) of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta.
-
-    moments  (n, MOMENTS) from gauss2svg.render.kernels, in the same order as the gradients
-    price    a step raises ln beta only if this lowers the loss by more than this amount for each
-             unit of ln beta. The price is added to the gradient of ln beta
-    """
-    gradient = moments.copy()
-    gradient[:, COLUMNS["opacity"]] *= 1 - splats.opacity[:, None]
-    gradient[:, COLUMNS["beta"]] = (price - splats.beta * moments[:, 9])[:, None]
-    gradient[:, 3] *= 2
-    return gradient
 
 
 def step(
     state: State,
-    gradient: NDArray[np.float64],
+    moments: NDArray[np.float64],
+    splats: Splats,
     blending: Blending,
     most_sigma: float,
+    price: float = 0.0,
     rate: float = 1.0,
 ) -> bool:
     """Take an Adam step with every Gaussian of the state, in place.
@@ -163,132 +159,105 @@ def step(
     Return whether the step of every Gaussian was finite. A Gaussian whose step would not be finite
     stays as it is, but Adam's moments and its age become 0.
 
+    moments     (n, MOMENTS) from gauss2svg.render.kernels, of the state's Gaussians
+    splats      the state as the kernels read it
     most_sigma  largest major axis in px of the working image
+    price       a step raises ln beta only if this lowers the loss by more than this amount for each
+                unit of ln beta
     rate        factor by which all learning rates are multiplied
     """
-    columns = [*GEOMETRY, *(p.name for p, _ in STEPPED for _ in range(p.width))]
-    sizes = rate * np.array([blending.rates[name] for name in columns])
-    finite = True
-    # NumPy need not warn of numbers that are not finite, because _step_block tests for them.
-    with np.errstate(all="ignore"):
-        for begin in range(0, len(state), _BLOCK):
-            block = slice(begin, begin + _BLOCK)
-            finite &= _step_block(state, block, gradient[block], sizes, blending, most_sigma)
-    return finite
+    return _step(
+        moments, splats.opacity_color, splats.shape, state.mean, state.factor, state.raw_opacity,
+        state.color, state.raw_beta, state.adam_m, state.adam_v, state.age, blending.columns,
+        most_sigma, price, rate, np.empty(STEPS),
+    )  # fmt: skip
 
 
-def _step_block(
-    state: State,
-    block: slice,
-    gradient: NDArray[np.float64],
-    sizes: NDArray[np.float64],
-    blending: Blending,
-    most_sigma: float,
-) -> bool:
-    adam_m, adam_v, age = state.adam_m[block], state.adam_v[block], state.age[block]
-    d = _directions(adam_m, adam_v, age, gradient, sizes)
-    mean = state.mean[block]
-    rim_factor = np.exp(STEP_BY_BETA * state.raw_beta[block])
-    d[:5] = [direction * rim_factor for direction in d[:5]]
-    l11, l21, l22 = state.factor[block].T
-    x = mean[:, 0] + l11 * d[0]
-    y = mean[:, 1] + l21 * d[0] + l22 * d[1]
-    l11, l21, l22, minor = _stretched(l11, l21, l22, d[2], d[3], d[4], most_sigma)
-    reach = np.abs(x) + np.abs(y) + l11 + np.abs(l21) + l22
-    # A sum is finite only if all of its terms are finite, so one test of a sum tests them all.
-    finite = (reach < FARTHEST) & (l22 > 0) & np.isfinite(sum(d[6:], d[5]))
-    if not np.isfinite(adam_v.sum()):
-        finite &= np.isfinite(adam_v).all(axis=1)
+@kernel
+def _step(
+    moments, opacity_color, shape, mean, factor, raw_opacity, color, raw_beta,
+    adam_m, adam_v, age, columns, most_sigma, price, rate, d,
+):  # fmt: skip
+    """Do the work of `step`, Gaussian by Gaussian.
 
-    factor = zip(state.factor[block].T, (l11, l21, l22), strict=True)
-    changes = [(mean[:, 0], x), (mean[:, 1], y), *factor]
-    for parameter, raw in STEPPED:
-        steps = range(*COLUMNS[parameter.name].indices(STEPS))
-        if not sizes[steps[0]]:
+    opacity_color, shape  fields of Splats
+    mean .. age           fields of State
+    columns               Blending.columns
+    d                     (STEPS,) buffer
+    """
+    all_finite = True
+    for i in range(len(age)):
+        # d is first the gradient with respect to t1, t2, A11, A12, A22, logit opacity, r, g, b and
+        # ln beta, and then the step of these.
+        for k in range(STEPS):
+            d[k] = moments[i, k]
+        d[3] *= 2
+        d[5] *= 1 - opacity_color[i, 0]
+        d[9] = price - shape[i, 5] * d[9]
+        # A single factor corrects the bias of both moments. "Adam: A Method for Stochastic
+        # Optimization" (Kingma and Ba, 2015) suggests this at the end of its section 2.
+        age[i] += 1
+        unbiased = -np.sqrt(1 - SECOND_DECAY ** age[i]) / (1 - FIRST_DECAY ** age[i])
+        rim_factor = np.exp(STEP_BY_BETA * raw_beta[i])
+        total = 0.0
+        for k in range(STEPS):
+            adam_m[i, k] = FIRST_DECAY * adam_m[i, k] + (1 - FIRST_DECAY) * d[k]
+            adam_v[i, k] = SECOND_DECAY * adam_v[i, k] + (1 - SECOND_DECAY) * (d[k] * d[k])
+            direction = adam_m[i, k] / (np.sqrt(adam_v[i, k]) + EPSILON)
+            d[k] = rate * columns[k, 0] * unbiased * direction
+            total += d[k] + adam_v[i, k]
+        for k in range(5):
+            d[k] *= rim_factor
+        l11, l21, l22 = factor[i, 0], factor[i, 1], factor[i, 2]
+        x = mean[i, 0] + l11 * d[0]
+        y = mean[i, 1] + l21 * d[0] + l22 * d[1]
+        # The covariance becomes L exp(2 A) L^T with A = [[a, c], [c, b]]. e is the Taylor series of
+        # exp(A) up to second order, and F = L e. However large the error of e is, F F^T is a
+        # covariance.
+        a, c, b = d[2], d[3], d[4]
+        e11 = 1 + a + 0.5 * (a * a + c * c)
+        e12 = c + 0.5 * c * (a + b)
+        e22 = 1 + b + 0.5 * (b * b + c * c)
+        f11, f12 = l11 * e11, l11 * e12
+        f21, f22 = l21 * e11 + l22 * e12, l21 * e12 + l22 * e22
+        xx = f11 * f11 + f12 * f12
+        xy = f11 * f21 + f12 * f22
+        yy = f21 * f21 + f22 * f22
+        # The singular values of F are computed from their sum and their difference. This method is
+        # numerically stable.
+        axis_sum = np.sqrt((f11 + f22) ** 2 + (f21 - f12) ** 2)
+        axis_difference = np.sqrt((f11 - f22) ** 2 + (f21 + f12) ** 2)
+        major, minor = 0.5 * (axis_sum + axis_difference), 0.5 * abs(axis_sum - axis_difference)
+        new_minor = min(max(minor, LEAST_SIGMA), most_sigma)
+        new_major = min(max(major, LEAST_SIGMA), most_sigma, MOST_ASPECT * new_minor)
+        if new_minor != minor or new_major != major:
+            angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+            co, si = np.cos(angle), np.sin(angle)
+            p, q = new_major * new_major, new_minor * new_minor
+            xx = co * co * p + si * si * q
+            xy = co * si * (p - q)
+            yy = si * si * p + co * co * q
+        l11 = np.sqrt(xx)
+        l21, l22 = xy / l11, np.sqrt(xx * yy - xy * xy) / l11
+        # A sum is finite only if all of its terms are finite, so one test of a sum tests them all.
+        reach = abs(x) + abs(y) + l11 + abs(l21) + l22
+        if not (reach < FARTHEST and l22 > 0 and abs(total) < np.inf):
+            all_finite, age[i] = False, 0
+            for k in range(STEPS):
+                adam_m[i, k] = adam_v[i, k] = 0
             continue
-        least, most = raw.least, raw.most
-        if parameter.name == "color":
-            least, most = blending.least_color, blending.most_color
-        elif parameter.name == "beta":
-            sharpest = np.log(RIM_WIDTH / LEAST_RIM * minor)
-            most = np.clip(sharpest, least, most)
-        for values, k in zip(np.atleast_2d(getattr(state, raw.name)[block].T), steps, strict=True):
-            changes.append((values, np.clip(values + d[k], least, most)))
-    if finite.all():
-        for values, value in changes:
-            values[:] = value
-        return True
-    for values, value in changes:
-        np.copyto(values, value, where=finite)
-    adam_m[~finite], adam_v[~finite], age[~finite] = 0, 0, 0
-    return False
-
-
-def _directions(
-    adam_m: NDArray[np.float64],
-    adam_v: NDArray[np.float64],
-    age: _Column,
-    gradient: NDArray[np.float64],
-    sizes: NDArray[np.float64],
-) -> list[_Column]:
-    """Return Adam's step (n,) for each column of the gradient. Update moments and ages in place.
-
-    A single factor for each Gaussian corrects the bias of both moments. "Adam: A Method for
-    Stochastic Optimization" (Kingma and Ba, 2015) suggests this at the end of its section 2.
-    """
-    first_decay, second_decay = FIRST_DECAY, SECOND_DECAY
-    age += 1
-    scratch = (1 - first_decay) * gradient
-    adam_m *= first_decay
-    adam_m += scratch
-    np.multiply(gradient, gradient, out=scratch)
-    scratch *= 1 - second_decay
-    adam_v *= second_decay
-    adam_v += scratch
-    np.sqrt(adam_v, out=scratch)
-    scratch += EPSILON
-    np.divide(adam_m, scratch, out=scratch)
-    unbiased = -np.sqrt(1 - second_decay**age) / (1 - first_decay**age)
-    return [size * unbiased * column for size, column in zip(sizes, scratch.T, strict=True)]
-
-
-def _stretched(
-    l11: _Column, l21: _Column, l22: _Column, a: _Column, c: _Column, b: _Column, most_sigma: float
-) -> tuple[_Column, _Column, _Column, _Column]:
-    """Return the new l11, l21 and l22 of Gaussians, and the new minor semi-axis.
-
-    The new covariance is L exp(2 A) L^T, where L has the old l11, l21 and l22, and A is
-    [[a, c], [c, b]]. The new semi-axes and their ratio are clipped to the bounds of a fit.
-    """
-    # e is the Taylor series of exp(A) up to second order, and F = L e. However large the error of e
-    # is, F F^T is a covariance.
-    e11 = 1 + a + 0.5 * (a * a + c * c)
-    e12 = c + 0.5 * c * (a + b)
-    e22 = 1 + b + 0.5 * (b * b + c * c)
-    f11, f12 = l11 * e11, l11 * e12
-    f21, f22 = l21 * e11 + l22 * e12, l21 * e12 + l22 * e22
-    xx = f11 * f11 + f12 * f12
-    xy = f11 * f21 + f12 * f22
-    yy = f21 * f21 + f22 * f22
-    # The singular values of F are computed from their sum and their difference. This method is
-    # numerically stable.
-    axis_sum = np.sqrt(np.square(f11 + f22) + np.square(f21 - f12))
-    axis_difference = np.sqrt(np.square(f11 - f22) + np.square(f21 + f12))
-    major, minor = 0.5 * (axis_sum + axis_difference), 0.5 * np.abs(axis_sum - axis_difference)
-    new_minor = np.clip(minor, LEAST_SIGMA, most_sigma)
-    new_major = np.clip(major, LEAST_SIGMA, most_sigma)
-    new_major = np.minimum(new_major, MOST_ASPECT * new_minor)
-    at = np.flatnonzero((new_minor != minor) | (new_major != major))
-    if at.size > 0:
-        angle = 0.5 * np.arctan2(2 * xy[at], xx[at] - yy[at])
-        co, si = np.cos(angle), np.sin(angle)
-        p, q = np.square(new_major[at]), np.square(new_minor[at])
-        xx[at] = co * co * p + si * si * q
-        xy[at] = co * si * (p - q)
-        yy[at] = si * si * p + co * co * q
-    root = np.sqrt(xx)
-    l22 = np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / root
-    return root, xy / root, l22, new_minor
+        mean[i, 0], mean[i, 1] = x, y
+        factor[i, 0], factor[i, 1], factor[i, 2] = l11, l21, l22
+        if columns[5, 0]:
+            raw_opacity[i] = min(max(raw_opacity[i] + d[5], columns[5, 1]), columns[5, 2])
+        if columns[6, 0]:
+            for k in range(3):
+                color[i, k] = min(max(color[i, k] + d[6 + k], columns[6, 1]), columns[6, 2])
+        if columns[9, 0]:
+            sharpest = np.log(RIM_WIDTH / LEAST_RIM * new_minor)
+            sharpest = min(max(sharpest, columns[9, 1]), columns[9, 2])
+            raw_beta[i] = min(max(raw_beta[i] + d[9], columns[9, 1]), sharpest)
+    return all_finite
 
 
 # Conditions under which a fit has diverged (docs/decisions/divergence.md).

@@ -174,13 +174,13 @@ class Population:
 
         rate: factor by which all learning rates are multiplied.
         """
-        share = evaluated.loss / max(len(self), 1)
-        gradient = adam.gradients(evaluated.moments, splats, BETA_PRICE * share)
+        price = BETA_PRICE * (evaluated.loss / max(len(self), 1))
         most_sigma = float(max(self.target.width, self.target.height))
         blending = self.blending if self.shared is None else self.blending.sharing
-        finite = adam.step(self.state, gradient, blending, most_sigma, rate)
+        moments = evaluated.moments
+        finite = adam.step(self.state, moments, splats, blending, most_sigma, price, rate)
         if finite and self.shared is not None:
-            self.shared.step(self.state, gradient, rate)
+            self.shared.step(self.state, moments, rate)
         self._with_crisp_rims(self.state)
         return finite
 

@@ -76,7 +76,7 @@ class State:
         return cls(
             mean=np.array(mean, order="C"),
             factor=np.array(factor, order="C"),
-            **raw,
+            **{name: np.array(values, order="C") for name, values in raw.items()},
             round_index=np.full(count, round_index, np.int32),
             drawn=np.full(count, SOFT, np.int8),
             adam_m=moments,

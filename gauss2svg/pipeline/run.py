@@ -16,8 +16,10 @@ from numba import get_num_threads, set_num_threads
 from numba.core import config
 
 from gauss2svg.errors import refusal
-from gauss2svg.fit import FitProgress
+from gauss2svg.fit import FitOptions, FitProgress
+from gauss2svg.fit.adam import blending_of, step
 from gauss2svg.fit.placement import components_of
+from gauss2svg.fit.state import State
 from gauss2svg.options import Field
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
 from gauss2svg.photo.pixels import Photo, SizeNeeded, reduced_size
@@ -156,7 +158,9 @@ def compile_kernels(blend: str = OVER) -> None:
         compile_kernels(OVER)
     shape = np.full((1, 2), 2.0), np.ones((1, 2)), np.zeros(1), np.full((1, 3), 0.5), np.ones(1)
     scene = Scene(4, 4, *shape, blend=blend)
-    squared_error(splats_of(scene), np.zeros((3, 4, 4), np.float32))
+    splats = splats_of(scene)
+    moments = squared_error(splats, np.zeros((3, 4, 4), np.float32))[2]
+    step(State.of_scene(scene), moments, splats, blending_of(FitOptions()), 4.0)
     components_of(np.zeros((4, 4), np.int32))
     # Writing an additive scene needs more kernels, so one is written to compile them.
     if blend == ADD:

@@ -5,7 +5,6 @@ import pytest
 from flat import choices, fit_config
 from scenes import random_scene
 
-from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.target import (
@@ -172,9 +171,7 @@ def test_moments_of_a_reduced_refinement_are_those_of_its_own_gradients(factor):
     fitted = population(pixels, spots([20, 40], [30, 36], sigma=np.full((2, 2), 9.0)))
 
     def gradient() -> np.ndarray:
-        splats = fitted.splats()
-        moments = fitted.target.evaluate(splats, "mse", None).moments
-        return gradients(moments, splats)
+        return fitted.target.evaluate(fitted.splats(), "mse", None).moments
 
     full = gradient()
     fitted.state.adam_m, fitted.state.adam_v = full, np.square(full)
