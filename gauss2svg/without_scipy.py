@@ -104,8 +104,14 @@ def nearest_entry(
     entries  coordinates (k, d)
     points   coordinates (n, d)
 
-    The result is exactly that of scipy.spatial.KDTree, even if several entries are equally near.
+    The distances are exactly those of scipy.spatial.KDTree. If several entries are equally near,
+    another one may be returned.
     """
+    if len(entries) * len(points) > _MOST_COMPARED:
+        from scipy.spatial import KDTree
+
+        distance, entry = KDTree(entries).query(points)
+        return np.asarray(distance), np.asarray(entry)
     squares, nearest = np.empty(len(points)), np.empty(len(points), np.intp)
     step = max(1, _BAND_PAIRS // len(entries))
     for first in range(0, len(points), step):
@@ -113,13 +119,6 @@ def nearest_entry(
         square = np.zeros((len(band), len(entries)))
         for axis, column in enumerate(entries.T):
             square += np.square(band[:, axis, None] - column)
-        least = square.min(axis=1)
-        tied = np.count_nonzero(square == least[:, None]) != len(band)
-        if tied or len(entries) * len(points) > _MOST_COMPARED:
-            from scipy.spatial import KDTree
-
-            distance, entry = KDTree(entries).query(points)
-            return np.asarray(distance), np.asarray(entry)
-        squares[first : first + step] = least
+        squares[first : first + step] = square.min(axis=1)
         nearest[first : first + step] = square.argmin(axis=1)
     return np.sqrt(squares), nearest

@@ -120,14 +120,18 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
     return factor
 
 
-def enlarged_reduction(done: float, width: int, height: int) -> int:
+def enlarged_reduction(done: float, width: int, height: int, times: int) -> int:
     """Return by which number a fit to an enlarged picture divides both sides of the target.
 
-    It is 2 while the progress `done` is below QUANTIZED_FROM, if the longer side is above
-    LARGEST_UNREDUCED. Otherwise it is 1.
+    times: factor by which the picture was enlarged.
+
+    In growth the target has the picture's original size. Then it has half of the enlarged size
+    while the progress `done` is below QUANTIZED_FROM. From there on, and always if the longer side
+    is at most LARGEST_UNREDUCED, it has the enlarged size.
     """
-    is_large = max(width, height) > LARGEST_UNREDUCED
-    return 2 if is_large and done < QUANTIZED_FROM else 1
+    if max(width, height) <= LARGEST_UNREDUCED or done >= QUANTIZED_FROM:
+        return 1
+    return times if done < GROWTH_SHARE else 2
 
 
 def relocates(done: float, iteration: int, rarely: bool = False) -> bool:

@@ -43,6 +43,7 @@ EXACT = 1e-12
 # Values of the progress at which shapes may exchange their colours. There is no later exchange,
 # because hardly any shape would still change its colour.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
+_EXCHANGES_ENLARGED = _EXCHANGES[:2]  # in a fit to an enlarged picture, more do not help
 # Number of steps between two exchanges of inks. Exchanges every 10 steps give no better fits
 # (docs/decisions/inks.md).
 INKS_EXCHANGED_EVERY = 20
@@ -326,7 +327,8 @@ class FitSession:
         sizes = (0.0, schedule.HALF_FROM, schedule.FULL_FROM, schedule.QUANTIZED_FROM)
         remaining = [Event(at, self._change_size, needed=True) for at in sizes]
         remaining += [*events, Event(schedule.QUANTIZED_FROM, self._quantize, needed=True)]
-        remaining += [Event(at, self._exchange) for at in _EXCHANGES]
+        exchanges = _EXCHANGES if self.config.enlarged == 1 else _EXCHANGES_ENLARGED
+        remaining += [Event(at, self._exchange) for at in exchanges]
         self._done = start
         while (done := self.clock.refinement_progress()) < 1:
             self._done = done
@@ -423,7 +425,8 @@ class FitSession:
         if self.clock.iteration % INKS_EXCHANGED_EVERY == 0:
             population.exchange(population.inks)
         splats = population.splats()
-        evaluated = population.evaluate(splats, self._quantized)
+        skip_quiet = self.config.skip_quiet and done >= schedule.GROWTH_SHARE
+        evaluated = population.evaluate(splats, self._quantized, skip_quiet)
         is_sound = guard.accepts(evaluated.loss, evaluated.error, population.backup)
         if is_sound:
             self._errors.append(population.error_of(evaluated))

@@ -93,6 +93,9 @@ FLAT_SIDE = 384  # px. A larger drawing without antialiased edges is reduced to 
 # A drawing is enlarged before it is fitted if the limit is at least this many bytes.
 ENLARGED_FROM = 2000
 STEPS = 600  # number of steps of a fit
+# Fits to a drawing of at least this number of pixels leave out tiles that have hardly any error. A
+# smaller drawing takes little time, and has so few tiles that each of them matters.
+SKIP_FROM = 65536
 # A drawing that is not enlarged is fitted again with half the shapes of the best file. This is
 # repeated as long as it gives a better file and leaves at least this number of shapes.
 LEAST_FEWER = 12
@@ -105,8 +108,13 @@ AGREEING_LARGE = (300,)
 OWN_UP_TO = 200
 # The first fit to the enlarged drawing has FIRST_COUNT shapes. Each further one has GROWTH times as
 # many as the one before it.
-FIRST_COUNT, GROWTH = 160, 1.265
-MOST_IDLE = 2  # growth ends after this number of fits in a row that do not give a better file
+FIRST_COUNT, GROWTH = 200, 1.265
+# dB. Twice as many shapes are expected to raise the PSNR of a drawing by this. Numbers of shapes
+# for which differences would then be seen are left out.
+GAIN_OF_TWICE = 6.0
+# A shape of a fit to the enlarged drawing takes this multiple of the bytes that one of a fit to the
+# drawing itself takes.
+ENLARGED_BYTES = 0.9
 # Several shapes of a drawing get the same colour if the squared error then grows by at most this
 # fraction.
 SHARED = 0.1
@@ -154,6 +162,7 @@ class ByBytes:
             raise refusal("max_bytes", needed, str(self._limit), str(self.flat.size))
         # For each tuple of exponents, the bytes per shape in the last file with these exponents.
         self._each: dict[Exponents, float] = {}
+        self._fewest = 0.0  # number of shapes with which differences are expected not to be seen
         self._set_up()
         self._large: NDArray[np.float32] | None = None  # the enlarged drawing
         # Shapes are fitted to the working picture of the subject `_fitted`. Their colours are then
@@ -198,7 +207,7 @@ class ByBytes:
             self._first_fits = () if is_large else _FITS_OF_PHOTO[:2]
         self._alternates = not self.is_drawing and learned and self._limit < PLAIN_UNDER
         self._expected_fits = len(self._first_fits)
-        self._expected_fits += self._enlarges * (5 + len(list(self._ladder())))
+        self._expected_fits += self._enlarges * (5 + min(len(list(self._ladder())), 2))
 
     def run(self) -> Outcome:
         """Search for the best file, and return it with its measurements."""
@@ -231,10 +240,11 @@ class ByBytes:
     def _grow(self) -> None:
         """Fit more and more shapes to the enlarged drawing.
 
-        If people can still see differences at the drawing's own size after these fits, one more fit
-        has as many shapes as the limit allows. If people can see no differences, this fit is left
-        out. Its file could be better only by chance, and its number of shapes would depend on the
-        limit, so a larger limit could lead to a worse file.
+        The fits end when one more does not give a better file. If people can still see differences
+        at the drawing's own size then, or if there was no fit yet, one more fit has as many shapes
+        as the limit allows. If people can see no differences, this fit is left out. Its file could
+        be better only by chance, and its number of shapes would depend on the limit, so a larger
+        limit could lead to a worse file.
         """
         large = self._enlarged()
         if large is None:
@@ -244,15 +254,16 @@ class ByBytes:
         solved = shrunk(large.working, height // divisor, width // divisor)
         self._large, self._solved = large.working, dataclasses.replace(large, working=solved)
         self._fitted = large
-        self.best, idle = self._with_errors(self.best), 0
+        self.best, is_first = self._with_errors(self.best), True
         for count in self._ladder():
             if self._stop():
                 return
-            idle = 0 if self._fit_and_keep(count, "selective", self._exponents) else idle + 1
-            if idle == MOST_IDLE:
+            is_better = self._fit_and_keep(count, "selective", self._exponents)
+            if not (is_better or is_first):
                 self._reason = "gain"
                 return
-        if psnr_of(self.best.error) < SEEN_UP_TO and not self._stop():
+            is_first = False
+        if (is_first or psnr_of(self.best.error) < SEEN_UP_TO) and not self._stop():
             self._fit_and_keep(self._count(self._exponents), "selective", self._exponents)
 
     def _enlarged(self) -> Subject | None:
@@ -267,6 +278,7 @@ class ByBytes:
             return own
         times = drawings.enlargement(width, height)
         draw, renders = render_rgba if has_alpha(own.working) else render, []
+        fewest = list[float]()
         counts = AGREEING if times > 2 else AGREEING_LARGE
         for count, init in itertools.product(counts, ("selective", "error")):
             if self._stop():
@@ -276,15 +288,24 @@ class ByBytes:
             if not len(self.best.scene):
                 self._keep(scene, self._exponents)
             renders.append(draw(scene, 4 * width, 4 * height, covering=True))
+            missing = SEEN_UP_TO - psnr_of(model_error(scene, own.working, True))
+            fewest.append(count * 2 ** (missing / GAIN_OF_TWICE))
+        self._fewest = min(fewest)
+        self._each = {key: ENLARGED_BYTES * each for key, each in self._each.items()}
         return dataclasses.replace(own, working=drawings.agreed(own.working, renders, times))
 
     def _ladder(self) -> Iterator[int]:
         """Yield the number of shapes for each fit to the enlarged drawing, in ascending order.
 
-        Stop before a number of shapes that would not fit into the limit. The bytes per shape of the
-        last file decide how many fit.
+        Begin with a number of shapes for which no differences are expected to be seen. Stop before
+        a number of shapes that would not fit into the limit. The bytes per shape of the last file
+        decide how many fit. If there is only one such number, yield nothing.
         """
         count = float(FIRST_COUNT)
+        while count < self._fewest:
+            count *= GROWTH
+        if GROWTH * count > self._count(self._exponents):
+            return
         while count <= self._count(self._exponents):
             yield round(count)
             count *= GROWTH
@@ -367,6 +388,7 @@ class ByBytes:
             reduce=False,
             opaque=not has_alpha(subject.working),
             enlarged=1 if self._large is None else drawings.enlargement(*self.subject.size),
+            skip_quiet=self.is_drawing and math.prod(subject.size) >= SKIP_FROM,
         )
 
         def progress(now: FitProgress) -> None:

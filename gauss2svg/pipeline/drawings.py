@@ -180,7 +180,12 @@ def _repeated(pixels: Pixels) -> Pixels:
 
 def _local_variance(channel: Pixels) -> Pixels:
     """Return the variance (h, w) in the 3 x 3 px around each pixel."""
-    from scipy.ndimage import uniform_filter  # imported here, because it takes 0.1 s
-
-    mean, squares = (uniform_filter(x, 3, mode="nearest") for x in (channel, np.square(channel)))
+    mean, squares = (_mean_of_nine(x) for x in (channel, np.square(channel)))
     return np.maximum(squares - np.square(mean), 0)
+
+
+def _mean_of_nine(channel: Pixels) -> Pixels:
+    """Return the mean (h, w) in the 3 x 3 px around each pixel. SciPy's import would take 0.1 s."""
+    padded = np.pad(channel, 1, mode="edge")
+    rows = padded[:-2] + padded[1:-1] + padded[2:]
+    return (rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]) / 9

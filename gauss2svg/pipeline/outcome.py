@@ -168,10 +168,12 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
     def closeness(outcome: Outcome) -> tuple[float, float]:
         if aim is not None:
             return outcome.size <= limit, outcome.aim_score
-        if large is None:
+        # The file is rasterised at the enlarged size only if the result can matter, because this
+        # takes seconds.
+        if large is None or outcome.psnr < SEEN_UP_TO:
             return outcome.psnr, 0.0
         weight, renderer = outcome.subject.weight(large), plan.options.run.renderer
-        return min(outcome.psnr, SEEN_UP_TO), -raster_error(outcome.svg, large, renderer, weight)
+        return SEEN_UP_TO, -raster_error(outcome.svg, large, renderer, weight)
 
     best = max(outcomes, key=closeness) if len(outcomes) > 1 else outcomes[0]
     fitted, reason = best.fitted, best.fitted.stop_reason

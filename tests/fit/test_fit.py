@@ -309,8 +309,9 @@ def test_rounds_add_as_the_papers_schedules_do(schedule, gaussians, per_round, e
 def test_rounds_grow_on_a_reduced_target_to_the_count_and_rates_decay_to_a_fiftieth():
     counts = totals("exponential", 5000, 300)
     assert [reduction(n, 768, 512) for n in counts] == [8, 4, 4, 2, 2, 1]
-    enlarged = ((0, 640), (0, 641), (0.84, 641), (0.85, 641))
-    assert [enlarged_reduction(done, width, 480) for done, width in enlarged] == [1, 2, 2, 1]
+    enlarged = ((0, 640), (0, 641), (0.3, 641), (0.84, 641), (0.85, 641))
+    reductions = [enlarged_reduction(done, width, 480, 4) for done, width in enlarged]
+    assert reductions == [1, 4, 2, 2, 1]
     assert counts[-1] == 5000
     rates = [rate(i / 300) for i in range(300)]
     assert (rates[0], rates[-1]) == (1, pytest.approx(0.02))

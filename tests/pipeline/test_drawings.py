@@ -225,7 +225,11 @@ def test_the_file_of_a_drawing_is_closer_when_it_is_enlarged(monkeypatch):
 
 
 def test_shapes_that_help_no_longer_are_not_added(monkeypatch):
+    found = search(pixels_of(sign(44)), 20_000, iterations=2)
+    assert found.run().fitted.stop_reason == "max_bytes"  # errors are seen, so all bytes are used
+    assert len(found.fits) == 5  # and fits of fewer shapes left out
     monkeypatch.setattr(small_file, "LEAST_GAIN", 99.0)
+    monkeypatch.setattr(by_bytes, "SEEN_UP_TO", 0.0)
     outcome = search(pixels_of(sign(44)), 20_000, iterations=2).run()
     assert outcome.fitted.stop_reason == "gain"
     assert outcome.measured.svg_bytes < 10_000
