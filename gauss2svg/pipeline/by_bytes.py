@@ -20,8 +20,8 @@ A drawing is fitted with ellipses that stay crisp when the SVG is enlarged:
 
 Of two files, the closer one is better (`closeness`). If differences from the drawing can be seen at
 its own size, files are compared at that size, and otherwise with the enlarged picture. In the
-second case, the numbers of ellipses do not depend on the limit of bytes. So a search with a larger
-limit has all files of one with a smaller limit to choose from.
+second case, the numbers of ellipses do not depend on the limit of bytes, if several of them fit
+into it. So a search with a larger limit has the files of one with a smaller limit to choose from.
 
 docs/decisions/small.md explains the constants, and enlarged.md explains those for drawings.
 """
