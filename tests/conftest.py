@@ -114,9 +114,6 @@ def renderer(request) -> str:
     return request.param
 
 
-_NOT_INSTALLED_WITH_US = {"chromium", "firefox", "inkscape", "librsvg"}
-
-
 _LANES = {"browser", "process", "sweep", "example"}
 
 
@@ -137,7 +134,7 @@ def pytest_collection_modifyitems(items) -> None:
         values = [] if given is None else given.params.values()
         renderers = {value for value in values if isinstance(value, str)}
         needed = {"browser", "tabs", "visit", "shown"} & set(item.fixturenames)
-        if needed or renderers & _NOT_INSTALLED_WITH_US:
+        if needed or renderers & {"chromium", "firefox", "inkscape", "librsvg"}:
             item.add_marker(pytest.mark.browser)
         marks = {mark.name for mark in item.iter_markers()}
         if "nightly" in marks and marks & _LANES:
@@ -263,10 +260,8 @@ def two(photo, tmp_path):
     """Paths of two photos."""
     import galleries
 
-    return [
-        galleries.save(photo[:9, i : 9 + i], tmp_path / f"{name}.png")
-        for i, name in ((1, "a"), (2, "b"))
-    ]
+    names = enumerate(("a.png", "b.png"), 1)
+    return [galleries.save(photo[:9, i : 9 + i], tmp_path / name) for i, name in names]
 
 
 @pytest.fixture

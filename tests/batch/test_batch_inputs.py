@@ -120,10 +120,13 @@ def test_options_of_a_file_count_unless_they_are_given(tmp_path, monkeypatch):
 
 def test_extra_that_is_missing_is_named_in_a_line(tmp_path, monkeypatch, refusal, pool_here):
     monkeypatch.chdir(tmp_path)
-    photos = save_photos(tmp_path / "in", ["a.png"])
-    for name in ("distributed", "fsspec.core"):
+    save_photos(tmp_path / "in", ["a.png"])
+    for name in ("distributed", "fsspec.core", "fastapi"):
         monkeypatch.setitem(sys.modules, name, None)
-    for words, extra in (("out --scheduler tcp://a:1", "cluster"), ("s3://bucket/out", "s3")):
-        line = refusal("batch", photos, "-o", *words.split())
-        assert f'Try pip install "gauss2svg[{extra}]"' in line
-    assert main(["batch", str(photos), "-o", "out", *TINY_COMMAND]) == 0
+    for words, extra in (
+        ("batch in -o out --scheduler tcp://a:1", "cluster"),
+        ("batch in -o s3://bucket/out", "s3"),
+        ("studio", "studio"),
+    ):
+        assert f'Try pip install "gauss2svg[{extra}]"' in refusal(*words.split())
+    assert main(["batch", "in", "-o", "out", *TINY_COMMAND]) == 0

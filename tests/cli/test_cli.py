@@ -7,9 +7,9 @@ import re
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from flat import vectorize
+from galleries import save
 from PIL import Image
 
 import gauss2svg
@@ -24,9 +24,7 @@ QUICK = ["--gaussians", "20", "--iterations", "5"]
 
 @pytest.fixture
 def picture(photo, tmp_path):
-    path = tmp_path / "a photo's «name».png"
-    Image.fromarray(np.round(photo[:48, :64] * 255).astype(np.uint8)).save(path)
-    return path
+    return save(photo[:48, :64], tmp_path / "a photo's «name».png")
 
 
 def run(*arguments, **options):
@@ -143,7 +141,6 @@ MISTAKES = [
     ("bench PHOTO -o PHOTO", "cannot create"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
     ("bench PHOTO -o FOLDER/x --axis schedule", "; got linear. Try --axis gaussians=1000"),
-    ("bench PHOTO -o FOLDER/x --axis renderer=cairo --axis blend=add", "or --axis portable"),
     ("bench PHOTO -o FOLDER/x --peers jpeg:30,jpeg:31", "avif:90; got 'jpeg:31'"),
     ("bench PHOTO -o FOLDER/x --peer-timeout inf", "--peer-timeout must be a number in"),
     ("gallery PHOTO -o PHOTO/x", "output must be outside of the inputs"),

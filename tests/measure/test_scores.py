@@ -152,7 +152,6 @@ def test_ms_ssim_is_one_of_equal_pictures_and_zero_of_a_negative(pair):
 LACKING = (
     'SSIMULACRA2 and FLIP are not measured: not installed. Try pip install "gauss2svg[scores]"'
 )
-BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
 
 
 @pytest.fixture(scope="module")
@@ -218,7 +217,7 @@ def test_missing_packages_are_one_line_of_check_and_an_error_where_asked_for(
 ):
     photo, svg = tmp_path / "photo.png", tmp_path / "blank.svg"
     Image.new("RGB", (8, 8)).save(photo)
-    svg.write_text(BLANK)
+    svg.write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>')
     monkeypatch.setitem(sys.modules, "ssimulacra2", None)
     assert packages_missing() == (LACKING.replace("SSIMULACRA2 and FLIP are", "SSIMULACRA2 is"),)
     monkeypatch.setitem(sys.modules, "flip_evaluator", None)

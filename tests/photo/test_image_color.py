@@ -166,16 +166,12 @@ INKS = np.uint8([[0, 0, 0, 0], [255, 0, 0, 0], [0, 255, 0, 0], [0, 0, 255, 0], [
                  [128, 64, 0, 32]])  # fmt: skip
 
 
-def inked(name: str, **options) -> bytes:
-    blocks = np.kron(INKS[None], np.ones((16, 16, 1), np.uint8))
-    options |= {"quality": 100} if name == "JPEG" else {}
-    return encoded(Image.fromarray(blocks, "CMYK"), name, **options)
-
-
 @pytest.mark.parametrize("profile", [b"", b"nonsense", matrix_profile(2.2), ink_profile()])
 @pytest.mark.parametrize("name", ["JPEG", "TIFF"])
 def test_ink_is_what_its_profile_says_or_covers_paper(name, profile):
-    photo = load_image(inked(name, icc_profile=profile))
+    picture = Image.fromarray(np.kron(INKS[None], np.ones((16, 16, 1), np.uint8)), "CMYK")
+    options = {"quality": 100} if name == "JPEG" else {}
+    photo = load_image(encoded(picture, name, icc_profile=profile, **options))
     seen = photo.pixels[8, 8::16]
     if profile == ink_profile():
         np.testing.assert_allclose(seen[:5, 0], [1, 1, 0, 1, 1], atol=4 / 255)

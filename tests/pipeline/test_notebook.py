@@ -17,12 +17,10 @@ from gauss2svg.pipeline.options import Progress
 from gauss2svg.pipeline.run import watched
 from gauss2svg.render import render
 
-_SOURCE = re.compile(r'<img [^>]*src="data:image/jpeg;base64,([^"]+)"')
-
 
 def shown(page: str) -> np.ndarray:
     """The JPEG of a page, of which there is one."""
-    [data] = _SOURCE.findall(page)
+    [data] = re.findall(r'<img [^>]*src="data:image/jpeg;base64,([^"]+)"', page)
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))), np.float32) / 255
 
 

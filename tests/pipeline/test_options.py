@@ -91,7 +91,7 @@ def test_goals_may_be_given_by_name_or_together(photo):
 
 TOGETHER = [
     ({"portable": True}, "portable must be given with blend add"),
-    ({"blend": "add", "renderer": "cairo"}, "renderer must be one of .*resvg"),
+    ({"blend": "add", "renderer": "cairo"}, "renderer must be one of .*resvg.*or --portable"),
     ({"per_round": 5}, "per_round must be given with .*--gaussians 1000 alone"),
     ({"loss": "mse", "ssim_weight": 0.1}, "loss must be one with ssim.*l?mse.ssim"),
     ({"blend": "add", "falloff": "adaptive"}, "falloff must be gaussian.*; got 'adapt"),

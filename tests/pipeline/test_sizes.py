@@ -20,8 +20,7 @@ from gauss2svg.pipeline.budgets import MEASURED_PIXELS, measured_size
 
 SIDES = st.integers(1, 20_000)
 LARGE = 10_000
-QUICK = {"quality": "draft", "gaussians": 40, "iterations": 20}
-SMALL = {**QUICK, "max_size": 60}
+SMALL = {"quality": "draft", "gaussians": 40, "iterations": 20, "max_size": 60}
 
 
 @pytest.fixture(autouse=True, scope="module")

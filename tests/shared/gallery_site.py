@@ -28,11 +28,7 @@ COUNTS = (30, 120)
 WIDE, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
 BAD = {"broken.png": "broken.png must be a supported image", "none\udcff.png": "No such file"}
 SECRET = "Ada of Nowhere"
-_BOX = """(element) => {
-    const {x, y, width, height} = element.getBoundingClientRect();
-    return {x, y, width, height};
-}"""
-Box = dict[str, float]  # x, y, width, height
+Box = dict[str, float]  # x, y, width, height, and the four sides
 
 
 def with_metadata() -> dict[str, Any]:
@@ -146,8 +142,8 @@ def closed_after(make: Callable[..., Visit]) -> Iterator[Callable[..., Visit]]:
 
 
 def box(page: Any, selector: str) -> Box:
-    """x, y, width and height of an element on the screen, in px."""
-    return page.locator(selector).first.evaluate(_BOX)
+    """Place of an element on the screen, in px."""
+    return page.locator(selector).first.evaluate("(e) => e.getBoundingClientRect().toJSON()")
 
 
 def zoomed(page: Any, width: float) -> float:

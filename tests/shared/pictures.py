@@ -48,30 +48,23 @@ def png(
     *chunks: bytes,
     bits: int = 8,
     interlaced: bool = False,
-    kind: int | None = None,
+    size: tuple[int, int] | None = None,
 ) -> bytes:
     """A PNG of (h, w, 1..4) samples of so many bits, with more chunks before its pixels.
 
-    kind  of its colours, None: by the number of channels
+    size  width and height that it claims to have, None: those of the samples
     """
-    height, width, channels = samples.shape
+    width, height = size or samples.shape[1::-1]
     passes = _ADAM7 if interlaced else ((0, 0, 1, 1),)
     rows = b""
     for x, y, across, down in passes:
         part = samples[y::down, x::across]
         if part.size:
             rows += b"".join(b"\0" + _packed(row, bits) for row in part)
-    color_type = _COLOR_TYPES[channels] if kind is None else kind
+    color_type = _COLOR_TYPES[samples.shape[2]]
     head = struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, int(interlaced))
-    return b"".join(
-        (
-            b"\x89PNG\r\n\x1a\n",
-            chunk(b"IHDR", head),
-            *chunks,
-            chunk(b"IDAT", zlib.compress(rows)),
-            chunk(b"IEND", b""),
-        )
-    )
+    parts = [chunk(b"IHDR", head), *chunks, chunk(b"IDAT", zlib.compress(rows))]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts) + chunk(b"IEND", b"")
 
 
 def _packed(row: NDArray, bits: int) -> bytes:

@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import sys
 from unittest import mock
 
 import pytest
@@ -100,8 +99,3 @@ def test_the_page_says_where_photos_go(is_local):
     assert ("Photos go to this server only" in text) != is_local
     # Files that are refused may be chosen too, so that the page says why.
     assert {".png", ".tif", ".heic"} <= set(re.search('accept="([^"]+)"', text)[1].split(","))
-
-
-def test_without_its_packages_the_command_says_how_to_get_them(monkeypatch, refusal):
-    monkeypatch.setitem(sys.modules, "fastapi", None)
-    assert 'pip install "gauss2svg[studio]"' in refusal("studio")

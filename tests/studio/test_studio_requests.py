@@ -4,13 +4,11 @@ import asyncio
 import json
 import math
 import os
-import struct
-import zlib
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from pictures import chunk
+from pictures import png
 from studio_server import answer_of
 
 from gauss2svg.errors import InputError
@@ -40,13 +38,6 @@ def line_of(answer) -> str:
     return error
 
 
-def bomb() -> bytes:
-    """A PNG of 50 000 x 50 000 px in a few bytes."""
-    head = struct.pack(">IIBBBBB", 50_000, 50_000, 8, 2, 0, 0, 0)
-    chunks = (b"IHDR", head), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")
-    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*one) for one in chunks)
-
-
 def photo_of(data: bytes, name: str = "photo.png", **fields) -> dict:
     return {"files": {"photo": (name, data, "image/png")}, "data": fields, "headers": BEARER}
 
@@ -70,8 +61,8 @@ def json_of(body: str) -> dict:
 
 SCRIPTED = b'<svg xmlns="http://www.w3.org/2000/svg"><script>alert(1)</script></svg>'
 PNG = as_png(np.zeros((8, 8, 3)))
+BOMB = png(np.zeros((1, 1, 3)), size=(50_000, 50_000))
 LONG = {"Content-Length": str(2 * 10**9), "Content-Type": "multipart/form-data"}
-COOKIE = f"gauss2svg-{PORT}={TOKEN}"
 # (method, path, what comes with it, status, word of the line)
 HOSTILE = [
     *(("GET", path, {}, 401, "token") for path in ("/", f"/api/options?token={TOKEN}")),
@@ -84,7 +75,7 @@ HOSTILE = [
       for origin in ("https://evil.example", "null", "http://[", "http://127.0.0.1:9999")),
     ("POST", "/api/jobs", {"headers": BEARER | LONG}, 413, "256 MB"),
     ("POST", "/api/chart", json_of(" " * 5_000_000), 413, "4 MB"),
-    ("POST", "/api/jobs", photo_of(bomb()), 422, "2500000000 px"),
+    ("POST", "/api/jobs", photo_of(BOMB), 422, "2500000000 px"),
     ("POST", "/api/jobs", photo_of(SCRIPTED, "x.svg"), 422, "SVG"),
     ("POST", "/api/jobs", photo_of(b"\x89PNG\r\n\x1a\nrubbish"), 422, "photo.png must be"),
     ("POST", "/api/jobs", form_of(sample="", of=""), 422, "the photo must be given"),
@@ -127,7 +118,7 @@ def test_the_token_and_a_ticket_open_the_page_by_a_cookie_and_the_ticket_once():
     assert {"HttpOnly", "SameSite=lax"} <= set(answer.headers["set-cookie"].split("; "))
     for odd in ("a[b]=1", "x=\\", 'q="open', "=", "{j}=1", f"gauss2svg-{PORT}=junk"):
         # Of two of one name browsers send that of the longest path first.
-        page = ask("GET", "/", headers={"Cookie": f"{odd}; {COOKIE}"})
+        page = ask("GET", "/", headers={"Cookie": f"{odd}; gauss2svg-{PORT}={TOKEN}"})
         assert page.status_code == 200, odd
         assert TOKEN not in page.text
 

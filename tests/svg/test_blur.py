@@ -32,8 +32,6 @@ from gauss2svg.svg.forms import (
 )
 from gauss2svg.svg.write import write_svg
 
-seeds = st.integers(0, 10**6)
-
 
 @pytest.mark.parametrize("ratio", [1.4, 3.4, 12.0])
 def test_profile_is_that_of_a_picture_of_a_disc_blurred(ratio):
@@ -72,7 +70,7 @@ def test_the_table_has_the_least_error_in_size_and_exponent_and_its_best_peak(bl
 
 
 @settings(max_examples=5)
-@given(seeds, st.sampled_from([0, 12]))
+@given(st.integers(0, 10**6), st.sampled_from([0, 12]))
 def test_blurred_shapes_are_large_keep_their_colours_and_share_their_filters(seed, palette):
     scene = random_scene(15, 90, 70, seed, (0.5, 25))
     index = chosen_blurs(scene, BLUR)

@@ -8,6 +8,7 @@ from xml.etree.ElementTree import fromstring as parse
 import numpy as np
 import pytest
 from flat import vectorize
+from galleries import save
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -33,9 +34,7 @@ PLAIN = write_svg(SCENE)
 
 @pytest.fixture
 def picture(photo, tmp_path):
-    path = tmp_path / "photo.png"
-    Image.fromarray(np.round(photo[:48, :64] * 255).astype(np.uint8)).save(path, dpi=(96, 96))
-    return path
+    return save(photo[:48, :64], tmp_path / "photo.png", dpi=(96, 96))
 
 
 def test_a_file_has_its_size_names_background_and_a_layer_for_each_round_that_draws():

@@ -25,7 +25,6 @@ SIDE = 96
 NEAR = 41.0
 # And an ellipse's edge is a pixel's coverage, where the model takes its centre.
 NEAR_CRISP = 38.0
-masked = pytest.mark.parametrize("most_masked", [500, 25, 0], ids=["masks", "both", "gradients"])
 
 
 def soft_scene(count: int, seed: int = 0, side: int = SIDE) -> Scene:
@@ -67,7 +66,7 @@ def match(scene: Scene, unit: float, digits: int = 6, renderer: str = "resvg") -
         pytest.param("chromium", marks=pytest.mark.browser),
     ],
 )
-@masked
+@pytest.mark.parametrize("most_masked", [500, 25, 0], ids=["masks", "both", "gradients"])
 def test_the_file_draws_the_rounded_scene(renderer, most_masked, monkeypatch):
     if renderer != "resvg":
         needs(renderer)

@@ -26,7 +26,6 @@ IN_INKS = SCENE.replace(
 CRISP = SCENE.replace(beta=np.full(8, 64.0), opacity=np.resize([0.5, 1.0], 8))
 MINIMAL = SvgFormat(markup="minimal", precision=0.5)
 BY_INK = SvgFormat(layers="inks")
-BOTH = SCENE.concatenate(CRISP)
 # What writes each kind of file with the names of a document.
 WRITERS = {
     **{form: partial(write_svg, SCENE, SvgFormat(form=form)) for form in get_args(Form)},
@@ -38,7 +37,7 @@ WRITERS = {
     "masks": partial(write_svg, SCENE.concatenate(SCENE), MINIMAL),
     "arcs": partial(write_svg, CRISP, MINIMAL),
     "gradients": partial(minimal_svg, SCENE, 0.5, 6, masked=False),
-    "both": partial(minimal_svg, BOTH, 0.5, 3, masked=False),
+    "both": partial(minimal_svg, SCENE.concatenate(CRISP), 0.5, 3, masked=False),
 }
 # What more a document of an editable file says.
 SAID = {
@@ -145,13 +144,12 @@ def test_shapes_that_would_be_written_as_nothing_are_left_out(write, element):
     assert write(scene).count(element) == 1
 
 
-ANIMATED = Document(animate=2.0)
 # The line, the writer, and what it is given.
 REFUSED = [
     ("scene must be a Scene; got int", write_svg, 3),
     ("of opaque plain ellipses alone", write_svg, ADDITIVE, BY_INK),
     ("unit must be a number in 0.001..1e", minimal_svg, SCENE, 0),
-    ("given with layers inks", write_svg, IN_INKS, BY_INK, ANIMATED),
+    ("given with layers inks", write_svg, IN_INKS, BY_INK, Document(animate=2.0)),
     ("one of #000000.*; got '#000'", plate_svg, IN_INKS, "#000"),
     ("given with pens", partial(outline_svg, pens=2), SCENE, Document(fragments=True)),
     *(("pens must be a whole", partial(outline_svg, pens=pens), SCENE) for pens in (0, 65, 1.5)),

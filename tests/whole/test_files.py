@@ -6,10 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
+from galleries import save
 from pictures import possible
-from PIL import Image
 
 from gauss2svg import files
 from gauss2svg.cli.main import main
@@ -23,9 +22,7 @@ TINY = ["--gaussians", "3", "--iterations", "2", "--quiet"]
 
 @pytest.fixture
 def picture(photo, tmp_path):
-    path = tmp_path / "photo.png"
-    Image.fromarray(np.round(photo[40:56, 40:56] * 255).astype(np.uint8)).save(path)
-    return path
+    return save(photo[40:56, 40:56], tmp_path / "photo.png")
 
 
 @pytest.fixture

@@ -21,7 +21,6 @@ from gauss2svg.scene import Scene
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 UNTOUCHED = "gauss2svg: interrupted; every file is whole or untouched"
-each_signal = pytest.mark.parametrize("number", STATUS)
 
 
 def in_turn(*moments):
@@ -106,7 +105,7 @@ def test_second_signal_ends_everything_and_leaves_the_old_file(number, moment, c
     assert sorted(os.listdir()) == ["out.svg", "photo.png"]
 
 
-@each_signal
+@pytest.mark.parametrize("number", STATUS)
 def test_signal_that_a_callback_loses_ends_a_command_before_what_comes_next(
     number, command, drawn_here, monkeypatch, capsys
 ):

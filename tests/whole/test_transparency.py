@@ -187,12 +187,10 @@ def test_target_holds_over_both_backdrops(cut_out):
 
 
 ROUNDING = {np.float32: 6e-5, np.float64: 3e-7}  # of two renders, and of the float32 result
-in_both = pytest.mark.parametrize("dtype", ROUNDING, ids=["float32", "float64"])
-clear_scenes = extreme_scenes().map(lambda scene: scene.replace(transparent=True))
 
 
-@in_both
-@given(clear_scenes, st.floats(0, 1))
+@pytest.mark.parametrize("dtype", ROUNDING, ids=["float32", "float64"])
+@given(extreme_scenes().map(lambda scene: scene.replace(transparent=True)), st.floats(0, 1))
 def test_over_any_backdrop_it_is_the_scene_on_that_background(dtype, scene, level):
     rgba, allowed = render_rgba(scene, dtype=dtype), ROUNDING[dtype] + 2 * rounding_of(scene)
     assert np.isfinite(rgba).all()
