@@ -40,8 +40,16 @@ _PACKAGES = (
     "ssimulacra2", "flip-evaluator",
 )  # fmt: skip
 _HELP_ALL = "--help-all"
-# If a command line has no other options than these, the parser is built with only the options of
-# the short help, which takes less time.
+_COMMANDS = {
+    "check": "Measure how closely any SVG matches a photo.",
+    "bench": "Compare settings and other tools in tables and plots.",
+    "batch": "Vectorise many photos, on one machine or a cluster.",
+    "gallery": "Write web pages that compare results for photos.",
+    "studio": "Vectorise photos in the browser, on this machine.",
+    "placeholder": "Write SVGs of about a kilobyte to show while photos load.",
+}
+# If a command line of the main command has no other options than these, the parser is built with
+# only the options of the short help, which takes less time.
 _SHORT = {"--help", "-h", "--version", "--output", "-o"}
 _SHORT |= {f"--{name.replace('_', '-')}" for name, group in OPTIONS.items() if group == "goal"}
 
@@ -50,7 +58,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     """Return the parser of the command line.
 
     everything  True if the help lists all options, and not only those used most
-    short       True if the command line has no other options than the short help
+    short       True if the main command is called with no other options than the short help has
     """
     app = App(
         name="gauss2svg",
@@ -74,14 +82,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     )
     app.default(vectorize_command(everything, short))
     # Commands are registered by name, so that their modules are imported only when they run.
-    for name, help_line in {
-        "check": "Measure how closely any SVG matches a photo.",
-        "bench": "Compare settings and other tools in tables and plots.",
-        "batch": "Vectorise many photos, on one machine or a cluster.",
-        "gallery": "Write web pages that compare results for photos.",
-        "studio": "Vectorise photos in the browser, on this machine.",
-        "placeholder": "Write SVGs of about a kilobyte to show while photos load.",
-    }.items():
+    for name, help_line in _COMMANDS.items():
         app.command(f"gauss2svg.cli.{name}:{name}_command", name=name, help=help_line)
     return app
 
@@ -107,6 +108,7 @@ def main(arguments: list[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     try:
         short = all(word.partition("=")[0] in _SHORT for word in words if word[:1] == "-")
+        short = short and not _COMMANDS.keys() & words[:1]
         app = build_app(everything=_HELP_ALL in words, short=short)
         with handling():
             status = app(words or ["--help"], exit_on_error=False, print_error=False)

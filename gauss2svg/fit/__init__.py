@@ -145,7 +145,7 @@ class FitConfig:
                 steps reduce the error both at the enlarged and at the original size, because
                 ellipses that match an edge at one size may visibly overlap at the other size
     skip_quiet  whether most steps of refinement leave out the tiles that have hardly any error. In
-                drawings this saves half of the time, but photos end worse
+                drawings this saves a sixth of the time, but photos end worse
     """
 
     gaussians: int = 5000

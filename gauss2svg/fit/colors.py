@@ -81,9 +81,9 @@ class SharedColors:
         """Take one Adam step of the colours, and write the new colours to the state's shapes.
 
         The gradient of a colour is the sum of the gradients of the shapes that have this colour.
-        `gradient` (n, ...) has these in the columns COLOR. COLOR_RATE is multiplied by
-        `rate`. Arrays are replaced and not changed in place, so that a shallow copy of this object
-        keeps its own colours.
+        `gradient` (n, MOMENTS) has the gradients of the shapes' colours in its columns COLOR.
+        COLOR_RATE is multiplied by `rate`. Arrays are replaced and not changed in place, so that a
+        shallow copy of this object keeps its own colours.
         """
         columns, count = gradient[:, COLOR].T, len(self.color)
         summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)

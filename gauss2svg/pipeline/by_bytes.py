@@ -93,8 +93,8 @@ FLAT_SIDE = 384  # px. A larger drawing without antialiased edges is reduced to 
 # A drawing is enlarged before it is fitted if the limit is at least this many bytes.
 ENLARGED_FROM = 2000
 STEPS = 600  # number of steps of a fit
-# Fits to a drawing of at least this number of pixels leave out tiles that have hardly any error. A
-# smaller drawing takes little time, and has so few tiles that each of them matters.
+# Fits to a picture of at least this number of pixels leave out tiles that have hardly any error. A
+# smaller picture takes little time, and has so few tiles that each of them matters.
 SKIP_FROM = 65536
 # A drawing that is not enlarged is fitted again with half the shapes of the best file. This is
 # repeated as long as it gives a better file and leaves at least this number of shapes.
@@ -207,7 +207,7 @@ class ByBytes:
             self._first_fits = () if is_large else _FITS_OF_PHOTO[:2]
         self._alternates = not self.is_drawing and learned and self._limit < PLAIN_UNDER
         self._expected_fits = len(self._first_fits)
-        self._expected_fits += self._enlarges * (5 + min(len(list(self._ladder())), 2))
+        self._expected_fits += self._enlarges * (2 * len(self._agreeing) + 2)
 
     def run(self) -> Outcome:
         """Search for the best file, and return it with its measurements."""
@@ -254,33 +254,43 @@ class ByBytes:
         solved = shrunk(large.working, height // divisor, width // divisor)
         self._large, self._solved = large.working, dataclasses.replace(large, working=solved)
         self._fitted = large
-        self.best, is_first = self._with_errors(self.best), True
+        self.best, is_first, helps = self._with_errors(self.best), True, True
         for count in self._ladder():
             if self._stop():
                 return
-            is_better = self._fit_and_keep(count, "selective", self._exponents)
-            if not (is_better or is_first):
-                self._reason = "gain"
-                return
+            helps = self._fit_and_keep(count, "selective", self._exponents) or is_first
             is_first = False
-        if (is_first or psnr_of(self.best.error) < SEEN_UP_TO) and not self._stop():
-            self._fit_and_keep(self._count(self._exponents), "selective", self._exponents)
+            if not helps:
+                break
+        if is_first or psnr_of(self.best.error) < SEEN_UP_TO:
+            if not self._stop():
+                self._fit_and_keep(self._count(self._exponents), "selective", self._exponents)
+        elif not helps:
+            self._reason = "gain"
+
+    @property
+    def _agreeing(self) -> tuple[int, ...]:
+        """Numbers of shapes of the fits from which the enlarged drawing is made.
+
+        There are none if the drawing is already large, or if it was reduced.
+        """
+        subject = self.subject
+        if subject.size != subject.canvas or max(subject.size) > drawings.LARGEST_ENLARGED:
+            return ()
+        return AGREEING if drawings.enlargement(*subject.size) > 2 else AGREEING_LARGE
 
     def _enlarged(self) -> Subject | None:
         """Fit the drawing several times, and make the enlarged drawing from these fits.
 
-        Return a subject whose working picture is the enlarged drawing. If the drawing is already
-        large, or if it was reduced, it is not enlarged, and the subject is returned as it is.
-        Return None if the search is stopped.
+        Return a subject whose working picture is the enlarged drawing. If there are no such fits,
+        the subject is returned as it is. Return None if the search is stopped.
         """
         own, (width, height) = self.subject, self.subject.size
-        if own.size != own.canvas or max(own.size) > drawings.LARGEST_ENLARGED:
+        if not self._agreeing:
             return own
-        times = drawings.enlargement(width, height)
         draw, renders = render_rgba if has_alpha(own.working) else render, []
         fewest = list[float]()
-        counts = AGREEING if times > 2 else AGREEING_LARGE
-        for count, init in itertools.product(counts, ("selective", "error")):
+        for count, init in itertools.product(self._agreeing, ("selective", "error")):
             if self._stop():
                 return None
             scene = self._fit(count, init, self._exponents)
@@ -292,6 +302,7 @@ class ByBytes:
             fewest.append(count * 2 ** (missing / GAIN_OF_TWICE))
         self._fewest = min(fewest)
         self._each = {key: ENLARGED_BYTES * each for key, each in self._each.items()}
+        times = drawings.enlargement(width, height)
         return dataclasses.replace(own, working=drawings.agreed(own.working, renders, times))
 
     def _ladder(self) -> Iterator[int]:

@@ -188,4 +188,5 @@ def _mean_of_nine(channel: Pixels) -> Pixels:
     """Return the mean (h, w) in the 3 x 3 px around each pixel. SciPy's import would take 0.1 s."""
     padded = np.pad(channel, 1, mode="edge")
     rows = padded[:-2] + padded[1:-1] + padded[2:]
-    return (rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]) / 9
+    rows[:, 1:-1] += rows[:, :-2] + rows[:, 2:]
+    return np.divide(rows[:, 1:-1], 9, dtype=np.float32)

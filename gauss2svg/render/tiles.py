@@ -169,8 +169,9 @@ def find_pairs(
     return Pairs(offset, gaussian, rows, start, order, work, int(tile_rows.max(initial=0)))
 
 
-# Each EVERY-th step of `Visits` visits all tiles. The tiles that other steps leave out have at
-# most the share QUIET_SHARE of the whole squared error (docs/decisions/enlarged.md).
+# Each EVERY-th step of `Visits` visits all tiles. The tiles that other steps leave out had at most
+# the share QUIET_SHARE of the squared error when all tiles were last visited
+# (docs/decisions/enlarged.md).
 EVERY, QUIET_SHARE = 4, 0.03
 
 

@@ -176,7 +176,12 @@ def test_without_a_name_the_svg_goes_beside_the_photo(picture, refusal):
     assert beside.read_bytes() == ours
 
 
-def test_full_help_names_every_option(capsys):
+def test_full_help_names_every_option(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    assert main(["batch", "--help"]) == 0
+    assert (
+        "command line replaces the one in the file." in capsys.readouterr().out
+    )  # lines are joined
     assert main(["--help-all"]) == 0
     text = capsys.readouterr().out
     files = ["output", "preview", "report", "outline", "save_scene", "quiet"]

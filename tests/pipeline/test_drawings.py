@@ -261,17 +261,21 @@ def test_a_search_that_is_stopped_early_has_a_file_with_shapes():
 def test_drawings_are_fitted_enlarged_and_other_pictures_at_their_size(
     monkeypatch, picture, limit, sizes
 ):
-    fitted, session = set(), by_bytes.FitSession
+    fitted, skipping, session = set(), set(), by_bytes.FitSession
 
     def spied(pixels, config, **named):
         fitted.add(pixels.shape[1])
+        skipping.add(config.skip_quiet)
         return session(pixels, config, **named)
 
     monkeypatch.setattr(drawings, "ENLARGED_TWICE_FROM", 50)
     monkeypatch.setattr(drawings, "LARGEST_ENLARGED", 80)
     monkeypatch.setattr(by_bytes, "FitSession", spied)
-    search(picture(), limit, iterations=2).file()
+    monkeypatch.setattr(by_bytes, "SKIP_FROM", 0)
+    found = search(picture(), limit, iterations=2)
+    found.file()
     assert fitted == sizes
+    assert skipping == {found.is_drawing}
 
 
 def test_of_two_files_the_closer_one_is_better_enlarged_where_the_own_size_shows_no_difference():

@@ -39,7 +39,7 @@ def test_shares_are_done_at_the_same_time_and_an_exception_is_raised_at_the_end(
 @pytest.mark.parametrize("loss", ["mse", "l1+ssim"])
 def test_a_forked_process_renders_and_fits_with_threads_of_its_own(loss, threads_given_back, photo):
     numba.set_num_threads(2)
-    scene, pixels = random_scene(800, 200, 160, 1), photo[:40, :40]  # enough for two shares
+    scene, pixels = random_scene(2000, 200, 160, 1), photo[:40, :40]  # enough for two shares
     options = {"gaussians": 9, "iterations": 9, "loss": loss}
     expected, svg = render(scene), vectorize(pixels, **options).svg
 
