@@ -86,7 +86,7 @@ class Population:
             )
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
-        self._visits: dict[int, list[Visits]] = {}  # by the reduction of the target
+        self._visits: dict[int, list[Visits]] = {}  # {reduction of the target: its visits}
         # The background is rounded to 8 bits, because it is rounded in the file too. So the fit can
         # make up for the rounding error.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255

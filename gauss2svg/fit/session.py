@@ -43,7 +43,8 @@ EXACT = 1e-12
 # Values of the progress at which shapes may exchange their colours. There is no later exchange,
 # because hardly any shape would still change its colour.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
-_EXCHANGES_ENLARGED = _EXCHANGES[:2]  # in a fit to an enlarged picture, more do not help
+# A fit to an enlarged picture has only these exchanges, because more do not improve it.
+_EXCHANGES_ENLARGED = _EXCHANGES[:2]
 # Number of steps between two exchanges of inks. Exchanges every 10 steps give no better fits
 # (docs/decisions/inks.md).
 INKS_EXCHANGED_EVERY = 20

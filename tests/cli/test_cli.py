@@ -179,9 +179,8 @@ def test_without_a_name_the_svg_goes_beside_the_photo(picture, refusal):
 def test_full_help_names_every_option(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     assert main(["batch", "--help"]) == 0
-    assert (
-        "command line replaces the one in the file." in capsys.readouterr().out
-    )  # lines are joined
+    # The lines of this sentence are joined.
+    assert "command line replaces the one in the file." in capsys.readouterr().out
     assert main(["--help-all"]) == 0
     text = capsys.readouterr().out
     files = ["output", "preview", "report", "outline", "save_scene", "quiet"]
