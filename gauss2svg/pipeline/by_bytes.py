@@ -5,8 +5,8 @@
 
 For example, take Kodak 20, 768 x 512 px, and a limit of 250 bytes. A file without Gaussians has 98
 bytes. The other 152 bytes suffice for 3 plain ellipses of about 44 bytes each, which are fitted at
-96 x 64 px. Each fit is written in units of two sizes, with colours of 3 and of 6 hex digits. Of
-these four files, the one whose model is closest is rasterised:
+96 x 64 px. Each fit is written in units of two sizes, with colours of 6 and of 3 hex digits, until
+all of its shapes fit. Of these files, the one whose model is closest is rasterised:
 
     <svg xmlns=".." viewBox="0 0 66 44"><path fill="#c3b8a0" d="M0 0h66v44H0"/>
     <path fill="#504c34" d="M86 27a93 10-1.8 101 0"/>
@@ -112,8 +112,8 @@ FIRST_COUNT, GROWTH = 200, 1.265
 # dB. Twice as many shapes are expected to raise the PSNR of a drawing by this. Numbers of shapes
 # for which differences would then be seen are left out.
 GAIN_OF_TWICE = 6.0
-# A shape of a fit to the enlarged drawing takes this multiple of the bytes that one of a fit to the
-# drawing itself takes.
+# If all shapes are plain ellipses, one of a fit to the enlarged drawing takes this multiple of the
+# bytes that one of a fit to the drawing itself takes.
 ENLARGED_BYTES = 0.9
 # Several shapes of a drawing get the same colour if the squared error then grows by at most this
 # fraction.
@@ -126,7 +126,7 @@ COARSE_UNDER = 1100
 FINE_FROM = 6000
 # A grid is a factor on the usual number of units along the sides of a file. The larger it is, the
 # more exact the coordinates are (`small_file.unit_of`).
-COARSE_GRIDS, GRIDS, FINE_GRIDS = (0.8, 1.2, 4.0, 8.0), (4.0, 8.0), (8.0, 16.0)
+COARSE_GRIDS, GRIDS, FINE_GRIDS = (8.0, 4.0, 1.2, 0.8), (8.0, 4.0), (16.0, 8.0)
 # px. In a shaded drawing, a shape is soft if its rim is at least this wide at the drawing's own
 # size. Otherwise it is a plain ellipse.
 SOFT_FROM = 4.0
@@ -186,13 +186,13 @@ class ByBytes:
             side = LARGE_SIDE if edges else FLAT_SIDE
             self._digits, self._grids = HEX_DIGITS[-1:], FINE_GRIDS if limit >= FINE_FROM else GRIDS
             if limit < COARSE_UNDER:
-                self._digits, self._grids = HEX_DIGITS, COARSE_GRIDS
+                self._digits, self._grids = HEX_DIGITS[::-1], COARSE_GRIDS
         else:
             count = self._shape_bytes / self._expected(exponents)
             few = count <= FEW_UP_TO
             side = min(max(SIDE_PER_ROOT * math.sqrt(max(count, 1)), LEAST_SIDE), WHOLE_SIDE)
             self._first_fits = _FITS_OF_PHOTO if few else _FITS_OF_PHOTO[:2]
-            self._digits, self._grids = HEX_DIGITS, (0.8, 1.2) if few else (1.0,)
+            self._digits, self._grids = HEX_DIGITS[::-1], (1.2, 0.8) if few else (1.0,)
         side = min(side, options.run.max_size or side, max(photo.shape[:2]))
         size = [max(1, round(length * side / max(canvas))) for length in canvas[::-1]]
         working = shrunk(photo, *size, sharp=self.is_drawing)
@@ -301,7 +301,8 @@ class ByBytes:
             missing = SEEN_UP_TO - psnr_of(model_error(scene, own.working, True))
             fewest.append(count * 2 ** (missing / GAIN_OF_TWICE))
         self._fewest = min(fewest)
-        self._each = {key: ENLARGED_BYTES * each for key, each in self._each.items()}
+        if not self._exponents and self._each:
+            self._each[()] *= ENLARGED_BYTES
         times = drawings.enlargement(width, height)
         return dataclasses.replace(own, working=drawings.agreed(own.working, renders, times))
 
@@ -433,8 +434,8 @@ class ByBytes:
         """Write a scene with each grid and number of digits. Return the file of the smallest error.
 
         The error of a file is that of its scene, because files are not rasterised here. A file that
-        is too large loses its least useful Gaussians. Return None if no file has any Gaussians
-        left.
+        is too large loses its least useful Gaussians. If a file loses none, coarser ones are not
+        tried. Return None if no file has any Gaussians left.
         """
         order = self._solved.by_usefulness(fitted, self._plan.tune, covering=True)
         best, expected, pixels = None, self._expected(exponents), self._solved.working
@@ -458,6 +459,8 @@ class ByBytes:
             if best is None or (file is not None and file.error < best.error):
                 best = file
                 self._each[exponents] = max(each, expected / SHORTER)
+            if kept == len(fitted):
+                break
         return best
 
     def _file(self, scene: Scene, unit: float, digits: int, error: float = math.nan) -> SmallFile:

@@ -172,7 +172,7 @@ def find_pairs(
 # Each EVERY-th step of `Visits` visits all tiles. The tiles that other steps leave out had at most
 # the share QUIET_SHARE of the squared error when all tiles were last visited
 # (docs/decisions/enlarged.md).
-EVERY, QUIET_SHARE = 4, 0.03
+EVERY, QUIET_SHARE = 8, 0.03
 
 
 class Visits:
