@@ -9,9 +9,9 @@ from gauss2svg.cli.terminal import exit_before_fits
 def run() -> None:
     """Run the command line as a program."""
     exit_before_fits()
-    # Python searches for garbage each time that it has made 700 more objects. Imports make hundreds
-    # of thousands of objects, nearly all of which are kept.
-    gc.set_threshold(100_000)
+    # Python searches for garbage each time that it has made 700 more objects. Imports make more
+    # than a hundred thousand objects, nearly all of which are kept.
+    gc.set_threshold(1_000_000)
     # OpenBLAS starts its threads when NumPy is imported. Our matrices have at most some hundred
     # rows, for which more threads only take CPU time.
     if "OMP_NUM_THREADS" not in os.environ:

@@ -11,8 +11,7 @@ error messages show. For an option of any other type, `Annotated` adds a functio
 which checks a value and returns the value to store.
 
 The Python call, the command line, the studio's form and requests, the axes of the benchmark, the
-report and the reference documentation all take the options from these classes. cyclopts makes the
-command line from the annotations, the defaults and the texts under the fields.
+report and the reference documentation all take the options from these classes.
 """
 
 from __future__ import annotations
@@ -24,12 +23,14 @@ import numbers
 import operator
 import os
 import re
-import types
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 from gauss2svg.errors import InputError, plain_scalar, quoted, refusal
 
@@ -157,6 +158,15 @@ class OptionGroup:
         for field in fields_of(type(self)):
             object.__setattr__(self, field.name, field.checked(getattr(self, field.name)))
 
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Self:
+        """Return options with values by name, which may be texts as typed in a command line.
+
+        Names of other options are left out.
+        """
+        fields = [(field, given[field.name]) for field in fields_of(cls) if field.name in given]
+        return cls(**{f.name: f.parsed(v) if isinstance(v, str) else v for f, v in fields})
+
 
 @cache
 def fields_of(group: type[OptionGroup]) -> tuple[Field, ...]:
@@ -164,6 +174,27 @@ def fields_of(group: type[OptionGroup]) -> tuple[Field, ...]:
     hints = get_type_hints(group, include_extras=True)
     fields = dataclasses.fields(group)  # pyright: ignore[reportArgumentType]
     return tuple(field_of(field.name, hints[field.name], field.default) for field in fields)
+
+
+@cache
+def texts_of(group: type[OptionGroup]) -> dict[str, str]:
+    """Return the text under each field of a class. Python keeps it only in the source."""
+    import ast
+    import inspect
+
+    module = ast.parse(inspect.getsource(sys.modules[group.__module__]))
+    classes = [node for node in module.body if isinstance(node, ast.ClassDef)]
+    body = next(node.body for node in classes if node.name == group.__name__)
+    return {
+        ast.unparse(field.target): " ".join(ast.literal_eval(text.value).split())
+        for field, text in pairwise(body)
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
+    }
+
+
+def flag_of(name: str) -> str:
+    """Return the name of an option on the command line."""
+    return f"--{name.replace('_', '-')}"
 
 
 def field_of(name: str, hint: Any, default: Any = None) -> Field:
@@ -196,7 +227,7 @@ def _types_and_metadata(hint: Any) -> tuple[list[Any], list[Any]]:
     if get_origin(hint) is Annotated:
         members, metadata = _types_and_metadata(get_args(hint)[0])
         return members, [*metadata, *hint.__metadata__]
-    if get_origin(hint) not in (Union, types.UnionType):
+    if get_origin(hint) in (None, Literal):
         return [hint], []
     pairs = [_types_and_metadata(member) for member in get_args(hint)]
     return [kind for kinds, _ in pairs for kind in kinds], [m for _, ms in pairs for m in ms]
@@ -234,3 +265,8 @@ def file_name(name: str, value: Any, needed: str = "the path of a file") -> str:
     if not path:
         raise InputError(f"{name} must be {needed}; got {quoted(value)}")
     return path
+
+
+def file_path(name: str, value: Any) -> Path:
+    """Return `value` as a path. Raise InputError if it is not one."""
+    return Path(file_name(name, value))

@@ -2,12 +2,12 @@
 
 `{options}` of a command, `{formats}` of photos, `{features}` that
 renderers draw wrongly, `{forms}` that they draw, `{scores}`, `{record}` of a photo of a
-batch. cyclopts' own directive has neither ranges nor a page for a group alone, and nothing
-that a link to an option could lead to.
+batch.
 """
 
 from __future__ import annotations
 
+import argparse
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -18,9 +18,9 @@ from docutils.parsers.rst import directives
 from sphinx.util.docutils import SphinxDirective
 
 from gauss2svg.batch.worker import PhotoRecord
-from gauss2svg.cli.main import build_app
+from gauss2svg.cli.main import command_of
 from gauss2svg.measure import SCORES
-from gauss2svg.options import Field, OptionGroup, fields_of
+from gauss2svg.options import Field, fields_of, texts_of
 from gauss2svg.photo import FORMATS
 from gauss2svg.raster import (
     CANNOT_DRAW,
@@ -72,58 +72,45 @@ class Options(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return the nodes."""
-        app = build_app(True)
         name = self.arguments[0]
-        command = app if name == "gauss2svg" else app[name]
-        program = name if command is app else f"gauss2svg {name}"
-        lines = [f":::{{program}} {program}", ":::", ""]
-        fields: dict[str, Field] = {}
-        for argument in command.assemble_argument_collection(parse_docstring=True):
-            hint = argument.hint
-            if argument.names == ("*",):
-                known = isinstance(hint, type) and issubclass(hint, OptionGroup)
-                fields = {f.name: f for f in fields_of(hint)} if known else {}
-            elif self.options.get("group") in (None, _group(argument)):
-                lines += _entry(argument, fields)
+        parser = command_of([*(() if name == "gauss2svg" else (name,)), "--help-all"])[1]
+        fields = {
+            field.name: (field, texts_of(group)[field.name])
+            for group in parser.groups
+            for field in fields_of(group)
+        }
+        lines = [f":::{{program}} {parser.prog}", ":::", ""]
+        for section in parser._action_groups:
+            if self.options.get("group", section.title) == section.title != "About":
+                for action in section._group_actions:
+                    required = action.dest in parser.required
+                    lines += _entry(action, *fields.get(action.dest, (None, action.help)), required)
         return self.parse_text_to_nodes("\n".join(lines))
 
 
-def _group(argument: Any) -> str:
-    (group,) = argument.parameter.group
-    return getattr(group, "_name", group)
-
-
-def _entry(argument: Any, fields: dict[str, Field]) -> Iterator[str]:
-    field = fields.get(argument.names[0].removeprefix("--").replace("-", "_"))
-    choices = [] if field is None else [c for c in field.choices if not isinstance(c, bool)]
-    positional = argument.index is not None
-    names = [argument.names[0].lstrip("-").upper()] if positional else _names(argument)
-    yield f"::::{{option}} {', '.join(names)}"
-    text = [] if argument.parameter.help is None else [_markdown(argument.parameter.help)]
-    if choices:
-        text.append(f"One of {', '.join(f'`{choice}`' for choice in choices)}.")
-    elif field is not None:
-        text.append(allowed(field))
-    if argument.required and not positional:
-        text.append("Required.")
-    default = argument.field_info.default
-    if default is True and len(names) > 1:
-        text.append("On by default.")
-    if isinstance(default, (int, float, str)) and not isinstance(default, bool) and default != "":
-        shown = _number(default) if isinstance(default, (int, float)) else default
-        text.append(f"Default: `{shown}`.")
-    yield " ".join(part for part in text if part)
+def _entry(
+    action: argparse.Action, field: Field | None, text: str, required: bool
+) -> Iterator[str]:
+    names = action.option_strings or [action.metavar]
+    yield f"::::{{option}} {', '.join(sorted(names, key=len, reverse=True))}"
+    words = [_markdown(text)]
+    if required and action.option_strings:
+        words.append("Required.")
+    if field is not None:
+        choices = field.choices if field.kind is None else ()
+        shown = ", ".join(f"`{choice}`" for choice in choices)
+        words.append(f"One of {shown}." if choices else allowed(field))
+        if field.default is True:
+            words.append("On by default.")
+        elif isinstance(field.default, (int, float, str)) and str(field.default) not in (
+            "",
+            "False",
+        ):
+            number = isinstance(field.default, (int, float))
+            words.append(f"Default: `{_number(field.default) if number else field.default}`.")
+    yield " ".join(word for word in words if word)
     yield "::::"
     yield ""
-
-
-def _names(argument: Any) -> list[str]:
-    """Its names; of a flag that is off by default not its opposite."""
-    names = list(argument.names)
-    if argument.field_info.default is True:
-        return names
-    opposites = {f"--no-{name.removeprefix('--')}" for name in names}
-    return [name for name in names if name not in opposites]
 
 
 def _table(head: str, rows: Iterable[str]) -> str:

@@ -17,7 +17,7 @@ from urllib.parse import quote
 from gauss2svg.batch.listing import ListedPhoto, listed_photos
 from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, check_outputs, make_folder, reading
-from gauss2svg.options import OptionGroup
+from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.placeholder import (
     DEFAULT_BYTES,
     Counted,
@@ -53,7 +53,7 @@ class PlaceholderOptions(OptionGroup):
     the placeholder as its background. picture: the same in a picture element, which also offers the
     AVIF and WebP of the same name beside the photo. svg: one SVG file for each photo."""
 
-    root: Path | None = None
+    root: Annotated[Path | None, file_path] = None
     """Folder to which paths and addresses are relative. The default is the folder of the output."""
 
 

@@ -4,32 +4,39 @@ import dataclasses
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
+from typing import Annotated, Any
 
 from gauss2svg import files
+from gauss2svg.cli.parser import Parser
 from gauss2svg.cli.terminal import say
 from gauss2svg.errors import brief, refusal
 from gauss2svg.files import STANDARD_STREAM, expanded
 from gauss2svg.measure import CheckOptions
-from gauss2svg.options import Interval, OptionGroup
+from gauss2svg.options import Interval, OptionGroup, file_path
 
-_Name = Annotated[str, Parameter(allow_leading_hyphen=True)]
+USAGE = "PHOTO SVG [OPTIONS]"
+_SVG = (
+    "SVG of any program, which may be gzipped, or - for standard input. It is stretched to the "
+    "size at which it is compared."
+)
+_REFERENCE = (
+    "SVG or larger picture that the photo was made from. The SVG is also enlarged by "
+    "--reference-scale and compared with this reference."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOutput(OptionGroup):
     """Options that set which files are written, whether a summary is shown, and the exit status."""
 
-    heatmap: Path | None = None
+    heatmap: Annotated[Path | None, file_path] = None
     """Save a map of the errors as a PNG file. Each pixel shows the largest difference of its colour
     channels, from black for none to pale yellow for 64 or more of 255 levels."""
 
-    preview: Path | None = None
+    preview: Annotated[Path | None, file_path] = None
     """Save the rasterised SVG as a PNG file."""
 
-    report: Path | None = None
+    report: Annotated[Path | None, file_path] = None
     """Save all measurements as a JSON file."""
 
     min_psnr: Annotated[float | None, Interval(gt=0, le=1e9)] = None
@@ -40,38 +47,22 @@ class CheckOutput(OptionGroup):
     """Show no summary."""
 
 
-def check_command(
-    photo: _Name,
-    svg: _Name,
-    *,
-    reference: Annotated[
-        str | None, Parameter(group="Measuring", allow_leading_hyphen=True)
-    ] = None,
-    options: Annotated[CheckOptions, Parameter(name="*", group="Measuring")] = CheckOptions(),
-    output: Annotated[
-        CheckOutput, Parameter(name="*", group="Output", negative=())
-    ] = CheckOutput(),
-) -> int:
-    """Measure how closely any SVG matches a photo.
+def add_arguments(parser: Parser) -> None:
+    """Add the arguments of the command to its parser."""
+    parser.add_file("photo", "Photo or drawing, or - for standard input.")
+    parser.add_file("svg", _SVG)
+    parser.parameters.add_argument("--reference", metavar="FILE", help=_REFERENCE)
+    parser.add_group(CheckOptions, "Measuring")
+    parser.add_group(CheckOutput, "Output")
 
-    Parameters
-    ----------
-    photo
-        Photo or drawing, or - for standard input.
-    svg
-        SVG of any program, which may be gzipped, or - for standard input. It is stretched to the
-        size at which it is compared.
-    reference
-        SVG or larger picture that the photo was made from. The SVG is also enlarged by
-        --reference-scale and compared with this reference.
-    options, output
-        Options.
 
-    """
+def run(given: dict[str, Any]) -> int:
+    """Run the command with the values that were given, and return its exit status."""
     from gauss2svg.cli.summary import print_check
     from gauss2svg.measure.check import check
 
-    names = expanded([photo, svg])
+    output, reference = CheckOutput.of(given), given.get("reference")
+    names = expanded([given["photo"], given["svg"]])
     if len(names) != 2 or names == [STANDARD_STREAM, STANDARD_STREAM]:
         got = brief(", ".join(names))
         raise refusal("photo and SVG", "one file each", got, "a file name for each")
@@ -85,7 +76,7 @@ def check_command(
         files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo,
         files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else Path(svg),
         reference=reference,
-        **dataclasses.asdict(options),
+        **dataclasses.asdict(CheckOptions.of(given)),
     )
     makers = {
         output.heatmap: result.heatmap,

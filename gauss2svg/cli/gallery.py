@@ -1,74 +1,74 @@
 """The command `gauss2svg gallery`, imported only when it is run."""
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
+from typing import Any
 
 from gauss2svg.batch.inputs import local_photos
-from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, words
+from gauss2svg.cli.parser import PHOTOS, STATUS_SOME_FAILED, Parser, words
 from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import refusal
 from gauss2svg.fit import MOST_GAUSSIANS
-from gauss2svg.options import Field
+from gauss2svg.options import Field, OptionGroup
 from gauss2svg.processes import command_line
 
-_DEFAULTS = GalleryOptions()
+USAGE = "PHOTOS -o FOLDER [OPTIONS]"
+_OUTPUT = (
+    "Folder for the pages, which begin with index.html. The same command continues an interrupted "
+    "gallery. A command with more photos or variants adds these. Finished SVGs are kept."
+)
 _COUNT = Field("each of --counts", int, 0, MOST_GAUSSIANS, advice="500,2000")
 
 
-def gallery_command(
-    photos: Photos,
-    *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
-    variants: str | None = None,
-    counts: str | None = None,
-    peers: str = "",
-    options: Annotated[GalleryOptions, Parameter(name="*", group="Gallery")] = _DEFAULTS,
-    quiet: Quiet = False,
-) -> int:
-    """Write web pages that compare results for photos. No server is needed to open them.
+@dataclass(frozen=True, kw_only=True)
+class GalleryCommand(OptionGroup):
+    """Options that say what is compared."""
 
-    Parameters
-    ----------
-    photos
-        Photos.
-    output
-        Folder for the pages, which begin with index.html. The same command continues an interrupted
-        gallery. A command with more photos or variants adds these. Finished SVGs are kept.
-    variants
-        Presets to compare, separated by commas: draft, fast, balanced, high, max. Without --counts
-        the default is draft,balanced,high.
-    counts
-        Numbers of Gaussians to compare, separated by commas: 500,2000,8000.
-    peers
-        Other tools to compare if they are installed, separated by commas: vtracer, splatthis,
-        primitive, swag, neroued, and vtracer1, which is vtracer 1.0, run by the Python that the
-        variable GAUSS2SVG_VTRACER1 names. Other settings follow a colon, such as vtracer:detailed.
-    options
-        Options.
-    quiet
-        Show neither progress nor summary.
+    variants: str | None = None
+    """Presets to compare, separated by commas: draft, fast, balanced, high, max. Without --counts
+    the default is draft,balanced,high."""
 
-    """
+    counts: str | None = None
+    """Numbers of Gaussians to compare, separated by commas: 500,2000,8000."""
+
+    peers: str = ""
+    """Other tools to compare if they are installed, separated by commas: vtracer, splatthis,
+    primitive, swag, neroued, and vtracer1, which is vtracer 1.0, run by the Python that the
+    variable GAUSS2SVG_VTRACER1 names. Other settings follow a colon, such as vtracer:detailed."""
+
+    quiet: bool = False
+    """Show neither progress nor summary."""
+
+
+def add_arguments(parser: Parser) -> None:
+    """Add the arguments of the command to its parser."""
+    parser.add_file("photos", PHOTOS, "*")
+    parser.add_output("FOLDER", _OUTPUT, required=True)
+    parser.add_group(GalleryCommand)
+    parser.add_group(GalleryOptions, "Gallery")
+
+
+def run(given: dict[str, Any]) -> int:
+    """Run the command with the values that were given, and return its exit status."""
     from gauss2svg.compare.pages.build import build_gallery
     from gauss2svg.measure import packages_missing
 
-    paths = local_photos(photos)
+    command, photos, output = GalleryCommand.of(given), given["photos"], Path(given["output"])
+    paths, counts = local_photos(photos), command.counts
     for source in photos:
         if output.resolve().is_relative_to(Path(source).resolve()):
             got = f"{output}, which is in {source}"
             raise refusal("output", "outside of the inputs", got, "another folder")
-    with counting_bar(quiet) as update:
+    with counting_bar(command.quiet) as update:
         gallery = build_gallery(
             paths,
             output,
-            variants=None if variants is None else words(variants),
+            variants=None if command.variants is None else words(command.variants),
             counts=None if counts is None else [_COUNT.parsed(word) for word in words(counts)],
-            peers=words(peers),
-            options=options,
+            peers=words(command.peers),
+            options=GalleryOptions.of(given),
             command=command_line(["gauss2svg", *sys.argv[1:]]),
             progress=lambda state: update("; ".join(state.now), state.done, state.total),
         )
@@ -79,7 +79,7 @@ def gallery_command(
     for failure in gallery.failures:
         variant = f", {failure['variant']}" if failure["variant"] else ""
         say(f"failed: {failure['photo']}{variant}: {failure['error']}")
-    if not quiet:
+    if not command.quiet:
         count = len(gallery.rows)
         kept = f", {gallery.kept} of them kept from before" if gallery.kept else ""
         failed = f"{len(gallery.failures)} failed"

@@ -8,12 +8,10 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from typing import get_args
+from importlib import import_module
+from typing import Any, get_args
 
-import cyclopts
-from cyclopts import App, CycloptsError, Group, Parameter
-
-from gauss2svg.cli.parameters import read_options_file, refuse_options
+from gauss2svg.cli.parser import Parser
 from gauss2svg.cli.terminal import (
     Terminated,
     drop_output,
@@ -24,9 +22,8 @@ from gauss2svg.cli.terminal import (
     say,
     status_of,
 )
-from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.options import Renderer
+from gauss2svg.options import Renderer, flag_of
 from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.version import __version__
 
@@ -41,50 +38,51 @@ _PACKAGES = (
 )  # fmt: skip
 _HELP_ALL = "--help-all"
 _COMMANDS = {
-    "check": "Measure how closely any SVG matches a photo.",
-    "bench": "Compare settings and other tools in tables and plots.",
     "batch": "Vectorise many photos, on one machine or a cluster.",
+    "bench": "Compare settings and other tools in tables and plots.",
+    "check": "Measure how closely any SVG matches a photo.",
     "gallery": "Write web pages that compare results for photos.",
-    "studio": "Vectorise photos in the browser, on this machine.",
     "placeholder": "Write SVGs of about a kilobyte to show while photos load.",
+    "studio": "Vectorise photos in the browser, on this machine.",
 }
-# If a command line of the main command has no other options than these, the parser is built with
-# only the options of the short help, which takes less time.
-_SHORT = {"--help", "-h", "--version", "--output", "-o"}
-_SHORT |= {f"--{name.replace('_', '-')}" for name, group in OPTIONS.items() if group == "goal"}
 
 
-def build_app(everything: bool = False, short: bool = False) -> App:
-    """Return the parser of the command line.
-
-    everything  True if the help lists all options, and not only those used most
-    short       True if the main command is called with no other options than the short help has
-    """
-    app = App(
-        name="gauss2svg",
-        version=_versions,
-        version_flags=["--version"],
-        help_flags=[_HELP_ALL] if everything else ["--help", "-h"],
-        help=HELP,
-        # The short help needs no Markdown, whose parser would take a seventh of the time. In longer
-        # help texts, Markdown joins the lines of a paragraph.
-        help_format="plaintext" if short else "markdown",
-        version_format="plaintext",
-        usage="Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all options)",
-        default_parameter=Parameter(
-            negative=(), show_default=lambda value: None if value is False or value == "" else value
-        ),
-        group_commands=Group("Commands, each with its own --help", sort_key=9),
-        # The parser must not catch a Ctrl-C, because main() handles it and prints a message.
-        suppress_keyboard_interrupt=False,
-        result_action="return_value",
-        config=(read_options_file, refuse_options),
+def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
+    """Return the module of the command that a command line calls, its parser and its words."""
+    name = words[0] if words and words[0] in _COMMANDS else ""
+    # The modules of commands are imported only when they run.
+    module = import_module(f"gauss2svg.cli.{name or 'vectorize'}")
+    has_help = not {"--help", "-h", _HELP_ALL}.isdisjoint(words)
+    parser = Parser(
+        name,
+        module.USAGE,
+        _COMMANDS[name] if name else module.ABOUT,
+        has_help=has_help,
+        lists_all=bool(name) or _HELP_ALL in words,
     )
-    app.default(vectorize_command(everything, short))
-    # Commands are registered by name, so that their modules are imported only when they run.
-    for name, help_line in _COMMANDS.items():
-        app.command(f"gauss2svg.cli.{name}:{name}_command", name=name, help=help_line)
-    return app
+    module.add_arguments(parser)
+    if not name:
+        lines = "\n".join(f"  {command:13}{line}" for command, line in _COMMANDS.items())
+        parser.add_argument_group("Commands, each with its own --help", lines)
+    about = parser.add_argument_group("About")
+    about.add_argument("-h", "--help", action="store_true", help="Show this help.")
+    if not name:
+        about.add_argument(_HELP_ALL, action="store_true", help="List all options.")
+        text = "Show the versions of gauss2svg and of what it uses."
+        about.add_argument("--version", action="store_true", help=text)
+    return module, parser, list(words[bool(name) :])
+
+
+def _run(words: Sequence[str]) -> int:
+    module, parser, rest = command_of(words)
+    if parser.has_help:
+        print(parser.format_help(), end="")
+        return 0
+    given = parser.read(rest)
+    if given.pop("version", False):
+        print(_versions())
+        return 0
+    return module.run(given)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -107,13 +105,8 @@ def main(arguments: list[str] | None = None) -> int:
     logging.getLogger("concurrent.futures").setLevel(logging.CRITICAL + 1)
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        short = all(word.partition("=")[0] in _SHORT for word in words if word[:1] == "-")
-        short = short and not _COMMANDS.keys() & words[:1]
-        app = build_app(everything=_HELP_ALL in words, short=short)
         with handling():
-            status = app(words or ["--help"], exit_on_error=False, print_error=False)
-    except CycloptsError as error:
-        return _refuse(_with_dashes(_error_line(error), words))
+            return _run(words or ["--help"])
     except Gauss2SvgError as error:
         return _refuse(_with_dashes(str(error), words))
     except MemoryError as error:
@@ -132,7 +125,6 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         say("interrupted; every file is whole or untouched")
         return status_of(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
-    return status if isinstance(status, int) else 0
 
 
 def run() -> None:
@@ -195,25 +187,6 @@ def _renderer(name: str) -> str:
     return renderer_version(name)
 
 
-def _error_line(error: CycloptsError) -> str:
-    """Return the error line for a command line that the parser refuses."""
-    command = " ".join(("gauss2svg", *(error.command_chain or ())))
-    advice = f"Try {command} {'--help' if error.command_chain else _HELP_ALL}"
-    if isinstance(error, cyclopts.MissingArgumentError) and error.argument is not None:
-        name = error.keyword or error.argument.name
-        name = name.lstrip("-").upper() if error.argument.field_info.is_positional else name
-        return f"{name} must be given{' with a value' * bool(error.keyword)}; got none. {advice}"
-    if isinstance(error, cyclopts.CoercionError) and error.token and error.argument:
-        choices = error.argument.get_choices(force=True) or ()
-        kinds = {int: "a whole number", float: "a number"}
-        numbers = [kinds[kind] for kind in get_args(error.argument.hint) if kind in kinds]
-        several = [f"one of {', '.join(choices)}"] if len(choices) > 1 else choices
-        needed = " or ".join([*numbers, *several]) or kinds.get(error.target_type, "valid")
-        return f"{error.token.keyword} must be {needed}; got {error.token.value!r}. {advice}"
-    line = " ".join(str(error).split()).rstrip(".").removeprefix("Parameter ")
-    return f"{line}. {advice}"
-
-
 def _with_dashes(line: str, words: Sequence[str]) -> str:
     """Return an error line with options as they are typed: --max-bytes in place of max_bytes.
 
@@ -227,7 +200,7 @@ def _with_dashes(line: str, words: Sequence[str]) -> str:
     if line.partition(" ")[0] not in names:
         return line
     option = re.compile(rf"(^|\b(?:with|got|if) )({'|'.join(map(re.escape, names))})(?=[ ,;.])")
-    return option.sub(lambda match: f"{match[1]}--{match[2].replace('_', '-')}", line)
+    return option.sub(lambda match: match[1] + flag_of(match[2]), line)
 
 
 def _refuse(message: str) -> int:

@@ -1,43 +1,35 @@
 """The command `gauss2svg placeholder`, imported only when it is run."""
 
-from typing import Annotated
-
-from cyclopts import Parameter
+from typing import Any
 
 from gauss2svg.batch.inputs import local_photos
 from gauss2svg.batch.placeholders import PlaceholderList, PlaceholderOptions
-from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Output, Photos, Quiet
+from gauss2svg.cli.parser import PHOTOS, STATUS_SOME_FAILED, Parser
 from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically, write_output
 
-_DEFAULTS = PlaceholderOptions()
+USAGE = "PHOTOS [-o FILE] [OPTIONS]"
+_OUTPUT = (
+    "File to write, or - for standard output. With --format svg it is a folder. An existing list "
+    "keeps the entries of unchanged photos, and loses those of photos that are not given."
+)
+_QUIET = "Show neither progress nor summary."
 
 
-def placeholder_command(
-    photos: Photos,
-    *,
-    output: Output = STANDARD_STREAM,
-    options: Annotated[PlaceholderOptions, Parameter(name="*", group="Placeholders")] = _DEFAULTS,
-    quiet: Quiet = False,
-) -> int:
-    """Write SVGs of about a kilobyte, which a web page shows until its photos have loaded.
+def add_arguments(parser: Parser) -> None:
+    """Add the arguments of the command to its parser."""
+    parser.add_file("photos", PHOTOS, "*")
+    parser.add_output("FILE", _OUTPUT)
+    parser.parameters.add_argument("--quiet", action="store_true", help=_QUIET)
+    parser.add_group(PlaceholderOptions, "Placeholders")
 
-    Parameters
-    ----------
-    photos
-        Photos.
-    output
-        File to write, or - for standard output. With --format svg it is a folder. An existing list
-        keeps the entries of unchanged photos, and loses those of photos that are not given.
-    options
-        Options.
-    quiet
-        Show neither progress nor summary.
 
-    """
-    paths = local_photos(photos)
-    entries = PlaceholderList(paths, output, options)
+def run(given: dict[str, Any]) -> int:
+    """Run the command with the values that were given, and return its exit status."""
+    output, quiet = given.get("output", STANDARD_STREAM), given.get("quiet", False)
+    paths = local_photos(given["photos"])
+    entries = PlaceholderList(paths, output, PlaceholderOptions.of(given))
     with counting_bar(quiet) as update:
         try:
             for done, photo in enumerate(entries.photos):

@@ -1,43 +1,48 @@
 """The command `gauss2svg studio`, imported only when it is run."""
 
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from cyclopts import Parameter
-
+from gauss2svg.cli.parser import Parser
 from gauss2svg.cli.terminal import say
 from gauss2svg.errors import InputError
+from gauss2svg.options import Interval, OptionGroup
+
+USAGE = "[FOLDER] [OPTIONS]"
 
 
-def studio_command(
-    folder: Path | None = None,
-    *,
-    port: int = 8137,
-    host: str = "127.0.0.1",
-    no_browser: Annotated[bool, Parameter(negative="")] = False,
-    jobs: int | None = None,
-    threads: int | None = None,
-) -> int:
-    """Open a page on which this machine vectorises photos. Programs can use the service too.
+@dataclass(frozen=True, kw_only=True)
+class StudioOptions(OptionGroup):
+    """Options of the studio."""
 
-    Parameters
-    ----------
-    folder
-        Folder whose photos the page offers.
-    port
-        Port to listen on. 0 takes a free one.
-    host
-        Address to listen on. Any other than 127.0.0.1 lets other machines in.
-    no_browser
-        Print the address of the page and open no browser.
-    jobs
-        Number of photos that are vectorised at the same time. The default depends on the number
-        of cores.
-    threads
-        Number of CPU threads for each photo. By default the photos share the cores.
+    port: Annotated[int, Interval(ge=0, le=65535)] = 8137
+    """Port to listen on. 0 takes a free one."""
 
-    """
+    host: str = "127.0.0.1"
+    """Address to listen on. Any other than 127.0.0.1 lets other machines in."""
+
+    no_browser: bool = False
+    """Print the address of the page and open no browser."""
+
+    jobs: Annotated[int | None, Interval(ge=1)] = None
+    """Number of photos that are vectorised at the same time. The default depends on the number of
+    cores."""
+
+    threads: Annotated[int | None, Interval(ge=1)] = None
+    """Number of CPU threads for each photo. By default the photos share the cores."""
+
+
+def add_arguments(parser: Parser) -> None:
+    """Add the arguments of the command to its parser."""
+    text = "Folder whose photos the page offers."
+    parser.parameters.add_argument("folder", nargs="?", metavar="FOLDER", help=text)
+    parser.add_group(StudioOptions)
+
+
+def run(given: dict[str, Any]) -> int:
+    """Run the command with the values that were given, and return its exit status."""
     for package in ("fastapi", "python_multipart", "uvicorn"):
         if find_spec(package) is None:
             raise InputError(
@@ -45,5 +50,10 @@ def studio_command(
             )
     from gauss2svg.studio.service import serve
 
-    serve(folder, host, port, jobs, threads, browser=not no_browser, say=say)
+    options = StudioOptions.of(given)
+    folder = Path(given["folder"]) if "folder" in given else None
+    serve(
+        folder, options.host, options.port, options.jobs, options.threads,
+        browser=not options.no_browser, say=say,
+    )  # fmt: skip
     return 0

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
+import textwrap
 from typing import Any
-
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure import ON_REQUEST, TARGETS, decibels
@@ -175,15 +174,16 @@ def _focus(report: dict[str, Any]) -> str:
 
 
 def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: list[str]) -> None:
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim")
-    table.add_column()
-    for name, text in (*rows.items(), *further, *(("note", note) for note in notes)):
-        if text:
-            # A file name may contain markup or control characters. The class Text shows markup as
-            # it is, and on_one_line escapes control characters.
-            table.add_row(name, Text(on_one_line(text)))
-    Console(stderr=True, highlight=False).print(table)
+    lines = [(name, text) for name, text in rows.items() if text]
+    lines += [*further, *(("note", note) for note in notes)]
+    indent = max(len(name) for name, _ in lines) + 2
+    columns = max(shutil.get_terminal_size().columns, 2 * indent)
+    for name, text in lines:
+        paragraph = textwrap.fill(
+            f"{name:{indent}}{on_one_line(text)}", columns, subsequent_indent=" " * indent,
+            break_long_words=False, break_on_hyphens=False,
+        )  # fmt: skip
+        print(paragraph, file=sys.stderr)
 
 
 def _ssim(value: float | None, least_side: int = 3) -> str:

@@ -3,16 +3,14 @@
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from cyclopts import Group, Parameter
+from typing import TYPE_CHECKING, Annotated, Any
 
 from gauss2svg import files, processes
-from gauss2svg.cli.parameters import Output, options_of
+from gauss2svg.cli.parser import Parser, run_options
 from gauss2svg.cli.terminal import (
     Interruption,
     handling,
@@ -21,9 +19,9 @@ from gauss2svg.cli.terminal import (
 )
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, expanded
-from gauss2svg.options import Interval, OptionGroup
+from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
 from gauss2svg.photo import FORMATS
-from gauss2svg.pipeline.options import GROUP_TITLES, Options
+from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.scene import ADD
 from gauss2svg.scene.inks import MOST_INKS
 
@@ -38,8 +36,13 @@ _EXAMPLES = (
     "gauss2svg photo.jpg -o out.svg --max-bytes 150k      # the best file of 150 kB",
     "gauss2svg photo.jpg --max-bytes 60k --count-gzipped  # the best of 60 kB gzipped",
 )
-HELP = "Turn a picture into an SVG of soft shapes, and measure how closely it matches.\n\n" + (
-    "  \n".join(_EXAMPLES)  # two trailing spaces keep the line break in Markdown
+USAGE = "PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all options)"
+ABOUT = "\n".join(
+    (
+        "Turn a picture into an SVG of soft shapes, and measure how closely it matches.",
+        "",
+        *_EXAMPLES,
+    )
 )
 _SIGNATURE = b"written by gauss2svg"  # text in the description of every SVG that gauss2svg writes
 _SIGNATURE_WITHIN = 65536  # the signature must be within this number of bytes from the start
@@ -47,43 +50,35 @@ _SIGNATURE_WITHIN = 65536  # the signature must be within this number of bytes f
 _SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
 _SUFFIXES |= {"save_scene": ".npz"}
 _FORMATS_NAMED = 6  # number of photo formats that the help names
-_GROUPS = tuple(GROUP_TITLES)  # groups of options, in the order of the help
-_PARAMETERS = f"""
-
-Parameters
-----------
-photo
-    {", ".join([*FORMATS][:_FORMATS_NAMED])} and others, - for stdin.
-output
-    SVG to write, or - for stdout. The default is photo.svg.
-"""
+_PHOTO = f"{', '.join([*FORMATS][:_FORMATS_NAMED])} and others, - for stdin."
+_OUTPUT = "SVG to write, or - for stdout. The default is photo.svg."
 
 
 @dataclass(frozen=True, kw_only=True)
-class InputFiles:
+class InputFiles(OptionGroup):
     """Options for files that are read in addition to the photo."""
 
-    focus: Path | None = None
+    focus: Annotated[Path | None, file_path] = None
     """Put more detail where this picture is white. It has the proportions of the photo."""
 
-    start: Path | None = None
+    start: Annotated[Path | None, file_path] = None
     """Refine the shapes of this scene (.npz) or SVG of gauss2svg, in place of a new fit."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutputFiles:
+class OutputFiles(OptionGroup):
     """Options for files that are written in addition to the SVG, and for messages."""
 
-    preview: Path | None = None
+    preview: Annotated[Path | None, file_path] = None
     """Save the rasterised SVG as a PNG file."""
 
-    report: Path | None = None
+    report: Annotated[Path | None, file_path] = None
     """Save all measurements of the run as a JSON file."""
 
-    outline: Path | None = None
+    outline: Annotated[Path | None, file_path] = None
     """Save the outlines of the shapes as a second SVG file."""
 
-    save_scene: Path | None = None
+    save_scene: Annotated[Path | None, file_path] = None
     """Save the fitted Gaussians as a NumPy file (.npz)."""
 
     overwrite: bool = False
@@ -97,7 +92,7 @@ class OutputFiles:
 class PlatesAndPens(OptionGroup):
     """Options for files that are written for printers and plotters."""
 
-    separations: Path | None = None
+    separations: Annotated[Path | None, file_path] = None
     """Save one SVG for each of the --inks, black where the ink is visible. The name plate.svg gives
     plate-1.svg, plate-2.svg and so on."""
 
@@ -118,42 +113,27 @@ class Files(PlatesAndPens, OutputFiles, InputFiles):
         return [path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
 
 
-def vectorize_command(everything: bool, short: bool = False) -> Callable[..., int]:
-    """Return the function of the main command. The parser makes options from its parameters.
+def add_arguments(parser: Parser) -> None:
+    """Add the arguments of the command to its parser."""
+    parser.parameters.add_argument("photo", nargs="*", metavar="PHOTO", help=_PHOTO)
+    parser.add_output("FILE", _OUTPUT)
+    parser.add_group(GROUPS["goal"], GROUP_TITLES["goal"])
+    parser.add_group(OutputFiles, "Output files")
+    shown = parser.lists_all
+    parser.add_group(InputFiles, "Input files", shown)
+    parser.add_group(PlatesAndPens, "Plates and pens", shown)
+    for key in [*GROUPS][1:]:
+        parser.add_group(GROUPS[key], GROUP_TITLES[key], shown)
 
-    everything  True if the command's help shows all groups of options, and not only the first
-    short       True if the command has only the first group, so that it is built faster
-    """
-    groups = {
-        key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
-        for order, key in enumerate(_GROUPS[:1] if short else _GROUPS)
-    }
-    files_group = Group("Output files", sort_key=0.5)
-    inputs_group = Group("Input files", sort_key=0.7, show=everything)
-    plates_group = Group("Plates and pens", sort_key=2.5, show=everything)
-    parsed = options_of(groups)
-    defaults = parsed()
 
-    def command(
-        *photo: Annotated[str, Parameter(allow_leading_hyphen=True, group="Parameters")],
-        output: Output | None = None,
-        options: Annotated[parsed, Parameter(name="*")] = defaults,  # pyright: ignore[reportInvalidTypeForm]
-        output_files: Annotated[
-            OutputFiles, Parameter(name="*", group=files_group)
-        ] = OutputFiles(),
-        input_files: Annotated[InputFiles, Parameter(name="*", group=inputs_group)] = InputFiles(),
-        plates: Annotated[PlatesAndPens, Parameter(name="*", group=plates_group)] = PlatesAndPens(),
-    ) -> int:
-        photos = expanded(photo)
-        if len(photos) != 1 or os.path.isdir(photos[0]):
-            got = brief(", ".join(photos)) if photos else "none"
-            advice = "gauss2svg batch PHOTOS -o FOLDER" if photos else "gauss2svg --help"
-            raise refusal("the photo", "one file", got, advice)
-        extras = Files(**vars(output_files), **vars(input_files), **vars(plates))
-        return _run(photos[0], output, Options(**vars(options)), extras)
-
-    command.__doc__ = HELP + _PARAMETERS
-    return command
+def run(given: dict[str, Any]) -> int:
+    """Run the command with the values that were given, and return its exit status."""
+    photos = expanded(given.get("photo", ()))
+    if len(photos) != 1 or os.path.isdir(photos[0]):
+        got = brief(", ".join(photos)) if photos else "none"
+        advice = "gauss2svg batch PHOTOS -o FOLDER" if photos else "gauss2svg --help"
+        raise refusal("the photo", "one file", got, advice)
+    return _run(photos[0], given.get("output"), run_options(given), Files.of(given))
 
 
 def _run(photo: str, output: str | None, options: Options, extras: Files) -> int:
@@ -231,7 +211,7 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
     files.check_outputs({str(path): text for path, text in inputs.items() if path}, targets)
     check_svg_name("--output", output)
     for option, path in paths.items():
-        name = f"--{option.replace('_', '-')}"
+        name = flag_of(option)
         if _SUFFIXES[option] == ".svg":
             check_svg_name(name, path)
         else:

@@ -6,3 +6,33 @@ makes the file and measures it. The module `grid` stores the results as records.
 on the records: `table` writes a benchmark, and `pages` writes a gallery. `chart` draws the charts
 of both. `records` measures the cost of a run and describes the machine.
 """
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from gauss2svg.options import Interval, OptionGroup, Seed, file_path
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchOptions(OptionGroup):
+    """Options of a benchmark."""
+
+    # The limit is 1e6 s, because system calls refuse a timeout of more than 24 days.
+    peer_timeout: Annotated[float, Interval(ge=1e-3, le=1e6)] = 300.0
+    """Maximum time (s) that another tool may take for a photo."""
+
+    references: Annotated[Path | None, file_path] = None
+    """Folder with the SVGs that the photos were made from, by the names of the photos: logo.svg for
+    logo.png. Every SVG is also compared with its reference, enlarged."""
+
+    reference_scale: Annotated[float, Interval(ge=1e-3, le=1000)] = 4.0
+    """Factor by which SVGs are enlarged to be compared with their references."""
+
+    seed: Seed = 0
+    """Random seed. The same seed gives the same file."""
+
+    threads: Annotated[int | None, Interval(ge=1)] = None
+    """Number of CPU threads of gauss2svg. The default is one for each core."""

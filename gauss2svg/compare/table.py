@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.batch.listing import ListedPhoto, listed_photos
+from gauss2svg.compare import BenchOptions
 from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import TOOL, Row
@@ -26,7 +27,6 @@ from gauss2svg.compare.variants import Variant, peer_variants, settings_of
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure import PSNR, SCORES, Score
-from gauss2svg.options import Field
 from gauss2svg.photo import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.run import thread_count
@@ -171,11 +171,7 @@ def run_bench(
     *,
     axes: Mapping[str, Sequence[Any]] | None = None,
     peers: Iterable[str] = (),
-    seed: int = 0,
-    threads: int | None = None,
-    peer_timeout: float = 300.0,
-    references: str | os.PathLike[str] | None = None,
-    reference_scale: float = 4.0,
+    options: BenchOptions = BenchOptions(),
     progress: Callable[[Progress], None] | None = None,
 ) -> list[Row]:
     """Vectorise every photo with all settings, each in its own process. Return the rows.
@@ -187,10 +183,6 @@ def run_bench(
                   gauss2svg.compare.variants.DEFAULT_GRID.
     peers         other tools, by their names in gauss2svg.compare.peers.PEERS. Tools that are not
                   installed are skipped.
-    threads       number of CPU threads of gauss2svg. None means one for each core.
-    peer_timeout  maximum time (s) that a peer may take for a photo
-    references    folder with the SVG that each photo was made from: logo.svg for logo.png
-    reference_scale  factor by which SVGs are enlarged to be compared with their references
     progress      called with a Progress when a run begins or ends
 
     rows.jsonl, bench.json, bench.csv, summary.md and the plots are written after every run. The
@@ -199,29 +191,26 @@ def run_bench(
     for bad arguments and photos, and OutputError if the folder cannot be written, both before the
     first run.
     """
-    Field("seed", int, 0, 2**63 - 1).checked(seed)
-    thread_count(threads)
-    # The limit is 1e6 s, because system calls refuse a timeout of more than 24 days.
-    Field("peer_timeout", float, 1e-3, 1e6).checked(peer_timeout)
-    Field("reference_scale", float, 1e-3, 1000.0).checked(reference_scale)
+    seed, scale = options.seed, options.reference_scale
+    thread_count(options.threads)
     others, absent = peer_variants(peers)
     variants = [*map(Variant, settings_of(axes)), *others]
     photos = listed_photos(images, "images")
     for photo in photos:
         load_image(photo.path)  # raises the error of a bad photo now and not after hours of runs
-    sources = {} if references is None else _references(photos, Path(references))
+    sources = {} if options.references is None else _references(photos, options.references)
     versions = {"gauss2svg": __version__, "python": platform.python_version()}
 
-    options = {"seed": seed, "threads": threads, "max_pixels": DEFAULT_MAX_PIXELS}
+    of_runs = {"seed": seed, "threads": options.threads, "max_pixels": DEFAULT_MAX_PIXELS}
 
     def task_of(photo: ListedPhoto, variant: Variant) -> Task:
         # Other tools use neither the seed nor the number of threads, so a record of another tool is
         # still valid if these change.
-        dependencies = [seed, threads] if variant.is_own else []
-        parameters = {"options": options, "peer_timeout": peer_timeout}
+        dependencies = [seed, options.threads] if variant.is_own else []
+        parameters = {"options": of_runs, "peer_timeout": options.peer_timeout}
         if source := sources.get(photo):
-            parameters["reference"] = source, reference_scale
-            dependencies += [hashlib.sha256(source.read_bytes()).hexdigest(), reference_scale]
+            parameters["reference"] = source, scale
+            dependencies += [hashlib.sha256(source.read_bytes()).hexdigest(), scale]
         columns = {"seed": seed, "versions": versions | {variant.tool: variant.version}}
         return Task(photo, variant, parameters, tuple(dependencies), columns)
 

@@ -42,24 +42,23 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
     share  share of the work that is done, 0..1, or None if it is unknown
     Yield None if standard error is not a terminal.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Bar
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    if not sys.stderr.isatty():
         yield None
         return
-    # A file name may contain brackets, which rich takes as markup.
-    shown = TextColumn("{task.description}", markup=False)
-    columns = SpinnerColumn(), BarColumn(bar_width=24), TimeElapsedColumn(), shown
-    with Bar(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(text, total=None)
+    from tqdm import tqdm
+
+    tqdm.monitor_interval = 0  # this prevents a thread that redraws bars
+    with tqdm(
+        total=1.0, bar_format="{bar:24} {elapsed} {desc}", miniters=0, dynamic_ncols=True,
+        leave=False,
+    ) as bar:  # fmt: skip
 
         def update(text: str, share: float | None) -> None:
-            total = None if share is None else 1.0
-            bar.update(task, description=text, completed=share, total=total)
+            bar.set_description_str(text, refresh=share is None)
+            if share is not None:
+                bar.update(share - bar.n)
 
+        update(text, None)
         yield update
 
 

@@ -16,7 +16,7 @@ from gauss2svg.errors import InputError, refusal, required
 from gauss2svg.files import write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import Scores, decibels
-from gauss2svg.options import Field, file_name
+from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced
 from gauss2svg.photo.pixels import Header, Photo, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.budgets import (
@@ -236,7 +236,7 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     if score is not None and min(width, height) < score.least_side:
         needed = f"at least {score.least_side} px a side where {score.name} is measured"
         larger = "--full-size, or " if min(photo.original_size) >= score.least_side else ""
-        advice = f"{larger}another target than --{score.option.replace('_', '-')}"
+        advice = f"{larger}another target than {flag_of(score.option)}"
         raise refusal("the photo", needed, f"{width}x{height} px", advice)
     return photo, load
 

@@ -6,11 +6,9 @@ import re
 from pathlib import PurePath
 from typing import Any
 
-from docstring_parser import parse_from_object
-
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.measure import SCORES
-from gauss2svg.options import Field, byte_size, fields_of
+from gauss2svg.options import Field, byte_size, fields_of, flag_of, texts_of
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.processes import command_line
@@ -58,26 +56,20 @@ def form() -> dict[str, Any]:
                 ],
             }
             for key, group in GROUPS.items()
-            for texts in [{p.arg_name: p.description for p in parse_from_object(group).params}]
+            for texts in [texts_of(group)]
         ],
         "scores": [{name: getattr(score, name) for name in _SCORE_FIELDS} for score in SCORES],
     }
 
 
-def flag_of(name: str) -> str:
-    """Return the name of an option on the command line."""
-    return f"--{name.replace('_', '-')}"
-
-
 _KINDS = {bool: "boolean", int: "integer", float: "number"}
 
 
-def _described(field: Field, text: str | None) -> dict[str, Any]:
-    words = " ".join((text or "").split())
+def _described(field: Field, text: str) -> dict[str, Any]:
     kind = "choice" if field.choices else "size" if field.check is byte_size else "text"
     kind = kind if field.kind is None else _KINDS[field.kind]
     is_number = field.kind in (int, float)
-    unit = _UNIT.search(words)
+    unit = _UNIT.search(text)
     label = " ".join(_NAMES.get(word, word) for word in field.name.split("_"))
     return {
         "name": field.name,
@@ -89,7 +81,7 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
         "above": field.is_above,
         "max": field.most if is_number else None,
         "default": field.default,
-        "help": words,
+        "help": text,
         "unit": unit[1] if unit else "B" if kind == "size" else None,
     }
 

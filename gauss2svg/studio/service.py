@@ -138,7 +138,6 @@ def serve(
     say  function that prints a line for the user
     Raise InputError if the server cannot listen on this host and port.
     """
-    Field("port", int, 0, 65535).checked(port)
     local, token = host.lower() in _LOCAL_NAMES, secrets.token_urlsafe(24)
     app = create_app(jobs, threads, folder, is_local=local)
     with _listening(host, port) as listening:

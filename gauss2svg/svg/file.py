@@ -241,8 +241,12 @@ def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
     text = os.fspath(path)
     if not os.path.basename(text):
         raise refusal(name, "the name of a file, not of a folder", quoted(text))
+    stem, suffix = os.path.splitext(text)
+    # Python reads a list of the system's types for the first suffix that is looked up.
+    if suffix.lower() in (".svg", ".svgz"):
+        return
     if _type_of(text) not in (None, "image/svg+xml", "text/xml", "application/xml"):
-        advice = brief(os.path.splitext(text)[0] + ".svg")
+        advice = brief(stem + ".svg")
         raise refusal(name, "a name that ends in .svg or .svgz", quoted(text), advice)
 
 

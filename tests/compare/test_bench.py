@@ -8,7 +8,7 @@ from batches import PoolHere
 from galleries import cells_expected, cells_of, save
 
 from gauss2svg.cli.main import main
-from gauss2svg.compare import table
+from gauss2svg.compare import BenchOptions, table
 from gauss2svg.compare.table import run_bench, summarise
 from gauss2svg.errors import InputError
 
@@ -81,10 +81,10 @@ def test_resuming_runs_only_what_is_missing(picture, tmp_path, requests, capsys)
     ):  # fmt: skip
         requests.clear()
         (tmp_path / "photo.svg").write_text(text)
-        run_bench([picture], out, axes={"gaussians": [5]}, **options)
+        run_bench([picture], out, axes={"gaussians": [5]}, options=BenchOptions(**options))
         assert len(requests) == count
     with pytest.raises(InputError, match="references must be a folder with an SVG for each photo"):
-        run_bench([picture], out, references=out)
+        run_bench([picture], out, options=BenchOptions(references=out))
 
 
 def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_path, requests):

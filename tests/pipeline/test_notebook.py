@@ -2,12 +2,12 @@
 
 import base64
 import io
+import itertools
 import re
 
 import numpy as np
 import pytest
 from PIL import Image
-from rich.console import Console
 from scenes import random_scene
 
 import gauss2svg
@@ -45,8 +45,9 @@ def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(
 
 def test_a_terminal_shows_how_long_a_run_will_take(monkeypatch):
     written = io.StringIO()
-    console = Console(file=written, force_terminal=True, width=120)
-    monkeypatch.setattr("rich.console.Console", lambda stderr: console)
+    written.isatty = lambda: True
+    monkeypatch.setattr("sys.stderr", written)
+    monkeypatch.setattr("tqdm.std.time", itertools.count().__next__)
     now = FitProgress(2, 30, 0.4, 120, 27.123, 1.0, 3.2, scene=lambda: random_scene(1))
     with watched(True) as callback:
         assert callback is not None

@@ -10,7 +10,7 @@ from studio_server import answer_of
 
 import gauss2svg
 from gauss2svg.cli import vectorize as command
-from gauss2svg.cli.main import build_app
+from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.studio.options import form, lines_of, options_of
@@ -61,10 +61,12 @@ def test_the_lines_are_read_back_as_the_same_options(given, monkeypatch):
     options = Options.from_flat(given)
     lines = lines_of("-my photo's.jpg", options)
     read = []
-    monkeypatch.setattr(command, "_run", lambda photo, output, o, files: read.append((photo, o)))
+    monkeypatch.setattr(
+        command, "_run", lambda photo, output, o, files: read.append((photo, o)) or 0
+    )
     words = shlex.split(lines["command"])
     assert words[words.index("-o") + 1].endswith(".svgz") == bool(given.get("gzip"))
-    build_app()(words[1:], exit_on_error=False, print_error=False)
+    main(words[1:])
     assert read[0][0] == "./-my photo's.jpg"
     assert read[0][1].flat() == options.flat()
     call = mock.Mock()

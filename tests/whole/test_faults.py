@@ -8,14 +8,12 @@ rasterised and measured between reading and writing is the same in all runs, and
 import errno
 import os
 import sys
-from functools import cache, partial
 
 import numpy as np
 import pytest
-from cyclopts import App
 from PIL import Image
 
-from gauss2svg.cli.main import build_app, main
+from gauss2svg.cli.main import main
 from gauss2svg.pipeline.outcome import best_of
 
 pytestmark = pytest.mark.process
@@ -80,10 +78,9 @@ def content(folder):
 
 @pytest.fixture
 def one_search(monkeypatch, unscored, tmp_path):
-    """All runs have what the first has parsed, found and drawn; the folder is given back."""
+    """All runs have what the first has found and drawn."""
     monkeypatch.chdir(tmp_path)
-    found, parsed = [], cache(partial(App.parse_args, build_app()))
-    monkeypatch.setattr(App, "parse_args", lambda app, words, **options: parsed(tuple(words)))
+    found = []
     monkeypatch.setattr(os, "fsync", lambda _: None)  # slow, and no fault is put there
 
     def once(outcomes, plan):
