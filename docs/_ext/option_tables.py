@@ -8,6 +8,7 @@ batch.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -83,31 +84,24 @@ class Options(SphinxDirective):
         for section in parser._action_groups:
             if self.options.get("group", section.title) == section.title != "About":
                 for action in section._group_actions:
-                    required = action.dest in parser.required
-                    lines += _entry(action, *fields.get(action.dest, (None, action.help)), required)
+                    lines += _entry(action, *fields[action.dest])
         return self.parse_text_to_nodes("\n".join(lines))
 
 
-def _entry(
-    action: argparse.Action, field: Field | None, text: str, required: bool
-) -> Iterator[str]:
+def _entry(action: argparse.Action, field: Field, text: str) -> Iterator[str]:
     names = action.option_strings or [action.metavar]
     yield f"::::{{option}} {', '.join(sorted(names, key=len, reverse=True))}"
     words = [_markdown(text)]
-    if required and action.option_strings:
+    if field.default is dataclasses.MISSING and action.option_strings:
         words.append("Required.")
-    if field is not None:
-        choices = field.choices if field.kind is None else ()
-        shown = ", ".join(f"`{choice}`" for choice in choices)
-        words.append(f"One of {shown}." if choices else allowed(field))
-        if field.default is True:
-            words.append("On by default.")
-        elif isinstance(field.default, (int, float, str)) and str(field.default) not in (
-            "",
-            "False",
-        ):
-            number = isinstance(field.default, (int, float))
-            words.append(f"Default: `{_number(field.default) if number else field.default}`.")
+    choices = ", ".join(f"`{choice}`" for choice in field.choices if not isinstance(choice, bool))
+    words.append(f"One of {choices}." if choices else allowed(field))
+    if field.default is True:
+        words.append("On by default.")
+    elif isinstance(field.default, (int, float)) and field.default is not False:
+        words.append(f"Default: `{_number(field.default)}`.")
+    elif isinstance(field.default, str) and field.default:
+        words.append(f"Default: `{field.default}`.")
     yield " ".join(word for word in words if word)
     yield "::::"
     yield ""

@@ -12,25 +12,25 @@ from typing import Annotated, Any, Literal
 from gauss2svg import files
 from gauss2svg.batch import BatchOptions
 from gauss2svg.cli import terminal
-from gauss2svg.cli.parser import STATUS_SOME_FAILED, Parser, options_of_file, run_options
+from gauss2svg.cli.parser import STATUS_SOME_FAILED, options_of_file, run_options
 from gauss2svg.cli.terminal import say
 from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS
 
 USAGE = "PHOTOS -o FOLDER [OPTIONS]"
-_PHOTOS = (
-    "Photos, folders, patterns such as photos/*.jpg, lists of them (.txt, or - for standard "
-    "input), or URLs of any of these."
-)
-_OUTPUT = (
-    "Folder or URL for the SVGs. The same command continues an interrupted batch, skips the photos "
-    "that are done, and retries those that changed or failed. The exit status is 1 if some failed."
-)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchCommand(OptionGroup):
-    """Options of the command alone."""
+    """Arguments of the command alone."""
+
+    photos: list[str]
+    """Photos, folders, patterns such as photos/*.jpg, lists of them (.txt, or - for standard
+    input), or URLs of any of these."""
+
+    output: str
+    """Folder or URL for the SVGs. The same command continues an interrupted batch, skips the photos
+    that are done, and retries those that changed or failed. The exit status is 1 if some failed."""
 
     options: Annotated[Path | None, file_path] = None
     """TOML file of options, such as quality = "draft". An option of the command line replaces the
@@ -44,14 +44,8 @@ class BatchCommand(OptionGroup):
     """Show neither progress nor summary."""
 
 
-def add_arguments(parser: Parser) -> None:
-    """Add the arguments of the command to its parser."""
-    parser.add_file("photos", _PHOTOS, "*")
-    parser.add_output("FOLDER", _OUTPUT, required=True)
-    parser.add_group(BatchCommand)
-    parser.add_group(BatchOptions, "Batch")
-    for key, title in GROUP_TITLES.items():
-        parser.add_group(GROUPS[key], title)
+SECTIONS = {"Parameters": BatchCommand, "Batch": BatchOptions}
+SECTIONS |= {title: GROUPS[key] for key, title in GROUP_TITLES.items()}
 
 
 def run(given: dict[str, Any]) -> int:
@@ -64,7 +58,7 @@ def run(given: dict[str, Any]) -> int:
     if command.log == "json":
         # If standard output is closed, this raises an error before any work is done.
         files.standard_stream(sys.stdout, "output")
-    job = Batch(given["photos"], given["output"], options, BatchOptions.of(given))
+    job = Batch(command.photos, command.output, options, BatchOptions.of(given))
     summary, count = Summary(), job.count
     try:
         with (

@@ -4,34 +4,38 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from gauss2svg.batch.inputs import local_photos
-from gauss2svg.cli.parser import PHOTOS, STATUS_SOME_FAILED, Parser, words
+from gauss2svg.cli.parser import STATUS_SOME_FAILED, words
 from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.compare import BenchOptions
-from gauss2svg.options import OptionGroup
+from gauss2svg.options import OptionGroup, file_path
 
 if TYPE_CHECKING:
     from gauss2svg.compare.grid import Progress
 
 USAGE = "PHOTOS -o FOLDER [OPTIONS]"
-_OUTPUT = (
-    "Folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. The same command "
-    "continues an interrupted benchmark and keeps the finished runs."
-)
-_AXIS = (
-    "Option to vary, as NAME=VALUE,VALUE, or as NAME for all values of an option that has only a "
-    "few. NAME is an option of the main command that changes the file, such as gaussians, "
-    "iterations, quality, loss or palette, or a constant of the code, such as "
-    "pipeline.limits.FULL. Several axes give all combinations. Without any, the presets and some "
-    'counts are run. Separate lists of inks by semicolons: "inks=6;#f7c306,#17324d".'
-)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BenchCommand(OptionGroup):
-    """Options of the command alone."""
+    """Arguments of the command alone."""
+
+    photos: list[str]
+    """Photos, folders, patterns such as photos/*.jpg, or lists of them (.txt, or - for standard
+    input)."""
+
+    output: Annotated[Path, file_path]
+    """Folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. The same command
+    continues an interrupted benchmark and keeps the finished runs."""
+
+    axis: tuple[str, ...] = ()
+    """Option to vary, as NAME=VALUE,VALUE, or as NAME for all values of an option that has only a
+    few. NAME is an option of the main command that changes the file, such as gaussians, iterations,
+    quality, loss or palette, or a constant of the code, such as pipeline.limits.FULL. Several axes
+    give all combinations. Without any, the presets and some counts are run. Separate lists of inks
+    by semicolons: "inks=6;#f7c306,#17324d"."""
 
     peers: str = ""
     """Other tools to measure if they are installed, separated by commas: vtracer, splatthis,
@@ -43,13 +47,7 @@ class BenchCommand(OptionGroup):
     """Show neither progress nor summary."""
 
 
-def add_arguments(parser: Parser) -> None:
-    """Add the arguments of the command to its parser."""
-    parser.add_file("photos", PHOTOS, "*")
-    parser.add_output("FOLDER", _OUTPUT, required=True)
-    parser.parameters.add_argument("--axis", action="append", metavar="TEXT", help=_AXIS)
-    parser.add_group(BenchCommand)
-    parser.add_group(BenchOptions, "Benchmark")
+SECTIONS = {"Parameters": BenchCommand, "Benchmark": BenchOptions}
 
 
 def run(given: dict[str, Any]) -> int:
@@ -58,8 +56,8 @@ def run(given: dict[str, Any]) -> int:
     from gauss2svg.compare.variants import parse_axes, peer_variants
     from gauss2svg.measure import packages_missing
 
-    command, output = BenchCommand.of(given), Path(given["output"])
-    names, axes = words(command.peers), parse_axes(given.get("axis", ()))
+    command = BenchCommand.of(given)
+    names, axes = words(command.peers), parse_axes(command.axis)
     if absent := peer_variants(names)[1]:
         say(f"skipped, not installed: {', '.join(absent)}")
     for line in packages_missing():
@@ -73,8 +71,8 @@ def run(given: dict[str, Any]) -> int:
             update("; ".join(state.now), state.done, state.total)
 
         rows = run_bench(
-            local_photos(given["photos"]),
-            output,
+            local_photos(command.photos),
+            command.output,
             axes=axes or None,
             peers=names,
             options=BenchOptions.of(given),
@@ -83,7 +81,8 @@ def run(given: dict[str, Any]) -> int:
     failed = [row for row in rows if "error" in row]
     if not command.quiet:
         from_before = f", {kept} of them kept from before" if kept else ""
-        say(f"{len(rows)} runs{from_before}; {len(failed)} failed; see {output / 'summary.md'}")
+        summary = command.output / "summary.md"
+        say(f"{len(rows)} runs{from_before}; {len(failed)} failed; see {summary}")
     for row in failed:
         say(f"failed: {row['label']} on {row['image']}: {row['error']}")
     return STATUS_SOME_FAILED if failed else 0

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from gauss2svg import files
-from gauss2svg.cli.parser import Parser
 from gauss2svg.cli.terminal import say
 from gauss2svg.errors import brief, refusal
 from gauss2svg.files import STANDARD_STREAM, expanded
@@ -15,14 +14,22 @@ from gauss2svg.measure import CheckOptions
 from gauss2svg.options import Interval, OptionGroup, file_path
 
 USAGE = "PHOTO SVG [OPTIONS]"
-_SVG = (
-    "SVG of any program, which may be gzipped, or - for standard input. It is stretched to the "
-    "size at which it is compared."
-)
-_REFERENCE = (
-    "SVG or larger picture that the photo was made from. The SVG is also enlarged by "
-    "--reference-scale and compared with this reference."
-)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckFiles(OptionGroup):
+    """Files that are compared."""
+
+    photo: str
+    """Photo or drawing, or - for standard input."""
+
+    svg: str
+    """SVG of any program, which may be gzipped, or - for standard input. It is stretched to the
+    size at which it is compared."""
+
+    reference: str | None = None
+    """SVG or larger picture that the photo was made from. The SVG is also enlarged by
+    --reference-scale and compared with this reference."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +54,7 @@ class CheckOutput(OptionGroup):
     """Show no summary."""
 
 
-def add_arguments(parser: Parser) -> None:
-    """Add the arguments of the command to its parser."""
-    parser.add_file("photo", "Photo or drawing, or - for standard input.")
-    parser.add_file("svg", _SVG)
-    parser.parameters.add_argument("--reference", metavar="FILE", help=_REFERENCE)
-    parser.add_group(CheckOptions, "Measuring")
-    parser.add_group(CheckOutput, "Output")
+SECTIONS = {"Parameters": CheckFiles, "Measuring": CheckOptions, "Output": CheckOutput}
 
 
 def run(given: dict[str, Any]) -> int:
@@ -61,8 +62,8 @@ def run(given: dict[str, Any]) -> int:
     from gauss2svg.cli.summary import print_check
     from gauss2svg.measure.check import check
 
-    output, reference = CheckOutput.of(given), given.get("reference")
-    names = expanded([given["photo"], given["svg"]])
+    asked, output = CheckFiles.of(given), CheckOutput.of(given)
+    names, reference = expanded([asked.photo, asked.svg]), asked.reference
     if len(names) != 2 or names == [STANDARD_STREAM, STANDARD_STREAM]:
         got = brief(", ".join(names))
         raise refusal("photo and SVG", "one file each", got, "a file name for each")

@@ -3,28 +3,32 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from gauss2svg.batch.inputs import local_photos
-from gauss2svg.cli.parser import PHOTOS, STATUS_SOME_FAILED, Parser, words
+from gauss2svg.cli.parser import STATUS_SOME_FAILED, words
 from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import refusal
 from gauss2svg.fit import MOST_GAUSSIANS
-from gauss2svg.options import Field, OptionGroup
+from gauss2svg.options import Field, OptionGroup, file_path
 from gauss2svg.processes import command_line
 
 USAGE = "PHOTOS -o FOLDER [OPTIONS]"
-_OUTPUT = (
-    "Folder for the pages, which begin with index.html. The same command continues an interrupted "
-    "gallery. A command with more photos or variants adds these. Finished SVGs are kept."
-)
 _COUNT = Field("each of --counts", int, 0, MOST_GAUSSIANS, advice="500,2000")
 
 
 @dataclass(frozen=True, kw_only=True)
 class GalleryCommand(OptionGroup):
-    """Options that say what is compared."""
+    """Arguments of the command alone."""
+
+    photos: list[str]
+    """Photos, folders, patterns such as photos/*.jpg, or lists of them (.txt, or - for standard
+    input)."""
+
+    output: Annotated[Path, file_path]
+    """Folder for the pages, which begin with index.html. The same command continues an interrupted
+    gallery. A command with more photos or variants adds these. Finished SVGs are kept."""
 
     variants: str | None = None
     """Presets to compare, separated by commas: draft, fast, balanced, high, max. Without --counts
@@ -42,12 +46,7 @@ class GalleryCommand(OptionGroup):
     """Show neither progress nor summary."""
 
 
-def add_arguments(parser: Parser) -> None:
-    """Add the arguments of the command to its parser."""
-    parser.add_file("photos", PHOTOS, "*")
-    parser.add_output("FOLDER", _OUTPUT, required=True)
-    parser.add_group(GalleryCommand)
-    parser.add_group(GalleryOptions, "Gallery")
+SECTIONS = {"Parameters": GalleryCommand, "Gallery": GalleryOptions}
 
 
 def run(given: dict[str, Any]) -> int:
@@ -55,9 +54,9 @@ def run(given: dict[str, Any]) -> int:
     from gauss2svg.compare.pages.build import build_gallery
     from gauss2svg.measure import packages_missing
 
-    command, photos, output = GalleryCommand.of(given), given["photos"], Path(given["output"])
-    paths, counts = local_photos(photos), command.counts
-    for source in photos:
+    command = GalleryCommand.of(given)
+    paths, counts, output = local_photos(command.photos), command.counts, command.output
+    for source in command.photos:
         if output.resolve().is_relative_to(Path(source).resolve()):
             got = f"{output}, which is in {source}"
             raise refusal("output", "outside of the inputs", got, "another folder")

@@ -52,17 +52,17 @@ def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
     name = words[0] if words and words[0] in _COMMANDS else ""
     # The modules of commands are imported only when they run.
     module = import_module(f"gauss2svg.cli.{name or 'vectorize'}")
-    has_help = not {"--help", "-h", _HELP_ALL}.isdisjoint(words)
     parser = Parser(
         name,
         module.USAGE,
         _COMMANDS[name] if name else module.ABOUT,
-        has_help=has_help,
-        lists_all=bool(name) or _HELP_ALL in words,
+        has_help=not {"--help", "-h", _HELP_ALL}.isdisjoint(words),
     )
-    module.add_arguments(parser)
+    for title, group in module.SECTIONS.items():
+        shown = bool(name) or _HELP_ALL in words or title in module.COMMON
+        parser.add_group(title, group, shown)
     if not name:
-        lines = "\n".join(f"  {command:13}{line}" for command, line in _COMMANDS.items())
+        lines = "\n".join(f"{command:13}{line}" for command, line in _COMMANDS.items())
         parser.add_argument_group("Commands, each with its own --help", lines)
     about = parser.add_argument_group("About")
     about.add_argument("-h", "--help", action="store_true", help="Show this help.")

@@ -1,10 +1,12 @@
-"""The parser of a command line. It makes options from the fields of the classes of options."""
+"""The parser of a command line. It makes arguments from the fields of the classes of options."""
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import shutil
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,31 +16,24 @@ from gauss2svg.options import Field, OptionGroup, byte_size, fields_of, file_pat
 from gauss2svg.pipeline.options import GROUPS, Options
 
 STATUS_SOME_FAILED = 1  # exit status of a command if some photos or runs failed
-PHOTOS = (
-    "Photos, folders, patterns such as photos/*.jpg, or lists of them (.txt, or - for standard "
-    "input)."
-)
+_FILES = ("photos", "photo", "svg", "folder")  # fields that are files without an option before them
 _MOST_COLUMNS = 100  # longer lines of a help are hard to read
 _TEXT_COLUMN = 28  # column at which the texts of a help begin
 # Words that stand for the values of an option in the help.
 _KINDS = {int: "INT", float: "FLOAT"}
+_UNSAID = ("", "True", "False", STANDARD_STREAM)  # defaults that the help does not name
 _CHECKED = {file_path: "FILE", byte_size: "SIZE"}
 
 
 class Parser(argparse.ArgumentParser):
     """The parser of one command.
 
-    groups      the classes of options that were added
-    parameters  first section of the help
-    required    {parameter that must be given: its name in error messages}
-    has_help    whether the help will be printed. The texts of the options are only then read,
-                because this takes time.
-    lists_all   whether the help lists all options, and not only those used most
+    groups    the classes of options that were added
+    has_help  whether the help will be printed. The texts of the options are only then read, because
+              this takes time.
     """
 
-    def __init__(
-        self, command: str, usage: str, about: str, *, has_help: bool, lists_all: bool
-    ) -> None:
+    def __init__(self, command: str, usage: str, about: str, has_help: bool) -> None:
         name = f"gauss2svg {command}".rstrip()
         width = min(shutil.get_terminal_size().columns, _MOST_COLUMNS)
         super().__init__(
@@ -50,43 +45,23 @@ class Parser(argparse.ArgumentParser):
             add_help=False, allow_abbrev=False, exit_on_error=False,
         )  # fmt: skip
         self.groups: list[type[OptionGroup]] = []
-        self.parameters = self.add_argument_group("Parameters")
-        self.required: dict[str, str] = {}
-        self.has_help, self.lists_all = has_help, lists_all
+        self.has_help = has_help
         self._advice = f"{name} {'--help' if command else '--help-all'}"
 
-    def add_file(self, name: str, text: str, nargs: str = "?") -> None:
-        """Add a file that must be given, or several files if `nargs` is "*"."""
-        self.parameters.add_argument(name, nargs=nargs, metavar=name.upper(), help=text)
-        self.required[name] = name.upper()
+    def add_group(self, title: str, group: type[OptionGroup], shown: bool = True) -> None:
+        """Add an argument for each field of a class, in a section of the help.
 
-    def add_output(self, metavar: str, text: str, required: bool = False) -> None:
-        """Add the option that names the output."""
-        self.parameters.add_argument("-o", "--output", metavar=metavar, help=text)
-        if required:
-            self.required["output"] = "--output"
-
-    def add_group(
-        self, group: type[OptionGroup], title: str | None = None, shown: bool = True
-    ) -> None:
-        """Add an option for each field of a class.
-
-        title  title of a section of the help for them, or None to add them to `parameters`
-        shown  whether the help lists the options
+        shown  whether the help lists the arguments
         """
         self.groups.append(group)
-        section = self.parameters if title is None else self.add_argument_group(title)
+        section = self.add_argument_group(title)
         texts = texts_of(group) if self.has_help and shown else {}
         for field in fields_of(group):
-            flag: Any = "store_true" if field.default is False else argparse.BooleanOptionalAction
-            kind: dict[str, Any] = (
-                {"action": flag} if field.kind is bool else {"metavar": _metavar(field)}
-            )
             text = _help(field, texts[field.name]) if texts else argparse.SUPPRESS
-            section.add_argument(flag_of(field.name), help=text, **kind)
+            section.add_argument(*_names(field), help=text, **_kind(field))
 
     def read(self, words: list[str]) -> dict[str, Any]:
-        """Return the words of the command line by the names of options and parameters.
+        """Return the words of the command line by the names of fields.
 
         What was not given is not in the dictionary. Raise InputError for a word that is no option
         of the command, and for what must be given and is not.
@@ -101,9 +76,10 @@ class Parser(argparse.ArgumentParser):
         if unknown:
             raise self._not_taken(unknown[0])
         given = vars(known)
-        for name, shown in self.required.items():
-            if name not in given:
-                raise refusal(shown, "given", "none", self._advice)
+        for field in chain.from_iterable(map(fields_of, self.groups)):
+            if field.default is dataclasses.MISSING and field.name not in given:
+                name = field.name.upper() if field.name in _FILES else flag_of(field.name)
+                raise refusal(name, "given", "none", self._advice)
         return given
 
     def _not_taken(self, word: str) -> InputError:
@@ -147,8 +123,29 @@ def words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
+def _names(field: Field) -> list[str]:
+    """Return the names of an argument for argparse."""
+    if field.name in _FILES:
+        return [field.name]
+    return ["-o"] * (field.name == "output") + [flag_of(field.name)]
+
+
+def _kind(field: Field) -> dict[str, Any]:
+    """Return the properties of an argument for argparse."""
+    if field.name in _FILES:
+        several = field.name == "photos" or field.default == ()
+        return {"nargs": "*" if several else "?", "metavar": field.name.upper()}
+    if field.kind is bool:
+        on_by_default = argparse.BooleanOptionalAction
+        return {"action": on_by_default if field.default is True else "store_true"}
+    action = "append" if field.default == () else "store"
+    return {"action": action, "metavar": _metavar(field)}
+
+
 def _metavar(field: Field) -> str:
     """Return the word that stands for the value of an option in the help."""
+    if field.name == "output":
+        return "OUT"
     if field.kind is None:
         return "CHOICE" if field.words else _CHECKED.get(field.check, "TEXT")
     return "|".join([_KINDS[field.kind], *map(str, field.words)])
@@ -158,6 +155,6 @@ def _help(field: Field, text: str) -> str:
     """Return the text of an option for the help, with its choices and its default."""
     if field.kind is None and field.words:
         text += f" [{', '.join(map(str, field.words))}]"
-    if not isinstance(field.default, bool) and field.default not in (None, "", STANDARD_STREAM):
+    if isinstance(field.default, (int, float, str)) and str(field.default) not in _UNSAID:
         text += f" [default: {field.default}]"
     return text.replace("%", "%%")

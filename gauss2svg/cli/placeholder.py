@@ -1,36 +1,44 @@
 """The command `gauss2svg placeholder`, imported only when it is run."""
 
+from dataclasses import dataclass
 from typing import Any
 
 from gauss2svg.batch.inputs import local_photos
 from gauss2svg.batch.placeholders import PlaceholderList, PlaceholderOptions
-from gauss2svg.cli.parser import PHOTOS, STATUS_SOME_FAILED, Parser
+from gauss2svg.cli.parser import STATUS_SOME_FAILED
 from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically, write_output
+from gauss2svg.options import OptionGroup
 
 USAGE = "PHOTOS [-o FILE] [OPTIONS]"
-_OUTPUT = (
-    "File to write, or - for standard output. With --format svg it is a folder. An existing list "
-    "keeps the entries of unchanged photos, and loses those of photos that are not given."
-)
-_QUIET = "Show neither progress nor summary."
 
 
-def add_arguments(parser: Parser) -> None:
-    """Add the arguments of the command to its parser."""
-    parser.add_file("photos", PHOTOS, "*")
-    parser.add_output("FILE", _OUTPUT)
-    parser.parameters.add_argument("--quiet", action="store_true", help=_QUIET)
-    parser.add_group(PlaceholderOptions, "Placeholders")
+@dataclass(frozen=True, kw_only=True)
+class PlaceholderCommand(OptionGroup):
+    """Arguments of the command alone."""
+
+    photos: list[str]
+    """Photos, folders, patterns such as photos/*.jpg, or lists of them (.txt, or - for standard
+    input)."""
+
+    output: str = STANDARD_STREAM
+    """File to write, or - for standard output. With --format svg it is a folder. An existing list
+    keeps the entries of unchanged photos, and loses those of photos that are not given."""
+
+    quiet: bool = False
+    """Show neither progress nor summary."""
+
+
+SECTIONS = {"Parameters": PlaceholderCommand, "Placeholders": PlaceholderOptions}
 
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
-    output, quiet = given.get("output", STANDARD_STREAM), given.get("quiet", False)
-    paths = local_photos(given["photos"])
+    command = PlaceholderCommand.of(given)
+    paths, output = local_photos(command.photos), command.output
     entries = PlaceholderList(paths, output, PlaceholderOptions.of(given))
-    with counting_bar(quiet) as update:
+    with counting_bar(command.quiet) as update:
         try:
             for done, photo in enumerate(entries.photos):
                 update(photo.name, done, len(entries.photos))
@@ -50,7 +58,7 @@ def run(given: dict[str, Any]) -> int:
             say(f"{photo.name}: it has no Gaussians, because none fits or none is needed")
     for line in entries.failures:
         say(line)
-    if not quiet:
+    if not command.quiet:
         where = f" in {'standard output' if output == STANDARD_STREAM else output}"
         unchanged = f", {entries.unchanged} of them unchanged" if entries.unchanged else ""
         say(

@@ -5,17 +5,19 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-from gauss2svg.cli.parser import Parser
 from gauss2svg.cli.terminal import say
 from gauss2svg.errors import InputError
-from gauss2svg.options import Interval, OptionGroup
+from gauss2svg.options import Interval, OptionGroup, file_path
 
 USAGE = "[FOLDER] [OPTIONS]"
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudioOptions(OptionGroup):
-    """Options of the studio."""
+    """Arguments of the command."""
+
+    folder: Annotated[Path | None, file_path] = None
+    """Folder whose photos the page offers."""
 
     port: Annotated[int, Interval(ge=0, le=65535)] = 8137
     """Port to listen on. 0 takes a free one."""
@@ -34,11 +36,7 @@ class StudioOptions(OptionGroup):
     """Number of CPU threads for each photo. By default the photos share the cores."""
 
 
-def add_arguments(parser: Parser) -> None:
-    """Add the arguments of the command to its parser."""
-    text = "Folder whose photos the page offers."
-    parser.parameters.add_argument("folder", nargs="?", metavar="FOLDER", help=text)
-    parser.add_group(StudioOptions)
+SECTIONS = {"Parameters": StudioOptions}
 
 
 def run(given: dict[str, Any]) -> int:
@@ -51,9 +49,8 @@ def run(given: dict[str, Any]) -> int:
     from gauss2svg.studio.service import serve
 
     options = StudioOptions.of(given)
-    folder = Path(given["folder"]) if "folder" in given else None
     serve(
-        folder, options.host, options.port, options.jobs, options.threads,
+        options.folder, options.host, options.port, options.jobs, options.threads,
         browser=not options.no_browser, say=say,
     )  # fmt: skip
     return 0

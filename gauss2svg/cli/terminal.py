@@ -25,8 +25,6 @@ from gauss2svg import processes
 from gauss2svg.errors import on_one_line
 
 _QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
-# A progress bar hides the cursor. This escape sequence shows the cursor again.
-_SHOW_CURSOR = b"\x1b[?25h"
 _ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
 
 
@@ -78,7 +76,8 @@ def _write_line(line: bytes) -> None:
     # This does not call print(), because the signal may have interrupted a call of print(), and
     # print() fails if it is called inside itself.
     with suppress(OSError):
-        os.write(2, line)
+        # In a terminal, the cursor may be in the line of a progress bar.
+        os.write(2, b"\n" * os.isatty(2) + line)
 
 
 def status_of(number: int) -> int:
@@ -101,7 +100,7 @@ def exit_for(number: int, _frame: FrameType | None = None) -> None:
     The handler does not raise an exception, because a callback of a C library could lose it, or it
     could leave a module half imported.
     """
-    _write_line((_SHOW_CURSOR if os.isatty(2) else b"") + _QUITTING)
+    _write_line(_QUITTING)
     os._exit(status_of(number))
 
 

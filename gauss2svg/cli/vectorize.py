@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from gauss2svg import files, processes
-from gauss2svg.cli.parser import Parser, run_options
+from gauss2svg.cli.parser import run_options
 from gauss2svg.cli.terminal import (
     Interruption,
     handling,
@@ -20,8 +20,7 @@ from gauss2svg.cli.terminal import (
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, expanded
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
-from gauss2svg.photo import FORMATS
-from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
+from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Goal, Options
 from gauss2svg.scene import ADD
 from gauss2svg.scene.inks import MOST_INKS
 
@@ -37,21 +36,24 @@ _EXAMPLES = (
     "gauss2svg photo.jpg --max-bytes 60k --count-gzipped  # the best of 60 kB gzipped",
 )
 USAGE = "PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all options)"
-ABOUT = "\n".join(
-    (
-        "Turn a picture into an SVG of soft shapes, and measure how closely it matches.",
-        "",
-        *_EXAMPLES,
-    )
-)
+_ABOUT = "Turn a picture into an SVG of soft shapes, and measure how closely it matches."
+ABOUT = "\n".join((_ABOUT, "", *_EXAMPLES))
 _SIGNATURE = b"written by gauss2svg"  # text in the description of every SVG that gauss2svg writes
 _SIGNATURE_WITHIN = 65536  # the signature must be within this number of bytes from the start
 # {option that names an output file: suffix that this file must have}
 _SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
 _SUFFIXES |= {"save_scene": ".npz"}
-_FORMATS_NAMED = 6  # number of photo formats that the help names
-_PHOTO = f"{', '.join([*FORMATS][:_FORMATS_NAMED])} and others, - for stdin."
-_OUTPUT = "SVG to write, or - for stdout. The default is photo.svg."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command(OptionGroup):
+    """The files of a run."""
+
+    photo: tuple[str, ...] = ()
+    """JPEG, PNG, WebP, TIFF, AVIF, HEIC and others, - for stdin."""
+
+    output: str | None = None
+    """SVG to write, or - for stdout. The default is photo.svg."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,27 +115,20 @@ class Files(PlatesAndPens, OutputFiles, InputFiles):
         return [path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
 
 
-def add_arguments(parser: Parser) -> None:
-    """Add the arguments of the command to its parser."""
-    parser.parameters.add_argument("photo", nargs="*", metavar="PHOTO", help=_PHOTO)
-    parser.add_output("FILE", _OUTPUT)
-    parser.add_group(GROUPS["goal"], GROUP_TITLES["goal"])
-    parser.add_group(OutputFiles, "Output files")
-    shown = parser.lists_all
-    parser.add_group(InputFiles, "Input files", shown)
-    parser.add_group(PlatesAndPens, "Plates and pens", shown)
-    for key in [*GROUPS][1:]:
-        parser.add_group(GROUPS[key], GROUP_TITLES[key], shown)
+COMMON = {"Parameters": Command, "Goal": Goal, "Output files": OutputFiles}  # sections of --help
+SECTIONS = COMMON | {"Input files": InputFiles, "Plates and pens": PlatesAndPens}
+SECTIONS |= {title: GROUPS[key] for key, title in GROUP_TITLES.items()}
 
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
-    photos = expanded(given.get("photo", ()))
+    command = Command.of(given)
+    photos = expanded(command.photo)
     if len(photos) != 1 or os.path.isdir(photos[0]):
         got = brief(", ".join(photos)) if photos else "none"
         advice = "gauss2svg batch PHOTOS -o FOLDER" if photos else "gauss2svg --help"
         raise refusal("the photo", "one file", got, advice)
-    return _run(photos[0], given.get("output"), run_options(given), Files.of(given))
+    return _run(photos[0], command.output, run_options(given), Files.of(given))
 
 
 def _run(photo: str, output: str | None, options: Options, extras: Files) -> int:
