@@ -178,7 +178,7 @@ def fields_of(group: type[OptionGroup]) -> tuple[Field, ...]:
 
 @cache
 def texts_of(group: type[OptionGroup]) -> dict[str, str]:
-    """Return the text under each field of a class. Python keeps it only in the source."""
+    """Return the text under each field of a class, which is read from the source of the class."""
     import ast
     import inspect
 

@@ -90,7 +90,7 @@ class Options(SphinxDirective):
 
 def _entry(action: argparse.Action, field: Field, text: str) -> Iterator[str]:
     names = action.option_strings or [action.metavar]
-    yield f"::::{{option}} {', '.join(sorted(names, key=len, reverse=True))}"
+    yield f"::::{{option}} {', '.join(names)}"
     words = [_markdown(text)]
     if field.default is dataclasses.MISSING and action.option_strings:
         words.append("Required.")

@@ -22,7 +22,7 @@ _TEXT_COLUMN = 28  # column at which the texts of a help begin
 # Words that stand for the values of an option in the help.
 _KINDS = {int: "INT", float: "FLOAT"}
 _UNSAID = ("", "True", "False", STANDARD_STREAM)  # defaults that the help does not name
-_CHECKED = {file_path: "FILE", byte_size: "SIZE"}
+_CHECKED = {file_path: "PATH", byte_size: "SIZE"}
 
 
 class Parser(argparse.ArgumentParser):
@@ -64,12 +64,18 @@ class Parser(argparse.ArgumentParser):
         """Return the words of the command line by the names of fields.
 
         What was not given is not in the dictionary. Raise InputError for a word that is no option
-        of the command, and for what must be given and is not.
+        of the command, and if an argument is missing.
         """
+        # Versions of argparse differ in what they do with "--", so it is not passed to argparse.
+        cut = words.index("--") if "--" in words else len(words)
+        files = [f"./{word}" if word[:1] == "-" != word else word for word in words[cut + 1 :]]
         try:
-            known, unknown = self.parse_known_intermixed_args(words)
+            known, unknown = self.parse_known_intermixed_args([*words[:cut], *files])
         except argparse.ArgumentError as error:
-            name = (error.argument_name or "").rpartition("/")[2]  # the last of -o/--output
+            # The name of an argument is -o/--output, for example.
+            typed = {word.partition("=")[0] for word in words}
+            names = (error.argument_name or "").split("/")
+            name = next((name for name in names if name in typed), names[-1])
             _, has_value, value = error.message.partition("ignored explicit argument ")
             needed, got = ("without", value) if has_value else ("with", "none")
             raise refusal(name, f"given {needed} a value", got, self._advice) from error

@@ -38,16 +38,16 @@ def run(given: dict[str, Any]) -> int:
     command = PlaceholderCommand.of(given)
     paths, output = local_photos(command.photos), command.output
     entries = PlaceholderList(paths, output, PlaceholderOptions.of(given))
-    with counting_bar(command.quiet) as update:
-        try:
+    try:
+        with counting_bar(command.quiet) as update:
             for done, photo in enumerate(entries.photos):
                 update(photo.name, done, len(entries.photos))
                 entries.add(photo)
-        except BaseException:
-            # BaseException is caught because of Ctrl-C: it raises a KeyboardInterrupt, or a
-            # SystemError if it interrupts a kernel.
-            _write_so_far(entries, output)
-            raise
+    except BaseException:
+        # BaseException is caught because of Ctrl-C: it raises a KeyboardInterrupt, or a SystemError
+        # if it interrupts a kernel.
+        _write_so_far(entries, output)
+        raise
     kept = entries.kept if entries.count else 0
     if entries.count:
         _write(entries, output)

@@ -183,6 +183,7 @@ def run_bench(
                   gauss2svg.compare.variants.DEFAULT_GRID.
     peers         other tools, by their names in gauss2svg.compare.peers.PEERS. Tools that are not
                   installed are skipped.
+    options       limits of the runs, references, the seed and the number of threads
     progress      called with a Progress when a run begins or ends
 
     rows.jsonl, bench.json, bench.csv, summary.md and the plots are written after every run. The

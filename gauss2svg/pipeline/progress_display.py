@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import html
 import importlib
+import shutil
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
+from gauss2svg.errors import on_one_line
 from gauss2svg.fit import FitProgress
 from gauss2svg.pipeline.options import Progress, ProgressCallback
 
 _PHASES = {
     "read": "reading the photo",
-    "compile": "compiling the program (only in the first run, some seconds)",
+    "compile": "compiling, only in the first run",
     "fit": "fitting",
     "write": "writing the SVG",
     "measure": "rasterising and measuring the SVG",
@@ -23,6 +27,8 @@ _FITS = {"additive": "fitting additively", "correct": "correcting the number of 
 # Largest number of frames per second in a notebook, and longest side in px of a frame. They are
 # small because notebooks keep all frames as text.
 _FRAMES_A_SECOND, _MOST_SIDE = 4, 400
+_BAR = 24  # columns of the bar in a terminal
+_REDRAW_S = 0.1  # seconds between two drawings of the bar
 
 
 def shown() -> AbstractContextManager[ProgressCallback | None]:
@@ -42,24 +48,43 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
     share  share of the work that is done, 0..1, or None if it is unknown
     Yield None if standard error is not a terminal.
     """
-    if not sys.stderr.isatty():
+    if not _is_terminal(sys.stderr):
         yield None
         return
-    from tqdm import tqdm
+    state, begun, ended = (text, 0.0), time.monotonic(), threading.Event()
 
-    tqdm.monitor_interval = 0  # this prevents a thread that redraws bars
-    with tqdm(
-        total=1.0, bar_format="{bar:24} {elapsed} {desc}", miniters=0, dynamic_ncols=True,
-        leave=False,
-    ) as bar:  # fmt: skip
+    def update(text: str, share: float | None) -> None:
+        nonlocal state
+        state = text, state[1] if share is None else share
 
-        def update(text: str, share: float | None) -> None:
-            bar.set_description_str(text, refresh=share is None)
-            if share is not None:
-                bar.update(share - bar.n)
+    def draw() -> None:
+        (text, share), seconds = state, int(time.monotonic() - begun)
+        bar = "\N{FULL BLOCK}" * round(_BAR * share)
+        line = f"{bar:{_BAR}} {seconds // 60}:{seconds % 60:02} {on_one_line(text)}"
+        columns = shutil.get_terminal_size().columns - 1
+        print(f"\r{line:{columns}.{columns}}", end="", file=sys.stderr, flush=True)
 
-        update(text, None)
+    def redraw() -> None:
+        while not ended.wait(_REDRAW_S):
+            draw()
+
+    # A thread draws the bar, so that the time also moves while the program compiles or draws.
+    thread = threading.Thread(target=redraw, daemon=True)
+    thread.start()
+    try:
         yield update
+    finally:
+        ended.set()
+        thread.join()
+        columns = shutil.get_terminal_size().columns - 1
+        print(f"\r{'':{columns}}\r", end="", file=sys.stderr, flush=True)
+
+
+def _is_terminal(stream: Any) -> bool:
+    try:
+        return stream.isatty()
+    except (AttributeError, ValueError):  # None without a console, another object, or closed
+        return False
 
 
 @contextmanager
@@ -117,7 +142,7 @@ def _text_and_share(progress: Progress) -> tuple[str, float | None]:
     if now is None:
         return _PHASES[progress.phase], None
     text = _FITS.get(progress.phase, f"fitting, round {now.round}")
-    return f"{text}: {_figures(now)}, {now.remaining_s:.0f} s left", now.done
+    return f"{text}, {now.remaining_s:.0f} s left: {_figures(now)}", now.done
 
 
 def _figures(now: FitProgress) -> str:

@@ -116,7 +116,9 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
 
 MISTAKES = [
     ("PHOTO -o FOLDER/x/", "--output must be the name of a file, not of a folder"),
-    ("PHOTO -o --quiet", "--output must be given with a value; got none. Try"),
+    ("PHOTO -o --quiet", "-o must be given with a value; got none. Try"),
+    ("PHOTO --relocate=no", "--relocate must be given without a value; got 'no'"),
+    ("PHOTO -o OUT -- -b.svg", "the photo must be one file; got"),
     ("PHOTO -o FOLDER/o.png", "--output must be a name that ends in .svg or .svgz"),
     ("PHOTO -o OUT --preview FOLDER/a.jpg", "a name that ends in .png"),
     ("PHOTO -o OUT --report FOLDER/a.png", "a name that ends in .json"),

@@ -129,7 +129,9 @@ def test_commands_that_are_left_out_have_options_that_exist():
     for line in set(re.findall(r"^gauss2svg .*$", code, re.MULTILINE)):
         words = shlex.split(re.split(r" [|>]", line)[0], comments=True)
         _, parser, rest = command_of(words[1:])
-        parser.read(rest)
+        given = parser.read(rest)
+        for group in parser.groups:
+            group.of(given)
 
 
 def test_links_of_the_readme_lead_to_files():

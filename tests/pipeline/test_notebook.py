@@ -2,8 +2,8 @@
 
 import base64
 import io
-import itertools
 import re
+import time
 
 import numpy as np
 import pytest
@@ -47,12 +47,19 @@ def test_a_terminal_shows_how_long_a_run_will_take(monkeypatch):
     written = io.StringIO()
     written.isatty = lambda: True
     monkeypatch.setattr("sys.stderr", written)
-    monkeypatch.setattr("tqdm.std.time", itertools.count().__next__)
     now = FitProgress(2, 30, 0.4, 120, 27.123, 1.0, 3.2, scene=lambda: random_scene(1))
     with watched(True) as callback:
         assert callback is not None
         callback(Progress("fit", now))
-    assert "fitting, round 2: 120 shapes, 27.12 dB, 3 s left" in written.getvalue()
+        while "fitting, round 2, 3 s left: 120 shapes, 27.12 dB" not in written.getvalue():
+            time.sleep(0.01)  # the bar is drawn ten times a second
+    assert written.getvalue().endswith(" \r")
+
+
+@pytest.mark.parametrize("stream", [None, object()])
+def test_a_run_shows_itself_nowhere_without_a_console(stream, photo, monkeypatch, hasty):
+    monkeypatch.setattr("sys.stderr", stream)
+    assert gauss2svg.vectorize(photo[:32, :32], progress=True).svg
 
 
 @pytest.mark.process
