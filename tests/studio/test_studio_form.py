@@ -61,9 +61,7 @@ def test_the_lines_are_read_back_as_the_same_options(given, monkeypatch):
     options = Options.from_flat(given)
     lines = lines_of("-my photo's.jpg", options)
     read = []
-    monkeypatch.setattr(
-        command, "_run", lambda photo, output, o, files: read.append((photo, o)) or 0
-    )
+    monkeypatch.setattr(command, "_run", lambda photo, _, o, files: read.append((photo, o)) or 0)
     words = shlex.split(lines["command"])
     assert words[words.index("-o") + 1].endswith(".svgz") == bool(given.get("gzip"))
     main(words[1:])
