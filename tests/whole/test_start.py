@@ -35,7 +35,7 @@ COMMAND = "import sys; from gauss2svg.cli.main import main; main(sys.argv[2:])"
     [
         ("from gauss2svg.cli.main import main; main([])", "numpy numba scipy PIL torch"),
         ("import gauss2svg as g; g.vectorize; g.vectorize_many", "dask distributed fsspec"),
-        ("from gauss2svg.cli.main import main as m; m(['studio', '-h'])", "fastapi starlette"),
+        ("import gauss2svg.studio, gauss2svg.cli.main as m; m.main(['studio', '-h'])", "fastapi"),
         ("import gauss2svg.compare.run", "jinja2 gauss2svg.compare.pages"),
     ],
     ids=["help", "names of the package", "studio", "worker of a gallery"],
