@@ -68,7 +68,8 @@ class Parser(argparse.ArgumentParser):
         """
         # Versions of argparse differ in what they do with "--", so it is not passed to argparse.
         cut = words.index("--") if "--" in words else len(words)
-        files = [f"./{word}" if word[:1] == "-" != word else word for word in words[cut + 1 :]]
+        dashed = {word for word in words[cut + 1 :] if word.startswith("-")} - {STANDARD_STREAM}
+        files = [f"./{word}" if word in dashed else word for word in words[cut + 1 :]]
         try:
             known, unknown = self.parse_known_intermixed_args([*words[:cut], *files])
         except argparse.ArgumentError as error:
