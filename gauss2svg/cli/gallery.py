@@ -14,7 +14,7 @@ from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.options import Field, OptionGroup, file_path
 from gauss2svg.processes import command_line
 
-USAGE = "PHOTOS -o FOLDER [OPTIONS]"
+USAGE = "PHOTOS -o OUT [OPTIONS]"
 _COUNT = Field("each of --counts", int, 0, MOST_GAUSSIANS, advice="500,2000")
 
 

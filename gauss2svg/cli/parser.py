@@ -21,7 +21,7 @@ _MOST_COLUMNS = 100  # longer lines of a help are hard to read
 _TEXT_COLUMN = 28  # column at which the texts of a help begin
 # Words that stand for the values of an option in the help.
 _KINDS = {int: "INT", float: "FLOAT"}
-_UNSAID = ("", "True", "False", STANDARD_STREAM)  # defaults that the help does not name
+_NOT_SHOWN = ("", "True", "False", STANDARD_STREAM)
 _CHECKED = {file_path: "PATH", byte_size: "SIZE"}
 
 
@@ -58,12 +58,12 @@ class Parser(argparse.ArgumentParser):
         texts = texts_of(group) if self.has_help and shown else {}
         for field in fields_of(group):
             text = _help(field, texts[field.name]) if texts else argparse.SUPPRESS
-            section.add_argument(*_names(field), help=text, **_kind(field))
+            section.add_argument(*_names(field), help=text, **_properties(field))
 
     def read(self, words: list[str]) -> dict[str, Any]:
         """Return the words of the command line by the names of fields.
 
-        What was not given is not in the dictionary. Raise InputError for a word that is no option
+        Arguments that were not given are left out. Raise InputError for a word that is no option
         of the command, and if an argument is missing.
         """
         # Versions of argparse differ in what they do with "--", so it is not passed to argparse.
@@ -73,7 +73,7 @@ class Parser(argparse.ArgumentParser):
         try:
             known, unknown = self.parse_known_intermixed_args([*words[:cut], *files])
         except argparse.ArgumentError as error:
-            # The name of an argument is -o/--output, for example.
+            # This is all names of the argument, such as -o/--output.
             typed = {word.partition("=")[0] for word in words}
             names = (error.argument_name or "").split("/")
             name = next((name for name in names if name in typed), names[-1])
@@ -137,7 +137,7 @@ def _names(field: Field) -> list[str]:
     return ["-o"] * (field.name == "output") + [flag_of(field.name)]
 
 
-def _kind(field: Field) -> dict[str, Any]:
+def _properties(field: Field) -> dict[str, Any]:
     """Return the properties of an argument for argparse."""
     if field.name in _FILES:
         several = field.name == "photos" or field.default == ()
@@ -162,6 +162,6 @@ def _help(field: Field, text: str) -> str:
     """Return the text of an option for the help, with its choices and its default."""
     if field.kind is None and field.words:
         text += f" [{', '.join(map(str, field.words))}]"
-    if isinstance(field.default, (int, float, str)) and str(field.default) not in _UNSAID:
+    if isinstance(field.default, (int, float, str)) and str(field.default) not in _NOT_SHOWN:
         text += f" [default: {field.default}]"
     return text.replace("%", "%%")

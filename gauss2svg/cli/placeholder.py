@@ -11,7 +11,7 @@ from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import STANDARD_STREAM, write_all_atomically, write_output
 from gauss2svg.options import OptionGroup
 
-USAGE = "PHOTOS [-o FILE] [OPTIONS]"
+USAGE = "PHOTOS [-o OUT] [OPTIONS]"
 
 
 @dataclass(frozen=True, kw_only=True)

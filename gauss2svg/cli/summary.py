@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 import textwrap
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure import ON_REQUEST, TARGETS, decibels
 from gauss2svg.measure.paint import HEAVY_MS
+from gauss2svg.pipeline.progress_display import columns
 from gauss2svg.pipeline.run import COMPILED_S
 from gauss2svg.svg import MINIMAL, RESPONSIVE
 
@@ -177,10 +177,10 @@ def _print_table(rows: dict[str, str], further: list[tuple[str, str]], notes: li
     lines = [(name, text) for name, text in rows.items() if text]
     lines += [*further, *(("note", note) for note in notes)]
     indent = max(len(name) for name, _ in lines) + 2
-    columns = max(shutil.get_terminal_size().columns, 2 * indent)
+    width = max(columns(), 2 * indent)
     for name, text in lines:
         paragraph = textwrap.fill(
-            f"{name:{indent}}{on_one_line(text)}", columns, subsequent_indent=" " * indent,
+            f"{name:{indent}}{on_one_line(text)}", width, subsequent_indent=" " * indent,
             break_long_words=False, break_on_hyphens=False,
         )  # fmt: skip
         print(paragraph, file=sys.stderr)

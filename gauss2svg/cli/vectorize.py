@@ -124,8 +124,8 @@ def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
     command = Command.of(given)
     photos = expanded(command.photo)
-    if len(photos) != 1 or os.path.isdir(photos[0]):
-        got = brief(", ".join(photos)) if photos else "none"
+    if len(photos) != 1 or os.path.isdir(photos[0] or "."):
+        got = brief(", ".join(photos)) or ("''" if photos else "none")
         advice = "gauss2svg batch PHOTOS -o FOLDER" if photos else "gauss2svg --help"
         raise refusal("the photo", "one file", got, advice)
     return _run(photos[0], command.output, run_options(given), Files.of(given))

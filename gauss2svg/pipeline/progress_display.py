@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import html
 import importlib
+import os
 import shutil
 import sys
 import threading
 import time
+import unicodedata
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any
 
 from gauss2svg.errors import on_one_line
@@ -18,7 +20,7 @@ from gauss2svg.pipeline.options import Progress, ProgressCallback
 
 _PHASES = {
     "read": "reading the photo",
-    "compile": "compiling, only in the first run",
+    "compile": "loading the program, which the first run compiles",
     "fit": "fitting",
     "write": "writing the SVG",
     "measure": "rasterising and measuring the SVG",
@@ -59,14 +61,21 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
 
     def draw() -> None:
         (text, share), seconds = state, int(time.monotonic() - begun)
-        bar = "\N{FULL BLOCK}" * round(_BAR * share)
-        line = f"{bar:{_BAR}} {seconds // 60}:{seconds % 60:02} {on_one_line(text)}"
-        columns = shutil.get_terminal_size().columns - 1
-        print(f"\r{line:{columns}.{columns}}", end="", file=sys.stderr, flush=True)
+        text = on_one_line(text)
+        width = max(0, min(_BAR, columns() - len(text) - 7))
+        bar = "\N{FULL BLOCK}" * round(width * share)
+        put(f"{bar:{width}} {seconds // 60}:{seconds % 60:02} {text}")
+
+    def put(line: str) -> None:
+        # A wide character takes two columns.
+        free = columns() - 1 - sum(unicodedata.east_asian_width(c) in "WF" for c in line)
+        print(f"\r{line:{free}.{free}}\r", end="", file=sys.stderr, flush=True)
 
     def redraw() -> None:
-        while not ended.wait(_REDRAW_S):
+        while not ended.is_set():
+            ended.wait(_REDRAW_S)
             draw()
+        put("")
 
     # A thread draws the bar, so that the time also moves while the program compiles or draws.
     thread = threading.Thread(target=redraw, daemon=True)
@@ -76,8 +85,13 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
     finally:
         ended.set()
         thread.join()
-        columns = shutil.get_terminal_size().columns - 1
-        print(f"\r{'':{columns}}\r", end="", file=sys.stderr, flush=True)
+
+
+def columns() -> int:
+    """Return the width of the terminal of standard error, or 80 if it is not known."""
+    with suppress(OSError):
+        return os.get_terminal_size(2).columns or 80
+    return shutil.get_terminal_size().columns
 
 
 def _is_terminal(stream: Any) -> bool:

@@ -3,7 +3,6 @@
 import base64
 import io
 import re
-import time
 
 import numpy as np
 import pytest
@@ -44,16 +43,16 @@ def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(
 
 
 def test_a_terminal_shows_how_long_a_run_will_take(monkeypatch):
-    written = io.StringIO()
+    monkeypatch.setattr("sys.stderr", written := io.StringIO())
     written.isatty = lambda: True
-    monkeypatch.setattr("sys.stderr", written)
+    monkeypatch.setattr("gauss2svg.pipeline.progress_display.columns", lambda: 80)
     now = FitProgress(2, 30, 0.4, 120, 27.123, 1.0, 3.2, scene=lambda: random_scene(1))
     with watched(True) as callback:
         assert callback is not None
         callback(Progress("fit", now))
-        while "fitting, round 2, 3 s left: 120 shapes, 27.12 dB" not in written.getvalue():
-            time.sleep(0.01)  # the bar is drawn ten times a second
-    assert written.getvalue().endswith(" \r")
+    *_, drawn, _, cleared, _ = written.getvalue().split("\r")
+    assert "fitting, round 2, 3 s left: 120 shapes, 27.12 dB" in drawn
+    assert (len(drawn), cleared.strip()) == (79, "")
 
 
 @pytest.mark.parametrize("stream", [None, object()])
