@@ -1,6 +1,5 @@
 """Entry point of the program `gauss2svg`. It handles signals before it imports anything slow."""
 
-import gc
 import os
 
 from gauss2svg.cli.terminal import exit_before_fits
@@ -9,9 +8,6 @@ from gauss2svg.cli.terminal import exit_before_fits
 def run() -> None:
     """Run the command line as a program."""
     exit_before_fits()
-    # Python searches for garbage each time that it has made 700 more objects. Imports make more
-    # than a hundred thousand objects, nearly all of which are kept.
-    gc.set_threshold(1_000_000)
     # OpenBLAS starts its threads when NumPy is imported. Our matrices have at most some hundred
     # rows, for which more threads only take CPU time.
     if "OMP_NUM_THREADS" not in os.environ:

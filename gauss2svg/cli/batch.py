@@ -61,10 +61,7 @@ def run(given: dict[str, Any]) -> int:
     job = Batch(command.photos, command.output, options, BatchOptions.of(given))
     summary, count = Summary(), job.count
     try:
-        with (
-            terminal.counting_bar(command.quiet) as update,
-            closing(job.run()) as records,
-        ):
+        with terminal.counting_bar(command.quiet) as update, closing(job.run()) as records:
             update("", 0, count)
             for record in records:
                 summary.add(record)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import re
 import signal
@@ -130,6 +131,11 @@ def main(arguments: list[str] | None = None) -> int:
 def run() -> None:
     """Run the command and exit with its status."""
     print_utf8()
+    # Python searches for garbage each time that it has made 700 more objects. Imports make more
+    # than a hundred thousand objects, nearly all of which are kept. Commands for many photos or
+    # requests make more garbage, so they keep the usual search.
+    if _COMMANDS.keys().isdisjoint(sys.argv[1:2]):
+        gc.set_threshold(1_000_000)
     status = main()
     ignore_signals()
     # When numba compiles, it runs strings of code by exec(). If a Ctrl-C interrupts such code,

@@ -128,11 +128,8 @@ class Parameter:
             size = 0 if self.default is None else count or 0
             values = np.full(self.shape(size), self.default or 0)
         try:
-            values = np.asanyarray(values)
-            # Masked elements become NaN, and the test below refuses NaN. The method is called
-            # directly, because np.ma.filled would import numpy.ma for every kind of array.
-            if hasattr(values, "filled"):
-                values = values.filled(np.nan)
+            # Masked elements become NaN, and the test below refuses NaN.
+            values = np.ma.filled(np.asanyarray(values), np.nan)
             array = values.astype(np.float64, "C", "same_kind", subok=False)
         except Exception as error:
             # NumPy and torch (if a tensor requires_grad) raise many classes, so all are caught.
