@@ -283,13 +283,15 @@ class Population:
         """Change the number of Gaussians to `count`.
 
         New Gaussians are added where the error is large. Surplus Gaussians are removed, the least
-        useful first.
+        useful first. The others keep the colours that they share.
         """
         surplus = len(self) - count
         if surplus > 0:
             _, cost = self.target.removal_cost(self.splats())
             keep = np.argsort(cost[:, 0], kind="stable")[surplus:]
             self.state = self.state.select(np.sort(keep))
+            if self.shared is not None:
+                self.shared = SharedColors.of(self.state, self.blending)
         elif surplus < 0:
             self._add(self.rendered(), -surplus, count)
 

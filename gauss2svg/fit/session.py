@@ -129,10 +129,10 @@ class DensificationPolicy:
         """
         return now.count
 
-    def max_count(self, now: Snapshot) -> int:
+    def max_count(self, now: Snapshot, is_quantized: bool) -> int:
         """Return the largest number of Gaussians that a file may have.
 
-        It is called before the last steps.
+        It is called before the last steps: before the Gaussians are quantised, and after it.
         """
         return now.count
 
@@ -379,14 +379,16 @@ class FitSession:
     def _quantize(self) -> None:
         """Quantise the Gaussians: give them the exponents and colours of the file.
 
-        If there are more Gaussians than the file may have, the least useful ones are removed first.
+        If there are more Gaussians than the file may have, the least useful ones are removed: first
+        those beyond an estimate, and then those beyond the bytes that the quantised ones take.
         After quantising, exponents no longer change, and shapes share the colours of the file.
         """
         with self._changing(tolerant=False):
-            self.prune_to(self.policy.max_count(self._snapshot()))
+            self.prune_to(self.policy.max_count(self._snapshot(), False))
             if self._as_written is not None and len(self.state):
                 with self.clock.paused():
                     self.population.quantize(self._as_written, self.psnr)
+                    self.prune_to(self.policy.max_count(self._snapshot(), True))
             self._quantized = True
 
     def _exchange(self) -> None:

@@ -9,6 +9,7 @@ over white and over black matches the photo over every background.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -143,6 +144,15 @@ def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | N
         across, down = (max(1, round(side * scale)) for side in (width, height))
     size = min(across, width), min(down, height)
     return None if size == (width, height) else size
+
+
+def elongation(width: int, height: int) -> float:
+    """Return by how much longer a picture is than one of 3 : 2 with as many pixels, at least 1.
+
+    A bound on the longest side of pictures, multiplied by this factor, bounds their pixels: a strip
+    may be as long as it has no more pixels than a photo.
+    """
+    return max(1.0, math.sqrt(2 / 3 * max(width, height) / min(width, height)))
 
 
 def has_alpha(pixels: NDArray[np.floating]) -> bool:

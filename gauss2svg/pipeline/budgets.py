@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 from gauss2svg.errors import InputError, refusal
 from gauss2svg.fit import has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE
-from gauss2svg.photo.pixels import Header, Size
+from gauss2svg.photo.pixels import Header, Size, elongation
 from gauss2svg.pipeline.drawings import LARGEST_ENLARGED
 from gauss2svg.pipeline.plan import CAP_FOR_TARGET, Plan
 from gauss2svg.processes import MEMORY_SHARE, free_bytes, held_bytes
@@ -218,7 +218,8 @@ def load_of(plan: Plan, photo: Header) -> Load:
     """
     given, limit = plan.options.run.max_size, plan.goal.time_limit
     width, height = photo.width, photo.height
-    longest = given or max(search.preset.max_size for search in plan.searches())
+    usual = max(search.preset.max_size for search in plan.searches())
+    longest = given or usual * elongation(width, height)
     scale = min(1.0, longest / max(width, height))
     if limit is not None and given is None:
         scale = min(scale, math.sqrt(pixels_within(limit) / (width * height)))

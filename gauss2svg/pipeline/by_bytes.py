@@ -36,14 +36,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import refusal
 from gauss2svg.fit import DensifyOptions, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import psnr_of
 from gauss2svg.measure.roundtrip import model_error, raster_error, round_trip
-from gauss2svg.photo.pixels import has_alpha, shrunk
+from gauss2svg.photo.pixels import elongation, has_alpha, shrunk
 from gauss2svg.pipeline import drawings, small_file
-from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
+from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject, without_gaussians
 from gauss2svg.pipeline.plan import SHAPE_BYTES, SHAPE_GZIPPED_BYTES, WHOLE_SIDE, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.small_file import EXACT_UNDER, SmallFile, closeness, flat_scene
@@ -158,8 +157,7 @@ class ByBytes:
         self.flat = min(flat, key=lambda file: file.size)
         self._shape_bytes = self._limit - self.flat.size  # bytes left for shapes
         if self._shape_bytes < 0:
-            needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
-            raise refusal("max_bytes", needed, str(self._limit), str(self.flat.size))
+            raise without_gaussians(self.flat.size, self._limit)
         # For each tuple of exponents, the bytes per shape in the last file with these exponents.
         self._each: dict[Exponents, float] = {}
         self._fewest = 0.0  # number of shapes with which differences are expected not to be seen
@@ -193,6 +191,7 @@ class ByBytes:
             side = min(max(SIDE_PER_ROOT * math.sqrt(max(count, 1)), LEAST_SIDE), WHOLE_SIDE)
             self._first_fits = _FITS_OF_PHOTO if few else _FITS_OF_PHOTO[:2]
             self._digits, self._grids = HEX_DIGITS[::-1], (1.2, 0.8) if few else (1.0,)
+        side *= elongation(*canvas)
         side = min(side, options.run.max_size or side, max(photo.shape[:2]))
         size = [max(1, round(length * side / max(canvas))) for length in canvas[::-1]]
         working = shrunk(photo, *size, sharp=self.is_drawing)

@@ -18,7 +18,7 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import Scene
 from gauss2svg.svg import MINIMAL, SvgFormat
-from gauss2svg.svg.file import file_bytes
+from gauss2svg.svg.file import bytes_by_part, file_bytes
 from gauss2svg.svg.forms import is_plain, with_plain_edges
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
@@ -85,7 +85,13 @@ class Exporter:
         self._highest_psnr = max(self._highest_psnr, psnr)
         return written.scaled(scene.width / written.width, scene.height / written.height)
 
-    def bytes_each(self, quantized: Scene, size: float, psnr: float = -math.inf) -> float:
+    def bytes_each(
+        self,
+        quantized: Scene,
+        size: float,
+        psnr: float = -math.inf,
+        keeps_gradients: bool = False,
+    ) -> float:
         """Return the mean number of bytes per shape in a file of `size` bytes.
 
         The shapes of the file are assumed to be like those of the scene `quantized`. A minimal file
@@ -93,7 +99,9 @@ class Exporter:
         file has more soft shapes, fewer are drawn by masks: FADING fewer for each soft shape above
         MOST_MASKED. The file draws its other soft shapes by gradients.
 
-        psnr  PSNR of the scene in dB. It may be left out if `as_written` has noted it
+        psnr             PSNR of the scene in dB. It may be left out if `as_written` has noted it
+        keeps_gradients  whether the file has all gradients of the scene, even if it has fewer or
+                         more shapes. A minimal file has so few that this makes no difference
         """
         document, count = self._subject.document, max(len(quantized), 1)
         written = self._plan.format_at(max(psnr, self._highest_psnr))
@@ -101,8 +109,13 @@ class Exporter:
         def each(svg: str) -> float:
             return max(self._size(svg) - self.empty_bytes, 1) / count
 
+        left = max(size - self.empty_bytes, 1)
         if written.markup != MINIMAL:
-            return each(write_svg(quantized, written, document))
+            mean = each(svg := write_svg(quantized, written, document))
+            if not keeps_gradients:
+                return mean
+            own = mean * (1 - bytes_by_part(svg)["gradients"] / len(svg))
+            return left / max(count + (left - count * mean) / own, 1)
         from gauss2svg.svg.minimal_shapes import FADING, MOST_MASKED
 
         masked, by_gradients = (
@@ -111,7 +124,6 @@ class Exporter:
         most = MOST_MASKED * count / max(np.count_nonzero(~is_plain(quantized)), 1)
         counts = most * np.array([0, 1, 1 + 1 / FADING, 1e6])
         sizes = counts * [0, masked, by_gradients, by_gradients]
-        left = max(size - self.empty_bytes, 1)
         return left / float(np.interp(left, sizes, counts))
 
     @cached_property

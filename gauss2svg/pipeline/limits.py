@@ -76,18 +76,13 @@ LEAP = 4  # growth leaps only if the leap multiplies the count by more than this
 FLATTEST, STEEPEST = 0.5, 8.0
 
 # How many Gaussians fit into a limit of bytes (docs/decisions/markup.md). Growth measures the bytes
-# of a shape a single time: as soon as there are at least this many Gaussians.
+# of a shape as soon as there are at least this many Gaussians, and again whenever the number of
+# Gaussians has risen to MEASURED_AGAIN times the number at the last measurement.
 MEASURED_FROM = 200
+MEASURED_AGAIN = 3
 # Growth aims at this multiple of the limit. The least useful Gaussians are pruned later.
 OVERFILL_GROWING = 1.25
-OVERFILL_REFINING = 1.03  # refinement aims at this multiple of the limit until its last steps
-# The last steps aim slightly above the limit. A few shapes are then pruned, so that the file ends
-# exactly at the limit. The excess, as a share of the limit, is this number divided by the square
-# root of the count.
-SPARE = 0.4
-# During refinement, each shape takes fewer and fewer bytes in the file. From progress p to the end
-# of the fit, a shape is expected to lose a share BYTES_SAVED (1 - p) of its bytes.
-BYTES_SAVED = 0.15
+OVERFILL_REFINING = 1.04  # refinement aims at this multiple until the Gaussians are quantised
 # A Gaussian has nine numbers, and three pixels have nine values. So there must be at least this
 # number of pixels for each Gaussian. In a run with a budget of bytes or seconds, two are enough.
 LEAST_PIXELS_EACH = 3
@@ -182,7 +177,7 @@ class Limits(DensificationPolicy):
         self.is_additive = plan.options.svg.portable
         self._last: Snapshot | None = None
         self._before_leap: Snapshot | None = None
-        self._is_measured = False  # whether growth has measured the bytes of a shape
+        self._measured_from = MEASURED_FROM  # count at which growth measures the bytes of a shape
         # Largest count at which one more kilobyte still gains as many dB as the preset demands.
         self._paying_count = math.inf
         self._aim = aim or Aim(PSNR, plan.stop_psnr, ENOUGH)  # score that corrections aim at
@@ -199,7 +194,7 @@ class Limits(DensificationPolicy):
             in_time = self._budget.most_gaussians(now.done)
         elif now.late:
             in_time = max(now.count, 1)
-        counts = self._counts(now, in_time)
+        counts = self._counts(now, in_time, now.psnr)
         last, self._last = self._last, now
         if last is not None:
             psnr += CONVERGES_AFTER_ROUND * max(psnr - CONVERGES_ABOVE, 0.0)
@@ -229,31 +224,40 @@ class Limits(DensificationPolicy):
         in_time = max(TOO_MANY * self._budget.most_gaussians(now.done), least)
         if self._plan.only_time_limits:
             in_time = min(in_time, now.count)
-        counts = self._counts(now, in_time)
         rate = CONVERGES_AFTER[max(bisect(ADJUST_AT, now.done) - 1, 0)]
         psnr = now.psnr + rate * max(now.psnr - CONVERGES_ABOVE, 0.0)
+        # The fit is better by this loss when its palette is chosen.
+        counts = self._counts(now, in_time, psnr + self._plan.preset.color_loss)
         wanted = self._wanted(now.count, psnr, counts)
         if abs(wanted - now.count) <= LEAST_CHANGE * now.count:
             return now.count
         return int(min(math.ceil(min(max(wanted, least), most)), *counts.values()))
 
-    def max_count(self, now: Snapshot) -> int:
-        """Return the largest count that the cap, the time limit and the limit of bytes allow."""
+    def max_count(self, now: Snapshot, is_quantized: bool) -> int:
+        """Return the largest count that the cap, the time limit and the limit of bytes allow.
+
+        Quantised Gaussians are not removed for lack of time, because this would save hardly any.
+        """
+        if is_quantized:
+            return int(min(self._counts(now, math.inf, None).values()))
         # If the time limit alone decides the steps, growth has already chosen a count for which the
         # time suffices for all steps, so that only the export still needs time. Otherwise growth
         # has chosen the count without regard to the time. The remaining steps and the search for
         # the file's colours then need time too.
         done, colors = (1.0, False) if self._plan.only_time_limits else (now.done, True)
-        return int(min(self._counts(now, self._budget.most_gaussians(done, colors)).values()))
+        in_time = self._budget.most_gaussians(done, colors)
+        return int(min(self._counts(now, in_time, now.psnr).values()))
 
-    def _counts(self, now: Snapshot, in_time: float) -> dict[str, float]:
+    def _counts(self, now: Snapshot, in_time: float, psnr: float | None) -> dict[str, float]:
         """Return a dict of the counts that the cap, the time limit and the limit of bytes allow.
 
         Its keys are the names that these limits have as stop reasons in the report. If bytes are
-        limited, this function also measures how many bytes a shape takes: once during growth, and
-        on every call during refinement.
+        limited, this function also measures how many bytes a shape takes: a few times during
+        growth, and on every call during refinement.
 
         in_time  count that the time allows
+        psnr     PSNR in dB that the fit will have when its palette is chosen, None if it has been
+                 chosen. The higher it is, the more entries the palette has
         """
         counts, limit = {self._cap_reason: float(self.expected)}, self._plan.goal.byte_limit
         if self.is_additive:
@@ -262,18 +266,16 @@ class Limits(DensificationPolicy):
         if limit is not None:
             refines = now.done > schedule.GROWTH_SHARE
             share = OVERFILL_REFINING if refines else OVERFILL_GROWING
-            if now.done >= schedule.QUANTIZED_FROM:
-                share = 1 + SPARE / math.sqrt(max(now.count, 1))
-            # With a target, Gaussians must not be pruned after the fit, because this would lower
-            # the score. So the fit does not aim above the limit.
-            if self._plan.aim is not None:
+            # The bytes of a quantised scene hardly change in the last steps. With a target,
+            # Gaussians must not be pruned after the fit, because this would lower the score.
+            if psnr is None or self._plan.aim is not None:
                 share = 1.0
-            if refines or (now.count >= MEASURED_FROM and not self._is_measured):
-                self._is_measured = True
-                saved = BYTES_SAVED * (1 - now.done) if refines else 0.0
-                scene = self._exporter.quantized(now.scene(), now.psnr)
-                each = self._exporter.bytes_each(scene, share * limit, now.psnr)
-                self._bytes_each = (1 - saved) * each
+            if refines or now.count >= self._measured_from:
+                self._measured_from = MEASURED_AGAIN * now.count
+                scene = self._exporter.quantized(now.scene(), psnr)
+                self._bytes_each = self._exporter.bytes_each(
+                    scene, share * limit, now.psnr, keeps_gradients=psnr is None
+                )
             counts["max_bytes"] = self._in_bytes(share * limit)
         return counts
 

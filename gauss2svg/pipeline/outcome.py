@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.errors import InputError, refusal
 from gauss2svg.fit import FitResult, Tune
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.measure import metrics
@@ -135,6 +136,12 @@ class Outcome:
     def psnr(self) -> float:
         """PSNR (dB) of the rasterised file, in which the mask weights the errors."""
         return self.subject.psnr(self.measured.raster)
+
+
+def without_gaussians(size: int, limit: int) -> InputError:
+    """Return the error for a limit below `size`, the bytes of a file without Gaussians."""
+    needed = f"at least {size}, the bytes of a file without Gaussians"
+    return refusal("max_bytes", needed, str(limit), str(size))
 
 
 def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:

@@ -27,7 +27,7 @@ ITERATIONS = 6
 # about a tenth of the clusters' error.
 SPARE = 1.12
 # If the error after Lloyd's algorithm is still larger than allowed, the bound on the error of the
-# clusters is multiplied by this factor, and the clusters are split again with this lower bound.
+# clusters is lowered by the excess, and at least to this share of it. Then more clusters are split.
 LESS = 0.94
 LEAST_AIM = 0.1  # the search gives up when the bound has fallen to this share of the allowed error
 # Shapes are clustered by their colours, which are in 0..1, and by their exponents beta. For this,
@@ -105,16 +105,18 @@ def few_entries(
         # Rounding alone causes more error than is allowed. Fewer entries would cause still more.
         return exact
     most, aim = min(count, distinct), allowed * SPARE
+    clusters = _Clusters(features, weight)
     while True:
-        means, left = _split(features, weight, most, aim)
-        entries, entry = refined(means)
-        if loss(entries, entry) <= allowed:
+        clusters.split(most, aim)
+        entries, entry = refined(clusters.means)
+        excess = loss(entries, entry) - allowed
+        if excess <= 0:
             return entries, entry
-        if left > aim or len(means) >= most or aim <= allowed * LEAST_AIM:
+        if clusters.left > aim or len(clusters) >= most or aim <= allowed * LEAST_AIM:
             # More splits would not help. The error is too large only because colours are rounded,
             # or because no more entries are allowed.
             return exact if distinct <= count else (entries, entry)
-        aim *= LESS
+        aim = min(aim * LESS, aim - excess)
 
 
 def _class_of(beta: Rows) -> Rows:
@@ -127,35 +129,48 @@ def _rounded(features: Rows) -> Rows:
     return np.column_stack([np.round(features[:, :3] * 255) / 255, BETA_WEIGHT * np.log(classes)])
 
 
-def _split(features: Rows, weight: Rows, count: int, aim: float) -> tuple[Rows, float]:
-    """Return the means (k, d) of k <= count clusters, and the weighted squared error that is left.
+class _Clusters:
+    """Clusters of features. Again and again, the one with the largest error is split in two.
 
-    The cluster with the largest error is cut in two at its mean, across the direction of its
-    largest variance. This is repeated until the total error is at most `aim` (Wan, Wong and
+    It is split at its mean, across the direction of its largest variance (Wan, Wong and
     Prusinkiewicz, "An algorithm for multidimensional data clustering", 1988).
+
+    left  weighted squared error of all features against the means of their clusters
     """
 
-    def cluster(members: NDArray[np.intp]) -> tuple[float, int, NDArray, NDArray, NDArray]:
-        share = weight[members, None]
-        mean = (share * features[members]).sum(axis=0) / share.sum()
-        offset = features[members] - mean
+    def __init__(self, features: Rows, weight: Rows) -> None:
+        self._features, self._weight = features, weight
+        self._heap = [self._cluster(np.arange(len(features)))]
+        self.left = -self._heap[0][0]
+
+    def __len__(self) -> int:
+        return len(self._heap)
+
+    @property
+    def means(self) -> Rows:
+        """Means (k, d) of the clusters."""
+        return np.array([mean for _, _, _, mean, _ in self._heap])
+
+    def split(self, count: int, aim: float) -> None:
+        """Split clusters until there are `count`, or until the error is at most `aim`."""
+        while len(self._heap) < count and self.left > aim:
+            worst, _, members, _, above = self._heap[0]
+            if above.all() or not above.any():  # all members of each cluster are equal
+                break
+            parts = self._cluster(members[above]), self._cluster(members[~above])
+            heapq.heapreplace(self._heap, parts[0])
+            heapq.heappush(self._heap, parts[1])
+            self.left += worst - parts[0][0] - parts[1][0]
+
+    def _cluster(self, members: NDArray[np.intp]) -> tuple[float, int, NDArray, NDArray, NDArray]:
+        share = self._weight[members, None]
+        mean = (share * self._features[members]).sum(axis=0) / share.sum()
+        offset = self._features[members] - mean
         spread = (share * offset).T @ offset
         axis = np.linalg.eigh(spread)[1][:, -1]
         # The heap compares these tuples. Clusters of equal error are ordered by the index of their
         # first member, so that the arrays are never compared.
         return -float(np.trace(spread)), int(members[0]), members, mean, offset @ axis > 0
-
-    heap = [cluster(np.arange(len(features)))]
-    left = -heap[0][0]
-    while len(heap) < count and left > aim:
-        worst, _, members, _, above = heap[0]
-        if above.all() or not above.any():  # no cluster can be split, because all members are equal
-            break
-        parts = cluster(members[above]), cluster(members[~above])
-        heapq.heapreplace(heap, parts[0])
-        heapq.heappush(heap, parts[1])
-        left += worst - parts[0][0] - parts[1][0]
-    return np.array([mean for _, _, _, mean, _ in heap]), left
 
 
 def quantize(

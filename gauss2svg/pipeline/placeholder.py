@@ -15,7 +15,7 @@ import numpy as np
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field, byte_size
 from gauss2svg.photo.load import ImageSource
-from gauss2svg.photo.pixels import has_alpha, pixels_of, shrunk
+from gauss2svg.photo.pixels import Size, elongation, has_alpha, pixels_of, shrunk
 from gauss2svg.pipeline.by_bytes import ByBytes
 from gauss2svg.pipeline.options import Options, ProgressCallback
 from gauss2svg.pipeline.outcome import Subject
@@ -27,8 +27,8 @@ from gauss2svg.svg.element import hex_color
 DEFAULT_BYTES = 1000
 # Attributes of Placeholder whose bytes may be limited.
 Counted = Literal["svg", "inline", "data_uri", "data_uri_base64"]
-# px. A photo whose longest side is longer is reduced to this while it is read. For the fits it is
-# usually reduced further.
+# px. A photo whose longest side is longer is reduced to this while it is read, a strip to as many
+# pixels. For the fits it is usually reduced further.
 _LONGEST_SIDE = 640
 # Characters that browsers accept in a data URI without escapes. The characters % and # are missing,
 # because they have a meaning in URIs. The character " is missing, because it would end the
@@ -165,13 +165,18 @@ def placeholder(
 
     with watched(progress) as callback:
         plan, run = Plan(options, by_bytes=True), Run(options.run, callback, stop)
-        photo = run.read(image, needed=_LONGEST_SIDE)
+        photo = run.read(image, needed=_size_read)
         pixels = pixels_of(photo)
         with run.compiled():
             found = ByBytes(plan, Subject.of(pixels, photo.original_size), run, count).file()
     mean = shrunk(pixels, 1, 1)[0, 0, :3]  # mean of the visible pixels
     color = hex_color(np.round(255 * mean).astype(np.intp))
     return Placeholder(found.svg, *photo.original_size, color, len(found.scene), has_alpha(pixels))
+
+
+def _size_read(width: int, height: int) -> Size:
+    scale = min(1.0, _LONGEST_SIDE * elongation(width, height) / max(width, height))
+    return max(1, round(scale * width)), max(1, round(scale * height))
 
 
 def check_bytes(name: str, value: Any) -> int:

@@ -29,6 +29,9 @@ from gauss2svg.svg.forms import GRADIENT
 # Bounds on the number of Gaussians and of pixels in a run with a limit (docs/decisions/time.md).
 MOST_GAUSSIANS_A_SECOND = 5000  # largest number of Gaussians per second of the time limit
 PIXELS_EACH_IN_LIMIT = 30  # a fit should have this many pixels for each shape that fits the limit
+# dB of PSNR that the palette may cost in a file of few bytes. The bytes are then spent on shapes,
+# which gain more than they do for a preset, whose palette saves bytes (docs/decisions/markup.md).
+COLOR_LOSS_IN_LIMIT = 1.0
 LEAST_CAP = 150  # however small the limit of bytes or seconds is, so many Gaussians are allowed
 
 # The next numbers say how many bytes a Gaussian takes in a file of editable markup, unless another
@@ -56,7 +59,8 @@ class Preset:
     colors      number of palette entries per Gaussian if the user gives the number of Gaussians.
                 0: all colours are written
     iterations  number of steps of the optimiser
-    max_size    longest side in px of the image that the fit runs on
+    max_size    longest side in px of the image that the fit runs on. It bounds the pixels: an image
+                longer than 3 : 2 may have as many as one of 3 : 2 with this longest side
     stops       number of colour stops in a gradient
     precision   step in px to which coordinates are rounded
     opacity_decimals  number of decimals of fill-opacity
@@ -113,8 +117,12 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
         caps.append(max_bytes // least)
         square = math.sqrt(PIXELS_EACH_IN_LIMIT * max_bytes / BYTES_IN_LIMIT)
         side = round(min(max(square, usual.max_size), finest.max_size))
-    cap = max(LEAST_CAP, min(caps))
-    return dataclasses.replace(usual, gain=0.0, stop_psnr=NOTHING_TO_GAIN, cap=cap, max_size=side)
+    cap, loss = max(LEAST_CAP, min(caps)), usual.color_loss
+    if max_bytes is not None:
+        loss = COLOR_LOSS_IN_LIMIT
+    return dataclasses.replace(
+        usual, gain=0.0, stop_psnr=NOTHING_TO_GAIN, cap=cap, max_size=side, color_loss=loss
+    )
 
 
 # Largest limit of bytes of a placeholder. In a search for a target, the option markup=auto means
@@ -159,7 +167,8 @@ PRECISION_OF_INKS = 0.1  # px. Files of inks round coordinates to this (docs/dec
 class Plan:
     """The options of a run or of one of its searches, and the decisions that follow from them.
 
-    fit_side   longest side in px of the image that the fit runs on, None before the photo is read
+    fit_side   longest side in px of the image that the fit runs on, None before the photo is read.
+               If the image is longer than 3 : 2, it is that of one of 3 : 2 with as many pixels
     by_bytes   whether the search is a search by bytes. Otherwise it is one by count
     has_edges  whether the photo is a drawing with antialiased edges, False before it is read
     is_small   whether the photo's longest side is at most WHOLE_SIDE px, False before it is read
@@ -169,7 +178,7 @@ class Plan:
     """
 
     options: Options
-    fit_side: int | None = None
+    fit_side: float | None = None
     by_bytes: bool = False
     has_edges: bool = False
     is_small: bool = False

@@ -144,10 +144,7 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
         sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
         target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
         yield f"target of {target} not reached: {sign * outcome.aim_score:.2f}{unit}{ended}"
-    if goal.byte_limit is not None and outcome.size > goal.byte_limit:
-        exceeded = f"the file has {outcome.size} even without shapes"
-        yield f"limit of {goal.max_bytes} bytes exceeded: {exceeded}"
-    elif reason == "max_bytes" and not len(outcome.scene):
+    if reason == "max_bytes" and not len(outcome.scene):
         none = f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none"
         yield f"{none}. Try a larger --max-bytes"
     if limit is not None and seconds > 1.05 * limit + 0.25:

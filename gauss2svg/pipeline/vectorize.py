@@ -18,7 +18,7 @@ from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import Scores, decibels
 from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced
-from gauss2svg.photo.pixels import Header, Photo, matte_color, pixels_of, shrunk
+from gauss2svg.photo.pixels import Header, Photo, elongation, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.budgets import (
     STEPS,
     STEPS_OF_DRAWING,
@@ -29,7 +29,7 @@ from gauss2svg.pipeline.budgets import (
 )
 from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
-from gauss2svg.pipeline.outcome import Outcome, Subject, best_of
+from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, without_gaussians
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.run import Run, watched
@@ -197,10 +197,14 @@ def vectorize_by(
     document = plan.options.document.of_photo(*photo.original_size, photo.dpi)
     subject = Subject(pixels, working, photo.original_size, document, mask, start)
     del photo  # frees the photo's pixels, which may be many
-    plan = dataclasses.replace(plan, fit_side=max(load.fit)).for_picture(pixels)
+    side = max(load.fit) / elongation(*load.fit)
+    plan = dataclasses.replace(plan, fit_side=side).for_picture(pixels)
     with run.compiled(plan.options.fit.blend):
         outcome = best_of(_outcomes(plan, run, subject), plan)
     subject.release()
+    # Every search prunes its file until it is within the limit. So this one has no shapes left.
+    if (limit := plan.goal.byte_limit) is not None and outcome.size > limit:
+        raise without_gaussians(outcome.size, limit)
     return _result(plan, run, measured, outcome)
 
 

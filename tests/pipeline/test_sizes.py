@@ -16,7 +16,10 @@ from PIL import Image
 
 from gauss2svg.measure.check import check
 from gauss2svg.photo.load import load_image
-from gauss2svg.pipeline.budgets import MEASURED_PIXELS, measured_size
+from gauss2svg.photo.pixels import Header
+from gauss2svg.pipeline.budgets import MEASURED_PIXELS, load_of, measured_size
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
 
 SIDES = st.integers(1, 20_000)
 LARGE = 10_000
@@ -61,6 +64,28 @@ def test_measured_size_is_that_of_the_fit_or_a_megapixel_or_the_photo(width, hei
         assert abs(math.prod(found) - MEASURED_PIXELS) <= 2 * max(found)
         assert abs(found[0] * height - found[1] * width) <= max(photo)
     assert all(least <= side <= most for least, side, most in zip(fit, found, photo, strict=True))
+
+
+@given(SIDES, SIDES)
+def test_a_preset_bounds_the_pixels_of_a_strip_and_the_longest_side_of_other_photos(width, height):
+    load = load_of(Plan(Options()), Header(width, height, False))
+    side, longest, pixels = load.plan.preset.max_size, max(width, height), math.prod(load.fit)
+    if 3 * min(width, height) >= 2 * longest:
+        assert max(load.fit) == min(longest, side)
+    elif width * height <= 2 / 3 * side**2:
+        assert load.fit == (width, height)
+    else:
+        assert pixels == pytest.approx(2 / 3 * side**2, abs=max(load.fit))
+    assert load_of(Plan(Options().changed(max_size=9)), Header(width, height, False)).fit <= (9, 9)
+
+
+@pytest.mark.parametrize(
+    "limit", [{}, {"max_bytes": 5000}, {"markup": "minimal", "max_bytes": 9000}]
+)
+def test_a_strip_keeps_the_detail_along_it(limit):
+    x = np.linspace(0, 40 * np.pi, 2000)[None, :, None]
+    strip = np.broadcast_to((0.5 + 0.4 * np.sin(x + [0, 2, 4])) ** 2, (12, 2000, 3)).astype("f4")
+    assert vectorize(strip, iterations=60, **limit).report["psnr_svg"] > 20
 
 
 @pytest.mark.parametrize("full_size", [False, True])

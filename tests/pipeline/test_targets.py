@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from flat import vectorize
 from pictures import smile
+from scenes import random_scene
 from skimage import data
 
 from gauss2svg.errors import InputError
@@ -107,20 +108,30 @@ def test_a_given_count_is_the_largest(photo, given):
     assert report["stop_reason"] == "gaussians" or "max_bytes" in given
 
 
-@pytest.mark.parametrize(
-    ("markup", "limit", "line"),
-    [
-        ("editable", 100, "limit of 100 bytes exceeded"),
-        ("auto", 115, "limit of 115 bytes leaves no room for a shape: the file has none. Try a"),
-    ],
-)
-def test_a_file_without_room_for_a_shape_is_its_background_and_that_is_said(
-    photo, markup, limit, line
-):
-    report = vectorize(photo, max_bytes=limit, markup=markup, **QUICK).report
+def test_a_file_without_room_for_a_shape_is_its_background_and_that_is_said(photo):
+    report = vectorize(photo, max_bytes=115, **QUICK).report
     assert (report["gaussians"], report["stop_reason"]) == (0, "max_bytes")
-    assert (report["svg_bytes"] > limit) == ("exceeded" in line)
+    assert report["svg_bytes"] <= 115
+    line = "limit of 115 bytes leaves no room for a shape: the file has none. Try a larger"
     assert line in report["unreached"][0]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"markup": "editable"}, {"markup": "editable", "gzip": True}, {"inks": 2}, {"animate": 2.0},
+        {"blend": "add"}, {"blend": "add", "portable": True}, {"palette": 4}, {"alt": "x" * 99},
+        {"start": random_scene(3, 64, 64)}, {"target_psnr": 30, "fragments": True},
+    ],
+)  # fmt: skip
+def test_a_limit_below_a_file_without_shapes_is_refused_and_the_least_one_is_not(photo, given):
+    """The error names the smallest limit, with which the file is its background."""
+    with pytest.raises(InputError, match=r"^max_bytes must be at least \d+, .* Try \d+$") as error:
+        vectorize(photo, max_bytes=50, iterations=8, **given)
+    least = int(str(error.value).rpartition(" ")[2])
+    report = vectorize(photo, max_bytes=least, iterations=8, **given).report
+    size = report["svgz_bytes" if "gzip" in given else "svg_bytes"]
+    assert (size, report["gaussians"]) == (least, 0)
 
 
 def test_cap_is_named_where_the_limit_of_bytes_does_not_bind():
