@@ -5,6 +5,7 @@ This module also handles standard streams and patterns of file names.
 
 from __future__ import annotations
 
+import codecs
 import errno
 import glob
 import io
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 STANDARD_STREAM = "-"
 PATTERN = re.compile(r"[*?\[]")  # a wildcard in a file name
+UTF16_MARKS = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
 FileName = str | os.PathLike[str]
 _Name = TypeVar("_Name", str, Path, FileName)
 # Device names of Windows, with or without a suffix.
@@ -99,6 +101,26 @@ def reading(path: FileName, advice: str) -> Iterator[io.BufferedReader]:
         raise InputError(f"cannot read {name}: {reason}. Try {advice}") from error
     with open(descriptor, "rb") as file:
         yield file
+
+
+def text_of(data: bytes, name: str, errors: str = "strict") -> str:
+    """Return the text of a file that a user wrote, without its byte order mark.
+
+    The text is in UTF-16 if it begins with the mark of UTF-16, as PowerShell writes it, and in
+    UTF-8 otherwise. Raise InputError if it is neither.
+
+    name    name of the file in the error message
+    errors  as in bytes.decode
+    """
+    encoding = "utf-16" if data.startswith(UTF16_MARKS) else "utf-8-sig"
+    try:
+        text = data.decode(encoding, errors)
+        got = "null characters" if "\0" in text else ""
+    except UnicodeDecodeError as error:
+        text, got = "", f"another encoding at byte {error.start + 1}"
+    if got:
+        raise refusal(name, "a text in UTF-8", got, "saving it as UTF-8")
+    return text
 
 
 def check_writable(path: FileName) -> None:

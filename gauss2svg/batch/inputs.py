@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-import codecs
 import glob
 import os
 import posixpath
+import re
 import sys
 from collections.abc import Iterable, Iterator
-from typing import Any
+from itertools import chain
+from typing import IO, Any
 
 from gauss2svg.batch.stores import PATH_SEPARATOR, file_system_of, is_url
 from gauss2svg.errors import refusal
-from gauss2svg.files import PATTERN, STANDARD_STREAM, is_pattern, standard_stream
+from gauss2svg.files import (
+    PATTERN,
+    STANDARD_STREAM,
+    UTF16_MARKS,
+    is_pattern,
+    standard_stream,
+    text_of,
+)
 from gauss2svg.photo import SUFFIXES
 
 MANIFESTS = (".txt", ".lst")
+# A line of a list in which the path has blanks or quotes around it, as Windows copies a path.
+_WRAPPED = re.compile(r"""\A\s*(["']?)(.+?)\1\s*\Z""")
 
 
 def photos_of(sources: Iterable[str], must_exist: bool = True) -> Iterator[tuple[str, str]]:
@@ -66,12 +76,12 @@ def _photos(source: str, must_exist: bool) -> Iterator[tuple[str, str]]:
     Here the name of the output still ends in the suffix of the photo.
     """
     if source == STANDARD_STREAM:
-        yield from _photos_of_list(standard_stream(sys.stdin, "input"))
+        yield from _photos_of_list(standard_stream(sys.stdin, "input"), "standard input")
         return
     with file_system_of(source) as (fs, path):
         if source.lower().endswith(MANIFESTS):
             with fs.open(path, "rb") as lines:
-                yield from _photos_of_list(lines)
+                yield from _photos_of_list(lines, source)
         elif is_url(source):
             yield from _photos_at_url(fs, path, source)
         elif os.path.isdir(source):
@@ -92,16 +102,27 @@ def _folder_of_pattern(pattern: str) -> str:
     return os.path.dirname(PATTERN.split(pattern)[0])
 
 
-def _photos_of_list(lines: Iterable[bytes]) -> Iterator[tuple[str, str]]:
-    for number, line in enumerate(lines):
-        line = line.removeprefix(codecs.BOM_UTF8) if number == 0 else line
-        path = os.fsdecode(line.rstrip(b"\r\n"))
-        if path.strip() and not path.lstrip().startswith("#"):
+def _photos_of_list(stream: IO[bytes], name: str) -> Iterator[tuple[str, str]]:
+    for line in _lines(stream, name):
+        if line.strip() and not line.lstrip().startswith("#"):
+            path = _WRAPPED.sub(r"\2", line)
+            if path != line and os.path.lexists(line):  # names may have blanks and quotes too
+                path = line
             # The name of the output is the path without its protocol or drive, without a slash at
             # the beginning, and without the parts "." and "..".
             rest = path.partition("://")[2] if is_url(path) else os.path.splitdrive(path)[1]
             parts = [part for part in PATH_SEPARATOR.split(rest) if part not in ("", ".", "..")]
             yield path, "/".join(parts) or path
+
+
+def _lines(stream: IO[bytes], name: str) -> Iterator[str]:
+    """Yield the lines of a list. Bytes that are not UTF-8 are decoded as os.fsdecode does."""
+    first = stream.readline()
+    if first.startswith(UTF16_MARKS):  # its lines end inside of a character of two bytes
+        lines: Iterable[str] = text_of(first + stream.read(), name).split("\n")
+    else:
+        lines = (text_of(line, name, "surrogateescape") for line in chain([first], stream))
+    yield from (line.rstrip("\r\n") for line in lines)
 
 
 def _pictures(root: str) -> Iterator[str]:

@@ -16,7 +16,7 @@ from urllib.parse import quote
 
 from gauss2svg.batch.listing import ListedPhoto, listed_photos
 from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
-from gauss2svg.files import STANDARD_STREAM, check_outputs, make_folder, reading
+from gauss2svg.files import STANDARD_STREAM, check_outputs, make_folder, reading, text_of
 from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.placeholder import (
     DEFAULT_BYTES,
@@ -192,13 +192,14 @@ class PlaceholderList:
         with reading(output, "another name for --output") as file:
             data = file.read()
         try:
+            text = text_of(data, output)
             if self._is_json:
-                records = json.loads(data.decode())
+                records = json.loads(text)
                 if not isinstance(records, dict if form == "object" else list):
                     raise TypeError("of another form")
                 entries = records.values() if isinstance(records, dict) else records
                 return data, {entry["metadata"]["path"]: entry for entry in entries}
-            lines = [line for line in data.decode().split("\n") if line.strip()]
+            lines = [line for line in text.split("\n") if line.strip()]
             lines_by_key = {match[1]: line for line in lines if (match := _LINE.match(line))}
             if not lines or len(lines_by_key) < len(lines):
                 raise ValueError("not lines of <img>")

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import re
 import shutil
 from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.errors import InputError, refusal
-from gauss2svg.files import STANDARD_STREAM, reading
+from gauss2svg.errors import InputError, brief, refusal
+from gauss2svg.files import STANDARD_STREAM, reading, text_of
 from gauss2svg.options import Field, OptionGroup, byte_size, fields_of, file_path, flag_of, texts_of
 from gauss2svg.pipeline.options import GROUPS, Options
 
@@ -110,12 +111,27 @@ def options_of_file(path: Path) -> dict[str, Any]:
     """Return the options in a TOML file. Raise InputError if it is not TOML or one is invalid."""
     import tomllib
 
+    name = str(path)
     with reading(path, "a TOML file") as file:
-        try:
-            given = {key.replace("-", "_"): value for key, value in tomllib.load(file).items()}
-            Options.from_flat(given)
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"cannot take the options of {path}: {error}") from error
+        text = text_of(file.read(), name)
+    try:
+        given = {key.replace("-", "_"): value for key, value in tomllib.loads(text).items()}
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        # The reason says "(at line 2, column 13)" or "(at end of document)".
+        reason, _, place = str(error).partition(" (at ")
+        number = re.match(r"line ([0-9]+)", place)
+        lines = text.rstrip().split("\n")
+        at = min(int(number[1]), len(lines)) if number else len(lines)
+        got = f"{brief(lines[at - 1].strip())} in line {at} ({reason})"
+        needed, advice = 'TOML, such as quality = "draft"', "'quotes' around texts and paths"
+        raise refusal(name, needed, got, advice) from error
+    if tables := [key for key, value in given.items() if isinstance(value, dict)]:
+        got, advice = f"the table [{brief(tables[0])}]", "the options in it without its name"
+        raise refusal(name, "options without tables", got, advice)
+    try:
+        Options.from_flat(given)
+    except ValueError as error:
+        raise InputError(f"cannot take the options of {path}: {error}") from error
     return given
 
 

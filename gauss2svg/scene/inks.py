@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from gauss2svg.errors import plain_scalar, quoted, refusal
-from gauss2svg.files import reading
+from gauss2svg.files import reading, text_of
 from gauss2svg.options import Field, file_name
 
 if TYPE_CHECKING:  # not at run time, because --help needs this module but not NumPy
@@ -34,7 +34,10 @@ _PALETTE_HEAD = "GIMP Palette"
 _MOST_PALETTE_BYTES = 1_000_000
 # Lines of a palette that GIMP and Inkscape skip: comments, and header fields such as Name and
 # Columns.
-_SKIPPED_LINE = re.compile(r"\s*(#.*|[A-Za-z]+:.*)?")
+_SKIPPED_LINE = re.compile(rf"\s*(#.*|[A-Za-z]+:.*|{_PALETTE_HEAD}.*)?")
+# Palettes of Aseprite with this field have alpha as a fourth level, and transparent colours.
+_WITH_ALPHA = re.compile(r"\s*Channels:\s*RGBA\s*")
+_CLEAR_LINE = re.compile(r"\s*[0-9]+\s+[0-9]+\s+[0-9]+\s+0+(?:\s.*)?")
 _COLOR_LINE = re.compile(r"\s*([0-9]{1,9})\s+([0-9]{1,9})\s+([0-9]{1,9})(?:\s.*)?")
 # The constants from here on are for the choice of inks (docs/decisions/inks.md).
 
@@ -228,19 +231,22 @@ def _read_palette(name: str, path: str) -> list[str]:
     """Return the distinct colours of a palette file of GIMP or Inkscape, each as six hex digits."""
     with reading(path, "a palette file") as file:
         content = file.read(_MOST_PALETTE_BYTES + 1)
-    head, *lines = re.split(r"\r\n?|\n", content.decode("utf-8-sig", "replace"))
-    if len(content) > _MOST_PALETTE_BYTES or not head.startswith(_PALETTE_HEAD):
+    text = text_of(content, path, "replace")  # names of colours may be in any encoding
+    if len(content) > _MOST_PALETTE_BYTES or not text.lstrip().startswith(_PALETTE_HEAD):
         needed = f"a file of at most {_MOST_PALETTE_BYTES:,} bytes that begins with {_PALETTE_HEAD}"
         raise refusal(name, needed, quoted(path), _ADVICE)
     colors: dict[str, None] = {}
-    for number, line in enumerate(lines, 2):
+    lines = re.split(r"\r\n?|\n", text)
+    has_alpha = any(map(_WITH_ALPHA.fullmatch, lines))
+    for number, line in enumerate(lines, 1):
+        if _SKIPPED_LINE.fullmatch(line) or (has_alpha and _CLEAR_LINE.fullmatch(line)):
+            continue
         match = _COLOR_LINE.fullmatch(line)
         levels = [int(level) for level in match.groups()] if match else [256]
-        if max(levels) <= 255:
-            colors[bytes(levels).hex()] = None
-        elif not _SKIPPED_LINE.fullmatch(line):
+        if max(levels) > 255:
             got = quoted(f"line {number}, {line}")
             raise refusal(name, "three levels of 0 to 255 a line", got, _ADVICE)
+        colors[bytes(levels).hex()] = None
     return list(colors)
 
 

@@ -13,6 +13,16 @@ from gauss2svg.batch.inputs import photos_of
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 
+TEXTS = {
+    "bad.toml": b"quality = draft",
+    "win.toml": b'quality = "draft"\r\ninks = "C:\\Users"\r\n',
+    "table.toml": b'[goal]\nquality = "draft"',
+    "latin.toml": b'title = "\xe4"',
+    "wide.toml": "stops = 8".encode("utf-16-le"),
+    "high.toml": b"stops = 99",
+    "wide.txt": "in/a.png".encode("utf-16-be"),
+}
+
 
 def names(*sources):
     return sorted(name for _, name in photos_of(map(str, sources)))
@@ -39,13 +49,27 @@ def test_folders_and_patterns_give_their_pictures_but_no_hidden_ones(folder):
             names("in", source)
 
 
-def test_list_keeps_whole_names_without_root_and_steps_upwards(folder, monkeypatch):
-    lines = "\ufeffin/a.jpg\n# not/this.png\r\n\n/x y/b.png\n../up/./c.png\ns3://bucket/d/e.png\nno.picture\n"
-    expected = ["bucket/d/e", "in/a", "no", "up/c", "x y/b"]
-    (folder / "list.txt").write_text(lines, encoding="utf-8")
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_list_keeps_whole_names_without_root_and_steps_upwards(folder, monkeypatch, encoding):
+    lines = (
+        "in/a.jpg\n# not/this.png\r\n\n/x y/b.png\n../up/./c.png\ns3://bucket/d/e.png\r\n"
+        'no.picture\n"copied ö/as path.png"\r\n  blanks/around.png \n'
+    ).encode(encoding)
+    expected = ["blanks/around", "bucket/d/e", "copied ö/as path", "in/a", "no", "up/c", "x y/b"]
+    (folder / "list.txt").write_bytes(lines)
     assert names("in/list.txt") == expected
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(lines.encode())))
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(lines)))
     assert names("-") == expected
+
+
+@pytest.mark.posix
+def test_list_names_existing_files_with_blanks_quotes_and_bytes_of_any_encoding(tmp_path):
+    lines = [os.fsencode(tmp_path) + name for name in (b'/"q"', b"/ b.png ", b"/\xe4.png")]
+    for line in lines:
+        open(line, "xb").close()
+    (tmp_path / "list.txt").write_bytes(b"\n".join(lines))
+    paths = [os.fsencode(path) for path, _ in photos_of([str(tmp_path / "list.txt")])]
+    assert paths == lines
 
 
 @pytest.mark.posix
@@ -84,8 +108,13 @@ def test_names_that_differ_by_case_are_one_where_the_disk_folds_it(tmp_path, mon
         ("what://x/in -o out", "cannot read what://x/in: Protocol not known: what. Try"),
         ("in -o out --workers 0", "workers must be a whole number in 1.."),
         ("in -o out --options gone.toml", "cannot read gone.toml: No such file"),
-        ("in -o out --options bad.toml", "the options of bad.toml: Invalid"),
+        ("in -o out --options bad.toml", "bad.toml must be TOML, such as quality = \"draft\"; got"),
+        ("in -o out --options win.toml", "got inks = \"C:\\Users\" in line 2 (Inv"),
+        ("in -o out --options table.toml", "must be options without tables; got the table [goal]"),
+        ("in -o out --options latin.toml", "a text in UTF-8; got another encoding at byte 10"),
+        ("in -o out --options wide.toml", "got null characters. Try saving it as UTF-8"),
         ("in -o out --options high.toml", "stops must be one of 5, 6, 8, 10, 12"),
+        ("wide.txt -o out", "wide.txt must be a text in UTF-8; got null characters. Try saving it"),
         ("in -o out --scheduler tcp://127.0.0.1:9", "got 'tcp://127.0.0.1:9' (OSError: Timed out"),
     ],
 )  # fmt: skip
@@ -97,19 +126,19 @@ def test_what_cannot_work_is_refused_in_one_line(words, line, tmp_path, monkeypa
     (tmp_path / "empty").mkdir()
     for name in ("in2/a.png", "x.png", "state/gauss2svg-batch/parts/x.png"):
         save_photo(tmp_path / name, 3)
-    for name, text in {"bad": "quality =", "high": "stops = 99"}.items():
-        (tmp_path / f"{name}.toml").write_text(text)
+    for name, text in TEXTS.items():
+        (tmp_path / name).write_bytes(text)
     assert line in refusal("batch", *words.split()).replace(f"{tmp_path}/", "")
     assert not (tmp_path / "out").exists() or "--scheduler" in words
     gc.collect()  # no client of a scheduler is heard of again
 
 
-def test_options_of_a_file_count_unless_they_are_given(tmp_path, monkeypatch):
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_options_of_a_file_count_unless_they_are_given(tmp_path, monkeypatch, encoding):
     monkeypatch.chdir(tmp_path)
     save_photos(tmp_path / "in", ["a.png"])
-    (tmp_path / "o.toml").write_text(
-        'quality = "draft"\nmax-bytes = "60k"\ngzip = true\nstops = 8\nrelocate = false\n'
-    )
+    text = 'quality = "draft"\r\nmax-bytes = "60k"\ngzip = true\nstops = 8\nrelocate = false\n'
+    (tmp_path / "o.toml").write_bytes(text.encode(encoding))
     seen = []
     monkeypatch.setattr(many, "Batch", lambda *given: seen.append(given[2].flat()) or 1 / 0)
     with pytest.raises(ZeroDivisionError):

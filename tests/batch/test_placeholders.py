@@ -122,6 +122,9 @@ def test_what_has_not_changed_is_kept_and_found_by_its_path(
     written = output.stat()
     assert made() == 0
     assert output.stat().st_ino == written.st_ino  # not even written anew
+    output.write_bytes(output.read_text().encode("utf-16"))  # as PowerShell saves it
+    assert made() == 0
+    assert paths() == ["../one.png", "../two words.png"]
     Path("one.png").write_bytes(Path("two words.png").read_bytes())
     assert (made(), made(" --max-bytes 500"), made()) == (1, 2, 2)
     monkeypatch.setattr(lists, "__version__", "0")

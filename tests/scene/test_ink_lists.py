@@ -19,16 +19,26 @@ def test_colours_are_read_in_every_form(inks):
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("mark", ["", "\ufeff"])
-def test_palette_files_are_read_as_gimp_and_inkscape_do(mark, end, tmp_path):
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_palette_files_are_read_as_gimp_and_inkscape_do(encoding, end, tmp_path):
     lines = [
-        "GIMP Palette", "Name: 12 inks of 2024", "Columns: 3", "Channels: RGB", "# 1 2 3", "  #4",
+        "", "GIMP Palette", "Name: 12 inks of 2024", "Columns: 3", "Channels: RGB", "# 1 2 3",
+        "  #4",
         "247\t195\t6\t16 / 255 \u2028yellow\x0c", "", "  192  50  44", "192 50 44 again",
         "23 50 77\t", "",
     ]  # fmt: skip
     path = tmp_path / "inks.gpl"
-    path.write_bytes((mark + end.join(lines)).encode())  # some take more for ends of lines
+    path.write_bytes(end.join(lines).encode(encoding))  # some take more for ends of lines
     assert check_inks("inks", path) == check_inks("inks", str(path)) == GIVEN
+
+
+def test_transparent_colours_of_aseprite_are_no_inks(tmp_path):
+    lines = ["GIMP Palette", "Channels: RGBA", "#", "0 0 0 0 Transparent", "247 195 6 255 Untitled",
+             "192 50 44 255", "23 50 77 128"]  # fmt: skip
+    (tmp_path / "inks.gpl").write_text("\n".join(lines))
+    assert check_inks("inks", tmp_path / "inks.gpl") == GIVEN
+    (tmp_path / "inks.gpl").write_text("\n".join([lines[0], "0 0 0 0 black", *lines[4:6]]))
+    assert check_inks("inks", tmp_path / "inks.gpl") == "#000000,#f7c306,#c0322c"
 
 
 @pytest.mark.parametrize(
