@@ -7,6 +7,7 @@ import json
 import os
 import pickle
 import sqlite3
+import sys
 import weakref
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future
@@ -144,13 +145,16 @@ class Batch:
         # folder does not exist yet, the nearest folder above it that exists is tested.
         while not (is_url(folder) or os.path.isdir(folder)):
             folder = os.path.dirname(folder)
+        # On Windows a colon in a name ends a drive, or the name of a file before that of a stream.
+        on_windows = sys.platform == "win32" and not is_url(folder)
         key_of = str.casefold if not is_url(folder) and folds_case(folder) else str
 
         def rows() -> Iterator[tuple[bytes, bytes]]:
             for path, name in photos_of(sources):
                 output = name + (".svgz" if self.options.svg.gzip else ".svg")
                 parts = PATH_SEPARATOR.split(key_of(output))
-                if not {"", ".", ".."}.isdisjoint(parts) or parts[0] == STATE or ":" in parts[0]:
+                is_outside = not {"", ".", ".."}.isdisjoint(parts) or parts[0] == STATE
+                if is_outside or (on_windows and ":" in output):
                     needed = f"in the output folder and outside of its {STATE}"
                     raise refusal("output", needed, f"{output}, of {path}", "another folder")
                 # The path is made absolute, because workers may have another current folder.

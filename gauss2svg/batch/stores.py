@@ -67,7 +67,14 @@ def file_system_of(
             from fsspec.core import url_to_fs
 
             advice = "another URL, or the same command again"
-            fs, path = url_to_fs(name)
+            start, colons, end = name.partition("::")
+            # Two colons are in the name of a file, unless another store of a chain follows them.
+            if colons and "://" not in end:
+                folder, _, start = start.rpartition("/")
+                fs, folder = url_to_fs(folder)
+                path = f"{folder}/{start}::{end}"
+            else:
+                fs, path = url_to_fs(name)
             # fsspec's cache of listings is not used. It would keep a million names in memory, and
             # files that are written after a listing would seem to be missing.
             fs.dircache.use_listings_cache = False

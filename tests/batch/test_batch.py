@@ -169,6 +169,30 @@ def test_disk_that_cannot_be_written_ends_the_batch_and_loses_nothing(
     assert "b/c d.svg" in found["done"]
 
 
+@pytest.mark.posix  # Windows forbids most of these names
+def test_every_name_that_the_system_allows_is_read_and_written(run, tmp_path):
+    names = [
+        "2024-05-01 12:30:05",
+        "C:",
+        "c:a",
+        "a::b",
+        "http:",
+        "#",
+        "a?b",
+        "%41",
+        "*",
+        "[ab]",
+        "-",
+    ]
+    names += ["--quality", "a.", " a ", "con", "x" * 230, "new\nline", "\x1b[31m", "\udcff", "a\\b"]
+    for name in names:
+        save_photo(tmp_path / "in/photo.png", 6).rename(tmp_path / f"in/{name}.png")
+    made = sorted(f"{name}.svg" for name in names)
+    assert run(tmp_path / "in") == {"done": made, "skipped": [], "failed": []}
+    assert run(*(tmp_path / "in").iterdir())["skipped"] == made
+    assert sorted(outputs(tmp_path / "out")) == made
+
+
 def test_name_that_cannot_be_written_costs_its_photo_alone(run, photos, tmp_path):
     save_photo(photos / "e.svg/x.png", 5)
     names = ["n" * length for length in (252, 250)]

@@ -10,6 +10,7 @@ from batches import TINY_COMMAND, save_photo, save_photos
 
 from gauss2svg.batch import many
 from gauss2svg.batch.inputs import photos_of
+from gauss2svg.batch.stores import file_system_of, write
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 
@@ -70,6 +71,19 @@ def test_list_names_existing_files_with_blanks_quotes_and_bytes_of_any_encoding(
     (tmp_path / "list.txt").write_bytes(b"\n".join(lines))
     paths = [os.fsencode(path) for path, _ in photos_of([str(tmp_path / "list.txt")])]
     assert paths == lines
+
+
+def test_files_in_a_store_may_have_the_characters_of_urls_in_their_names():
+    made = {f"{name}.png": name.encode() for name in ("a::b", "a::c", "a:b", "#", "a?b", "%41")}
+    for name, data in made.items():
+        write("memory://names", name, data)
+    found = {}
+    for url, name in photos_of(["memory://names"]):
+        with file_system_of(url) as (fs, path):
+            found[f"{name}.png"] = fs.cat_file(path)
+    assert found == made
+    with file_system_of("dir://names::memory://names") as (_, path):  # a chain of stores
+        assert path == "names"
 
 
 @pytest.mark.posix
