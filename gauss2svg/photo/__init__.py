@@ -46,7 +46,7 @@ FORMATS = {
     entry.name: entry
     for entry in (
         Format("JPEG", (".jpg", ".jpeg", ".jpe", ".jfif"), rb"\xff\xd8\xff", LIBVIPS, "jpegload"),
-        Format("PNG", (".png",), rb"\x89PNG\r\n\x1a\n", LIBVIPS, "pngload"),
+        Format("PNG", (".png",), rb"\x89PNG\r\n\x1a\n(?!....CgBI)", LIBVIPS, "pngload"),
         Format("WebP", (".webp",), rb"RIFF.{4}WEBP", LIBVIPS, "webpload"),
         Format("TIFF", (".tif", ".tiff"), rb"II[\x2a\x2b]\0|MM\0[\x2a\x2b]", LIBVIPS, "tiffload"),
         # An AVIF has the brand avif or avis. It is either the major brand of the file, or one of
@@ -70,6 +70,12 @@ _RAW = rb"II\*\0....CR|II[RU][\0SO]|MMOR|IIU\0|FUJIFILM"
 # them.
 _OTHERS = (
     (_RAW, "a camera's raw file"),
+    # Apple's build tools write such a PNG. Only their own programs read it.
+    (
+        rb"\x89PNG\r\n\x1a\n....CgBI",
+        "a PNG of an iPhone app (CgBI), which Apple's Preview, or xcrun pngcrush "
+        "-revert-iphone-optimizations, turns into a usual one",
+    ),
     (rb"%PDF", "a PDF"),
     (rb"%!PS|\xc5\xd0\xd3\xc6", "a PostScript file"),
     (rb"gimp xcf", "a GIMP file"),

@@ -11,6 +11,7 @@ import pyvips
 from PIL import Image, ImageCms
 from PIL.ExifTags import Base
 
+from gauss2svg.errors import refusal
 from gauss2svg.photo.load import StoredImage
 from gauss2svg.photo.srgb import CMYK_CHANNELS, ColorSpace
 
@@ -35,7 +36,13 @@ def opened(file: bytes, loader: str) -> StoredImage:
 
 
 def of_image(image: Image.Image) -> StoredImage:
-    """Return a PIL image as StoredImage. Its pixels need not be loaded yet."""
+    """Return a PIL image as StoredImage. Its pixels need not be loaded yet.
+
+    Raise InputError if the image, or the file that has its pixels, is closed.
+    """
+    if _is_closed(image):
+        advice = "it before it is closed, or the path of the photo"
+        raise refusal("image", "an open image of Pillow", "a closed one", advice)
     mode, info = _mode(image), image.info
     colors = _COLORS.get(mode, 1)
 
@@ -66,6 +73,20 @@ def of_image(image: Image.Image) -> StoredImage:
     if image.format == "PNG" and "gamma" in info and not {"srgb", "icc_profile"} & info.keys():
         stored.set_gamma(info["gamma"], info.get("chromaticity", ()))
     return stored
+
+
+def _is_closed(image: Image.Image) -> bool:
+    """Return whether the pixels of an image can be read no more."""
+    try:
+        is_loaded = image.im is not None
+    except AssertionError:  # raised if the pixels are not loaded yet
+        is_loaded = False
+    except ValueError:  # raised if the image is closed
+        return True
+    file = getattr(image, "fp", None)
+    # Some plugins have no tiles, because they have read the whole file already.
+    has_tiles = bool(getattr(image, "tile", None))
+    return not is_loaded and has_tiles and (file is None or file.closed)
 
 
 def _mode(image: Image.Image) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -56,6 +57,11 @@ _SQUARE = 0.01
 OVERSIZE = 3
 # The alpha of an opaque pixel, for each format of samples.
 _OPAQUE = {"uchar": 255, "ushort": 65535, "float": 1}
+# Exceptions by which decoders say what is wrong with a file.
+_EXPLAINED = pyvips.Error, OSError, ValueError, RuntimeError, SyntaxError
+# Parts of a decoder's message: the name of a function, numbers of an error, and a line without
+# a reason.
+_INTERNAL = re.compile(r"^\s*\w+: (unable to open source for input)?|\([0-9]+\.[0-9]+\)$")
 # A message of libjpeg. libvips takes it as a warning, but here it is an error.
 _TRUNCATED = "premature end of data segment"
 
@@ -162,11 +168,23 @@ def _refusing(name: str) -> Iterator[None]:
     except (InputError, MemoryError):
         raise
     except Exception as error:
-        reason = (str(error).strip() or type(error).__name__).splitlines()[-1]
-        raise InputError(
-            f"{name} must be a complete image of a supported kind; got one that is broken, "
-            f"truncated or unsupported: {brief(reason)}. Try re-saving it as PNG"
-        ) from error
+        needed = "a complete image of a supported kind"
+        got = f"one that is broken, truncated or unsupported{_reason_of(error)}"
+        raise refusal(name, needed, got, "another copy of it, or re-saving it as PNG") from error
+
+
+def _reason_of(error: Exception) -> str:
+    """Return the reason of a decoder in brackets, or "" if only its own programmers understand it.
+
+    The names of the decoder's functions are left out.
+    """
+    # Pillow raises SyntaxError from a fault of its own, such as an index out of range.
+    if not isinstance(error.__cause__ or error, _EXPLAINED):
+        return ""
+    text = error.detail if isinstance(error, pyvips.Error) else str(error)
+    lines = [_INTERNAL.sub("", line).strip(" .") for line in text.splitlines()]
+    reasons = [line for line in lines if line]
+    return f" ({brief(reasons[-1])})" if reasons else ""
 
 
 def opened(file: bytes, name: str, max_pixels: int) -> StoredImage:
@@ -290,6 +308,7 @@ def check_size(size: Size, name: str, max_pixels: int) -> None:
         )
 
 
+_CHANNELS = 1, 3, 4  # numbers of channels: grey, RGB, and RGB with alpha
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
 WHITE = (1.0, 1.0, 1.0)  # sRGB colour of the background on which browsers show a picture
 
@@ -391,9 +410,7 @@ def _stored(source: ImageSource, max_pixels: int) -> tuple[StoredImage, str]:
     if isinstance(source, np.ndarray):
         return _of_array(source, "array", max_pixels), "array"
     if _is_array(source):
-        samples = _tensor_samples(source)
-        samples = np.moveaxis(samples, 0, -1) if samples.ndim == 3 else samples
-        return _of_array(samples, "tensor", max_pixels), "tensor"
+        return _of_array(_tensor_samples(source), "tensor", max_pixels, 0), "tensor"
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
         return resolve_name(OF_PILLOW)(source), "image"
@@ -448,18 +465,29 @@ def _tensor_samples(tensor: Any) -> NDArray[Any]:
         ) from error
 
 
-def _of_array(array: NDArray[Any], name: str, max_pixels: int) -> StoredImage:
+def _of_array(
+    array: NDArray[Any], name: str, max_pixels: int, channel_axis: int = -1
+) -> StoredImage:
+    """Return an array as StoredImage.
+
+    channel_axis  axis of the channels: the last one of an array, and the first one of a tensor
+    """
     if np.ma.is_masked(array):
         raise InputError(f"{name} must be without masked samples; got some. Try .filled(0)")
     # The array is converted to a plain one, because a subclass may redefine operators.
     array = np.asarray(array)
+    shape = array.shape
     if array.ndim == 2:
         array = array[:, :, None]
-    if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
-        raise InputError(
-            f"shape of {name} must be (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), of a tensor "
-            f"with the channels first; got {array.shape}"
-        )
+    elif array.ndim == 3:
+        array = np.moveaxis(array, channel_axis, -1)
+    if array.ndim != 3 or array.shape[2] not in _CHANNELS:
+        needed, moved = "(h, w), (h, w, 1), (h, w, 3) or (h, w, 4)", ".transpose(1, 2, 0)"
+        if channel_axis == 0:
+            needed, moved = "(h, w), (1, h, w), (3, h, w) or (4, h, w)", ".permute(2, 0, 1)"
+        may_move = len(shape) == 3 and shape[-1 - channel_axis] in _CHANNELS
+        advice = f"{name}{moved}" if may_move else f"{name}[0]" if len(shape) == 4 else ""
+        raise refusal(f"shape of {name}", needed, str(shape), advice)
     height, width, channels = array.shape
     check_size((width, height), name, max_pixels)
     samples = array if array.dtype in TYPES.values() else unit(array, name)

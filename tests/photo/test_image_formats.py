@@ -2,6 +2,7 @@
 
 import io
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -62,16 +63,46 @@ def test_tensors_are_read_or_refused():
     assert_read((levels / 255).bfloat16(), BYTES / 255, atol=1 / 128)
     with pytest.raises(InputError, match="tensor must be one that NumPy can hold; got Cannot"):
         load_image(torch.empty(3, 4, 4, device="meta"))
+    for shape, advice in (((6, 9, 3), ".permute(2, 0, 1)"), ((1, 3, 6, 9), "[0]"), ((2, 6, 9), "")):
+        with pytest.raises(InputError) as refusal:
+            load_image(torch.zeros(shape))
+        message = "shape of tensor must be (h, w), (1, h, w), (3, h, w) or (4, h, w); got"
+        assert str(refusal.value) == f"{message} {shape}" + (
+            f". Try tensor{advice}" if advice else ""
+        )
 
 
 CLOSED = io.BytesIO()
 CLOSED.close()
 
 
+def closed_images() -> Iterator[Image.Image]:
+    """Images of Pillow that are closed, or whose files are, some before their pixels were read."""
+    for is_loaded in (True, False):
+        image = Image.open(io.BytesIO(encoded(Image.fromarray(BYTES), "PNG")))
+        if is_loaded:
+            image.load()
+        image.close()
+        yield image
+    file = io.BytesIO(encoded(Image.fromarray(BYTES), "PNG"))
+    with Image.open(file) as image:
+        pass
+    yield image
+    image = Image.open(file)
+    file.close()
+    yield image
+
+
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        (np.zeros((4, 4, 2)), r"shape of array must be .*; got \(4, 4, 2\)"),
+        (np.zeros((6, 9, 2)), r"shape of array must be .*; got \(6, 9, 2\)$"),
+        (np.zeros((3, 6, 9)), r"shape of .* got \(3, 6, 9\). Try array.transpose\(1, 2, 0\)$"),
+        (np.zeros((1, 6, 9, 3)), r"got \(1, 6, 9, 3\). Try array\[0\]$"),
+        *(
+            (image, "image must be an open image of Pillow; got a closed")
+            for image in closed_images()
+        ),
         (np.zeros((0, 4, 3)), "must be at least 1x1 px; got 4x0 px"),
         (np.zeros((4, 4), np.int64), "type of array must be uint8, .*; got int64"),
         (np.full((4, 4), 1.5), "must be finite and in 0..1; got 1.5 at row 0, column 0, channel 0"),
