@@ -3,15 +3,27 @@
 A batch writes an SVG and a record of each photo, and one table of all photos.
 """
 
+import re
 from dataclasses import dataclass
-from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
-from gauss2svg.options import Interval, OptionGroup, file_name
+from gauss2svg.errors import quoted, refusal
+from gauss2svg.options import Interval, OptionGroup
 
 # Largest value of --workers. A larger one is probably a mistake, because few machines have as many
 # cores.
 _MAX_WORKERS = 1024
+# An address of Dask: a protocol or none, a host or an IPv6 address in brackets, and a port.
+_ADDRESS = re.compile(r"((?:tcp|tls|wss?|ucx)://)?([^\s/:\[\]]+|\[[^\s/\[\]]+\]):([0-9]{1,5})")
+
+
+def _check_address(name: str, value: Any) -> str:
+    """Return the address of a Dask scheduler. Raise InputError if it is not of the right form."""
+    match = _ADDRESS.fullmatch(value) if isinstance(value, str) else None
+    if match is None or not 0 < int(match[3]) < 1 << 16:
+        needed = "an address of a Dask scheduler with a port of 1..65535"
+        raise refusal(name, needed, quoted(value), "tcp://host:8786")
+    return value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,5 +34,5 @@ class BatchOptions(OptionGroup):
     """Number of worker processes on this machine. The default is one for each core, or as many as
     the memory allows."""
 
-    scheduler: Annotated[str | None, partial(file_name, needed="the address of a scheduler")] = None
+    scheduler: Annotated[str | None, _check_address] = None
     """Address of a Dask scheduler whose workers do the work, such as tcp://host:8786."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import os
@@ -271,6 +272,32 @@ def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iter
         yield pool.submit, lambda: 2 * workers, WorkerDiedError, job_options
 
 
+def _check_answer(scheduler: str) -> None:
+    """Raise an exception if no scheduler answers at an address.
+
+    A Client would raise it too. But after some of these exceptions it waits for 20 s when it is
+    freed, and Python then prints a traceback.
+    """
+    from distributed import Security
+    from distributed.comm.core import connect
+    from distributed.utils import LoopRunner
+
+    security: Any = Security().get_connection_args("client")
+    if scheduler.startswith(("tls:", "wss:")) and security["ssl_context"] is None:
+        needed = "with the certificates of Dask's settings distributed.comm.tls"
+        raise refusal("scheduler", needed, f"{scheduler} without any", "tcp:// if it has none")
+
+    async def connect_once() -> None:
+        answer = connect(scheduler, timeout=_CONNECT_S, **security)
+        # Without wait_for(), connect() would wait for ever for a server that sends nothing.
+        try:
+            (await asyncio.wait_for(answer, 1.5 * _CONNECT_S)).abort()
+        except TimeoutError as error:
+            raise OSError("what is there sends no answer of Dask's") from error
+
+    LoopRunner().run_sync(connect_once)
+
+
 @contextmanager
 def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterator[_Engine]:
     """Connect to a Dask cluster, and yield its workers. Raise ClusterError if that fails."""
@@ -280,6 +307,8 @@ def _on_cluster(options: Options, scheduler: str | None, client: Any) -> Iterato
         advice = 'Try pip install "gauss2svg[cluster]"'
         raise InputError(f"distributed must be installed for --scheduler. {advice}") from error
     try:
+        if client is None:
+            _check_answer(str(scheduler))
         settings = {"timeout": _CONNECT_S, "set_as_default": False}
         with nullcontext(client) if client else Client(scheduler, **settings) as connected:
 

@@ -3,6 +3,7 @@
 import gc
 import io
 import os
+import socket
 import sys
 
 import pytest
@@ -129,6 +130,10 @@ def test_names_that_differ_by_case_are_one_where_the_disk_folds_it(tmp_path, mon
         ("in -o out --options wide.toml", "got null characters. Try saving it as UTF-8"),
         ("in -o out --options high.toml", "stops must be one of 5, 6, 8, 10, 12"),
         ("wide.txt -o out", "wide.txt must be a text in UTF-8; got null characters. Try saving it"),
+        *((f"in -o out --scheduler {address}", f"a port of 1..65535; got '{address}'. Try tcp:")
+          for address in ("nonsense", "localhost", "tcp://a", "tcp://a:99999", "http://a:80")),
+        ("in -o out --scheduler tls://a:1", "must be with the certificates of Dask's settings"),
+        ("in -o out --scheduler localhost:{port}", "(OSError: "),
         ("in -o out --scheduler tcp://127.0.0.1:9", "got 'tcp://127.0.0.1:9' (OSError: Timed out"),
     ],
 )  # fmt: skip
@@ -142,7 +147,9 @@ def test_what_cannot_work_is_refused_in_one_line(words, line, tmp_path, monkeypa
         save_photo(tmp_path / name, 3)
     for name, text in TEXTS.items():
         (tmp_path / name).write_bytes(text)
-    assert line in refusal("batch", *words.split()).replace(f"{tmp_path}/", "")
+    with socket.create_server(("localhost", 0)) as silent:
+        words = words.format(port=silent.getsockname()[1])
+        assert line in refusal("batch", *words.split()).replace(f"{tmp_path}/", "")
     assert not (tmp_path / "out").exists() or "--scheduler" in words
     gc.collect()  # no client of a scheduler is heard of again
 
