@@ -24,6 +24,7 @@ from gauss2svg.files import (
 from gauss2svg.photo import SUFFIXES
 
 MANIFESTS = (".txt", ".lst")
+_NOT_UTF8 = re.compile("[\udc80-\udcff]")  # what os.fsdecode makes of bytes that are not UTF-8
 # A line of a list in which the path has blanks or quotes around it, as Windows copies a path.
 _WRAPPED = re.compile(r"""\A\s*(["']?)(.+?)\1\s*\Z""")
 
@@ -108,6 +109,8 @@ def _photos_of_list(stream: IO[bytes], name: str) -> Iterator[tuple[str, str]]:
             path = _WRAPPED.sub(r"\2", line)
             if path != line and os.path.lexists(line):  # names may have blanks and quotes too
                 path = line
+            if _NOT_UTF8.search(path) and not os.path.lexists(path):
+                text_of(os.fsencode(path), name)  # raises InputError
             # The name of the output is the path without its protocol or drive, without a slash at
             # the beginning, and without the parts "." and "..".
             rest = path.partition("://")[2] if is_url(path) else os.path.splitdrive(path)[1]

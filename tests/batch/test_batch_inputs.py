@@ -22,6 +22,7 @@ TEXTS = {
     "latin.toml": b'title = "\xe4"',
     "wide.toml": "stops = 8".encode("utf-16-le"),
     "high.toml": b"stops = 99",
+    "latin.txt": b"in/a.png\n# \xe4\n/\xe4.png",
     "wide.txt": "in/a.png".encode("utf-16-be"),
 }
 
@@ -129,6 +130,7 @@ def test_names_that_differ_by_case_are_one_where_the_disk_folds_it(tmp_path, mon
         ("in -o out --options latin.toml", "a text in UTF-8; got another encoding at byte 10"),
         ("in -o out --options wide.toml", "got null characters. Try saving it as UTF-8"),
         ("in -o out --options high.toml", "stops must be one of 5, 6, 8, 10, 12"),
+        ("latin.txt -o out", "latin.txt must be a text in UTF-8; got another encoding at byte 2"),
         ("wide.txt -o out", "wide.txt must be a text in UTF-8; got null characters. Try saving it"),
         *((f"in -o out --scheduler {address}", f"a port of 1..65535; got '{address}'. Try tcp:")
           for address in ("nonsense", "localhost", "tcp://a", "tcp://a:99999", "http://a:80")),
