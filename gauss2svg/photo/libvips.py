@@ -20,7 +20,7 @@ TYPES = {"uchar": np.uint8, "ushort": np.uint16, "float": np.float32}
 _ROWS = 4  # number of rows that are fetched at a time
 
 
-# The attribute `warnings` is a list of the warnings that libvips has given in this thread.
+# The attribute `lists` has a list of warnings for each call of `samples` that runs in this thread.
 _thread = threading.local()
 # Only one thread at a time fetches samples, because libvips collects its messages in one place for
 # the whole process.
@@ -28,12 +28,13 @@ _lock = threading.RLock()
 
 
 def _collect(record: logging.LogRecord) -> bool:
-    """Add a warning of libvips to the list of this thread.
+    """Add a warning of libvips to each list of this thread.
 
     Return False, so that the warning is not logged.
     """
     lines = record.getMessage().removeprefix("VIPS: ").splitlines()
-    vars(_thread).setdefault("warnings", []).extend(line for line in lines if line)
+    for warnings in vars(_thread).get("lists", ()):
+        warnings += filter(None, lines)
     return False
 
 
@@ -53,19 +54,25 @@ def samples(make: Callable[[], Any]) -> tuple[NDArray[Any], list[str]]:
     make  function that returns the picture
 
     libvips gives some warnings only when the picture is freed. To collect these too, the caller
-    must not keep a reference to the picture.
+    must not keep a reference to the picture. If `make` fetches the samples of another picture, its
+    warnings are warnings about both pictures.
     """
+    warnings: list[str] = []
     with _lock:
+        lists = vars(_thread).setdefault("lists", [])
+        lists.append(warnings)
         # libvips would otherwise add its old messages to the next warning.
         pyvips.vips_lib.vips_error_clear()
-        warnings: list[str] = []
-        _thread.warnings = warnings
-        picture = make()
-        width, height, bands = picture.width, picture.height, picture.bands
-        array = np.empty((height, width, bands), TYPES[picture.format])
-        region = pyvips.Region.new(picture)
-        for top in range(0, height, _ROWS):
-            fetched = region.fetch(0, top, width, min(_ROWS, height - top))
-            array[top : top + _ROWS] = np.frombuffer(fetched, array.dtype).reshape(-1, width, bands)
-        del region, picture
+        try:
+            picture = make()
+            width, height, bands = picture.width, picture.height, picture.bands
+            array = np.empty((height, width, bands), TYPES[picture.format])
+            region = pyvips.Region.new(picture)
+            for top in range(0, height, _ROWS):
+                rows = min(_ROWS, height - top)
+                fetched = np.frombuffer(region.fetch(0, top, width, rows), array.dtype)
+                array[top : top + rows] = fetched.reshape(-1, width, bands)
+            del region, picture
+        finally:
+            lists.pop()
     return array, warnings
