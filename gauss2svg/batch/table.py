@@ -40,13 +40,18 @@ class Summary:
 
     def progress_text(self, count: int) -> str:
         """Return text with the speed, failures and remaining time of a batch of `count` photos."""
-        rate = (self.done + self.failed) / max(time.monotonic() - self._begun, 0.2)
+        rate = (self.done + self.failed) / self._seconds
         left = timedelta(seconds=round((count - self.total) / rate)) if rate else "unknown time"
         return f"{rate:.3g} photos/s, {self.failed:,} failed, {left} left"
 
+    @property
+    def _seconds(self) -> float:
+        # The clock may not have moved yet, and a speed is divided by this number.
+        return max(time.monotonic() - self._begun, 1e-3)
+
     def lines(self) -> Iterator[str]:
         """Yield the lines of the final summary."""
-        seconds = time.monotonic() - self._begun
+        seconds = self._seconds
         counts = f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed"
         yield f"{counts} in {seconds:.1f} s: {self.done / seconds:.3g} photos a second"
         yield from self._failures

@@ -80,6 +80,9 @@ COSTS = (
     Cost("svg_bytes", "bytes", "size of the SVG"),
     Cost("total_s", "seconds", "time, photo to measured SVG"),
 )
+# Smallest cost that a chart can show, because a logarithmic axis has no 0. A smaller cost is drawn
+# at the position of this one. It may be 0 s on a machine whose clock has coarse steps.
+_LEAST_COST = 1e-4
 _MARGIN = 1.25  # factor by which the cost axis extends beyond the outermost points
 # A cost axis that spans more decades than this has ticks only at powers of ten.
 _MOST_DECADES = 2.5
@@ -96,7 +99,7 @@ def scatter(
     """Return the chart of a score over the logarithm of a cost, as data for chart.jinja.
 
     points  a mapping for each point, with these keys:
-            cost    the cost, > 0
+            cost    the cost, >= 0
             score   the score, or None if the PSNR is infinite
             series  index that decides the colour and the shape of the point
             group   a line joins all points of the same group. A point of the group None has no line
@@ -112,7 +115,7 @@ def scatter(
     if not points:
         return None
     scores = [point["score"] for point in points]
-    costs = [point["cost"] for point in points]
+    costs = [max(point["cost"], _LEAST_COST) for point in points]
     low, high = min(costs) / _MARGIN, max(costs) * _MARGIN
     finite = [axis.sign * score for score in scores if score is not None] or [0.0]
     some_equal = None in scores
@@ -140,7 +143,9 @@ def scatter(
         "x_ticks": [(x_of(at), tick(at, cost.unit)) for at in _ticks(low, high, frame.is_narrow)],
         # round() removes digits that come from rounding errors. Adding 0.0 turns -0.0 into 0.0.
         "y_ticks": [(y_of(y), f"{round(y, 6) + 0.0:g}") for y in levels if axis.sign * y < best],
-        "points": [{**p, "x": x_of(p["cost"]), "y": y_of(p["score"])} for p in points],
+        "points": [
+            {**p, "x": x_of(at), "y": y_of(p["score"])} for p, at in zip(points, costs, strict=True)
+        ],
         "equal_y": y_of(None) if some_equal else None,
     }
 

@@ -61,9 +61,6 @@ _COSTS = (
     # to raster images too, because gzip hardly changes their sizes.
     Cost("svgz_bytes", "bytes", "bytes, gzipped"),
 )
-# Smallest cost that the plots can show, because a logarithmic axis has no 0. A smaller cost is
-# drawn at the position of this one.
-_LEAST_COST = 1e-4
 NAMES = tuple(f"{axis.slug}_{cost.unit}.svg" for axis in SCORES for cost in _COSTS)
 # In the plots, each setting of gauss2svg is a series of its own. But the settings that are not
 # presets form one series together if there are more of them than this.
@@ -147,7 +144,7 @@ def plots_of(summary: Sequence[Row]) -> dict[str, str]:
             front = [row["label"] for row in cheapest if not below(row, own, axis, cost.key)]
             points = [
                 {
-                    "cost": max(price := row[cost.key], _LEAST_COST),
+                    "cost": (price := row[cost.key]),
                     "score": (score := row[axis.key]),
                     "series": series.index(names[row["label"]]),
                     "group": 0 if row["label"] in front and len(front) > 1 else None,

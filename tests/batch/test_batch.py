@@ -259,6 +259,14 @@ def test_the_time_left_is_that_of_the_photos_left_at_the_speed_so_far(monkeypatc
     assert summary.progress_text(13) == "0.2 photos/s, 1 failed, 0:00:50 left"
 
 
+def test_a_clock_that_has_not_moved_divides_no_speed(monkeypatch):
+    monkeypatch.setattr("gauss2svg.batch.table.time", SimpleNamespace(monotonic=lambda: 5.0))
+    summary = Summary()
+    summary.add(PhotoRecord("a.png", "a.svg", skipped=True))
+    assert list(summary.lines()) == ["0 done, 1 skipped, 0 failed in 0.0 s: 0 photos a second"]
+    assert summary.progress_text(2) == "0 photos/s, 0 failed, unknown time left"
+
+
 def test_no_cell_of_a_table_begins_a_formula_and_every_name_is_unicode(tmp_path):
     texts = ["=1+1", "+1", "-1", "@a", "\tx", "\rx", "a=1", "'a", "\udcffü"]
     (tmp_path / PARTS).mkdir(parents=True)

@@ -193,6 +193,7 @@ points = st.lists(
 @given(points)
 @example([{"cost": 7.0, "score": None}] * 2)
 @example([{"cost": 1.0, "score": 30.0}] * 2)
+@example([{"cost": 0.0, "score": 30.0}, {"cost": 2.0, "score": 31.0}])
 def test_points_and_ticks_lie_in_the_frame_in_their_order(frame, given_points):
     drawn = chart.scatter([{"group": 0} | one for one in given_points], chart.COSTS[0], frame=frame)
     placed, equal_y, levels = drawn["points"], drawn["equal_y"], drawn["y_ticks"]
