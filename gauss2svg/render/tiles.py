@@ -44,7 +44,22 @@ kernel = cached(**_OPTIONS)  # decorator of a kernel that Python calls
 _INSIDE: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True}
 tile_kernel = njit(**_INSIDE)
 
-_pool: ThreadPoolExecutor | None = None
+_pool: ThreadPoolExecutor
+
+
+def _make_pool() -> None:
+    """Make the pool that `in_shares` uses. Its threads start when they are first needed."""
+    global _pool
+    # The pool has a thread for each core. A single call of in_shares would need one thread less,
+    # because the thread that calls it does one share itself. But several threads may call in_shares
+    # at the same time.
+    _pool = ThreadPoolExecutor(os.cpu_count(), "gauss2svg-kernel")
+
+
+_make_pool()
+# The child of a fork does not have the threads of the pool, so it must have a pool of its own.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_make_pool)
 
 
 def in_shares(work: Callable[[int, int], None], max_shares: int) -> None:
@@ -54,30 +69,14 @@ def in_shares(work: Callable[[int, int], None], max_shares: int) -> None:
     of threads of numba (numba.set_num_threads), but at most max_shares. The calling thread does the
     first share, so if there is only one share, no other thread is needed.
     """
-    global _pool
     shares = max(1, min(get_num_threads(), max_shares))
-    if shares > 1 and _pool is None:
-        # The pool has a thread for each core. A single call of in_shares would need one thread
-        # less, because the thread that calls it does one share itself. But several threads may
-        # call in_shares at the same time.
-        _pool = ThreadPoolExecutor(os.cpu_count(), "gauss2svg-kernel")
-    others = [_pool.submit(work, share, shares) for share in range(1, shares)] if _pool else []
+    others = [_pool.submit(work, share, shares) for share in range(1, shares)]
     try:
         work(0, shares)
     finally:
         wait(others)
     for other in others:
         other.result()
-
-
-def _forget_pool() -> None:
-    global _pool
-    _pool = None
-
-
-# The child of a fork does not have the threads of the pool, so it must start a pool of its own.
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget_pool)
 
 
 # Width of a tile in px. 16 numbers of float32 fill one register of 512 bits, or two of 256 bits.

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -60,6 +61,25 @@ def forked(holds):
         finally:
             os._exit(status)
     return os.waitpid(child, 0)[1] == 0
+
+
+@pytest.mark.posix
+def test_callers_that_begin_at_once_in_a_new_process_share_one_pool(threads_given_back):
+    numba.set_num_threads(2)
+
+    def is_one_pool():
+        begin, threads = threading.Barrier(8, timeout=20), set()
+
+        def call(_):
+            begin.wait()
+            in_shares(lambda *_: threads.add(threading.current_thread()), 2)
+
+        sys.setswitchinterval(1e-6)  # so that a pool is likely made between two steps of another
+        with ThreadPoolExecutor(8, "caller", lambda: numba.set_num_threads(2)) as callers:
+            list(callers.map(call, range(8)))
+        return len({thread.name for thread in threads}) == len(threads)
+
+    assert all(forked(is_one_pool) for _ in range(4))
 
 
 @pytest.mark.posix
