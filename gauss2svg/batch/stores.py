@@ -5,10 +5,8 @@ from __future__ import annotations
 import os
 import re
 import secrets
-import shutil
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +103,10 @@ def write(root: str, name: str, data: bytes, sync: bool = True) -> None:
 
 
 def prepare(root: str) -> None:
-    """Create the output folder `root`, and remove the unfinished files of killed runs.
+    """Create the output folder `root`.
+
+    Unfinished files of killed runs stay there. A run on another machine may still be writing such a
+    file, however old it is.
 
     Raise OutputError if the folder cannot be written, and InputError for a store in which others
     could see a file half written.
@@ -115,14 +116,5 @@ def prepare(root: str) -> None:
             raise refusal("output", f"a folder, or on one of {_WHOLE_PUT}", root, "a folder")
         write(root, f"{PARTS}/writable", b"")
         return
-    parts = Path(root, PARTS)
-    make_folder(parts)
-    check_writable(parts / "writable")
-    for part in parts.iterdir():
-        # Errors are ignored, because another run may have removed the part already, or the part may
-        # belong to another user.
-        with suppress(OSError):
-            # A worker renames its part soon after it has written it. So a part that is more than
-            # a minute old was left behind by a run that was killed.
-            if part.stat().st_mtime < time.time() - 60:
-                shutil.rmtree(part) if part.is_dir() else part.unlink()
+    make_folder(Path(root, PARTS))
+    check_writable(Path(root, PARTS, "writable"))

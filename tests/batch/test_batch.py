@@ -214,15 +214,18 @@ def test_photo_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, mon
     assert run(photo, max_memory=limit)["done"] == ["large.svg"]
 
 
-def test_unfinished_files_of_killed_runs_are_removed(tmp_path):
-    parts = tmp_path / PARTS
-    (parts / "folder").mkdir(parents=True)
-    for name in ("old", "new"):
-        (parts / name).write_bytes(b"half")
-    for name in ("old", "folder"):
-        os.utime(parts / name, (1, 1))
+def test_a_table_that_takes_long_is_not_harmed_by_another_batch_into_its_folder(tmp_path):
+    def records():
+        for name in ("a", "b"):
+            yield PhotoRecord(f"{name}.png", f"{name}.svg")
+            for part in left_parts(tmp_path):
+                os.utime(tmp_path / PARTS / part, (1, 1))
+            prepare(str(tmp_path))
+
     prepare(str(tmp_path))
-    assert left_parts(tmp_path) == ["new"]
+    write_table(str(tmp_path), records())
+    assert rows(tmp_path).keys() == {"a.svg", "b.svg"}
+    assert left_parts(tmp_path) == []
 
 
 def test_photo_that_kills_its_workers_is_found_and_costs_no_other(run, tmp_path, monkeypatch):
