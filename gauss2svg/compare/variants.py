@@ -8,11 +8,13 @@ all axes.
 
 from __future__ import annotations
 
+import ast
 import itertools
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from gauss2svg.compare.peers import PEERS
@@ -188,10 +190,7 @@ def options_in(settings: Mapping[str, Any]) -> dict[str, Any]:
 def apply_constants(settings: Mapping[str, Any]) -> None:
     """Set those module constants that the settings name.
 
-    The constants keep their new values, so this process must not be used for another run. A new
-    value has no effect in three places: in kernels into which the old value was compiled, in
-    parameters that have the old value as their default, and in modules that have imported the
-    constant by name.
+    The constants keep their new values, so this process must not be used for another run.
     """
     for name in settings.keys() - options_in(settings):
         module, _, constant = name.rpartition(".")
@@ -264,4 +263,54 @@ def _axis(name: str) -> Field:
         if module:
             needed, advice = "a number that a module has in capitals", "pipeline.limits.FULL"
         raise refusal("axis", needed, quoted(name), advice)
+    if early := _early_reading(f"gauss2svg.{module}", constant):
+        needed, got = (
+            "a constant that the code reads only in runs",
+            f"{quoted(name)}, which {early}",
+        )
+        raise refusal("axis", needed, got, "changing its line")
     return Field(f"axis {name}", kind, *_CONSTANTS[kind])
+
+
+_PACKAGE = Path(__file__).parents[1]
+# Decorators with one of these words let numba compile a function, with the values of constants.
+_COMPILING = re.compile("kernel|jit|intrinsic")
+
+
+def _early_reading(module: str, constant: str) -> str:
+    """Return how the package reads a constant of a module before a run sets it, or "".
+
+    A new value would change only a part of the program in four cases: if a module imports the
+    constant by name, if another constant or the bounds of an option are computed from it, if it is
+    the default of a parameter, and if it is compiled into a kernel. The source is read instead of
+    the loaded modules, because some modules are imported only when they are needed.
+    """
+    target = f"{module}.{constant}"
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        parts = path.relative_to(_PACKAGE.parent).with_suffix("").parts
+        reader = ".".join(parts).removesuffix(".__init__")
+        # The names that this module has for other modules, and for constants: {name: dotted name}.
+        names = {constant: target} if reader == module else {}
+        text = path.read_text(encoding="utf-8")
+        for node in _early_nodes(ast.parse(text)) if constant in text else ():
+            if isinstance(node, ast.ImportFrom):
+                new = {one.asname or one.name: f"{node.module}.{one.name}" for one in node.names}
+                if target in new.values() or new.keys() & names.keys() & {constant}:
+                    return f"{reader} imports by name"
+                names |= new
+            elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
+                first, dot, rest = ast.unparse(node).partition(".")
+                if names.get(first, first) + dot + rest == target:
+                    return f"{reader} reads when it is imported or compiled"
+    return ""
+
+
+def _early_nodes(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the syntax nodes that run when a module is imported, or that numba compiles."""
+    decorators = " ".join(map(ast.unparse, getattr(node, "decorator_list", [])))
+    is_function = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+    body = getattr(node, "body", None) if is_function and not _COMPILING.search(decorators) else []
+    yield node
+    for child in ast.iter_child_nodes(node):
+        if child is not body and child not in (body if isinstance(body, list) else ()):
+            yield from _early_nodes(child)

@@ -23,8 +23,7 @@ from bisect import bisect_right
 from dataclasses import dataclass, replace
 
 from gauss2svg.errors import InputError, refusal
-from gauss2svg.fit import has_ssim
-from gauss2svg.fit.schedule import GROWTH_SHARE
+from gauss2svg.fit import has_ssim, schedule
 from gauss2svg.photo.pixels import Header, Size, elongation
 from gauss2svg.pipeline.drawings import LARGEST_ENLARGED
 from gauss2svg.pipeline.plan import CAP_FOR_TARGET, Plan
@@ -309,7 +308,7 @@ class TimeBudget:
         The time of the first step with a new count, or after a call of `most_gaussians`, is
         ignored, because it includes other work.
         """
-        now, growing = time.perf_counter(), done <= GROWTH_SHARE
+        now, growing = time.perf_counter(), done <= schedule.GROWTH_SHARE
         if count == self._last_step[1]:
             step_s = self._step_s(pixels) + STEP_GAUSSIAN * count
             self._taken += now - self._last_step[0]

@@ -25,6 +25,7 @@ from gauss2svg.measure import PSNR, SCORES, SSIM
 from gauss2svg.pipeline import limits
 
 FULL = "pipeline.limits.FULL"
+ONLY_IN_RUNS = r"axis must be a constant that the code reads only in runs; got '[\w.]+', which "
 
 
 def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
@@ -65,6 +66,14 @@ def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
         ({"loss": ()}, "axis loss must be given with values"),
         ({"loss": ["l3"]}, "axis loss must be one of mse"),
         (["form=gradient,blur", "renderer=chromium,cairo"], ".*for form blur; got 'cairo'"),
+        # A new value of these constants would change a part of the program.
+        (["pipeline.plan.USUAL_BYTES=1"], f"{ONLY_IN_RUNS}gauss2svg.pipeline.limits imports by"),
+        (["scene.PLAIN=1"], f"{ONLY_IN_RUNS}gauss2svg.* imports by name"),
+        (["pipeline.budgets.STEPS=9"], f"{ONLY_IN_RUNS}gauss2svg.pipeline.budgets reads when"),
+        (["scene.falloff.RADIUS=2"], f"{ONLY_IN_RUNS}gauss2svg.scene.falloff reads when"),
+        (["render.MOST_SIDE=9"], f"{ONLY_IN_RUNS}gauss2svg.render reads when"),
+        (["scene.scene.MOST_SIGMA=9"], f"{ONLY_IN_RUNS}gauss2svg"),
+        (["fit.adam.MOST_ASPECT=9"], f"{ONLY_IN_RUNS}gauss2svg.fit.adam reads when"),
     ],
 )
 def test_axes_that_no_run_could_have_are_refused_on_one_line(axes, line):
