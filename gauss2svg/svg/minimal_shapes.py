@@ -16,7 +16,9 @@ if they have the same colour.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from heapq import heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
@@ -271,41 +273,68 @@ def _from_start(radii: Floats, tilt: Floats) -> tuple[Floats, Floats]:
 _DIRECTIONS = np.arange(12) * np.pi / 12
 # The indices of the lines along x and y. These two lines are tested first, because they rule out
 # most pairs.
-_ALONG_SIDES = 0, 6
-_ROWS = 64  # number of shapes that are compared at a time, a multiple of the 8 bits of a byte
+_ALONG_SIDES = [0, 6]
+_ROWS = 64  # number of neighbouring shapes that are compared with the others at a time
+_CELLS = 1 << 18  # largest number of pairs that are compared at a time, if a shape has fewer
+
+
+def projections(mean: Floats, factor: Floats) -> tuple[Floats, Floats]:
+    """Return the projections of n ellipses onto the lines of _DIRECTIONS.
+
+    Return two arrays (12, n): the centres of the projections, and half of their lengths. The
+    arguments are those of `colors_together`.
+    """
+    x, y = np.cos(_DIRECTIONS)[:, None], np.sin(_DIRECTIONS)[:, None]
+    l11, l21, l22 = factor.T
+    return mean[:, 0] * x + mean[:, 1] * y, np.hypot(l11 * x + l21 * y, l22 * y)
 
 
 def overlaps(
-    mean: Floats, factor: Floats, kind: NDArray[np.generic], margin: float
-) -> NDArray[np.uint8]:
-    """Return for each pair of shapes i and j one bit: whether i is below j and overlaps it.
+    center: Floats,
+    half: Floats,
+    kind: NDArray[np.generic],
+    margin: float,
+    rows: NDArray[np.intp] | None = None,
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Yield the pairs of shapes of different kinds that overlap, some at a time.
 
-    The n bits of each shape i are packed into a row of n / 8 bytes, rounded up. They are unpacked
-    by np.unpackbits(row, count=n). The bits of 20000 shapes take 50 MB, whatever the number of
-    shapes that overlap.
+    Each time, yield two arrays: the lower shapes of the pairs, and the upper ones. All pairs of a
+    lower shape come at once and next to each other. The memory that is needed is proportional to
+    the number n of shapes, however many of them overlap.
 
-    kind  (n,) kind of each shape. If two shapes are of the same kind, their bit is 0
-
-    The other arguments are those of `colors_together`.
+    center, half  (12, n) what `projections` returns
+    kind          (n,) kind of each shape
+    margin        as in `colors_together`
+    rows          indices of the lower shapes of the pairs. If it is None, they are all shapes
     """
-    x, y = np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)
-    at = mean[:, :1] * x + mean[:, 1:] * y
-    reach = np.hypot(factor[:, :1] * x + factor[:, 1:2] * y, factor[:, 2:] * y)
-    below = np.zeros((len(mean), -(-len(mean) // 8)), np.uint8)
-    for begin in range(0, len(mean), _ROWS):
-        rows = slice(begin, begin + _ROWS)
-        near = np.triu(kind[rows, None] != kind[begin:], 1)
-        for k in _ALONG_SIDES:
-            limit = reach[rows, None, k] + reach[begin:, k] + margin
-            near &= np.abs(at[rows, None, k] - at[begin:, k]) < limit
-        row, column = np.nonzero(near)
-        near[:] = False
-        for a, r in zip(at[begin:].T, reach[begin:].T, strict=True):
-            kept = np.abs(a[row] - a[column]) < r[row] + r[column] + margin
-            row, column = row[kept], column[kept]
-        near[row, column] = True
-        below[rows, begin // 8 :] = np.packbits(near, axis=1)
-    return below
+    low, high = center[_ALONG_SIDES] - half[_ALONG_SIDES], center[_ALONG_SIDES] + half[_ALONG_SIDES]
+    rows = np.arange(len(kind)) if rows is None else rows
+    # In this order, most shapes that follow each other have similar sizes and are neighbours.
+    size = 2 ** np.ceil(np.log2(np.maximum((high - low)[:, rows].max(axis=0), 1.0)))
+    rows = rows[np.lexsort([low[0, rows], low[1, rows] // (4 * size), size])]
+    # One more unit makes up for rounding errors. The exact test follows.
+    least, most = low - margin - 1, high + margin + 1
+    for begin in range(0, len(rows), _ROWS):
+        block = rows[begin : begin + _ROWS]
+        first, last = low[:, block].min(axis=1)[:, None], high[:, block].max(axis=1)[:, None]
+        near_block = np.flatnonzero(((least < last) & (most > first)).all(axis=0))
+        step = max(1, _CELLS // len(near_block))
+        for part in np.split(block, range(step, len(block), step)):
+            near = (kind[part, None] != kind[near_block]) & (part[:, None] < near_block)
+            for k in _ALONG_SIDES:
+                limit = half[k, part, None] + half[k, near_block] + margin
+                near &= np.abs(center[k, part, None] - center[k, near_block]) < limit
+            row, column = np.nonzero(near)
+            row, column = part[row], near_block[column]
+            for c, h in zip(center, half, strict=True):
+                kept = np.abs(c[row] - c[column]) < h[row] + h[column] + margin
+                row, column = row[kept], column[kept]
+            yield row, column
+
+
+# If more shapes than this are over a shape and overlap it, they are not remembered but found again
+# when they are needed. So the memory is proportional to the number of shapes.
+_MOST_REMEMBERED = 256
 
 
 def colors_together(
@@ -329,18 +358,37 @@ def colors_together(
     margin  smallest distance at which two ellipses count as apart
     """
     kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
-    below, undrawn = overlaps(mean, factor, kind, margin), np.ones(len(mean), bool)
+    ellipses = (*projections(mean, factor), kind, margin)
     # For each shape, the number of shapes that must be drawn before it and are not drawn yet.
     waiting = np.zeros(len(mean), np.intp)
-    for row in below:
-        waiting += np.unpackbits(row, count=len(mean))
-    order = [np.zeros(0, np.intp)]
-    while undrawn.any():
-        ready = np.bincount(kind[undrawn & (waiting == 0)], minlength=kind.max() + 1)
-        share = ready / np.maximum(np.bincount(kind[undrawn], minlength=len(ready)), 1)
-        chosen = np.flatnonzero(undrawn & (waiting == 0) & (kind == share.argmax()))
-        order.append(chosen[np.lexsort(key[:, chosen])])
-        undrawn[chosen] = False
-        for row in below[chosen]:
-            waiting -= np.unpackbits(row, count=len(mean))
+    # For each shape, the shapes that wait for it, or None if there are too many to remember them.
+    above: list[NDArray[np.int32] | None] = [np.zeros(0, np.int32)] * len(mean)
+    for row, column in overlaps(*ellipses):
+        np.add.at(waiting, column, 1)
+        begins = np.flatnonzero(np.diff(row, prepend=-1))
+        for i, over in zip(row[begins].tolist(), np.split(column, begins[1:]), strict=False):
+            above[i] = over.astype(np.int32) if len(over) <= _MOST_REMEMBERED else None
+    kind_of, undrawn = kind.tolist(), np.bincount(kind).tolist()
+    ready: list[list[int]] = [[] for _ in undrawn]
+    # A heap of pairs: the share of a colour, with a minus, and the colour. Some are out of date.
+    shares: list[tuple[float, int]] = []
+    order, now_ready = [np.zeros(0, np.intp)], np.flatnonzero(waiting == 0).tolist()
+    while now_ready or shares:
+        for i in now_ready:
+            ready[kind_of[i]].append(i)
+        for k in {kind_of[i] for i in now_ready}:
+            heappush(shares, (-len(ready[k]) / undrawn[k], k))
+        share, k = heappop(shares)
+        now_ready = []
+        if ready[k] and -share == len(ready[k]) / undrawn[k]:
+            chosen = np.sort(ready[k])
+            order.append(chosen[np.lexsort(key[:, chosen])])
+            undrawn[k] -= len(chosen)
+            ready[k] = []
+            for i in chosen.tolist():
+                over = above[i]
+                if over is None:
+                    over = next(overlaps(*ellipses, np.array([i])))[1]
+                waiting[over] -= 1
+                now_ready += over[waiting[over] == 0].tolist()
     return np.concatenate(order)

@@ -28,7 +28,7 @@ from gauss2svg.svg import Document
 from gauss2svg.svg.element import Element, check_view, hex_color, number, writable
 from gauss2svg.svg.encode import Drawing, layer, round_layers, rounds_of, sides_of
 from gauss2svg.svg.forms import plain_radius
-from gauss2svg.svg.minimal_shapes import color_levels, colors_together, overlaps
+from gauss2svg.svg.minimal_shapes import color_levels, colors_together, overlaps, projections
 from gauss2svg.without_scipy import nearest_entry
 
 Floats = NDArray[np.float64]
@@ -189,15 +189,16 @@ def plate_of(scene: Scene, ink: str) -> Scene:
     shows = printed != ground
     # `shows` marks the shapes whose colour on the plate differs from the background of the plate. A
     # shape that is not marked is needed only if it covers a part of a marked shape.
-    below = overlaps(*_ellipses(scene), shows, _MARGIN)[shows]
-    shows |= np.unpackbits(np.bitwise_or.reduce(below), count=len(scene)).astype(bool)
+    ellipses, needed = projections(*_ellipses(scene)), shows.copy()
+    for _, upper in overlaps(*ellipses, shows, _MARGIN, np.flatnonzero(shows)):
+        needed[upper] = True
     black = np.where(printed, 0.0, 1.0)[:, None]
     plate = scene.replace(
         color=np.broadcast_to(black, (len(scene), 3)),
         background=np.zeros(3) if ground else np.ones(3),
         transparent=False,
     )
-    return plate.select(shows)
+    return plate.select(needed)
 
 
 def _ellipses(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

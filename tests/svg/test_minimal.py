@@ -2,6 +2,7 @@
 
 import io
 import re
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -12,12 +13,14 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline.budgets import SHAPE
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import MOST_BETA
 from gauss2svg.svg import SvgFormat, minimal_shapes
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
+from gauss2svg.svg.minimal_shapes import colors_together, projections
 from gauss2svg.svg.write import write_svg
 
 SIDE = 96
@@ -138,3 +141,46 @@ def test_arcs_draw_what_the_editable_file_draws_with_fewer_changes_of_colour(uni
     assert svg.count("<path") < 0.7 * np.count_nonzero(np.diff(scene.color, axis=0).any(axis=1))
     if unit == 0.01:
         assert psnr(arcs, rasterize(write_svg(scene, exact), 384, 384)) > 35
+
+
+def circles(count: int, colors: int, radius: float, seed: int = 0) -> tuple:
+    """Arguments of colors_together: circles on a square of 100 units, of up to this radius."""
+    rng = np.random.default_rng(seed)
+    r, mean = rng.uniform(0.1, radius, count), rng.uniform(0, 100, (count, 2))
+    factor = np.column_stack([r, np.zeros(count), r])
+    return mean, factor, rng.integers(0, colors, (count, 3)), mean.T, 0.5
+
+
+def ordered_slowly(mean, factor, color, key, margin) -> list[int]:
+    center, half = projections(mean, factor)
+    near = np.abs(center[:, :, None] - center[:, None]) < half[:, :, None] + half[:, None] + margin
+    kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
+    below = np.triu(near.all(axis=0) & (kind[:, None] != kind), 1)
+    undrawn, order = np.ones(len(mean), bool), []
+    while undrawn.any():
+        ready = undrawn & ~below[undrawn].any(axis=0)
+        kinds = np.unique(kind[undrawn])
+        share = [ready[kind == k].sum() / undrawn[kind == k].sum() for k in kinds]
+        chosen = np.flatnonzero(ready & (kind == kinds[np.argmax(share)]))
+        order += chosen[np.lexsort(key[:, chosen])].tolist()
+        undrawn[chosen] = False
+    return order
+
+
+@pytest.mark.parametrize("remembered", [0, 4, 256])
+@pytest.mark.parametrize(("colors", "radius"), [(1, 9.0), (2, 2.0), (2, 60.0), (6, 9.0)])
+def test_shapes_are_ordered_as_by_comparing_all_pairs(colors, radius, remembered, monkeypatch):
+    monkeypatch.setattr(minimal_shapes, "_MOST_REMEMBERED", remembered)
+    monkeypatch.setattr(minimal_shapes, "_CELLS", 1000)
+    for seed in range(3):
+        shapes = circles(150, colors, radius, seed)
+        assert colors_together(*shapes).tolist() == ordered_slowly(*shapes)
+
+
+def test_ordering_takes_less_memory_than_is_estimated_for_the_shapes():
+    shapes = circles(12_000, 16, 1.0)
+    tracemalloc.start()
+    colors_together(*shapes)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < SHAPE * 12_000 / 2
