@@ -58,6 +58,8 @@ CASES: tuple[tuple[tuple[int, int], dict[str, Any]], ...] = (
     ((1200, 833), {"gaussians": 10_000, "blend": "add"}),
     ((1200, 833), {"gaussians": 1000, "loss": "mse+ssim"}),
     ((1200, 833), {"gaussians": 50_000}),
+    ((1200, 833), {"gaussians": 60_000, "markup": "minimal"}),
+    ((1200, 833), {"gaussians": 60_000, "inks": 6, "layers": "inks"}),
     ((2048, 1536), {"gaussians": 30_000, "quality": "max"}),
     ((2048, 1536), {"gaussians": 1000, "quality": "max", "loss": "mse+ssim"}),
     ((2048, 1536), {"gaussians": 1000, "quality": "max", "inks": 6}),
