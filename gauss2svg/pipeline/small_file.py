@@ -26,7 +26,6 @@ from gauss2svg.pipeline.outcome import SEEN_UP_TO, Subject
 from gauss2svg.pipeline.palette import Rows, best_palette
 from gauss2svg.render.weights import color_weights
 from gauss2svg.scene import Scene
-from gauss2svg.svg.forms import plain_radius
 from gauss2svg.svg.minimal import minimal_rounded, whole_unit
 
 # If one file has twice as many shapes as another, it counts as better only if its PSNR against the
@@ -135,7 +134,7 @@ def recolored(
     """
     height, width = pixels.shape[:2]
     scaled = scene.scaled(width / scene.width, height / scene.height)
-    weights, products = color_weights(scaled, plain_radius(scaled.beta), height, width)
+    weights, products = color_weights(scaled, height, width)
     targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
     # Each pixel gives an equation. Both of its sides are multiplied by the square root of the
     # pixel's weight, so that the squared error of the equation gets this weight.

@@ -14,7 +14,7 @@ from PIL import Image
 
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import PLAIN, Scene
-from gauss2svg.scene.falloff import coverage, cut_radius, profile
+from gauss2svg.scene.falloff import coverage, covered_radius, cut_radius, profile
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -25,19 +25,17 @@ _LARGEST_SIDE = 768
 _LEAST_WEIGHT = 1e-9
 
 
-def color_weights(
-    scene: Scene, plain_radius: NDArray[np.float64], height: int, width: int
-) -> tuple[csr_array, NDArray[np.float64]]:
+def color_weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[np.float64]]:
     """Return the weights W (n + 1, h w) of the colours in the pixels, and W W^T (n + 1, n + 1).
 
     The first row is that of the background. W is sparse, because only few shapes are visible in
     each pixel. A plain ellipse (scene.drawn) has no falloff: its alpha is its opacity times the
-    share of the pixel that it covers. plain_radius (n,) has the radii of plain ellipses in sigmas.
+    share of the pixel that it covers.
     """
     # This import takes a third of a second, and few runs need it.
     from scipy.sparse import csr_array
 
-    covers = scene.drawn == PLAIN
+    covers, radius = scene.drawn == PLAIN, covered_radius(scene.beta)
     reach = scene.sigma * cut_radius(scene.beta)[:, None] + covers[:, None]
     low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
     high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
@@ -51,7 +49,7 @@ def color_weights(
         w11, w21, w22 = whitening[k]
         z = np.stack(np.broadcast_arrays(w11 * u, w21 * u + w22 * v), axis=-1)
         if covers[k]:
-            share = coverage(z, whitening[k], plain_radius[k])
+            share = coverage(z, whitening[k], radius[k])
         else:
             share = profile(np.sqrt(np.square(z).sum(axis=-1)), scene.beta[k])
         alpha = scene.opacity[k] * share

@@ -45,6 +45,7 @@ from gauss2svg.scene.falloff import (
     half_radius,
     nearest_class,
     profile,
+    square_integral,
 )
 from gauss2svg.svg import Form
 
@@ -111,7 +112,7 @@ def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
     If the semi-axes exceed about 180 px, the result is the largest exponent that is tried, although
     the rim of this profile is still softer than the edge of the ellipse.
     """
-    radius = plain_radius(np.array(_PLAIN_BETAS))
+    radius = covered_radius(np.array(_PLAIN_BETAS))
     # Begin at the exponent whose rim is 0.7 px wide along the minor axis. The best exponent is near
     # this one.
     guess = np.searchsorted(0.7 / RIM_WIDTH * np.array(_PLAIN_BETAS) * radius, semi_axes[:, 1])
@@ -150,7 +151,7 @@ def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
     a thin arc gets the largest exponent.
     """
     beta = plain_beta(semi_axes)
-    axes = semi_axes / plain_radius(beta)[:, None]
+    axes = semi_axes / covered_radius(beta)[:, None]
     return np.where(is_arc(axes, beta), beta, MOST_BETA)
 
 
@@ -163,17 +164,8 @@ def _relative_error(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDA
     length = np.hypot(axes[:, :1] * across, axes[:, 1:] * along)
     length *= math.sqrt(2) * 2 * np.pi / _DIRECTIONS
     error = (np.interp(np.log(width), np.log(_WIDTHS), _errors()) * length).sum(axis=1)
-    mass_of_square = np.array([_integrals(b)[1] for b in np.round(beta, 2)]) * axes.prod(axis=1)
-    on_rim = LARGEST_ON_RIM * length.sum(axis=1)
-    return error / np.minimum(LARGEST_ERROR * mass_of_square, on_rim)
-
-
-def plain_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return for each exponent in `beta` (n,) the radius of a plain ellipse, in sigmas.
-
-    With this radius, the ellipse has the same mass as the profile of the exponent.
-    """
-    return np.sqrt([_integrals(b)[0] / np.pi for b in np.round(beta, 2)])
+    in_mass = LARGEST_ERROR * square_integral(beta) * axes.prod(axis=1)
+    return error / np.minimum(in_mass, LARGEST_ON_RIM * length.sum(axis=1))
 
 
 def drawn_radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -183,7 +175,7 @@ def drawn_radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray
     is the radius of the gradient.
     """
     radius = cut_radius(beta)
-    radius[plain] = plain_radius(beta[plain])
+    radius[plain] = covered_radius(beta[plain])
     return radius
 
 
@@ -192,7 +184,7 @@ def drawn_beta(scene: Scene, plain: NDArray[np.bool_]) -> NDArray[np.float64]:
 
     plain  (n,) mask of the shapes that become plain ellipses. The result has only their exponents
     """
-    radius = plain_radius(scene.beta[plain])
+    radius = covered_radius(scene.beta[plain])
     return plain_beta(scene.ellipse_axes[0][plain] * radius[:, None])
 
 
@@ -211,14 +203,6 @@ def _errors() -> NDArray[np.float64]:
     # is at x = edge, so that the ramp and the rim have the same integral.
     edge = rim.sum(axis=1, keepdims=True) * step + x[0]
     return np.square(rim - np.clip(0.5 - (x - edge), 0, 1)).sum(axis=1) * step
-
-
-@lru_cache(maxsize=4096)
-def _integrals(beta: float) -> tuple[float, float]:
-    """Return the integrals of the falloff f and of f^2 over the plane, in px^2 if sigma is 1 px."""
-    r = (np.arange(2000) + 0.5) / 2000 * float(cut_radius(beta))
-    value, area = profile(r, beta), 2 * np.pi * r * (r[1] - r[0])
-    return float(np.sum(value * area)), float(np.sum(value**2 * area))
 
 
 GRADIENT, BLUR = get_args(Form)

@@ -22,12 +22,11 @@ from numpy.typing import NDArray
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import half_radius
+from gauss2svg.scene.falloff import covered_radius, half_radius
 from gauss2svg.scene.inks import MOST_INKS, ink_colors, ink_name, inks_of, inks_of_scene
 from gauss2svg.svg import Document
 from gauss2svg.svg.element import Element, check_view, hex_color, number, writable
 from gauss2svg.svg.encode import Drawing, layer, round_layers, rounds_of, sides_of
-from gauss2svg.svg.forms import plain_radius
 from gauss2svg.svg.minimal_shapes import color_levels, colors_together, overlaps, projections
 from gauss2svg.without_scipy import nearest_entry
 
@@ -206,5 +205,5 @@ def _ellipses(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     Both are in px. The factors are l11 l21 l22.
     """
-    factor = scene.factor * plain_radius(scene.beta)[:, None, None]
+    factor = scene.factor * covered_radius(scene.beta)[:, None, None]
     return scene.mean, np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1)

@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike
 
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
 from gauss2svg.scene import BLURRED, PLAIN, RHO_LIMIT, SOFT
-from gauss2svg.scene.falloff import cut_radius
+from gauss2svg.scene.falloff import covered_radius, cut_radius
 from gauss2svg.svg import CANVAS, read_shapes
 from gauss2svg.svg.file import (
     INKSCAPE,
@@ -51,7 +51,7 @@ from gauss2svg.svg.file import (
     parse,
     read_source,
 )
-from gauss2svg.svg.forms import arc_beta, plain_radius
+from gauss2svg.svg.forms import arc_beta
 from gauss2svg.svg.read_shapes import Affine, Fill, color_of, compose, share_of, styled, target_of
 
 # The default limit on the number of elements in a file. The tree of a file with this many elements
@@ -316,7 +316,7 @@ class _Reader:
         beta, radius = fills.reshape(-1, 2).T
         plain = beta == 0
         beta[plain] = arc_beta(np.linalg.svd(rows[plain], compute_uv=False))
-        radius[plain] = plain_radius(beta[plain])
+        radius[plain] = covered_radius(beta[plain])
         try:
             return Scene(
                 *self._size,
