@@ -315,6 +315,10 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
     if pages := tags.get("foreignObject", 0):
         how = "drawn only by browsers" if renderer in BROWSERS else left_out
         notes.append(f"foreignObject ({pages}) is {how}")
+    if surveyed.remarks and renderer not in BROWSERS:
+        first, more = ", ".join(surveyed.remarks[:3]), " and more" if surveyed.remarks[3:] else ""
+        unknown = f"{renderer} is not known to draw these as browsers do: {first}{more}"
+        notes.append(f"{unknown}. Try --renderer chromium")
     if not surveyed.qualified:
         notes.append("the root element has no xmlns of SVG, so browsers do not show the file")
     return notes

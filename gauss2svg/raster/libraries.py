@@ -16,8 +16,14 @@ def resvg_version() -> str:
 def resvg(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Return the pixels (height, width, 4) of the SVG as resvg draws it."""
     try:
+        # If dpi is not given, resvg_py draws lengths in mm and the like as 0.
         png = resvg_py.svg_to_bytes(
-            svg_string=svg, width=width, height=height, skip_system_fonts=True
+            svg_string=svg,
+            width=width,
+            height=height,
+            skip_system_fonts=True,
+            dpi=96,
+            languages=["en"],
         )
     except BaseException as error:
         # If resvg panics, pyo3 raises its PanicException, which is not an Exception but only a

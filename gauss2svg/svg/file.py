@@ -1,8 +1,9 @@
 """SVG files: their names, bytes, text, XML and size, and HTML that shows them.
 
 A file that is read is not trusted. Everything before its root is dropped, so that neither the
-parser nor a renderer sees a document type or a declared encoding. A file is refused if it has a
-document type with declarations of its own, or more bytes than the limit.
+parser nor a renderer sees a document type or a declared encoding. A file is refused if it has more
+bytes than the limit, or a document type with declarations other than those of plain texts, which
+Illustrator writes. References to these are replaced by the texts.
 
 IPython shows a scene by the HTML that `Scene.as_html` returns. `gauss2svg.scene` cannot define this
 method, because it must not import a renderer. So this module sets the method, and both the package
@@ -39,11 +40,16 @@ MOST_BYTES = 256_000_000
 _MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # encoding for each byte order mark
 _DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 # Matches all that may precede the root: blanks, comments, processing instructions other than
-# xml-stylesheet, and document types without declarations.
+# xml-stylesheet, and document types that declare nothing but texts without markup.
+_ENTITY = r"""<!ENTITY\s++([\w.-]++)\s++(?:"([^"'<>&%]{0,200})"|'([^"'<>&%]{0,200})')\s*+>"""
 _BEFORE_ROOT = re.compile(
-    r"""(?:[\s\ufeff]++|<\?(?!xml-stylesheet).*?\?>|<!--.*?-->|<!DOCTYPE(?:[^\[\]<>"']|"[^"]*"|'[^']*')*+>)*+""",
+    r"""(?:[\s\ufeff]++|<\?(?!xml-stylesheet).*?\?>|<!--.*?-->"""
+    r"""|<!DOCTYPE(?:[^\[\]<>"']|"[^"]*"|'[^']*')*+"""
+    rf"""(?:\[(?:\s++|<!--.*?-->|{_ENTITY})*+\]\s*+)?+>)*+""",
     re.DOTALL,
 )
+# The largest number of references that are replaced, because each may become 200 characters.
+_MOST_REFERENCES = 1000
 _ATTRIBUTE = re.compile(r"""\s+([^\s=/>]+)\s*=\s*(?:"[^"]*"|'[^']*')""")
 _START_TAG = re.compile(rf"<([^\s/>]+)((?:{_ATTRIBUTE.pattern})*+)")
 # Matches a number. float() alone would also accept nan, inf and 1_000. Possessive quantifiers never
@@ -51,6 +57,7 @@ _START_TAG = re.compile(rf"<([^\s/>]+)((?:{_ATTRIBUTE.pattern})*+)")
 # that is no part of a number.
 NUMBER = r"[+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+"
 _LENGTH = re.compile(rf"\s*+({NUMBER})({'|'.join(MM)}|)\s*+")
+_STYLED_SIDE = re.compile(rf"(?:^|;)\s*+(width|height)\s*+:\s*+({NUMBER}[a-z]*+)\s*+(?=;|$)")
 _LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
 # The bounds of the sides of a frame. Renderers compute with 32-bit floats, and they need a part of
 # the range of these floats for the transform to pixels.
@@ -101,25 +108,42 @@ def read_source(
 
 def _decoded(data: bytes, name: str) -> str:
     declared = _DECLARED.match(data)
-    encoding = _MARKS.get(data[:2], declared[1].decode() if declared else "utf-8")
+    encoding = _MARKS.get(data[:2]) or (_encoding(declared[1].decode()) if declared else "utf-8")
     try:
         return data.decode(encoding)
-    except (LookupError, ValueError) as error:
+    except ValueError as error:
         needed = f"an SVG in {encoding[:40]}"
         raise refusal(name, needed, brief(error), "to save it as UTF-8") from error
+
+
+def _encoding(declared: str) -> str:
+    """Return the encoding of a file that declares one in ASCII characters.
+
+    It is UTF-8, as in browsers, if the declared one is unknown or could not have these characters.
+    """
+    name = declared.lower().removeprefix("x-")
+    try:
+        return name if "<?xml".encode(name) == b"<?xml" else "utf-8"
+    except (LookupError, ValueError):
+        return "utf-8"
 
 
 def from_root(text: str) -> str:
     """Return the text of an SVG without all that precedes its root.
 
     Raise InputError if the text has a null character. Also raise InputError if the text before the
-    root has a document type with declarations, or a reference to a style sheet in another file.
+    root has a document type that declares more than texts, or a reference to a style sheet in
+    another file.
     """
     # expat would read a text with null characters as UTF-16. It would then find elements that no
     # renderer finds.
     if "\0" in text:
         raise refusal("the SVG", "without null characters", "some", "to save it as UTF-8")
-    rest = _BEFORE_ROOT.sub("", text, count=1)
+    before = _BEFORE_ROOT.match(text)
+    end = before.end() if before else 0
+    rest = text[end:]
+    for name, *texts in re.findall(_ENTITY, text[:end]):
+        rest = rest.replace(f"&{name};", "".join(texts), _MOST_REFERENCES)
     if rest.startswith(("<!DOCTYPE", "<?xml-stylesheet")):
         needed = "without a document type of its own or a style sheet of another file"
         got, advice = quoted(rest[:60]), "to save it as plain SVG"
@@ -203,15 +227,19 @@ def pixels_of(text: str) -> float | None:
 def frame_of(root: Mapping[str, str]) -> Frame:
     """Return the frame of an SVG, which the attributes of its root determine.
 
-    If the width or the height is missing, it follows from the viewBox. Raise InputError if there is
-    neither a viewBox nor a width and a height in absolute units. Also raise InputError if a number
-    is too large or too small for renderers.
+    If the width or the height is missing, it follows from the viewBox. A viewBox that browsers
+    ignore, because it is no list of four numbers or has a side below 0, counts as missing. Raise
+    InputError if there is neither a viewBox nor a width and a height in absolute units. Also raise
+    InputError if a number is too large or too small for renderers.
     """
-    sides = [pixels_of(root.get(name, "")) for name in ("width", "height")]
-    box = numbers(root["viewBox"], "viewBox", 4) if root.get("viewBox", "").strip() else None
+    styled = dict(_STYLED_SIDE.findall(root.get("style", "")))
+    sides = [pixels_of(styled.get(name) or root.get(name, "")) for name in ("width", "height")]
+    box = list(map(float, re.findall(NUMBER, root.get("viewBox", ""))))
+    if not _LIST.fullmatch(root.get("viewBox", "")) or len(box) != 4 or min(box[2:]) < 0:
+        box = None
     if box is None:
         if None in sides:
-            needed = "of a known size, by a viewBox or by a width and a height in absolute units"
+            needed = "of a known size, by a viewBox of 4 numbers or by sides in absolute units"
             advice = 'to add viewBox="0 0 WIDTH HEIGHT" to its root'
             raise refusal("the SVG", needed, "neither", advice)
         box = [0.0, 0.0, *(side or 0.0 for side in sides)]

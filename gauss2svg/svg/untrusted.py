@@ -2,33 +2,45 @@
 
 This is needed because resvg reads the local file to which an href refers. The href may be an
 absolute path, or a path relative to the current folder. An embedded image must not be an SVG,
-because CairoSVG would draw that SVG, and its references are not checked here. CSS must have no
-escapes, because they could hide an address from the search here.
+because CairoSVG would draw that SVG, and its references are not checked here. CSS is searched as it
+is written and with its escapes replaced, because an escape could hide an address.
+
+Only attributes that a renderer reads as an address or as CSS are looked at. In SVG these are href,
+the xml:base of an address, the absref of Inkscape, and attributes that take url(...).
 """
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 import warnings
 from collections import Counter
-from urllib.request import DataHandler, Request
+from urllib.parse import unquote_to_bytes
 
 from PIL import Image
 
 from gauss2svg.errors import InputError, quoted, refusal
+from gauss2svg.svg.drawable import Drawable, picture_remark
 from gauss2svg.svg.file import INKSCAPE, SVG, parse
 
 MOST_ELEMENTS = 1_000_000  # the limit that resvg has
 # The largest number of pixels in all embedded images together. It is limited because renderers
 # decode these images.
 MOST_IMAGE_PIXELS = 100_000_000
-# The local names of attributes whose value is an address that a renderer, an editor or a browser
-# would load.
-_LINKS = {"href", "absref", "base", "src", "srcset", "imagesrcset", "srcdoc", "poster"}
-_LINKS |= {"data", "background", "archive", "code", "codebase", "classid"}
+# The local names of attributes with an address that a renderer or an editor loads.
+_LINKS = {"href", "absref"}
+_XML_BASE = "{http://www.w3.org/XML/1998/namespace}base"
+# Such attributes of elements of web pages, which browsers draw in a <foreignObject>.
+_PAGE_LINKS = {"src", "srcset", "imagesrcset", "srcdoc", "poster", "base"} | _LINKS
+_PAGE_LINKS |= {"data", "background", "archive", "code", "codebase", "classid"}
+# The attributes that may contain url(...), those of animations included.
+_PAINTS = {"style", "fill", "stroke", "filter", "mask", "clip-path", "cursor", "color-profile"}
+_PAINTS |= {"marker", "marker-start", "marker-mid", "marker-end", "to", "from", "by", "values"}
 _FORMATS = ("PNG", "JPEG", "GIF", "WEBP")
 _FONT = r"data:(?:font/|application/(?:x-)?font)"
 _URL = re.compile(rf"url\((?!\s*+(?:[\"']\s*+)?+(?:#|{_FONT}))\s*+([^)]*)", re.IGNORECASE)
+_ESCAPE = re.compile(r"\\(?:([\da-fA-F]{1,6})(?:\r\n|\s)?|(\r\n|[\n\r\f])|(.))", re.DOTALL)
 _LOADING = re.compile(
     r"@import|(?<![\w-])(?:-\w+-)?(?:src|image|image-set|cross-fade)\(", re.IGNORECASE
 )
@@ -43,6 +55,7 @@ class Survey:
     layers     number of groups that Inkscape shows as layers
     root       attributes of the root
     qualified  whether the root is in the namespace of SVG. If not, browsers do not show the file
+    remarks    what resvg is not known to draw as browsers do, such as "fill: oklch(...) on <rect>"
 
     Raise InputError if the SVG has more than most_elements elements, or if it refers to anything
     outside of the file.
@@ -53,7 +66,10 @@ class Survey:
         self.elements, self.layers, self.root, self.qualified = 0, 0, dict[str, str](), False
         self._most = most_elements
         self._in_sheet, self._sheet, self._pixels = False, list[str](), 0
+        self._sheet_attributes: dict[str, str] = {}
+        self._drawable = Drawable(text)
         parse(text, self)
+        self.remarks = self._drawable.remarks()
         self.tags = dict(Counter(self.tags).most_common())
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -75,22 +91,25 @@ class Survey:
         self._in_sheet = local == "style"
         self.tags[name] += 1
         self.layers += attributes.get(INKSCAPE + "groupmode") == "layer"
+        self._drawable.start(tag, attributes)
+        if self._in_sheet:
+            self._sheet_attributes = attributes
+        links = _PAGE_LINKS if "}" in name else _LINKS
         for key, value in attributes.items():
             link = key.rpartition("}")[2]
-            if link in _LINKS:
+            if link in links or key == _XML_BASE:
                 # The href of an <a> is allowed, because it is loaded only if someone clicks on it.
                 if (local, link) != ("a", "href"):
-                    self._pixels += _pixels_of(value.strip())
-                    if self._pixels > MOST_IMAGE_PIXELS:
-                        needed, advice = f"at most {MOST_IMAGE_PIXELS} px", "smaller images"
-                        raise refusal("images in the SVG", needed, f"{self._pixels} px", advice)
-            elif key == "style" or ("(" in value and "}" not in key):
+                    self._add_picture(value.strip())
+            elif key in _PAINTS and ("(" in value or "\\" in value or key == "style"):
                 _check_css(value)
 
     def end(self, _tag: str) -> None:
         """Check the text of a style sheet when its element ends."""
         if self._in_sheet:
-            _check_css("".join(self._sheet))
+            sheet = "".join(self._sheet)
+            _check_css(sheet)
+            self._drawable.sheet(sheet, self._sheet_attributes)
             self._sheet.clear()
             self._in_sheet = False
 
@@ -107,35 +126,48 @@ class Survey:
         if target == "xml-stylesheet":
             raise _outside("xml-stylesheet")
 
+    def _add_picture(self, target: str) -> None:
+        """Count the pixels of the embedded image that an address contains.
+
+        A reference within the file has none. Raise InputError for any other address.
+        """
+        if not target or target.startswith("#"):
+            return
+        if target[:5].lower() != "data:":
+            raise _outside(target)
+        declared, _, content = target[5:].partition(",")
+        data = unquote_to_bytes(content)
+        try:
+            if declared.lower().rstrip().endswith("base64"):
+                data = base64.b64decode(b"".join(data.split()) + b"==")
+            with (
+                warnings.catch_warnings(action="ignore"),
+                # Image.open reads only the header.
+                Image.open(io.BytesIO(data), formats=_FORMATS) as picture,
+            ):
+                self._pixels += picture.width * picture.height
+                remark = picture_remark(picture, data, declared)
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+            needed = f"an image, one of {', '.join(_FORMATS)}"
+            raise refusal("data: in the SVG", needed, quoted(target[:40])) from error
+        if remark:
+            self._drawable.add(remark)
+        if self._pixels > MOST_IMAGE_PIXELS:
+            needed, advice = f"at most {MOST_IMAGE_PIXELS} px", "smaller images"
+            raise refusal("images in the SVG", needed, f"{self._pixels} px", advice)
+
 
 def _check_css(text: str) -> None:
-    """Raise InputError if CSS loads anything, or has escapes, which could hide an address."""
-    if "\\" in text:
-        raise refusal("CSS", "without escapes", quoted(text), "to save it as plain SVG")
-    if match := _URL.search(text) or _LOADING.search(text):
-        raise _outside(match[match.lastindex or 0])
+    """Raise InputError if CSS loads anything, as it is written or with its escapes replaced."""
+    for css in {text, _ESCAPE.sub(_character, text) if "\\" in text else text}:
+        if match := _URL.search(css) or _LOADING.search(css):
+            raise _outside(match[match.lastindex or 0])
 
 
-def _pixels_of(target: str) -> int:
-    """Return the number of pixels of the embedded image that an address contains.
-
-    Return 0 if the address is a reference within the file. Raise InputError for any other address.
-    """
-    if not target or target.startswith("#"):
-        return 0
-    if target[:5].lower() != "data:":
-        raise _outside(target)
-    try:
-        with (
-            warnings.catch_warnings(action="ignore"),
-            DataHandler().data_open(Request(target)) as data,
-            # Image.open reads only the header.
-            Image.open(data, formats=_FORMATS) as picture,
-        ):
-            return picture.width * picture.height
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        needed = f"an image, one of {', '.join(_FORMATS)}"
-        raise refusal("data: in the SVG", needed, quoted(target[:40])) from error
+def _character(match: re.Match[str]) -> str:
+    """Return the character that an escape of CSS stands for."""
+    code = int(match[1] or "0", 16)
+    return chr(code) if 0 < code < 0x110000 else match[3] or ""
 
 
 def _outside(target: str) -> InputError:

@@ -274,7 +274,7 @@ RANGE = r"width, height and viewBox of the SVG must be above 0 and in 1e-30\.\.1
 ROOTS = {
     'width="x" height="3"': "of a known size",
     'width="100%" height="100%"': "of a known size",
-    'viewBox="0 0 40"': "viewBox must be 4 finite numbers",
+    'viewBox="0 0 40"': "of a known size, by a viewBox of 4 numbers",
     'width="8" height="-8" viewBox="0 0 8 8"': RANGE,
     'width="1e9" viewBox="0 0 1e-29 8"': RANGE,
     'viewBox="-1e300 0 8 8"': RANGE,

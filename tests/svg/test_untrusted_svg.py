@@ -55,7 +55,9 @@ REFUSED = {
     "use of data": (f'<use href="{data_of(NESTED)}"/>', NO_IMAGE),
     "paints": ('<g fill="url(#a)" stroke="url(#b) url( \'x.svg#a\' )"/>', "x.svg#a"),
     "style sheet": ("<style>g { mask: url(x.svg) }</style>", "got 'x.svg'"),
-    "escaped paint": ("<g style='fill:\\75r\\6c(x.svg)'/>", "without escapes"),
+    "escaped paint": ("<g style='fill:\\75r\\6c(x.svg)'/>", "got 'x.svg'"),
+    "escaped rule": ("<style>@i\\mport 'x.css';</style>", "got '@import'"),
+    "escape at the end of a line": ("<style>g { fill: u\\\nrl(x.svg) }</style>", "got 'x.svg'"),
     "instruction": (
         f'<!-- --><?xml-stylesheet href="x.css"?>{ROOT}</svg>',
         "a style sheet of another file; got '<?xml-stylesheet href=",

@@ -1,0 +1,456 @@
+"""Remarks on what a file has that resvg is not known to draw as browsers do.
+
+resvg ignores what it does not know, so a file that a browser draws exactly may get a low score.
+The tables of this module have the attributes, properties and values that resvg 0.48 and Chromium
+156 draw alike (docs/decisions/renderers.md). Whatever else SVG or CSS defines gives a remark.
+Attributes that SVG does not define have no effect in any renderer, so they give none.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import tinycss2
+from PIL import Image, ImageColor
+
+from gauss2svg.svg.css import Css, Declaration, css_of, rules_of
+from gauss2svg.svg.file import SVG
+
+_MOST_REMARKS = 20  # the largest number of remarks on a file, of which a note has the first few
+_MOST_CSS = 1_000_000  # the largest length of all style sheets, because tinycss2 takes 3 s for it
+_XLINK = "{http://www.w3.org/1999/xlink}"
+_ROOT = ":root"  # the name of the root in the tables. It is stretched, and is a box of a page
+# Elements with notes of their own, which say how they are drawn.
+_TEXTS = {"text", "tspan", "tref", "textPath", "altGlyph", "foreignObject"}
+# Elements that resvg draws otherwise than Chromium, or not at all.
+_OTHERWISE = [
+    "feMorphology",
+    "feTurbulence",
+    "feDisplacementMap",
+    "feDiffuseLighting",
+    "feSpecularLighting",
+]
+# Filter primitives that resvg places wrongly in what is rotated or skewed.
+_PLACED = ["feOffset", "feFlood", "feDropShadow", "feImage", "feTile"]
+# Elements that resvg chooses in a <switch> if they come first. Browsers skip them.
+_NOT_SWITCHED = {"title", "desc", "metadata", "style", "defs"}
+
+
+def _each(names: str, value: Any) -> dict[str, Any]:
+    return dict.fromkeys(names.split(), value)
+
+
+# The rest of the tables has regular expressions of values. Chromium places nothing at coordinates
+# of 8 digits. resvg reads neither "20." nor a blank after a number. Atomic groups keep the time of
+# a match linear.
+_NEVER = "(?!)"
+_NUMBER = r"[+-]?(?>\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?"
+_NUMBERS = rf"(?:\s*+,?+\s*+{_NUMBER})*+\s*+"
+_SHARE = rf"\s*{_NUMBER}%?"
+_SIDE = (
+    r"[+-]?(?:\d(?:\.\d+)?[eE]\+?0?[0-6](?!\d)"
+    r"|(?>\d{1,7}(?!\d)(?:\.\d+)?|\.\d+)(?:[eE]-\d+)?)(?:px|mm|cm|in|pt|pc|em|%)?"
+)
+_LENGTH = rf"\s*{_SIDE}"
+_ABOVE_ZERO = rf"(?!\s*(?:-|[0.]+(?:[a-z%]|\Z))){_LENGTH}"
+_NAMES = "|".join(["transparent", *sorted(ImageColor.colormap.keys() - {"rebeccapurple"})])
+_N, _PERCENT = rf"\s*{_NUMBER}\s*", rf"\s*{_NUMBER}%\s*"
+_COLOR = (
+    rf"(?i:#(?:[\da-f]{{3,4}}|[\da-f]{{6}}|[\da-f]{{8}})|{_NAMES}"
+    rf"|rgba?\((?:{_N}(?:,{_N}){{2}}|{_PERCENT}(?:,{_PERCENT}){{2}})(?:,{_N})?\)"
+    rf"|rgb\((?:{_N}(?:\s{_N}){{2}}|{_PERCENT}(?:\s{_PERCENT}){{2}})\)"
+    rf"|hsla?\({_N}(?:,{_PERCENT}){{2}}(?:,{_N})?\)|hsl\({_N}(?:\s{_PERCENT}){{2}}\))"
+)
+_URL = r"""url\(\s*["']?#[^"'()\\]*["']?\s*\)"""
+_LINK = r"(?s:#[^\s%]*|\s*(?i:data):.*)|\s*"
+_PLAIN = "none|currentColor|context-fill|context-stroke"
+_PAINT = rf"{_COLOR}|{_PLAIN}|{_URL}(?:\s+(?:none|currentColor|{_COLOR}))?"
+_COMMA = r"\s*+,?+\s*+"
+_ARGUMENTS = rf"\s*+\(\s*+{_NUMBER}(?:{_COMMA}{_NUMBER})*+\s*+\)"
+_CALL = rf"(?:translate|scale|rotate|skewX|skewY|matrix){_ARGUMENTS}"
+_TRANSFORM = rf"none|\s*+(?:{_CALL}(?:{_COMMA}{_CALL})*+)?\s*+"
+# CSS takes no blank between numbers, and resvg takes no unit. This leaves what has no unit.
+_CSS_TRANSFORM = rf"none|(?:(?:scale|matrix)\({_N}(?:,{_N})*+\)\s*+)++"
+_IN_PX = rf"(?:0|{_NUMBER}px)"
+_FUNCTIONS = (
+    rf"(?:\s*(?:blur\({_IN_PX}?\)|hue-rotate\({_NUMBER}deg\)"
+    rf"|(?:brightness|contrast|grayscale|invert|opacity|saturate|sepia)\((?:{_NUMBER}%?)?\)"
+    rf"|drop-shadow\({_IN_PX}(?:\s+{_IN_PX}){{1,2}}(?:\s+{_COLOR})?\)))+"
+)
+_BLENDS = (
+    "multiply|screen|overlay|darken|lighten|color-dodge|color-burn|hard-light|soft-light|difference"
+    "|exclusion|hue|saturation|color|luminosity|normal"
+)
+# The values of properties that are drawn right. `inherit` and `initial` are drawn right too.
+_PROPERTIES = {
+    **_each("fill stroke", _PAINT),
+    "color": _COLOR,
+    "stop-color": rf"{_COLOR}|currentColor",
+    "flood-color": _COLOR,
+    **_each("opacity fill-opacity stroke-opacity stop-opacity flood-opacity", _SHARE),
+    "stroke-width": rf"\s*(?!-){_SIDE}",
+    "stroke-dasharray": rf"none|{_LENGTH}(?:{_COMMA}{_SIDE})*+\s*+",
+    "stroke-dashoffset": _LENGTH,
+    "stroke-linecap": "butt|round|square",
+    "stroke-linejoin": "miter|round|bevel",
+    "stroke-miterlimit": _SHARE,
+    **_each("fill-rule clip-rule", "nonzero|evenodd"),
+    **_each("clip-path mask", rf"none|{_URL}"),
+    **_each("marker marker-start marker-mid marker-end", "none"),
+    "filter": rf"none|{_URL}|{_FUNCTIONS}",
+    "display": "none|inline|block|inline-block|flex",
+    "visibility": "visible|hidden|collapse",
+    "overflow": "visible|hidden|auto|scroll",
+    "isolation": "auto|isolate",
+    "mix-blend-mode": _BLENDS,
+    "paint-order": r"normal|(?:fill|stroke|markers)(?:\s+(?:fill|stroke|markers)){0,2}",
+    "mask-type": "luminance|alpha",
+    "vector-effect": "none",
+    "image-rendering": "auto|optimizeQuality",
+    "color-interpolation": "auto|sRGB",
+    "color-interpolation-filters": "sRGB|linearRGB",
+    "background-color": rf"{_COLOR}|none",
+    "transform": _CSS_TRANSFORM,
+}
+# Properties that are no attributes, or attributes of another syntax.
+_CSS_ONLY = ["mix-blend-mode", "isolation", "background-color", "marker", "transform"]
+_ENDS = _each("marker-start marker-mid marker-end", rf"none|{_URL}")
+# The values of other attributes that are drawn right. All values of all other attributes are.
+_ATTRIBUTES = {
+    **_each("x y width height cx cy r rx ry x1 y1 x2 y2 fx fy fr refX refY", _LENGTH),
+    **_each("markerWidth markerHeight", _LENGTH),
+    **_each("dx dy", _NUMBER),
+    "offset": _SHARE,
+    "points": r"[-+.,eE\d\s]*+",
+    **_each("viewBox stdDeviation", _NUMBERS),
+    **_each("transform gradientTransform patternTransform", _TRANSFORM),
+    "orient": r"auto|auto-start-reverse|-?[\d.]+",
+    **_each("pathLength requiredFeatures", _NEVER),
+    **_each(f"href {_XLINK}href", _LINK),
+    "systemLanguage": r"[a-z]{2}(?:-[A-Z]{2})?(?:,\s*[a-z]{2}(?:-[A-Z]{2})?)*",
+    # resvg also reads attributes of these namespaces.
+    **{space + name: _NEVER for space in (SVG, _XLINK) for name in ("style", *_PROPERTIES)},
+}
+# Patterns for one element, in place of those of the tables above. None stands for any value.
+_EXCEPTIONS: dict[str, dict[str, str | None]] = {
+    _ROOT: {
+        **_each("x y width height viewBox overflow", None),
+        "transform": r"none|\s*|translate\(\s*0(?:px)?(?:[\s,]+0(?:px)?)?\s*\)",
+        "display": "inline|block|inline-block",
+        **_each("filter mask clip-path", "none"),
+    },
+    **_each("g path line polyline use", _ENDS),
+    "svg": {**_ENDS, **_each("width height", _ABOVE_ZERO)},
+    "a": {**_ENDS, **_each(f"href {_XLINK}href", None)},
+    "script": _each(f"href {_XLINK}href", None),
+    "marker": {
+        **_each("refX refY", rf"{_LENGTH}|center|left|right|top|bottom"),
+        **_each("opacity clip-path mask filter", "none|1"),
+    },
+    "symbol": _each("x y width height transform", _NEVER),
+    "mask": {"mask": "none"},
+    "pattern": {"overflow": "hidden"},
+    "feComposite": {"operator": "over|in|out|atop|xor|arithmetic"},
+}
+# Attributes that browsers also take from CSS, and resvg does not.
+_GEOMETRY = {
+    **_each("rect image svg use", "x y width height rx ry"),
+    "circle": "cx cy r",
+    "ellipse": "cx cy rx ry",
+    "path": "d",
+}
+_KINDS = {*_EXCEPTIONS, *_GEOMETRY, *_TEXTS}
+# Properties that change nothing in a still picture of shapes.
+_WITHOUT_EFFECT = re.compile(
+    "--.*|-(?:inkscape|moz|ms|o|khtml)-.*|-webkit-(?:tap|touch|user|text|font|print|line|overflow)-.*"
+    "|(?:font|text|letter|word|line|glyph|white-space|list|scroll|flex|align|justify|grid|column|row"
+    "|solid|transition|animation|page|break|backface|object)(?:-.*)?|writing-mode|direction"
+    "|unicode-(?:bidi|range)|.*baseline.*|kerning|cursor|pointer-events|user-select|touch-action|speak"
+    "|will-change|(?:shape|text|color)-rendering|color-(?:scheme|profile)|lighting-color|fill-color"
+    "|shape-(?:inside|padding|margin|subtract)|enable-background|z-index|order|gap|perspective"
+    "|transform-(?:origin|style)|(?:print-color|forced-color)-adjust|(?:accent|caret)-color"
+    "|appearance|vertical-align|quotes|content(?:-visibility)?|hyphens|tab-size|aspect-ratio|contain"
+    "|(?:(?:min|max)-)?(?:width|height)|box-(?:sizing|shadow)|resize|overflow-(?:wrap|anchor)|float"
+    "|clear|border-radius|outline-(?:offset|color)|stroke-(?:alignment|location)|[xydr]|[cr][xy]|src"
+    "|orphans|widows|backdrop-filter|clip|zoom"
+)
+# Properties of boxes, which have an effect on the root alone, and their values that have none.
+_BOX = re.compile(
+    r"(?:padding|margin|border|inset|background)(?:-.*)?|position|left|top|right|bottom"
+)
+_EMPTY_BOX = (
+    r"(?:(?:0(?:px|%)?|none|auto|static|relative|transparent|(?i:white|#fff|#ffffff))(?:\s+|\Z))+"
+)
+_NEUTRAL = "none|auto|normal|0|1"  # values that change nothing, of whatever property
+_NAME = r"-?[a-zA-Z_][\w-]*+"
+_ATTRIBUTE = rf"""\[[\w-]++(?:[~|]?=(?:"[^"\\]*+"|'[^'\\]*+'|{_NAME}))?\]"""
+_COMPOUND = rf"(?:\*|{_NAME})?+(?:[.#]{_NAME}|:first-child|{_ATTRIBUTE})*+"
+# Selectors that resvg applies as browsers do.
+_SELECTOR = re.compile(rf"{_COMPOUND}(?:(?:\s*+[>+]\s*+|\s++){_COMPOUND})*+", re.ASCII)
+# Selectors that match nothing in a still picture.
+_UNMET = re.compile(r"::|:(?:hover|active|focus(?:-visible|-within)?|visited|target)\b")
+_TURNS = re.compile(r"rotate|skew|matrix\s*\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])")
+_ID = re.compile(r"""url\(\s*["']?#([^"')]+)""")
+# The media types with which resvg and Chromium draw each format of embedded images.
+_MEDIA_TYPES = {"PNG": ["png"], "JPEG": ["jpeg", "jpg"], "GIF": ["gif"], "WEBP": ["webp"]}
+
+
+class Drawable:
+    """Remarks on what resvg is not known to draw as browsers do.
+
+    A parser of the text calls `start` for each element and `sheet` for each style sheet. After the
+    end of the file, `remarks` returns the remarks.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._found: dict[str, None] = {}
+        # The names of elements are kept only if they may be needed.
+        self._has_sheets = "<style" in text or ":style" in text
+        self._has_important = "important" in text
+        self._is_first, self._is_qualified = True, True
+        # For each name of an element, .class and #id: the kinds of element that have it.
+        self._kinds: dict[str, frozenset[str]] = {}
+        self._all, self._sheets, self._css_length = frozenset[str](), list[str](), 0
+        # The names of each element with what is important in its style, and for each important
+        # declaration of a sheet, the names that an element must have.
+        self._named = set[tuple[frozenset[str], frozenset[Declaration]]]()
+        self._important = set[tuple[frozenset[str], Declaration]]()
+        self._filters, self._filters_used = set[str](), set[str]()
+        self._placed, self._is_turned, self._has_use = "", False, False
+        self._before = ""
+
+    def add(self, remark: str) -> None:
+        """Add a remark, if there are not too many yet."""
+        if len(self._found) < _MOST_REMARKS:
+            self._found[remark] = None
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        """Look at an element and its attributes. The first element is the root."""
+        name = element = tag.removeprefix(SVG)
+        if self._is_first:
+            self._is_first, self._is_qualified, element = False, tag != name, _ROOT
+        if "}" in name:
+            return  # no renderer draws an element of another namespace
+        if self._is_qualified and tag == name:
+            self.add(f"<{name[:40]}> without a namespace")
+        if self._has_sheets or self._has_important:
+            classes = [f".{each}" for each in attributes.get("class", "").split()]
+            names = (name, f"#{attributes.get('id', '')}", *classes)
+            kind = element if element in _KINDS else "*"
+            self._all = _with(self._all, kind)
+            for each in names:
+                self._kinds[each] = _with(self._kinds.get(each, frozenset()), kind)
+            if self._has_important:
+                styles = [d for d in css_of(attributes.get("style", "")).by_resvg if d.is_important]
+                self._named.add((frozenset(names), frozenset(styles)))
+        if self._before == "switch" and name in _NOT_SWITCHED:
+            self.add(f"<{name[:40]}> in <switch>")
+        self._before = name
+        if name in _TEXTS:
+            return
+        if name in _OTHERWISE:
+            self.add(f"<{name}>")
+        for key, value in attributes.items():
+            if key == "style":
+                self._check_css(element, css_of(value), f" on <{name}>")
+            elif (matches := _matcher(element, key)) and not matches(value):
+                self.add(f'{key.rpartition("}")[2]}="{_brief(value)}" on <{name[:40]}>')
+            elif key == "filter":
+                self._filters_used.update(_ID.findall(value))
+        self._check_combinations(name, attributes)
+
+    def _check_combinations(self, name: str, attributes: dict[str, str]) -> None:
+        """Add remarks on what is drawn right only beside certain other attributes."""
+        if not self._is_turned and "transform" in attributes:
+            self._is_turned = _TURNS.search(attributes["transform"]) is not None
+        if name == "filter":
+            self._filters.add(attributes.get("id", ""))
+        elif name == "use":
+            self._has_use = True
+        elif name in _PLACED:
+            self._placed = name
+        elif name == "pattern":
+            # resvg draws a tile in whole px, so tiles are blurred and moved if there are several.
+            if {attributes.get("width"), attributes.get("height")} - {"1", "100%"}:
+                self.add("<pattern>")
+        elif name == "feColorMatrix" and attributes.get("type") == "saturate":
+            # Chromium clips what is more saturated than the source otherwise than resvg does.
+            if not re.fullmatch(r"\s*(?:0?\.\d+|[01](?:\.0*)?)\s*", attributes.get("values", "1")):
+                self.add("a saturation above 1 by <feColorMatrix>")
+        elif name == "path" and not _ENDS.keys().isdisjoint(attributes):
+            # Markers have other places or directions at the end of a closed path, and in arcs.
+            closed_or_arc = "[zZaA]" if "marker-mid" in attributes else "[zZ]"
+            if re.search(closed_or_arc, attributes.get("d", "")):
+                self.add("a marker on a closed <path> or an arc")
+
+    def sheet(self, text: str, attributes: dict[str, str]) -> None:
+        """Keep the text of a style sheet, whose element has these attributes."""
+        kind, media = attributes.get("type", "text/css"), attributes.get("media", "").strip()
+        if kind != "text/css":
+            if kind.strip().lower() not in ("", "text/css"):
+                return  # no renderer applies the sheet
+            self.add(f'type="{_brief(kind)}" on <style>')
+        if media not in ("", "all", "screen"):
+            self.add(f'media="{_brief(media)}" on <style>')
+        self._css_length += len(text)
+        self._sheets.append(text)
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return remarks such as "fill: oklch(...) on <rect>", at most _MOST_REMARKS."""
+        if self._css_length > _MOST_CSS:
+            self.add(f"style sheets of more than {_MOST_CSS // 1000} kB")
+        else:
+            for text in self._sheets:
+                self._check_sheet(text)
+        if self._has_important and self._has_conflict():
+            self.add("!important more than once")
+        if self._filters_used - self._filters:
+            self.add("a missing filter")
+        if self._placed and self._is_turned:
+            self.add(f"<{self._placed}> beside a rotation or a skew")
+        return tuple(self._found)
+
+    def _check_sheet(self, text: str) -> None:
+        if "<!--" in text:
+            self.add("<!-- in a style sheet")
+        try:
+            for at_rule, selector, css in rules_of(text):
+                self._check_rule(at_rule, selector, css)
+        except RecursionError:  # tinycss2 calls itself for each level of nested blocks
+            self.add("deeply nested CSS")
+
+    def _check_rule(self, at_rule: str, tokens: list[Any], css: Css) -> None:
+        """Check the declarations of a rule for each kind of element that its selector may match."""
+        selector = tinycss2.serialize(tokens).strip()
+        is_plain = "(" not in selector
+        if is_plain and _UNMET.search(selector):
+            return
+        kinds = (self._matched(tokens) if is_plain else self._all) - _TEXTS
+        kinds = {kind for kind in kinds if any(_has_effect(kind, d.name) for d in css.by_browsers)}
+        if not kinds:
+            return
+        if at_rule:
+            self.add(at_rule)
+        elif not selector or not _SELECTOR.fullmatch(selector):
+            self.add(f"the selector {selector[:40]}")
+        elif self._has_use and re.search(r"[\s>+]", selector):
+            # In the shadow tree of <use>, browsers do not find the ancestors.
+            self.add(f"the selector {selector[:40]} beside <use>")
+        else:
+            for kind in kinds:
+                self._check_css(kind, css, "")
+            last = re.sub(r"\[.*?\]|:first-child", "", re.split(r"[\s>+]", selector)[-1])
+            names = frozenset(re.findall(r"[.#]?[\w-]+", last))
+            self._important.update((names, d) for d in css.by_resvg if d.is_important)
+
+    def _has_conflict(self) -> bool:
+        """Return whether an element may have two important values of one property.
+
+        resvg takes the first of them, and browsers take the last.
+        """
+        if len(self._named) * len(self._important) > 10_000_000:
+            return True  # the search would take seconds
+        for names, styles in self._named:
+            found = {*styles, *(d for needed, d in self._important if needed <= names)}
+            if len(found) > len({d.name for d in found}):
+                return True
+        return False
+
+    def _matched(self, selector: list[Any]) -> frozenset[str]:
+        """Return the kinds of element that a selector may match, by the names in it alone."""
+        kinds, before = self._all, ""
+        for token in selector:
+            if token.type == "whitespace" or token in (">", "+", "~"):
+                kinds, before = (self._all if kinds else kinds), ""
+                continue
+            if token.type == "hash":
+                kinds &= self._kinds.get(f"#{token.value}", frozenset())
+            elif token.type == "ident" and before in ("", "."):
+                kinds &= self._kinds.get(before + token.value, frozenset())
+            before = token.value if token.type == "literal" else token.type
+            if not kinds:
+                break
+        return kinds
+
+    def _check_css(self, element: str, css: Css, place: str) -> None:
+        """Check the declarations that apply to an element."""
+        read = [d for d in css.by_resvg if _has_effect(element, d.name)]
+        if not css.is_same:
+            seen = [d for d in css.by_browsers if _has_effect(element, d.name)]
+            if [d.name for d in seen] != [d.name for d in read]:
+                lost = [d for d in seen if d not in read] or read
+                self.add(f"{lost[0].name}: {_brief(lost[0].value)}{place}")
+        # The last declaration of a property counts.
+        for name, value in {(d.name, d.is_important): (d.name, d.value) for d in read}.values():
+            matches = _matcher(element, name, is_css=True)
+            if matches and not matches(value):
+                self.add(f"{name}: {_brief(value)}{place}")
+            elif name == "filter":
+                self._filters_used.update(_ID.findall(value))
+
+
+def picture_remark(picture: Image.Image, data: bytes, declared: str) -> str | None:
+    """Return a remark on an embedded image that resvg draws otherwise than Chromium.
+
+    data      bytes of the file of the image
+    declared  media type that its address declares
+    """
+    kind, info = picture.format or "", picture.info
+    media_type = declared.partition(";")[0].strip().lower()
+    types = [f"image/{each}" for each in _MEDIA_TYPES[kind]]
+    if media_type not in ("", "text/plain", *types):
+        return f"a {kind} declared as {media_type[:40]}"
+    exif = Image.Exif()
+    exif.load(info.get("exif") or b"")
+    if kind != "WEBP" and exif.get(274, 1) != 1:  # 274 is the tag of the orientation
+        return f"a {kind} with an orientation"
+    if picture.mode == "CMYK" or (kind == "JPEG" and info.get("adobe_transform") == 0):
+        return f"a {kind} in CMYK or without luminance"
+    if getattr(picture, "is_animated", False):
+        return f"an animated {kind}"
+    profile = info.get("icc_profile") or b"sRGB"
+    has_gamma = "srgb" not in info and abs(info.get("gamma", 0.45455) - 0.45455) > 0.001
+    if b"sRGB" not in profile.replace(b"\0", b"") or has_gamma or b"cICP" in data[:1000]:
+        return f"a {kind} with colours other than sRGB"
+    return None
+
+
+@lru_cache(maxsize=1024)
+def _with(kinds: frozenset[str], kind: str) -> frozenset[str]:
+    """Return the union of a set and a kind. Equal sets are one object, which saves memory."""
+    return kinds | {kind}
+
+
+@lru_cache(maxsize=4096)
+def _pattern(element: str, name: str, is_css: bool) -> str | None:
+    """Return the pattern of the values that are drawn right, or None if all values are."""
+    exceptions = _EXCEPTIONS.get(element, {})
+    if name in exceptions:
+        return exceptions[name]
+    if is_css and (name == "all" or name in _GEOMETRY.get(element, "").split()):
+        return _NEVER
+    if name in _PROPERTIES and (is_css or name not in _CSS_ONLY):
+        return f"{_PROPERTIES[name]}|inherit|initial"
+    if not is_css:
+        return _ATTRIBUTES.get(name)
+    if _BOX.fullmatch(name):
+        return _EMPTY_BOX if element == _ROOT else None
+    return None if _WITHOUT_EFFECT.fullmatch(name) else f"{_NEUTRAL}|inherit|initial"
+
+
+@lru_cache(maxsize=4096)
+def _matcher(element: str, name: str, is_css: bool = False) -> Callable[[str], Any] | None:
+    pattern = _pattern(element, name, is_css)
+    return None if pattern is None else re.compile(pattern).fullmatch
+
+
+def _has_effect(element: str, name: str) -> bool:
+    return element not in _TEXTS and _pattern(element, name, True) is not None
+
+
+def _brief(value: str) -> str:
+    """Return a value for a remark: on one line, and without the arguments of functions."""
+    return " ".join(re.sub(r"\(.*", "(...)", value[:200], flags=re.DOTALL).split())[:40]
