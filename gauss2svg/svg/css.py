@@ -71,7 +71,6 @@ def rules_of(sheet: str) -> Iterator[tuple[str, list[Any], Css]]:
 
     The first item of a tuple is what resvg does not apply: an at-rule around the selector, nested
     rules, or escapes. It is "" if there is none. Rules that no still picture meets are left out.
-    Raise RecursionError if blocks are nested too deeply for tinycss2.
     """
     lines = [0, *(match.end() for match in re.finditer("\n", sheet))]
 
@@ -93,7 +92,7 @@ def rules_of(sheet: str) -> Iterator[tuple[str, list[Any], Css]]:
                 yield reason, selector, css
             inner = [(reason or "nested rules", each) for each in content]
         elif node.type == "at-rule" and node.content is not None:
-            name, query = node.lower_at_keyword, tinycss2.serialize(node.prelude).strip()
+            name, query = node.lower_at_keyword, text_of(node.prelude)
             is_unmet = name == "media" and _UNMET.fullmatch(query)
             if name not in _AT_RULES_WITHOUT_EFFECT and not is_unmet:
                 rule = f"@{name} {query}".strip()[:60]
@@ -101,6 +100,14 @@ def rules_of(sheet: str) -> Iterator[tuple[str, list[Any], Css]]:
                     (rule, each) for each in tinycss2.parse_rule_list(node.content, True, True)
                 ]
         waiting += reversed(inner)
+
+
+def text_of(nodes: list[Any]) -> str:
+    """Return the text of nodes of tinycss2, or a bracket if they are nested too deeply for it."""
+    try:
+        return tinycss2.serialize(nodes).strip()
+    except RecursionError:
+        return "("
 
 
 def _by_resvg(text: str, begin: int) -> tuple[list[Declaration], int]:
@@ -116,7 +123,7 @@ def _by_resvg(text: str, begin: int) -> tuple[list[Declaration], int]:
 
 def _by_browsers(nodes: list[Any]) -> list[Declaration]:
     return [
-        Declaration(node.lower_name, tinycss2.serialize(node.value).strip(), node.important)
+        Declaration(node.lower_name, text_of(node.value), node.important)
         for node in nodes
         if node.type == "declaration"
     ]

@@ -13,10 +13,9 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-import tinycss2
 from PIL import Image, ImageColor
 
-from gauss2svg.svg.css import Css, Declaration, css_of, rules_of
+from gauss2svg.svg.css import Css, Declaration, css_of, rules_of, text_of
 from gauss2svg.svg.file import SVG
 
 _MOST_REMARKS = 20  # the largest number of remarks on a file, of which a note has the first few
@@ -26,15 +25,11 @@ _ROOT = ":root"  # the name of the root in the tables. It is stretched, and is a
 # Elements with notes of their own, which say how they are drawn.
 _TEXTS = {"text", "tspan", "tref", "textPath", "altGlyph", "foreignObject"}
 # Elements that resvg draws otherwise than Chromium, or not at all.
-_OTHERWISE = [
-    "feMorphology",
-    "feTurbulence",
-    "feDisplacementMap",
-    "feDiffuseLighting",
-    "feSpecularLighting",
-]
+_OTHERWISE = {"feMorphology", "feDisplacementMap", "feDiffuseLighting", "feSpecularLighting"}
+_OTHERWISE |= {"feConvolveMatrix", "feImage", "feTile"}
 # Filter primitives that resvg places wrongly in what is rotated or skewed.
-_PLACED = ["feOffset", "feFlood", "feDropShadow", "feImage", "feTile"]
+_PLACED = {"feOffset", "feFlood", "feDropShadow", "feTurbulence"}
+_SUBREGION = {"x", "y", "width", "height"}
 # Elements that resvg chooses in a <switch> if they come first. Browsers skip them.
 _NOT_SWITCHED = {"title", "desc", "metadata", "style", "defs"}
 
@@ -51,7 +46,7 @@ _NUMBER = r"[+-]?(?>\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBERS = rf"(?:\s*+,?+\s*+{_NUMBER})*+\s*+"
 _SHARE = rf"\s*{_NUMBER}%?"
 _SIDE = (
-    r"[+-]?(?:\d(?:\.\d+)?[eE]\+?0?[0-6](?!\d)"
+    r"[+-]?(?:(?>\d(?:\.\d+)?|\.\d+)[eE]\+?0?[0-6](?!\d)"
     r"|(?>\d{1,7}(?!\d)(?:\.\d+)?|\.\d+)(?:[eE]-\d+)?)(?:px|mm|cm|in|pt|pc|em|%)?"
 )
 _LENGTH = rf"\s*{_SIDE}"
@@ -67,18 +62,18 @@ _COLOR = (
 _URL = r"""url\(\s*["']?#[^"'()\\]*["']?\s*\)"""
 _LINK = r"(?s:#[^\s%]*|\s*(?i:data):.*)|\s*"
 _PLAIN = "none|currentColor|context-fill|context-stroke"
-_PAINT = rf"{_COLOR}|{_PLAIN}|{_URL}(?:\s+(?:none|currentColor|{_COLOR}))?"
+_PAINT = rf"\s*(?:{_COLOR}|{_PLAIN}|{_URL}(?:\s+(?:none|currentColor|{_COLOR}))?)\s*"
 _COMMA = r"\s*+,?+\s*+"
 _ARGUMENTS = rf"\s*+\(\s*+{_NUMBER}(?:{_COMMA}{_NUMBER})*+\s*+\)"
 _CALL = rf"(?:translate|scale|rotate|skewX|skewY|matrix){_ARGUMENTS}"
 _TRANSFORM = rf"none|\s*+(?:{_CALL}(?:{_COMMA}{_CALL})*+)?\s*+"
 # CSS takes no blank between numbers, and resvg takes no unit. This leaves what has no unit.
 _CSS_TRANSFORM = rf"none|(?:(?:scale|matrix)\({_N}(?:,{_N})*+\)\s*+)++"
-_IN_PX = rf"(?:0|{_NUMBER}px)"
+_ABSOLUTE = rf"(?:0|{_NUMBER}(?:px|mm|cm|in|pt|pc|em))"
 _FUNCTIONS = (
-    rf"(?:\s*(?:blur\({_IN_PX}?\)|hue-rotate\({_NUMBER}deg\)"
+    rf"(?:\s*(?:blur\({_ABSOLUTE}?\)|hue-rotate\({_NUMBER}(?:deg|grad|rad|turn)\)"
     rf"|(?:brightness|contrast|grayscale|invert|opacity|saturate|sepia)\((?:{_NUMBER}%?)?\)"
-    rf"|drop-shadow\({_IN_PX}(?:\s+{_IN_PX}){{1,2}}(?:\s+{_COLOR})?\)))+"
+    rf"|drop-shadow\((?:{_COLOR}\s+)?{_ABSOLUTE}(?:\s+{_ABSOLUTE}){{1,2}}(?:\s+{_COLOR})?\)))+"
 )
 _BLENDS = (
     "multiply|screen|overlay|darken|lighten|color-dodge|color-burn|hard-light|soft-light|difference"
@@ -99,7 +94,7 @@ _PROPERTIES = {
     "stroke-miterlimit": _SHARE,
     **_each("fill-rule clip-rule", "nonzero|evenodd"),
     **_each("clip-path mask", rf"none|{_URL}"),
-    **_each("marker marker-start marker-mid marker-end", "none"),
+    **_each("marker marker-start marker-mid marker-end", "none"),  # with exceptions below
     "filter": rf"none|{_URL}|{_FUNCTIONS}",
     "display": "none|inline|block|inline-block|flex",
     "visibility": "visible|hidden|collapse",
@@ -109,7 +104,7 @@ _PROPERTIES = {
     "paint-order": r"normal|(?:fill|stroke|markers)(?:\s+(?:fill|stroke|markers)){0,2}",
     "mask-type": "luminance|alpha",
     "vector-effect": "none",
-    "image-rendering": "auto|optimizeQuality",
+    "image-rendering": "auto|optimizeQuality|high-quality|smooth",
     "color-interpolation": "auto|sRGB",
     "color-interpolation-filters": "sRGB|linearRGB",
     "background-color": rf"{_COLOR}|none",
@@ -117,7 +112,7 @@ _PROPERTIES = {
 }
 # Properties that are no attributes, or attributes of another syntax.
 _CSS_ONLY = ["mix-blend-mode", "isolation", "background-color", "marker", "transform"]
-_ENDS = _each("marker-start marker-mid marker-end", rf"none|{_URL}")
+_MARKERS = _each("marker marker-start marker-mid marker-end", rf"none|{_URL}")
 # The values of other attributes that are drawn right. All values of all other attributes are.
 _ATTRIBUTES = {
     **_each("x y width height cx cy r rx ry x1 y1 x2 y2 fx fy fr refX refY", _LENGTH),
@@ -130,6 +125,7 @@ _ATTRIBUTES = {
     "orient": r"auto|auto-start-reverse|-?[\d.]+",
     **_each("pathLength requiredFeatures", _NEVER),
     **_each(f"href {_XLINK}href", _LINK),
+    "primitiveUnits": "userSpaceOnUse",
     "systemLanguage": r"[a-z]{2}(?:-[A-Z]{2})?(?:,\s*[a-z]{2}(?:-[A-Z]{2})?)*",
     # resvg also reads attributes of these namespaces.
     **{space + name: _NEVER for space in (SVG, _XLINK) for name in ("style", *_PROPERTIES)},
@@ -141,18 +137,25 @@ _EXCEPTIONS: dict[str, dict[str, str | None]] = {
         "transform": r"none|\s*|translate\(\s*0(?:px)?(?:[\s,]+0(?:px)?)?\s*\)",
         "display": "inline|block|inline-block",
         **_each("filter mask clip-path", "none"),
+        "systemLanguage": _NEVER,
     },
-    **_each("g path line polyline use", _ENDS),
-    "svg": {**_ENDS, **_each("width height", _ABOVE_ZERO)},
-    "a": {**_ENDS, **_each(f"href {_XLINK}href", None)},
+    **_each("path line polyline polygon use", _MARKERS),
+    # draw.io ends its files with an empty group of this feature, which browsers and resvg skip.
+    "g": {**_MARKERS, "requiredFeatures": ".*#Extensibility"},
+    "svg": {**_MARKERS, **_each("width height", _ABOVE_ZERO)},
+    "a": {**_MARKERS, **_each(f"href {_XLINK}href", None)},
     "script": _each(f"href {_XLINK}href", None),
+    **_each("clipPath linearGradient radialGradient", _each("display", "inline|block")),
+    "defs": {**_each("display", "inline|block"), "systemLanguage": _NEVER},
     "marker": {
         **_each("refX refY", rf"{_LENGTH}|center|left|right|top|bottom"),
         **_each("opacity clip-path mask filter", "none|1"),
     },
     "symbol": _each("x y width height transform", _NEVER),
-    "mask": {"mask": "none"},
-    "pattern": {"overflow": "hidden"},
+    "mask": {"mask": "none", "display": "inline|block"},
+    "pattern": {"overflow": "hidden", "display": "inline|block"},
+    "filter": {"display": "inline|block", **_each(f"href {_XLINK}href", _NEVER)},
+    "feTurbulence": {"stitchTiles": "noStitch"},
     "feComposite": {"operator": "over|in|out|atop|xor|arithmetic"},
 }
 # Attributes that browsers also take from CSS, and resvg does not.
@@ -220,7 +223,7 @@ class Drawable:
         self._important = set[tuple[frozenset[str], Declaration]]()
         self._filters, self._filters_used = set[str](), set[str]()
         self._placed, self._is_turned, self._has_use = "", False, False
-        self._before = ""
+        self._before, self._has_auto_marker, self._has_closed = "", False, False
 
     def add(self, remark: str) -> None:
         """Add a remark, if there are not too many yet."""
@@ -232,6 +235,9 @@ class Drawable:
         name = element = tag.removeprefix(SVG)
         if self._is_first:
             self._is_first, self._is_qualified, element = False, tag != name, _ROOT
+        if self._before == "switch" and ("}" in name or name in _NOT_SWITCHED):
+            self.add(f"<{name.rpartition('}')[2][:40]}> in <switch>")
+        self._before = name
         if "}" in name:
             return  # no renderer draws an element of another namespace
         if self._is_qualified and tag == name:
@@ -246,9 +252,6 @@ class Drawable:
             if self._has_important:
                 styles = [d for d in css_of(attributes.get("style", "")).by_resvg if d.is_important]
                 self._named.add((frozenset(names), frozenset(styles)))
-        if self._before == "switch" and name in _NOT_SWITCHED:
-            self.add(f"<{name[:40]}> in <switch>")
-        self._before = name
         if name in _TEXTS:
             return
         if name in _OTHERWISE:
@@ -270,8 +273,8 @@ class Drawable:
             self._filters.add(attributes.get("id", ""))
         elif name == "use":
             self._has_use = True
-        elif name in _PLACED:
-            self._placed = name
+        elif name == "marker":
+            self._has_auto_marker |= attributes.get("orient", "").startswith("auto")
         elif name == "pattern":
             # resvg draws a tile in whole px, so tiles are blurred and moved if there are several.
             if {attributes.get("width"), attributes.get("height")} - {"1", "100%"}:
@@ -280,11 +283,16 @@ class Drawable:
             # Chromium clips what is more saturated than the source otherwise than resvg does.
             if not re.fullmatch(r"\s*(?:0?\.\d+|[01](?:\.0*)?)\s*", attributes.get("values", "1")):
                 self.add("a saturation above 1 by <feColorMatrix>")
-        elif name == "path" and not _ENDS.keys().isdisjoint(attributes):
-            # Markers have other places or directions at the end of a closed path, and in arcs.
-            closed_or_arc = "[zZaA]" if "marker-mid" in attributes else "[zZ]"
-            if re.search(closed_or_arc, attributes.get("d", "")):
-                self.add("a marker on a closed <path> or an arc")
+        elif name.startswith("fe"):
+            self._placed = name if name in _PLACED else self._placed
+            if 0 < len(_SUBREGION & attributes.keys()) < 4:
+                self.add(f"<{name[:40]}> with a part of x, y, width and height")
+        elif not _MARKERS.keys().isdisjoint(attributes):
+            # Markers turn otherwise at the end of a closed path. In arcs their number is another.
+            path = attributes.get("d", "")
+            self._has_closed |= name == "polygon" or re.search("[zZ]", path) is not None
+            if "marker-mid" in attributes and re.search("[aA]", path):
+                self.add("a marker in an arc")
 
     def sheet(self, text: str, attributes: dict[str, str]) -> None:
         """Keep the text of a style sheet, whose element has these attributes."""
@@ -309,6 +317,8 @@ class Drawable:
             self.add("!important more than once")
         if self._filters_used - self._filters:
             self.add("a missing filter")
+        if self._has_auto_marker and self._has_closed:
+            self.add("markers on a closed path")
         if self._placed and self._is_turned:
             self.add(f"<{self._placed}> beside a rotation or a skew")
         return tuple(self._found)
@@ -316,19 +326,15 @@ class Drawable:
     def _check_sheet(self, text: str) -> None:
         if "<!--" in text:
             self.add("<!-- in a style sheet")
-        try:
-            for at_rule, selector, css in rules_of(text):
-                self._check_rule(at_rule, selector, css)
-        except RecursionError:  # tinycss2 calls itself for each level of nested blocks
-            self.add("deeply nested CSS")
+        for at_rule, selector, css in rules_of(text):
+            self._check_rule(at_rule, selector, css)
 
     def _check_rule(self, at_rule: str, tokens: list[Any], css: Css) -> None:
         """Check the declarations of a rule for each kind of element that its selector may match."""
-        selector = tinycss2.serialize(tokens).strip()
-        is_plain = "(" not in selector
-        if is_plain and _UNMET.search(selector):
+        selector = text_of(tokens)
+        if "(" not in selector and _UNMET.search(selector):
             return
-        kinds = (self._matched(tokens) if is_plain else self._all) - _TEXTS
+        kinds = self._matched(tokens) - _TEXTS
         kinds = {kind for kind in kinds if any(_has_effect(kind, d.name) for d in css.by_browsers)}
         if not kinds:
             return

@@ -48,8 +48,9 @@ _BEFORE_ROOT = re.compile(
     rf"""(?:\[(?:\s++|<!--.*?-->|{_ENTITY})*+\]\s*+)?+>)*+""",
     re.DOTALL,
 )
-# The largest number of references that are replaced, because each may become 200 characters.
-_MOST_REFERENCES = 1000
+# The numbers of texts and of references that are replaced. They are limited because a reference may
+# become 200 characters. Illustrator declares a dozen, and refers to each once or twice.
+_MOST_ENTITIES, _MOST_REFERENCES = 100, 1000
 _ATTRIBUTE = re.compile(r"""\s+([^\s=/>]+)\s*=\s*(?:"[^"]*"|'[^']*')""")
 _START_TAG = re.compile(rf"<([^\s/>]+)((?:{_ATTRIBUTE.pattern})*+)")
 # Matches a number. float() alone would also accept nan, inf and 1_000. Possessive quantifiers never
@@ -142,8 +143,11 @@ def from_root(text: str) -> str:
     before = _BEFORE_ROOT.match(text)
     end = before.end() if before else 0
     rest = text[end:]
-    for name, *texts in re.findall(_ENTITY, text[:end]):
-        rest = rest.replace(f"&{name};", "".join(texts), _MOST_REFERENCES)
+    # The first declaration of a name counts.
+    found = re.findall(_ENTITY, text[:end])[:_MOST_ENTITIES]
+    if values := {name: "".join(texts) for name, *texts in reversed(found)}:
+        names = re.compile(f"&({'|'.join(map(re.escape, values))});")
+        rest = names.sub(lambda match: values[match[1]], rest, count=_MOST_REFERENCES)
     if rest.startswith(("<!DOCTYPE", "<?xml-stylesheet")):
         needed = "without a document type of its own or a style sheet of another file"
         got, advice = quoted(rest[:60]), "to save it as plain SVG"

@@ -77,6 +77,8 @@ HEADS = [
     f'<svg {XMLNS} width="8" height="8">',
     f'<svg {XMLNS} width="100%" viewBox="0,0,8,8" preserveAspectRatio="xMinYMin">',
     f"<svg data-x='a > b' {XMLNS}\n  height='40' viewBox='0 0 8 8'>",
+    f'<svg {XMLNS} viewBox="0 0 8px" height="9" style="width:8px;height:8px">',
+    f'<svg {XMLNS} viewBox="none" width="8" height="8">',
     f'<svg {XMLNS} viewBox="0 0 1e30 1e30"><g transform="scale(1.25e29)">',
     f"<?xml version='1.0' encoding='latin-1'?><!-- <svg viewBox='0 0 1 1'> é --><!DOCTYPE svg "
     f'PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/svg>11.dtd"><svg {XMLNS} '
@@ -87,7 +89,7 @@ HEADS = [
 @pytest.mark.parametrize(
     ("renderer", "head"),
     [(name, head) for name in ("resvg", "cairo", "librsvg") for head in HEADS]
-    + [("chromium", HEADS[2]), ("chromium", HEADS[4])], indirect=["renderer"],
+    + [("chromium", head) for head in (HEADS[2], *HEADS[4:7])], indirect=["renderer"],
 )  # fmt: skip
 def test_any_root_is_stretched_to_the_photo(head, renderer, halves, drawn_here):
     encoding = "latin-1" if "latin-1" in head else "utf-8"
@@ -108,12 +110,31 @@ def test_any_root_is_stretched_to_the_photo(head, renderer, halves, drawn_here):
         ('viewBox="0 0 8 8"><text>a</text>', "text (1) is not drawn, because resvg gets no fonts"),
         ('viewBox="0 0 8 8"><foreignObject/>', "foreignObject (1) is left out"),
         ('viewBox="0 0 8 8"><g><animate/></g>', "animate (1) is left out"),
+        ('viewBox="0 0 8 8"><rect fill="oklch(.6 .2 30)"/>',
+         'as browsers do: fill="oklch(...)" on <rect>. Try --renderer chromium'),
+        ('viewBox="0 0 8 8"><g fill="a" stroke="b" opacity="c" color="d"/>',
+         'fill="a" on <g>, stroke="b" on <g>, opacity="c" on <g> and more. Try'),
     ],
-)
+)  # fmt: skip
 def test_what_has_to_be_known_is_a_note(svg, note, halves, drawn_here):
     notes = gauss2svg.check(halves, f"<svg {XMLNS} {svg}</svg>").notes
     assert len(notes) == (note is not None)
     assert all(note in told for told in notes)
+
+
+@pytest.mark.parametrize("renderer", ["chromium"], indirect=True)
+def test_a_browser_draws_all_of_css(renderer, halves, drawn_here):
+    shapes = HALVES.replace('fill="', 'style="--x:1;fill:var(--y,').replace('"/>', ')"/>')
+    svg = f'<svg {XMLNS} viewBox="0 0 8 8">{shapes}</svg>'
+    checked = gauss2svg.check(halves, svg, renderer=renderer)
+    assert (checked.psnr, checked.notes) == (np.inf, ())
+
+
+def test_absolute_units_are_drawn(halves, drawn_here):
+    shapes = '<rect width="1in" height="25.4mm" fill="#00f"/>'
+    shapes += '<rect width="36pt" height="6pc" fill="red"/>'
+    svg = f'<svg {XMLNS} viewBox="0 0 96 96">{shapes}</svg>'
+    assert gauss2svg.check(halves, svg).psnr == np.inf
 
 
 def test_same_error_has_the_same_colour_in_two_maps():

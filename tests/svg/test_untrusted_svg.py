@@ -15,7 +15,7 @@ from svg_texts import SPACES, gradient
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.check import sized_svg
 from gauss2svg.raster import refuse_unsupported
-from gauss2svg.svg.file import frame_of, read_source
+from gauss2svg.svg.file import frame_of, from_root, read_source
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.untrusted import Survey
 
@@ -98,6 +98,12 @@ def test_what_would_grow_or_load_is_refused_in_one_line(case):
         f'<h:img src="{DOT}" title="image-set"/>',
         f'<g class="image" {SPACES} inkscape:label="image(1) \\ (2)"/>',
         f'<image href="{DOT}"/>',
+        f'<image href="{DOT.rstrip("=").replace("png;base", "png;BASE")}"/>',
+        '<g content="\\(a+b\\)" id="image(1) 1" aria-label="url(https://a.org) (\\)" code="DE"/>',
+        '<g data="1" background="white" base="7" src="x.png" poster="a" srcset="b"/>',
+        '<script src="/cdn-cgi/x.js"/>',
+        "<g style=\"font-family:'A\\'s'\"/>",
+        "<style>.md\\:flex { fill: #000 } a::before { content: '\\201C' }</style>",
     ],
 )
 def test_what_stays_within_the_file_is_let_through(inner):
@@ -126,6 +132,31 @@ def test_what_is_too_long_is_not_unpacked_or_read_to_its_end(monkeypatch):
         read_source(Endless(), 1000)
     with pytest.raises(InputError, match=r"at most 2 elements; .*max_elements"):
         read_svg(f"{ROOT}<g/><g/></svg>", max_elements=2)
+
+
+@pytest.mark.parametrize(
+    ("name", "encoding"),
+    [("utf-16", "utf-8"), ("UTF-16LE", "utf-8"), ("utf-32", "utf-8"), ("UCS-2", "utf-8"),
+     ("nonsense", "utf-8"), ("UTF8", "utf-8"), ("x-mac-roman", "mac-roman"), ("rot13", "utf-8"),
+     ("Shift_JIS", "shift_jis")],
+)  # fmt: skip
+@pytest.mark.parametrize("blank", ["", " "])
+def test_a_declaration_that_cannot_be_is_ignored_as_by_browsers(name, encoding, blank):
+    text = f'<?xml version="1.0" encoding="{name}"?>{ROOT}</svg>{blank}'
+    assert read_source(text.encode(encoding), 10_000)[1] == text
+
+
+@pytest.mark.parametrize(
+    ("document", "body"),
+    [
+        ("<!DOCTYPE svg []>", "<g/>"),
+        ('<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "a.dtd" [ <!-- > ] --> ]>', "<g/>"),
+        ("<!DOCTYPE svg [\n\t<!ENTITY ns_a \"urn:a\">\n<!ENTITY b 'c'>\n]>", '<g a="&ns_a;&b;"/>'),
+    ],
+)
+def test_document_type_of_plain_texts_is_replaced(document, body):
+    found = from_root(f"<?xml version='1.0'?>{document}{ROOT}{body}</svg>")
+    assert found == f"{ROOT}{body.replace('&ns_a;&b;', 'urn:ac')}</svg>"
 
 
 def test_source_is_read_in_its_encoding_up_to_its_limits():
@@ -160,6 +191,14 @@ HOSTILE = {
     "comments": f"{ROOT}<style><![CDATA[{'<!-- <use title ' * MANY} href]]></style>",
     "sheets": f"{ROOT}{'<style>' * MANY}{'</style>' * MANY}",
     "urls": f"{ROOT}<style>{'url(#' * MANY}</style>",
+    "rules": f"{ROOT}<style>{'.a{fill:red!important}' * (MANY // 4)}</style>"
+    + '<g class="a"/>' * 999,
+    "nested rules": f"{ROOT}<style>{'g{' * MANY}fill:red</style><g/>",
+    "functions": f"{ROOT}<g style='fill:{'f(' * MANY}'/>",
+    "declarations": f"{ROOT}<g style='{'fill:red;' * MANY}\\'/>",
+    "transforms": f'{ROOT}<g transform="{"scale(1)" * MANY}x"/>',
+    "numbers": f'{ROOT}<path d="M0 0" stroke-dasharray="{"1 " * MANY}x" fill="{" " * MANY}x"/>',
+    "entities": "<!DOCTYPE svg [" + '<!ENTITY a "b">' * 999 + f"]>{ROOT}<g a='{'&a;' * MANY}'/>",
     "prolog": f"{'<!-- -->' * MANY}{'<?a ?>' * MANY}<svg",
     "chain": f"{ROOT}{CHAIN}" + "".join(f'<circle r="1" fill="url(#c{i})"/>' for i in range(5000)),
     "one attribute": f'{ROOT[:-1]} a="{"x" * 1_000_000}"',

@@ -1,0 +1,193 @@
+"""Properties of the remarks on what resvg is not known to draw as browsers do.
+
+Each row was drawn by resvg and by Chromium: they agree (30 dB or more) where there is no remark.
+"""
+
+import base64
+import itertools
+
+import numpy as np
+import pytest
+from flat import vectorize
+from pictures import encoded
+from PIL import Image
+from scenes import random_scene
+
+from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg.untrusted import Survey
+from gauss2svg.svg.write import write_svg
+
+SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+IMAGE = Image.new("RGB", (3, 2), "#c40")
+
+
+def remarks(body, root=""):
+    return Survey(f'<svg {SPACES} viewBox="0 0 8 8" {root}>{body}</svg>').remarks
+
+
+def data(kind, declared, **options):
+    content = base64.b64encode(encoded(IMAGE, kind, **options)).decode()
+    return f'<image width="8" height="8" href="data:{declared};base64,{content}"/>'
+
+
+def orientation(value):
+    exif = Image.Exif()
+    exif[274] = value
+    return exif
+
+
+COLORS = (
+    "red RED #f00 #F008 #ff0000 #ff000080 transparent rgb(255,0,0) rgb(255_0_0) rgba(255,0,0,.5) "
+    "rgb(100%,0%,50%) hsl(120,100%,50%) HSL(120_100%_50%) hsla(120,100%,50%,.5) none currentColor "
+    "inherit url(#a) url('#a')_red url(#a)_none context-stroke"
+)
+OTHER_COLORS = (
+    "rebeccapurple currentcolor rgb(255_0_0_/_.5) rgba(255,0,0,50%) hsl(120deg,100%,50%) "
+    "hwb(120_0%_0%) lab(50%_40_20) oklch(.6_.2_30) color(display-p3_1_0_0) var(--x) var(--x,red) "
+    "light-dark(red,blue) color-mix(in_srgb,red,blue) Canvas rgb(1,2) #ff URL(#a) bogus unset"
+)
+SIDES = "8 8px +8 .8e1 5mm .2in 15pt 1.2pc 1em 30%"
+STYLED = '<g class="a"><path class="b" d="M0 0h8"/><circle class="b c" r="3"/></g>'
+RIGHT = [
+    *(f'<rect fill="{c.replace("_", " ")}"/>' for c in COLORS.split()),
+    *(f'<rect style="stroke:{c.replace("_", " ")}"/>' for c in COLORS.split()),
+    *(f'<rect x="1" width="{side}"/>' for side in SIDES.split()),
+    *(f'<g opacity="{share}"/>' for share in (".5", "50%", "1.5", "-1")),
+    *(f'<g transform="{t}"/>' for t in ("rotate(5,1 2)scale(2)", "matrix(1 0 0 1 2-3)", "")),
+    '<g style="transform:matrix(1,.1,.2,1,3,4)"/>', '<g style="transform:scale(.5, 2)"/>',
+    '<g transform-origin="4 4" transform="rotate(5)"/>',
+    '<g style="transform-origin:4px 4px" transform="rotate(5)"/>',
+    '<g style="filter:blur(2px) saturate(30%);mix-blend-mode:multiply;isolation:isolate"/>',
+    '<g style="display:inline;overflow:visible;enable-background:new;-inkscape-stroke:none"/>',
+    '<g style="font:12px x;text-anchor:middle;cursor:pointer;--a:1"/>', '<rect style=""/>',
+    '<g style="fill:red;;stroke:#000 !important; "/>', '<g style="/* a */fill:/* b */red"/>',
+    '<g style="font-family:\'A\\\'s\';fill:red"/>', '<rect style="fill:var(--x);fill:red"/>',
+    '<g data-x="f(" aria-label="(\\)" background="red" content="\\(" rotate="9deg" zoom="2"/>',
+    '<text style="fill:var(--x)" x="1vw">a</text>', '<foo fill="lab(1 2 3)" xmlns="urn:a"/>',
+    '<path d="M0 0junk" marker-end="url(#a)"/>', '<rect stroke-dasharray="1 2,3" rx="2"/>',
+    '<use href="#a"/>', '<symbol viewBox="0 0 8 8"/>', '<switch><g systemLanguage="en"/></switch>',
+    '<filter id="a" x="-50%"><feGaussianBlur stdDeviation="2 1"/></filter><g filter="url(#a)"/>',
+    '<mask style="mask-type:luminance"/>', '<linearGradient href="#a" spreadMethod="reflect"/>',
+    '<pattern width="1" height="1" patternContentUnits="objectBoundingBox"/>',
+    data("PNG", "image/png"), data("JPEG", "image/jpg"), data("WEBP", "image/webp"),
+    data("PNG", ""), data("GIF", "IMAGE/GIF"), data("JPEG", "image/jpeg", exif=orientation(1)),
+    data("WEBP", "image/webp", exif=orientation(6)), data("PNG", "image/png;charset=utf-8"),
+    *(f"<style>{rule}{{fill:red}}</style>{STYLED}" for rule in (
+        "path", ".b", "*", ".a .b", ".a > path", "path + circle", ".b.c", "[class]",
+        '[class~="c"]', "path:first-child", ".b, .c", ".b:hover", ".b::before", ":root .none",
+        ".none:nth-child(2) i", "text:nth-child(2)", ".md\\:b", "@media print{.b",
+        "@media (prefers-color-scheme:dark){.b")),
+    f"<style>@font-face{{src:url(data:font/woff,)}} @keyframes k{{to{{fill:red}}}}</style>{STYLED}",
+    f"<style>:root{{--x:red}} .b{{fill:blue}} text{{fill:var(--x)}}</style>{STYLED}<text/>",
+    f"<style>.b{{fill:red!important}} .none{{fill:blue!important}}</style>{STYLED}",
+    f"<style><![CDATA[/* a */.b{{fill:red}}]]></style>{STYLED}",
+    f'<style type="text/less">.b{{fill:var(--x)}}</style>{STYLED}',
+]  # fmt: skip
+OTHERWISE = {
+    **{f'<rect fill="{c.replace("_", " ")}"/>': "fill" for c in OTHER_COLORS.split()},
+    **{f'<rect style="fill:{c.replace("_", " ")}"/>': "fill: " for c in OTHER_COLORS.split()},
+    **{f'<rect width="{side}"/>': f'width="{side}" on <rect>' for side in (
+        "8.", "8PX", "5Q", "1rem", "20vw", "2ex", "calc(...)", "12345678")},
+    **{f'<g style="{css}"/>': css.partition(":")[0] for css in (
+        "transform:rotate(9deg)", "transform:translate(1px,2px)", "transform:matrix(1 0 0 1 2 3)",
+        "rotate:9deg", "scale:2", "translate:1px", "offset-path:path('M0 0')", "all:unset",
+        "transform-box:fill-box", "clip-path:circle(2px)", "mix-blend-mode:plus-lighter",
+        "vector-effect:non-scaling-stroke", "image-rendering:pixelated", "display:contents",
+        "-webkit-filter:blur(2px)", "outline:2px solid red", "color-interpolation:linearRGB",
+        "bogus:x")},
+    **{f'<rect style="{css}"/>': css.partition(":")[0] for css in ("width:8px", "x:1px", "rx:2px")},
+    '<path style="d:path(\'M0 0\')"/>': "d: path(...) on <path>",
+    '<circle style="r:2px"/>': "r: 2px on <circle>",
+    '<g style="--x:1;fill:red"/>': "fill: red", '<g style="FILL:red"/>': "fill: red",
+    '<g style="font:12px/1 x;fill:red"/>': "fill: red", '<g style="f\\69ll:red"/>': "fill: red",
+    '<g style="fill:red stroke:#000"/>': "fill", '<g transform="translate(1,)"/>': "transform",
+    '<rect xmlns="" width="8"/>': "<rect> without a namespace", '<feTile/>': "<feTile>",
+    '<symbol width="8"/>': "width", '<path pathLength="9"/>': "pathLength",
+    '<rect marker-end="url(#a)"/>': "marker-end", '<use href="#a%20b"/>': "href",
+    '<marker orient="auto"/><path d="M0 0h8z" marker-end="url(#a)"/>': "markers on a closed path",
+    '<pattern width="2" height="2"/>': "<pattern>", '<rect xlink:fill="red"/>': "fill",
+    '<g filter="url(#none)"/>': "a missing filter", '<switch><title/><g/></switch>': "<title> in",
+    '<feColorMatrix type="saturate" values="3"/>': "a saturation above 1",
+    '<g transform="rotate(9)"/><feOffset/>': "<feOffset> beside a rotation",
+    data("PNG", "image/jpeg"): "a PNG declared as image/jpeg", data("GIF", "img/gif"): "a GIF decl",
+    data("JPEG", "image/jpeg", exif=orientation(6)): "a JPEG with an orientation",
+    data("PNG", "image/png", exif=orientation(3)): "a PNG with an orientation",
+    **{f"<style>{rule}{{fill:red}}{'}' * rule.count('{')}</style>{STYLED}": part for rule, part in {
+        ".b:nth-of-type(2)": "the selector", ".b:not(.c)": "the selector", ":root": "the selector",
+        ".b:is(.c)": "the selector", ".c ~ path": "the selector", "[class^=b]": "the selector",
+        ".b:last-child": "the selector", "@media screen{.b": "@media screen",
+        "@layer x{.b": "@layer x", "@supports (fill:red){.b": "@supports (fill:red)",
+        ".a{.b": "nested rules", ".\\62 ": "escapes in a selector"}.items()},
+    f"<style>.b{{fill:var(--x)}}</style>{STYLED}": "fill: var(...)",
+    f"<style>circle{{r:2px}}</style>{STYLED}": "r: 2px",
+    f"<style>.b{{fill:red!important}} .c{{fill:blue!important}}</style>{STYLED}": "!important more",
+    f"<style>.a .b{{fill:red}}</style>{STYLED}<use/>": "the selector .a .b beside <use>",
+    f'<style media="print">.b{{fill:red}}</style>{STYLED}': 'media="print" on <style>',
+    f'<style type="text/CSS">.b{{fill:red}}</style>{STYLED}': 'type="text/CSS" on <style>',
+    f"<style>.b{{fill:{'f(' * 9000}</style>{STYLED}": "fill: (",
+    f"<g style=\"fill:{'f(' * 9000}\"/>": "fill: (", '<rect width="8 "/>': 'width="8"',
+    f"<style>{' ' * 1_000_001}</style>": "style sheets of more than 1000 kB",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("body", RIGHT)
+def test_what_resvg_draws_as_browsers_do_has_no_remark(body):
+    closing = "}" * (body.count("{") - body.count("}"))
+    assert remarks(body.replace("</style>", f"{closing}</style>")) == ()
+
+
+@pytest.mark.parametrize("body", OTHERWISE)
+def test_what_is_not_known_to_be_drawn_right_is_named(body):
+    first, *_ = remarks(body)
+    assert OTHERWISE[body] in first
+
+
+@pytest.mark.parametrize(
+    ("root", "remark"),
+    [
+        ('width="100vw" style="width:9vw;max-width:8px;background:#fff;display:block"', None),
+        ('fill="red" opacity=".5" x="1vw" transform="translate(0,0)" background="red"', None),
+        ('transform="scale(.5)"', "transform"),
+        ('style="padding:1px"', "padding"),
+        ('style="background:red"', "background"),
+        ('display="none"', "display"),
+    ],
+)
+def test_root_is_stretched_and_is_a_box(root, remark):
+    found = remarks("", root)
+    assert len(found) == (remark is not None)
+    assert all(remark in each for each in found)
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+@pytest.mark.parametrize("form", ["gradient", "blur"])
+@pytest.mark.parametrize(
+    "document",
+    [
+        Document(),
+        Document(animate=2, fragments=True, alt="var(--x) {"),
+        Document(size="120mm", aspect="xMidYMid slice"),
+        Document(size="responsive"),
+    ],
+)
+def test_our_own_files_have_no_remark(document, form, markup):
+    if markup == "minimal" and (form == "blur" or document.layered):
+        pytest.skip("minimal markup has neither")
+    scene = random_scene(60, 80, 60, seed=3)
+    assert Survey(write_svg(scene, SvgFormat(form=form, markup=markup), document)).remarks == ()
+
+
+@pytest.mark.parametrize(
+    "options", [{"inks": 3}, {"blend": "add"}, {"inks": 2, "markup": "minimal"}]
+)
+def test_files_of_runs_have_no_remark(options, photo):
+    svg = vectorize(photo[:32, :48], gaussians=20, iterations=10, **options).svg
+    assert Survey(svg).remarks == ()
+
+
+def test_remarks_are_few_and_short():
+    many = "".join(f'<g fill="{k} {"x" * 999}"/>' for k in itertools.chain(range(999)))
+    found = remarks(many)
+    assert len(found) == 20
+    assert max(map(len, found)) < 100
+    assert np.unique(found).size == 20
