@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
 from PIL import Image, ImageColor
+from PIL.ExifTags import Base
 
 from gauss2svg.svg.css import Css, Declaration, css_of, rules_of, text_of
 from gauss2svg.svg.file import SVG
@@ -94,7 +96,7 @@ _PROPERTIES = {
     "stroke-miterlimit": _SHARE,
     **_each("fill-rule clip-rule", "nonzero|evenodd"),
     **_each("clip-path mask", rf"none|{_URL}"),
-    **_each("marker marker-start marker-mid marker-end", "none"),  # with exceptions below
+    **_each("marker marker-start marker-mid marker-end", "none"),  # see _EXCEPTIONS
     "filter": rf"none|{_URL}|{_FUNCTIONS}",
     "display": "none|inline|block|inline-block|flex",
     "visibility": "visible|hidden|collapse",
@@ -409,9 +411,7 @@ def picture_remark(picture: Image.Image, data: bytes, declared: str) -> str | No
     types = [f"image/{each}" for each in _MEDIA_TYPES[kind]]
     if media_type not in ("", "text/plain", *types):
         return f"a {kind} declared as {media_type[:40]}"
-    exif = Image.Exif()
-    exif.load(info.get("exif") or b"")
-    if kind != "WEBP" and exif.get(274, 1) != 1:  # 274 is the tag of the orientation
+    if kind != "WEBP" and _is_turned(info.get("exif") or b""):
         return f"a {kind} with an orientation"
     if picture.mode == "CMYK" or (kind == "JPEG" and info.get("adobe_transform") == 0):
         return f"a {kind} in CMYK or without luminance"
@@ -422,6 +422,13 @@ def picture_remark(picture: Image.Image, data: bytes, declared: str) -> str | No
     if b"sRGB" not in profile.replace(b"\0", b"") or has_gamma or b"cICP" in data[:1000]:
         return f"a {kind} with colours other than sRGB"
     return None
+
+
+def _is_turned(content: bytes) -> bool:
+    exif = Image.Exif()
+    with suppress(Exception):  # broken data may raise any exception, and browsers ignore them
+        exif.load(content)
+    return exif.get(Base.Orientation, 1) in range(2, 9)
 
 
 @lru_cache(maxsize=1024)

@@ -101,7 +101,7 @@ class Survey:
                 # The href of an <a> is allowed, because it is loaded only if someone clicks on it.
                 if (local, link) != ("a", "href"):
                     self._add_picture(value.strip())
-            elif key in _PAINTS and ("(" in value or "\\" in value or key == "style"):
+            elif link in _PAINTS and ("(" in value or "\\" in value or link == "style"):
                 _check_css(value)
 
     def end(self, _tag: str) -> None:

@@ -71,6 +71,7 @@ RIGHT = [
     '<pattern width="1" height="1" patternContentUnits="objectBoundingBox"/>',
     data("PNG", "image/png"), data("JPEG", "image/jpg"), data("WEBP", "image/webp"),
     data("PNG", ""), data("GIF", "IMAGE/GIF"), data("JPEG", "image/jpeg", exif=orientation(1)),
+    data("JPEG", "image/jpeg", exif=b"Exif\0\0broken"),
     data("WEBP", "image/webp", exif=orientation(6)), data("PNG", "image/png;charset=utf-8"),
     *(f"<style>{rule}{{fill:red}}</style>{STYLED}" for rule in (
         "path", ".b", "*", ".a .b", ".a > path", "path + circle", ".b.c", "[class]",
