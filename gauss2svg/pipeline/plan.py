@@ -108,8 +108,8 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
     time_limit  time limit in s, or None
     inks        whether the shapes are opaque ellipses in a few inks
     """
-    usual, finest = PRESETS[DEFAULT_PRESET], PRESETS["max"]
-    side, caps = finest.max_size, [MOST_GAUSSIANS]
+    usual, finer, finest = PRESETS[DEFAULT_PRESET], PRESETS["high"], PRESETS["max"]
+    side, caps, steps = finest.max_size, [MOST_GAUSSIANS], usual.iterations
     if time_limit is not None:
         caps.append(int(MOST_GAUSSIANS_A_SECOND * time_limit))
     if max_bytes is not None:
@@ -117,12 +117,16 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
         caps.append(max_bytes // least)
         square = math.sqrt(PIXELS_EACH_IN_LIMIT * max_bytes / BYTES_IN_LIMIT)
         side = round(min(max(square, usual.max_size), finest.max_size))
+        # A file of as many shapes as a preset allows is fitted in as many steps as by this preset.
+        share = (max_bytes / BYTES_IN_LIMIT - usual.cap) / (finer.cap - usual.cap)
+        steps += round(min(max(share, 0.0), 1.0) * (finer.iterations - steps))
     cap, loss = max(LEAST_CAP, min(caps)), usual.color_loss
     if max_bytes is not None:
         loss = COLOR_LOSS_IN_LIMIT
     return dataclasses.replace(
-        usual, gain=0.0, stop_psnr=NOTHING_TO_GAIN, cap=cap, max_size=side, color_loss=loss
-    )
+        usual, gain=0.0, stop_psnr=NOTHING_TO_GAIN, cap=cap, color_loss=loss, iterations=steps,
+        max_size=side,
+    )  # fmt: skip
 
 
 # Largest limit of bytes of a placeholder. In a search for a target, the option markup=auto means
