@@ -33,7 +33,7 @@ def smoothed(
     down = np.empty_like(plane, order="C")
     height, width = plane.shape
     radius = len(weights) - 1
-    rows, columns = _mirrored(height, radius), _mirrored(width, radius)
+    rows, columns = mirrored(height, radius), mirrored(width, radius)
     step = max(1, _BAND_VALUES // max(width, 1))
     for top in range(0, height, step):
         count = min(step, height - top)
@@ -78,7 +78,7 @@ def _weights(sigma: float, radius: int) -> tuple[float, ...]:
     return tuple(float(weight) for weight in (weights / weights.sum())[radius:])
 
 
-def _mirrored(length: int, radius: int) -> NDArray[np.intp]:
+def mirrored(length: int, radius: int) -> NDArray[np.intp]:
     """Return the indices that extend a line by its mirror image, by `radius` pixels at each end.
 
     The line has `length` pixels. For example, the indices are 1, 0, 0, 1, 2, 2, 1 if `length` is 3

@@ -1,0 +1,84 @@
+"""Properties of the local error of hue, and its twins in scikit-image and SciPy."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import uniform_filter
+from skimage import data
+from skimage.color import rgb2lab
+
+from gauss2svg.errors import InputError
+from gauss2svg.measure.hue import box_mean, chroma, local_hue_error
+
+RNG = np.random.default_rng(1)
+PHOTO = data.astronaut()[40:219, 150:335].astype(np.float32) / 255  # 185x179 px
+NOISE = RNG.normal(0, 0.05, PHOTO.shape)
+NOISY = np.float32(np.round(255 * np.clip(PHOTO + NOISE, 0, 1))) / 255  # 8 bits, as rasters have
+GREY = np.full((150, 80, 3), 0.5, np.float32)
+
+
+def test_a_and_b_are_those_of_scikit_image():
+    levels = np.array([0, 1, 5, 40, 128, 254, 255], np.float32) / 255
+    colors = np.stack(np.meshgrid(levels, levels, levels), axis=-1)
+    assert chroma(colors) == pytest.approx(rgb2lab(colors)[..., 1:], abs=0.02)
+    # Between the 256 levels the table of linear light has 16 steps.
+    between = RNG.random((50, 50, 3)).astype(np.float32) ** 4
+    assert chroma(between) == pytest.approx(rgb2lab(between)[..., 1:], abs=0.1)
+
+
+@pytest.mark.parametrize("window", [1, 3, 9, 13])
+@pytest.mark.parametrize("shape", [(1, 1), (2, 3, 5), (2, 9, 20), (40, 30), (1, 50)])
+def test_means_over_boxes_are_those_of_scipy(shape, window):
+    planes = RNG.standard_normal(shape).astype(np.float32)
+    expected = uniform_filter(planes, window, axes=(-2, -1))
+    assert box_mean(planes, window) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("size", [(179, 185), (150, 20), (5, 7), (1, 1)])
+def test_the_error_is_that_of_the_definition(size):
+    photo, image = (picture[: size[0], : size[1]] for picture in (PHOTO, NOISY))
+    a, b = np.moveaxis(rgb2lab(image) - rgb2lab(photo), 2, 0)[1:]
+    errors = np.hypot(uniform_filter(a, 9), uniform_filter(b, 9))
+    error = local_hue_error(image, photo)
+    assert error.worst == pytest.approx(errors.max(), abs=0.02)
+    assert errors[error.y, error.x] == pytest.approx(errors.max(), abs=0.02)
+    assert error.percentile == pytest.approx(np.percentile(errors, 99.9), abs=0.02)
+
+
+def test_a_lost_dot_is_found_at_its_place_and_the_more_the_larger_it_is():
+    assert local_hue_error(PHOTO, PHOTO).worst == 0
+    worst = [0.0]
+    for side in (1, 3, 9):
+        photo = GREY.copy()
+        photo[130 : 130 + side, 50 : 50 + side] = 0.8, 0.2, 0.2
+        error = local_hue_error(GREY, photo)
+        middle = 50 + side // 2, 130 + side // 2
+        assert np.abs(np.subtract((error.x, error.y), middle)).max() <= 4
+        worst.append(error.worst)
+    assert worst == sorted(worst)
+    assert worst[1] < 2  # one px
+    assert worst[3] > 50
+    assert local_hue_error(0.9 * GREY, GREY).worst < 0.1  # only the lightness differs
+
+
+def test_an_edge_that_is_a_pixel_off_counts_much_less_than_a_part_without_its_color():
+    photo = GREY.copy()
+    photo[:, 40:] = 0.2, 0.2, 0.8
+    off = local_hue_error(np.roll(photo, 1, axis=1)[:, 20:60], photo[:, 20:60])
+    assert off.worst < local_hue_error(GREY, photo).worst / 8
+
+
+def test_of_a_transparent_photo_the_worse_error_of_over_white_and_over_black_counts():
+    photo = np.dstack([GREY, np.ones(GREY.shape[:2], np.float32)])
+    image = photo.copy()
+    image[20:40, 20:40] = 1, 1, 0, 0.5  # grey over no backdrop
+    over = [
+        local_hue_error(image[..., :3] * image[..., 3:] + (1 - image[..., 3:]) * level, GREY)
+        for level in (1, 0)
+    ]
+    assert local_hue_error(image, photo) == max(over)
+    assert over[0].worst != over[1].worst
+
+
+def test_pictures_of_different_shape_are_refused():
+    with pytest.raises(InputError, match="of one shape"):
+        local_hue_error(GREY, GREY[:-1])
