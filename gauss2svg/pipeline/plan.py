@@ -118,8 +118,8 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
         square = math.sqrt(PIXELS_EACH_IN_LIMIT * max_bytes / BYTES_IN_LIMIT)
         side = round(min(max(square, usual.max_size), finest.max_size))
         # A file of as many shapes as a preset allows is fitted in as many steps as by this preset.
-        share = (max_bytes / BYTES_IN_LIMIT - usual.cap) / (finer.cap - usual.cap)
-        steps += round(min(max(share, 0.0), 1.0) * (finer.iterations - steps))
+        counts, numbers = (usual.cap, finer.cap), (usual.iterations, finer.iterations)
+        steps = round(float(np.interp(max_bytes / BYTES_IN_LIMIT, counts, numbers)))
     cap, loss = max(LEAST_CAP, min(caps)), usual.color_loss
     if max_bytes is not None:
         loss = COLOR_LOSS_IN_LIMIT
