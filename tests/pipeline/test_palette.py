@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 from scenes import random_scene, random_sum
 
+from gauss2svg.measure.hue import local_hue_error
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.export import Exporter
+from gauss2svg.pipeline.hues import LARGEST_CHANGE
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.palette import best_palette, quantize
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render import render
+from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.svg.forms import is_plain
 from gauss2svg.svg.write import write_svg
@@ -45,6 +48,24 @@ def test_a_palette_serves_what_shows_within_its_size_and_the_error_allowed():
     assert counts == sorted(counts)
     assert missed(weight, 50, 0.5)[1] <= 50
     assert missed(weight, 2000, 1e-9)[1] == len(np.unique(np.round(color * 255), axis=0))
+
+
+@pytest.mark.parametrize("given", [{"color_error": 8e-4}, {"palette": 24}])
+def test_the_only_red_thing_keeps_its_hue_at_every_size(given):
+    """A few small shapes of another hue among many keep it, whatever the picture's size is."""
+    rng = np.random.default_rng(1)
+    greys = np.repeat(rng.uniform(0.2, 0.8, (900, 1)), 3, axis=1) * [1.0, 0.97, 0.9]
+    mean, sigma = rng.uniform(0, [300, 200], (900, 2)), rng.uniform(2.0, 20.0, (900, 2))
+    greys[-6:], mean[-6:], sigma[-6:] = [0.7, 0.3, 0.25], [150, 100] + rng.normal(0, 3, (6, 2)), 2.5
+    zero, one = np.zeros(900), np.ones(900)
+    scene = Scene(300, 200, mean, sigma, zero, greys, one, background=[0.5, 0.5, 0.45])
+    for scale in (1, 5):
+        once = quantize(scene.scaled(scale, scale), **given).scaled(1 / scale, 1 / scale)
+        colors = len(np.unique(np.column_stack([once.beta, once.color]), axis=0))
+        assert colors <= given.get("palette", 300)
+        assert local_hue_error(render(once), render(scene)).worst < LARGEST_CHANGE + 2
+        if "palette" in given:
+            assert (quantize(once, **given).color == once.color).all()
 
 
 def test_quantization_changes_nothing_but_exponents_extents_and_colours():
