@@ -110,7 +110,8 @@ class Placeholder:
         the loaded photo, so an onload attribute removes it.
         """
         color = "" if self.transparent else f"{self.color} "
-        style = f'max-width:100%;height:auto;background:{color}url("{self.data_uri}") 0 0/100% 100%'
+        # If object-fit: cover crops the photo, center/cover crops the placeholder alike.
+        style = f'max-width:100%;height:auto;background:{color}url("{self.data_uri}") center/cover'
         gone = " onload=\"this.style.background='none'\"" if self.transparent else ""
         shown = f'src="{_in_attribute(source)}" alt="{_in_attribute(alt)}"'
         size = f'width="{self.width}" height="{self.height}"'

@@ -55,6 +55,28 @@ def attributes_text(attributes: Mapping[str, str]) -> str:
     return "".join([f' {name}="{value}"' for name, value in attributes.items()])
 
 
+def clipped(
+    body: Sequence[Element],
+    mean: NDArray[np.float64],
+    half: NDArray[np.float64],
+    canvas: ArrayLike,
+    **attributes: str,
+) -> Sequence[Element]:
+    """Return `body`, in an inner <svg> if a shape reaches beyond the canvas.
+
+    If the box of a picture has other proportions than its view box, browsers also show what lies
+    beside the view box. An inner <svg> covers the view box and clips what it contains
+    (docs/decisions/svg.md).
+
+    mean, half  (n, 2) centres of the shapes, and half of the sides of the boxes around them
+    canvas      width and height, in the same unit
+    attributes  attributes of the inner <svg>
+    """
+    if not ((mean < half) | (mean + half > canvas)).any():
+        return body
+    return [Element("svg", body, **attributes)]
+
+
 def unless(default: str, value: str) -> str | None:
     """Return `value`, or None if it is the default of its attribute and need not be written."""
     return None if value == default else value

@@ -47,7 +47,16 @@ from numpy.typing import ArrayLike, NDArray
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg import INKS, Document, SvgFormat, round_id
-from gauss2svg.svg.element import Element, check_view, hex_color, number, short_id, unless, writable
+from gauss2svg.svg.element import (
+    Element,
+    check_view,
+    clipped,
+    hex_color,
+    number,
+    short_id,
+    unless,
+    writable,
+)
 from gauss2svg.svg.forms import BLURS, CLEAR, Blur, drawn_blurs, drawn_radius, is_plain, snapped
 from gauss2svg.svg.stops import Floats, gradient_stops
 
@@ -140,7 +149,15 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     rounds = rounds_of(shapes, scene)
     layers = ink_layers(rounds) if svg_format.layers == INKS else round_layers(rounds)
     view, sheet = sides_of(scene, svg_format.precision, 6), document.style([k for k, _ in rounds])
-    return Drawing(view, len(shapes), definitions, [*_background(scene), *layers], sheet)
+    radius[blurred] *= [1 + CLEAR * BLURS[k].deviation for k in blur[blurred]]
+    written = [i for i, _ in shapes]
+    half = radius[written, None] * scene.sigma[written]
+    # In Inkscape, a click would select all that the inner <svg> contains if it were no layer.
+    body = clipped(
+        [*_background(scene), *layers], scene.mean[written], half, (scene.width, scene.height),
+        **{"inkscape:groupmode": "layer"},
+    )  # fmt: skip
+    return Drawing(view, len(shapes), definitions, body, sheet)
 
 
 def rounds_of(drawn: Sequence[tuple[int, Element]], scene: Scene) -> list[Round]:

@@ -1,8 +1,10 @@
 """Minimal markup: short SVG text in which everything is needed to draw the picture.
 
-    <svg xmlns=".." viewBox="0 0 64 43"><defs> falloffs </defs><path fill="#abc" d="M0 0h64v43H0"/>
-    <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg>
+    <svg xmlns=".." viewBox="0 0 64 43"><defs> falloffs </defs><svg>
+    <path fill="#abc" d="M0 0h64v43H0"/>
+    <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg></svg>
 
+The inner <svg> clips shapes that reach beyond the view box. Other files do without it.
 Coordinates are whole numbers of user units (gauss2svg.svg.minimal_shapes). Crisp shapes are arcs of
 a path. If there are at most MOST_MASKED soft shapes, all soft shapes with the same exponent share
 one masked circle, so that each colour needs only a few bytes. The stops of the mask are greys,
@@ -47,7 +49,15 @@ from gauss2svg.errors import instance
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg import DEFAULT_TITLE, STOP_COUNTS, Document
-from gauss2svg.svg.element import Element, attributes_text, hex_color, number, short_id, unless
+from gauss2svg.svg.element import (
+    Element,
+    attributes_text,
+    clipped,
+    hex_color,
+    number,
+    short_id,
+    unless,
+)
 from gauss2svg.svg.minimal_shapes import OPACITY_DIGITS, Shapes, color_levels, path_data, shapes_of
 from gauss2svg.svg.stops import gradient_stops, grey_stops
 
@@ -99,16 +109,21 @@ def minimal_svg(
     document.check_without_layers("minimal markup", "which has no layers", "--markup editable")
     shapes = shapes_of(scene, unit, digits, opacity_decimals, masked)
     width, height = (_view_side(side, unit) for side in (scene.width, scene.height))
-    named, cover = _title_and_desc(document), []
+    named, cover, sides = _title_and_desc(document), [], np.array([float(width), float(height)])
+    a, b, d = shapes.factor.T
+    mean, half = shapes.mean, np.stack([a, np.hypot(b, d)], axis=1)
     if not scene.transparent:
-        across, down = (number(math.ceil(float(side)), 0) for side in (width, height))
+        whole = np.ceil(sides)
+        across, down = (number(side, 0) for side in whole)
         fill = _fill(color_levels(scene.background, digits))
         cover = [Element("path", fill=fill, d=f"M0 0h{across}v{down}H0")]
+        mean, half = np.vstack([mean, 0.5 * whole]), np.vstack([half, 0.5 * whole])
     definitions, drawn = _drawing(shapes, opacity_decimals, stops)
     defs = [Element("defs", definitions)] if definitions else []
     root = {"xmlns": "http://www.w3.org/2000/svg", **_size_and_aspect(document, scene, unit)}
     root |= {"role": "img" if named else None, "viewBox": f"0 0 {width} {height}"}
-    return Element("svg", [*named, *defs, *cover, *drawn], **root).text()
+    body = clipped([*cover, *drawn], mean, half, sides)
+    return Element("svg", [*named, *defs, *body], **root).text()
 
 
 def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:

@@ -4,9 +4,8 @@ A plate shows where one ink is printed. For example, a scene has yellow ellipses
 them, and yellow ellipses on top. These are three groups in two inks. The yellow plate has both
 yellow groups in black, and between them the blue group in white.
 
-An outline is a stroke along the contour at which the falloff of a shape is 1/2. If there are pens,
-strokes are cut at the edges of the page, and each stroke is drawn by the pen whose colour is
-nearest:
+An outline is a stroke along the contour at which the falloff of a shape is 1/2, cut at the edges of
+the page. If there are pens, each stroke is drawn by the pen whose colour is nearest:
 
     <g inkscape:label="1 #c0322c" stroke="#c0322c"> <ellipse cx="90" cy="40" rx="8" ry="3"/>
       <path d="M0 12.5A31 20 15 0 1 22.1 0"/> .. </g>
@@ -51,7 +50,7 @@ def encode_outlines(
     stroke_width = Field("stroke_width", float, *STROKE_WIDTHS).checked(stroke_width)
     width = number(stroke_width, STROKE_DECIMALS)
     if pens is None:
-        shapes, root = outlines(scene), {"fill": "none", "stroke-width": width}
+        shapes, root = outlines(scene, float(width)), {"fill": "none", "stroke-width": width}
         rounds = rounds_of(shapes, scene)
         sheet = document.style([index for index, _ in rounds])
         return Drawing(sides_of(scene), len(shapes), [], round_layers(rounds), sheet, root)
@@ -60,7 +59,8 @@ def encode_outlines(
     mm_per_px = document.mm_each(scene.width)
     on_paper = scene.scaled(mm_per_px)
     layers, strokes = [], 0
-    for at, (pen, inside) in enumerate(pen_strokes(on_paper, count), start=1):
+    strokes_by_pen = pen_strokes(on_paper, count, float(width) * mm_per_px)
+    for at, (pen, inside) in enumerate(strokes_by_pen, start=1):
         label, strokes = f"{at} {pen}: {len(inside)} strokes", strokes + len(inside)
         layers.append(layer(label, inside, id=f"pen-{at}", stroke=pen))
     root = {"fill": "none", "stroke-width": number(float(width) * mm_per_px, STROKE_DECIMALS + 1)}
@@ -68,16 +68,17 @@ def encode_outlines(
     return Drawing(view, strokes, [], layers, root=root, size=f"{view[0]}mm")
 
 
-def outlines(scene: Scene) -> list[tuple[int, Element]]:
-    """Return for each shape its index and an <ellipse> whose stroke has the colour of the shape.
+def outlines(scene: Scene, stroke_width: float) -> list[tuple[int, Element]]:
+    """Return for each shape its index and an element whose stroke has the colour of the shape.
 
-    A shape is left out if its extent or opacity would be written as 0. It is also left out if it is
-    off the canvas and its numbers are too large (gauss2svg.svg.element.writable).
+    The element is an <ellipse>, or a path of the arcs that are on the page. A shape is left out if
+    none of it is on the page, or if its extent or opacity would be written as 0. It is also left
+    out if it is off the canvas and its numbers are too large (gauss2svg.svg.element.writable).
     """
     radius = half_radius(scene.beta)
     axes, angle_rad = scene.ellipse_axes
     radii, angles = axes * radius[:, None], np.degrees(angle_rad)
-    levels = np.round(scene.color * 255).astype(int)
+    levels, matrices = np.round(scene.color * 255).astype(int), scene.factor * radius[:, None, None]
     drawn = []
     # A shape is left out if its opacity is under 0.005, because two decimals round this to 0.
     for i in np.flatnonzero(writable(scene, radius, 1.0) & (scene.opacity >= 0.005)).tolist():
@@ -88,18 +89,19 @@ def outlines(scene: Scene) -> list[tuple[int, Element]]:
         turn = None if angle == "0" or rx == ry else f"rotate({angle} {x} {y})"
         stroke = hex_color(levels[i])
         ellipse = Element("ellipse", cx=x, cy=y, rx=rx, ry=ry, stroke=stroke, transform=turn)
-        drawn.append((i, ellipse))
+        parts = _on_page(ellipse, matrices[i], scene.mean[i], scene, 0.5 * stroke_width)
+        drawn += [(i, part) for part in parts]
     return drawn
 
 
-def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
+def pen_strokes(scene: Scene, count: int, stroke_width: float) -> list[tuple[str, list[Element]]]:
     """Return up to `count` pens, each with its colour #rrggbb and its strokes.
 
     The pens are in the order from the lightest to the darkest colour. Their colours are chosen by
     gauss2svg.scene.inks.inks_of from the colours of the shapes. The strokes of a pen are those of
-    `outlines`, cut at the sides of the page, in the order from bottom to top.
+    `outlines`, in the order from bottom to top.
     """
-    drawn = outlines(scene)
+    drawn = outlines(scene, stroke_width)
     if not drawn:
         return []
     color = scene.color[[i for i, _ in drawn]]
@@ -114,32 +116,36 @@ def pen_strokes(scene: Scene, count: int) -> list[tuple[str, list[Element]]]:
     entry = nearest_entry(ink_colors(pens), color)[1]
     pens = pens.split(",")
     strokes: list[list[Element]] = [[] for _ in pens]
-    matrices = scene.factor * half_radius(scene.beta)[:, None, None]
-    for (i, ellipse), pen in zip(drawn, entry.tolist(), strict=True):
-        strokes[pen] += _on_page(ellipse.replace(stroke=None), matrices[i], scene.mean[i], scene)
+    for (_, stroke), pen in zip(drawn, entry.tolist(), strict=True):
+        strokes[pen].append(stroke.replace(stroke=None))
     return [(pen, inside) for pen, inside in zip(pens, strokes, strict=True) if inside]
 
 
-def _on_page(ellipse: Element, matrix: Floats, center: Floats, scene: Scene) -> list[Element]:
+def _on_page(
+    ellipse: Element, matrix: Floats, center: Floats, scene: Scene, margin: float
+) -> list[Element]:
     """Return the part of an ellipse that is on the page, as an element. Return [] if there is none.
 
-    The points of the ellipse are center + matrix (cos t, sin t). It crosses a side x = k of the
-    page where m11 cos t + m12 sin t = k - center_x. The solutions of this equation are
+    The part ends at a distance of `margin` from the sides of the page. This is half of the width of
+    the stroke, so that no ink is beside the page.
+
+    The points of the ellipse are center + matrix (cos t, sin t). It crosses a line x = k where
+    m11 cos t + m12 sin t = k - center_x. The solutions of this equation are
 
     t = atan2(m12, m11) +- acos((k - center_x) / hypot(m11, m12)).
     """
-    page = np.array([scene.width, scene.height])
+    last = np.array([scene.width, scene.height]) - margin
     crossings: list[float] = []
-    for (along, across), at, side in zip(matrix, center, page, strict=True):
+    for (along, across), at, end in zip(matrix, center, last, strict=True):
         reach, middle = math.hypot(along, across), math.atan2(across, along)
-        for edge in (0.0, side):
+        for edge in (margin, end):
             if abs(edge - at) < reach:
                 half = math.acos((edge - at) / reach)
                 crossings += [(middle - half) % (2 * math.pi), (middle + half) % (2 * math.pi)]
     ends = np.sort(crossings) if crossings else np.zeros(1)
     ends = np.append(ends, ends[0] + 2 * math.pi)
     middles = _points(0.5 * (ends[1:] + ends[:-1]), matrix, center)
-    inside: NDArray[np.bool_] = np.all((middles >= 0) & (middles <= page), axis=1)
+    inside: NDArray[np.bool_] = np.all((middles >= margin) & (middles <= last), axis=1)
     if inside.all():
         return [ellipse]
     turn = ellipse.attributes.get("transform", "rotate(0").removeprefix("rotate(").split()[0]
@@ -147,10 +153,10 @@ def _on_page(ellipse: Element, matrix: Floats, center: Floats, scene: Scene) -> 
     for k in np.roll(np.arange(len(inside)), -1)[np.roll(inside, -1)]:
         pieces = math.ceil((ends[k + 1] - ends[k]) / _PIECE_RAD)
         angles = np.linspace(ends[k], ends[k + 1], pieces + 1)
-        places = np.clip(_points(angles, matrix, center), 0, page)
+        places = np.clip(_points(angles, matrix, center), margin, last)
         texts = [" ".join(number(v, STROKE_DECIMALS) for v in place) for place in places]
         data += f"M{texts[0]}" + "".join(f"{arc} {text}" for text in texts[1:])
-    return [Element("path", d=data)] if data else []
+    return [Element("path", d=data, stroke=ellipse.attributes["stroke"])] if data else []
 
 
 def _points(t: Floats, matrix: Floats, center: Floats) -> Floats:

@@ -75,6 +75,8 @@ _EFFECTS |= {"translate", "rotate", "scale", "transform-origin", "transform-box"
 _EFFECTS |= {"zoom", "systemLanguage", "all"}
 _READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
 _OFF = {"none", "normal", "inherit", "visible"}
+# Attributes of an inner <svg> that clips the picture. With these values it covers the view box.
+_INNER = {"x": "0", "y": "0", "width": "100%", "height": "100%", "viewBox": "none"}
 # Matches the path that is the background in minimal markup.
 _COVER = re.compile(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0")
 # Once the blanks of a style sheet are removed, this matches each rule that write_svg writes into
@@ -127,7 +129,8 @@ def read_svg(
 class _State(NamedTuple):
     """The state that an element inherits from its ancestors.
 
-    onto  map from the user space of the element to px
+    onto    map from the user space of the element to px
+    in_svg  whether the parent is an <svg>: the root, or the inner one that clips the picture
     """
 
     onto: Affine
@@ -136,6 +139,7 @@ class _State(NamedTuple):
     opacity: float = 1.0
     round: int = 0
     depth: int = 0
+    in_svg: bool = False
 
 
 class _Shape(NamedTuple):
@@ -216,13 +220,17 @@ class _Reader:
                 state = state._replace(onto=compose(state.onto, (1.0, 0.0, 0.0, 1.0, x, y)))
                 children = [target_of(self._by_id, read_shapes.link_of(element), "circle", "use")]
             elif tag in ("svg", "g"):
+                for name, whole in _INNER.items() if tag == "svg" and parent.depth else ():
+                    if (value := attributes.get(name, whole)) != whole:
+                        raise refusal(f"its {name}", whole, quoted(value), "to undo what set it")
                 number = _round_of(element)
+                is_top = tag == "g" and state.in_svg
                 # If fill is the only attribute of a group, the group is from minimal markup, which
                 # has no rounds.
-                if number is None and state.depth == 1 and set(element.attrib) != {"fill"}:
+                if number is None and is_top and set(element.attrib) != {"fill"}:
                     number = self._shapes[-1].round + 1 if self._shapes else 0
                 state = state if number is None else state._replace(round=number)
-        state = state._replace(depth=state.depth + 1)
+        state = state._replace(depth=state.depth + 1, in_svg=tag == "svg")
         for child in children:
             self._visit(child, state)
 

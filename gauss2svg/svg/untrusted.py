@@ -90,7 +90,7 @@ class Survey:
             raise refusal("a style sheet", "of text alone", got, "to save it as plain SVG")
         self._in_sheet = local == "style"
         self.tags[name] += 1
-        self.layers += attributes.get(INKSCAPE + "groupmode") == "layer"
+        self.layers += name == "g" and attributes.get(INKSCAPE + "groupmode") == "layer"
         self._drawable.start(tag, attributes)
         if self._in_sheet:
             self._sheet_attributes = attributes

@@ -43,10 +43,10 @@ def test_a_file_has_its_size_names_background_and_a_layer_for_each_round_that_dr
     root = parse(write_svg(scene, document=Document(animate=2)))
     assert (root.get("width"), root.get("height"), root.get("role")) == ("70", "50", "img")
     assert root.get("viewBox") == "0 0 1750 1250"  # of 0.04 px
-    shapes = len(root.findall(f"{SVG}g/{SVG}circle"))
+    shapes = len(root.findall(f".//{SVG}g/{SVG}circle"))
     assert root[0].text == DEFAULT_TITLE
     assert root[1].text.startswith(f"{shapes} Gaussians, fitted and written by gauss2svg ")
-    layers = root.findall(SVG + "g")
+    layers = list(root.iter(SVG + "g"))
     assert [g.get("id") for g in layers] == ["round-1", "round-3"]
     assert [g.get(INKSCAPE + "groupmode") for g in layers] == ["layer"] * 2
     assert re.findall(r"#(round-\d)\{", root.findtext(SVG + "style")) == ["round-1", "round-3"]
@@ -55,7 +55,7 @@ def test_a_file_has_its_size_names_background_and_a_layer_for_each_round_that_dr
     fills = {circle.get("fill", "") for circle in root.iter(SVG + "circle")}
     used = {fill[5:-1] for fill in fills if not fill.startswith("#")}
     assert used == {gradient.get("id") for gradient in root.iter(SVG + "radialGradient")}
-    layers = parse(PLAIN).findall(SVG + "g")
+    layers = list(parse(PLAIN).iter(SVG + "g"))
     assert [len(g) for g in layers] == np.bincount(SCENE.round_index).tolist()
 
 

@@ -33,7 +33,7 @@ def saved_by_inkscape(before: Path, after: Path) -> None:
     ids = after.with_name("ids.svg")
     _inkscape(before, ids, "select-all")
     root = ElementTree.parse(ids).getroot()
-    layers = [g.get("id") for g in root if g.tag.endswith("}g")]
+    layers = [g.get("id") for g in root.iter("{http://www.w3.org/2000/svg}g")]
     circles = [c.get("id") for c in root.iter("{http://www.w3.org/2000/svg}circle")]
     ids.unlink()
     _inkscape(

@@ -1,0 +1,148 @@
+"""Properties of the clip: nothing is drawn beside the picture, and nothing else changes."""
+
+import base64
+import re
+from functools import partial
+
+import numpy as np
+import pytest
+from scenes import random_scene, random_sum
+from screens import drawn_in_pages
+
+from gauss2svg.raster import rasterize
+from gauss2svg.scene import BLURRED, PLAIN, Scene
+from gauss2svg.scene.falloff import covered_radius, cut_radius
+from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg.file import stretched
+from gauss2svg.svg.minimal import minimal_svg
+from gauss2svg.svg.read import read_svg
+from gauss2svg.svg.write import outline_svg, plate_svg, write_svg
+
+WIDTH, HEIGHT = 40, 30
+MINIMAL = SvgFormat(markup="minimal", precision=0.5)
+# What writes each kind of file that has a clip.
+CLIPPED = {
+    "gradient": write_svg,
+    "blur": partial(write_svg, svg_format=SvgFormat(form="blur")),
+    "animated": partial(write_svg, document=Document(animate=1.0, fragments=True)),
+    "slice": partial(write_svg, document=Document(aspect="xMidYMid slice")),
+    "transparent": lambda scene: write_svg(scene.replace(transparent=True)),
+    "inks": lambda scene: write_svg(in_inks(scene), SvgFormat(layers="inks")),
+    "plate": lambda scene: plate_svg(in_inks(scene), "#ff0000"),
+    "masks": partial(write_svg, svg_format=MINIMAL),
+    "sheet": partial(minimal_svg, unit=0.5, masked=False),
+    "arcs": lambda scene: write_svg(in_inks(scene), MINIMAL),
+    "clear arcs": lambda scene: write_svg(in_inks(scene).replace(transparent=True), MINIMAL),
+}
+# What writes each kind of file that needs no clip.
+OTHERS = {
+    "additive": lambda scene: write_svg(random_sum(len(scene), WIDTH, HEIGHT, 2)),
+    "outline": partial(outline_svg, stroke_width=3.0),
+    "pens": partial(outline_svg, stroke_width=3.0, pens=2),
+}
+
+
+def spilling(seed: int = 3) -> Scene:
+    """A scene of which shapes reach beyond all sides of the canvas."""
+    scene = random_scene(30, WIDTH, HEIGHT, seed, sigma=(3.0, 9.0))
+    edge = [[0, 15], [40, 15], [20, 0], [20, 30]]
+    mean = np.concatenate([edge, scene.mean[4:]])
+    return scene.replace(mean=mean, opacity=np.clip(scene.opacity, 0.6, 1))
+
+
+def in_inks(scene: Scene) -> Scene:
+    color = np.resize([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (len(scene), 3))
+    plain = scene.replace(color=color, opacity=np.ones(len(scene)), background=[0.0, 0.0, 1.0])
+    return plain.replace(drawn=np.full(len(scene), PLAIN), round_index=None)
+
+
+def without_clip(svg: str) -> str:
+    """The text of a file without its inner <svg>. Fails if there is not exactly one."""
+    bare, count = re.subn(
+        r'<svg(?: inkscape:groupmode="layer")?>(.*)</svg></svg>', r"\1</svg>", svg
+    )
+    assert count == 1
+    return bare
+
+
+@pytest.mark.parametrize("kind", CLIPPED)
+def test_the_clip_changes_neither_the_scene_that_is_read_nor_a_pixel_of_the_page(kind):
+    svg = CLIPPED[kind](spilling())
+    bare = without_clip(svg)
+    assert len(svg) - len(bare) in (11, 38)
+    one, other = read_svg(svg), read_svg(bare)
+    for name in ("mean", "sigma", "rho", "color", "opacity", "beta", "round_index", "background"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    if kind != "blur":  # which resvg does not draw
+        for scale in (1, 3):
+            drawn = (rasterize(text, scale * WIDTH, scale * HEIGHT) for text in (svg, bare))
+            np.testing.assert_array_equal(*drawn)
+
+
+@pytest.mark.parametrize("side", range(4))
+@pytest.mark.parametrize(
+    ("kind", "beta", "reach"),
+    [
+        ("gradient", 1.0, cut_radius(1.0)), ("blur", 1.0, 1.09458 * (1 + 3.5 / 1.4)),
+        ("masks", 1.0, cut_radius(1.0)), ("sheet", 1.0, cut_radius(1.0)),
+        ("arcs", 64.0, covered_radius(64.0)), ("inks", 64.0, covered_radius(64.0)),
+    ],
+)  # fmt: skip
+def test_a_file_has_a_clip_if_and_only_if_a_shape_reaches_beyond_the_page(kind, beta, reach, side):
+    sigma = 10.0 / float(reach)
+    for distance, clips in ((10.6, 0), (9.4, 1)):
+        mean = [[distance, 15], [40 - distance, 15], [20, distance], [20, 30 - distance]][side]
+        scene = Scene(
+            WIDTH, HEIGHT, [mean], [[sigma, sigma]], [0.0], [[1, 0, 0]], [0.5], beta=[beta],
+            drawn=[BLURRED if kind == "blur" else 0],
+        )  # fmt: skip
+        assert CLIPPED[kind](scene).count("<svg") == 1 + clips
+    assert CLIPPED[kind](scene.select([])).count("<svg") == 1
+
+
+def test_a_background_that_is_larger_than_the_page_is_clipped():
+    assert minimal_svg(Scene(40, 30), 1).count("<svg") == 1
+    assert minimal_svg(Scene(40, 30), 7).count("<svg") == 2
+
+
+@pytest.mark.parametrize("kind", ["outline", "pens"])
+def test_strokes_end_at_the_page_without_a_clip(kind):
+    svg = OTHERS[kind](spilling())
+    assert svg.count("<svg") == 1
+    width, height = map(float, re.search('viewBox="0 0 ([^"]*)"', svg)[1].split())
+    around = stretched(
+        svg.partition("?>\n")[2],
+        3 * WIDTH,
+        3 * HEIGHT,
+        f"-{width} -{height} {3 * width} {3 * height}",
+    )
+    drawn = rasterize(around, 3 * WIDTH, 3 * HEIGHT)
+    page = np.s_[HEIGHT : 2 * HEIGHT, WIDTH : 2 * WIDTH]
+    assert drawn[page].std() > 0.05
+    drawn[page] = 1
+    np.testing.assert_array_equal(drawn, 1)
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("kind", [*CLIPPED, *OTHERS])
+def test_beside_a_picture_a_browser_shows_the_page_alone(kind, browser):
+    svg = {**CLIPPED, **OTHERS}[kind](spilling())
+    uri = "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode()
+    box = "position:absolute;left:20px;width:240px;height:60px;"
+    root = re.sub(' (width|height)="[\\d.]+(mm)?"', "", svg.partition("?>\n")[2] or svg, count=2)
+    # A picture that fills its box by "slice" itself reaches beyond the box.
+    overflow, left = ("hidden", 20) if kind == "slice" else ("visible", 100)
+    inline = root.replace("<svg ", f'<svg style="{box}top:220px;overflow:{overflow}" ', 1)
+    places = (
+        f'<img style="{box}top:20px" src="{uri}">',
+        f'<div style="{box}top:120px;background:url({uri}) 0 0/100% 100%"></div>{inline}',
+    )
+    body = '<div style="position:absolute;inset:0;background:{}">{}</div>'
+    pages = {"#fff": (255.0, 255.0, 255.0), "#123": (17.0, 34.0, 51.0)}
+    screens = drawn_in_pages([body.format(name, "".join(places)) for name in pages], 280, 300)
+    for drawn, color in zip(screens, pages.values(), strict=True):
+        for top in (20, 120, 220):
+            picture = drawn[top : top + 60, left : 280 - left]
+            assert picture.std() > 5
+            picture[:] = color
+        np.testing.assert_array_equal(drawn, np.broadcast_to(color, drawn.shape))
