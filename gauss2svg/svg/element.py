@@ -59,7 +59,7 @@ def clipped(
     body: Sequence[Element],
     mean: NDArray[np.float64],
     half: NDArray[np.float64],
-    canvas: ArrayLike,
+    canvas: NDArray[np.float64],
     **attributes: str,
 ) -> Sequence[Element]:
     """Return `body`, in an inner <svg> if a shape reaches beyond the canvas.
@@ -69,7 +69,7 @@ def clipped(
     (docs/decisions/svg.md).
 
     mean, half  (n, 2) centres of the shapes, and half of the sides of the boxes around them
-    canvas      width and height, in the same unit
+    canvas      (2,) width and height, in the same unit
     attributes  attributes of the inner <svg>
     """
     if not ((mean < half) | (mean + half > canvas)).any():

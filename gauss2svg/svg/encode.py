@@ -152,11 +152,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     radius[blurred] *= [1 + CLEAR * BLURS[k].deviation for k in blur[blurred]]
     written = [i for i, _ in shapes]
     half = radius[written, None] * scene.sigma[written]
-    # In Inkscape, a click would select all that the inner <svg> contains if it were no layer.
-    body = clipped(
-        [*_background(scene), *layers], scene.mean[written], half, (scene.width, scene.height),
-        **{"inkscape:groupmode": "layer"},
-    )  # fmt: skip
+    body = clipped_layers([*_background(scene), *layers], scene, scene.mean[written], half)
     return Drawing(view, len(shapes), definitions, body, sheet)
 
 
@@ -186,6 +182,18 @@ def ink_layers(rounds: Sequence[Round]) -> list[Element]:
         label, key = f"Ink {name}: {len(inside)} ellipses", f"ink-{index + 1}"
         layers.append(layer(label, bare, fill=fill, id=key))
     return layers
+
+
+def clipped_layers(
+    body: Sequence[Element], scene: Scene, mean: Floats, half: Floats
+) -> Sequence[Element]:
+    """Return `body`, in an inner <svg> if a shape reaches beyond the canvas (`element.clipped`).
+
+    mean, half  (n, 2) centres of the shapes, and half of the sides of the boxes around them, in px
+    """
+    # The inner <svg> is a layer, because otherwise a click in Inkscape would select all of it.
+    as_layer = {"inkscape:groupmode": "layer"}
+    return clipped(body, mean, half, np.array([scene.width, scene.height]), **as_layer)
 
 
 def layer(label: str, inside: Sequence[Element], **attributes: str) -> Element:

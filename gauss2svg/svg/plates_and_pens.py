@@ -4,8 +4,9 @@ A plate shows where one ink is printed. For example, a scene has yellow ellipses
 them, and yellow ellipses on top. These are three groups in two inks. The yellow plate has both
 yellow groups in black, and between them the blue group in white.
 
-An outline is a stroke along the contour at which the falloff of a shape is 1/2, cut at the edges of
-the page. If there are pens, each stroke is drawn by the pen whose colour is nearest:
+An outline is a stroke along the contour at which the falloff of a shape is 1/2. If there are pens,
+strokes are cut at the edges of the page, and each stroke is drawn by the pen whose colour is
+nearest:
 
     <g inkscape:label="1 #c0322c" stroke="#c0322c"> <ellipse cx="90" cy="40" rx="8" ry="3"/>
       <path d="M0 12.5A31 20 15 0 1 22.1 0"/> .. </g>
@@ -25,7 +26,14 @@ from gauss2svg.scene.falloff import covered_radius, half_radius
 from gauss2svg.scene.inks import MOST_INKS, ink_colors, ink_name, inks_of, inks_of_scene
 from gauss2svg.svg import Document
 from gauss2svg.svg.element import Element, check_view, hex_color, number, writable
-from gauss2svg.svg.encode import Drawing, layer, round_layers, rounds_of, sides_of
+from gauss2svg.svg.encode import (
+    Drawing,
+    clipped_layers,
+    layer,
+    round_layers,
+    rounds_of,
+    sides_of,
+)
 from gauss2svg.svg.minimal_shapes import color_levels, colors_together, overlaps, projections
 from gauss2svg.without_scipy import nearest_entry
 
@@ -50,10 +58,12 @@ def encode_outlines(
     stroke_width = Field("stroke_width", float, *STROKE_WIDTHS).checked(stroke_width)
     width = number(stroke_width, STROKE_DECIMALS)
     if pens is None:
-        shapes, root = outlines(scene, float(width)), {"fill": "none", "stroke-width": width}
-        rounds = rounds_of(shapes, scene)
-        sheet = document.style([index for index, _ in rounds])
-        return Drawing(sides_of(scene), len(shapes), [], round_layers(rounds), sheet, root)
+        shapes, root = outlines(scene), {"fill": "none", "stroke-width": width}
+        rounds, index = rounds_of(shapes, scene), [i for i, _ in shapes]
+        sheet = document.style([k for k, _ in rounds])
+        half = (half_radius(scene.beta)[:, None] * scene.sigma)[index] + 0.5 * float(width)
+        body = clipped_layers(round_layers(rounds), scene, scene.mean[index], half)
+        return Drawing(sides_of(scene), len(shapes), [], body, sheet, root)
     count = Field("pens", int, 1, MOST_PENS).checked(pens)
     document.check_without_layers("pens", "whose layers are no rounds", "outlines without pens")
     mm_per_px = document.mm_each(scene.width)
@@ -68,17 +78,16 @@ def encode_outlines(
     return Drawing(view, strokes, [], layers, root=root, size=f"{view[0]}mm")
 
 
-def outlines(scene: Scene, stroke_width: float) -> list[tuple[int, Element]]:
-    """Return for each shape its index and an element whose stroke has the colour of the shape.
+def outlines(scene: Scene) -> list[tuple[int, Element]]:
+    """Return for each shape its index and an <ellipse> whose stroke has the colour of the shape.
 
-    The element is an <ellipse>, or a path of the arcs that are on the page. A shape is left out if
-    none of it is on the page, or if its extent or opacity would be written as 0. It is also left
-    out if it is off the canvas and its numbers are too large (gauss2svg.svg.element.writable).
+    A shape is left out if its extent or opacity would be written as 0. It is also left out if it is
+    off the canvas and its numbers are too large (gauss2svg.svg.element.writable).
     """
     radius = half_radius(scene.beta)
     axes, angle_rad = scene.ellipse_axes
     radii, angles = axes * radius[:, None], np.degrees(angle_rad)
-    levels, matrices = np.round(scene.color * 255).astype(int), scene.factor * radius[:, None, None]
+    levels = np.round(scene.color * 255).astype(int)
     drawn = []
     # A shape is left out if its opacity is under 0.005, because two decimals round this to 0.
     for i in np.flatnonzero(writable(scene, radius, 1.0) & (scene.opacity >= 0.005)).tolist():
@@ -89,8 +98,7 @@ def outlines(scene: Scene, stroke_width: float) -> list[tuple[int, Element]]:
         turn = None if angle == "0" or rx == ry else f"rotate({angle} {x} {y})"
         stroke = hex_color(levels[i])
         ellipse = Element("ellipse", cx=x, cy=y, rx=rx, ry=ry, stroke=stroke, transform=turn)
-        parts = _on_page(ellipse, matrices[i], scene.mean[i], scene, 0.5 * stroke_width)
-        drawn += [(i, part) for part in parts]
+        drawn.append((i, ellipse))
     return drawn
 
 
@@ -99,9 +107,9 @@ def pen_strokes(scene: Scene, count: int, stroke_width: float) -> list[tuple[str
 
     The pens are in the order from the lightest to the darkest colour. Their colours are chosen by
     gauss2svg.scene.inks.inks_of from the colours of the shapes. The strokes of a pen are those of
-    `outlines`, in the order from bottom to top.
+    `outlines`, cut at the sides of the page, in the order from bottom to top.
     """
-    drawn = outlines(scene, stroke_width)
+    drawn = outlines(scene)
     if not drawn:
         return []
     color = scene.color[[i for i, _ in drawn]]
@@ -116,8 +124,10 @@ def pen_strokes(scene: Scene, count: int, stroke_width: float) -> list[tuple[str
     entry = nearest_entry(ink_colors(pens), color)[1]
     pens = pens.split(",")
     strokes: list[list[Element]] = [[] for _ in pens]
-    for (_, stroke), pen in zip(drawn, entry.tolist(), strict=True):
-        strokes[pen].append(stroke.replace(stroke=None))
+    matrices = scene.factor * half_radius(scene.beta)[:, None, None]
+    for (i, ellipse), pen in zip(drawn, entry.tolist(), strict=True):
+        bare, margin = ellipse.replace(stroke=None), 0.5 * stroke_width
+        strokes[pen] += _on_page(bare, matrices[i], scene.mean[i], scene, margin)
     return [(pen, inside) for pen, inside in zip(pens, strokes, strict=True) if inside]
 
 
@@ -156,7 +166,7 @@ def _on_page(
         places = np.clip(_points(angles, matrix, center), margin, last)
         texts = [" ".join(number(v, STROKE_DECIMALS) for v in place) for place in places]
         data += f"M{texts[0]}" + "".join(f"{arc} {text}" for text in texts[1:])
-    return [Element("path", d=data, stroke=ellipse.attributes["stroke"])] if data else []
+    return [Element("path", d=data)] if data else []
 
 
 def _points(t: Floats, matrix: Floats, center: Floats) -> Floats:

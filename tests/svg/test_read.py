@@ -214,7 +214,9 @@ def group(label: str, body: str = CIRCLE) -> str:
     ],
 )
 def test_rounds_are_those_of_labels_ids_or_order(body, rounds):
+    clipped = f'<svg inkscape:groupmode="layer" id="svg5" height="100%">{body}</svg>'
     assert read_svg(document(body)).round_index.tolist() == rounds
+    assert read_svg(document(clipped)).round_index.tolist() == rounds
 
 
 def test_a_missing_background_is_a_transparent_scene_and_hidden_shapes_may_be_left_out():
@@ -268,6 +270,8 @@ REFUSED = {
     "<style>g,svg>g:target~g{display:none}</style>": "the style sheet must be",
     '<circle r="1" transform-origin="3 3" transform="scale(2)"/>': "its transform-origin",
     '<circle r="1" style="fill:red!important;fill:blue"/>': "without escapes and !important",
+    '<svg viewBox="0 0 9 9"/>': "its viewBox must be none; got '0 0 9 9'",
+    '<svg width="20"/>': "its width must be 100%; got '20'",
     "<g>" * 200 + "</g>" * 200: "in groups of at most 100",
 }  # fmt: skip
 RANGE = r"width, height and viewBox of the SVG must be above 0 and in 1e-30\.\.1e\+30"

@@ -131,7 +131,7 @@ def test_any_text_is_kept_or_refused(said, kind):
 @pytest.mark.parametrize(
     ("write", "element"),
     [
-        (write_svg, "<circle"), (outline_svg, 'stroke="#'),
+        (write_svg, "<circle"), (outline_svg, "<ellipse"),
         (lambda scene: write_svg(scene, MINIMAL), "<use"),
         (lambda scene: write_svg(scene.replace(opacity=np.ones(4), blend="add")), "<circle"),
     ],
