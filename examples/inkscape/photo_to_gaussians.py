@@ -60,7 +60,9 @@ class PhotoToGaussians(inkex.EffectExtension):
         shapes = inkex.Group.new("", style="stroke:none;fill-opacity:1", transform=str(transform))
         shapes.set("clip-path", clip.get_id(as_url=2))
         self.svg.defs.extend(drawing.defs)
-        for element in drawing:
+        # If shapes reach beyond the page, an <svg> of the page's size has all of them.
+        picture = next((one for one in drawing if one.tag_name == "svg"), drawing)
+        for element in list(picture):
             if element.tag_name == "rect":  # 100 % of the page, which is another here
                 element.update(width=drawing.viewbox_width, height=drawing.viewbox_height)
             if element.tag_name in ("rect", "g", "circle"):

@@ -66,7 +66,7 @@ def clipped(
 
     If the box of a picture has other proportions than its view box, browsers also show what lies
     beside the view box. An inner <svg> covers the view box and clips what it contains
-    (docs/decisions/svg.md).
+    (docs/decisions/clip.md).
 
     mean, half  (n, 2) centres of the shapes, and half of the sides of the boxes around them
     canvas      (2,) width and height, in the same unit
