@@ -100,6 +100,19 @@ def test_a_browser_draws_every_form_as_it_draws_the_svg_inline(picture, browser)
     assert max(np.abs(drawn - svg).mean() for drawn in others) < 3
 
 
+def test_under_a_photo_that_a_card_crops_the_placeholder_is_cropped_alike(picture, browser):
+    found = gauss2svg.placeholder(picture, 700)
+    nothing = np.zeros((found.height, found.width, 4), np.float32)
+    clear = "data:image/png;base64," + base64.b64encode(as_png(nothing)).decode()
+    for width, height in ((240, 60), (60, 120)):
+        card = f"display:block;width:{width}px;height:{height}px;object-fit:cover;"
+        behind = found.snippet(clear).replace("max-width:100%;height:auto;", card)
+        shown = f'<img style="{card}" src="{found.data_uri_base64}">'
+        one, other = drawn_in_pages([behind, shown], width, height)
+        assert one.std() > 10
+        assert np.abs(one - other).mean() < 3
+
+
 def test_a_large_photo_has_the_placeholder_of_its_reduction_at_its_own_size():
     y, x = np.mgrid[:600, :900] / 600
     large = Image.fromarray(np.uint8(np.stack([x / 1.5, y, np.sin(5 * x) / 2 + 0.5], -1) * 255))
