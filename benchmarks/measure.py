@@ -21,8 +21,8 @@ finished runs are not run again. Beside them stand the picture enlarged by Lancz
 vtracer's files of at most as many bytes as a set has in --max-bytes: each column has the best value
 of all these files, those but PSNR and `enlarged` the best value of the six closest.
 
---columns takes psnr, enlarged, ssim, ssimulacra2, flip, flat and the numbers of a report by short
-names: bytes, gzipped, shapes, cpu_s, s, fit_cpu_s, model, roundtrip, rollbacks.
+--columns takes psnr, enlarged, ssim, ssimulacra2, flip, flat, hue, hue_999 and the numbers of a
+report by short names: bytes, gzipped, shapes, cpu_s, s, fit_cpu_s, model, roundtrip, rollbacks.
 
 The script prints a line for each picture and set, means over the pictures, and for each family how
 often more is worse: a step is down if a file is more than .1 dB worse, up to 50 dB, than the best
@@ -67,6 +67,7 @@ from common import (
 from PIL import Image
 
 from gauss2svg.measure import metrics, perceptual
+from gauss2svg.measure.hue import local_hue_error
 from gauss2svg.options import byte_size
 from gauss2svg.svg.file import file_bytes
 
@@ -104,6 +105,8 @@ SCORES = {
     ),
     "flip": (lambda file, picture: perceptual.flip(file.raster, picture.pixels), min),
     "flat": (lambda file, picture: metrics.flat_error(file.raster, picture.pixels), min),
+    "hue": (lambda file, picture: local_hue_error(file.raster, picture.pixels).worst, min),
+    "hue_999": (lambda file, picture: local_hue_error(file.raster, picture.pixels).percentile, min),
 }  # fmt: skip
 FOR_ALL, SCORED = ("psnr", "enlarged"), 6  # other scores take longer, and are of the best by PSNR
 # Each number of a run, by its name in the report.

@@ -39,6 +39,7 @@ _SCALE_OF_INKS = " (few inks are far in dB: judge by eye)"
 # this, the reason is that one more shape would not fit, because each shape takes up a large part of
 # the file.
 _FEW = 60
+_SEEN_HUE = 10  # local error of hue from which one sees it at once (docs/decisions/metrics.md)
 _MOST_TAGS = 6  # print_check lists at most this many tags, namely the most frequent ones
 
 
@@ -50,7 +51,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     rows = {
         "file": f"{output}, {r['width']}x{r['height']} px{_shown_width(r)}, {_size(r)}",
         "shapes": f"{r['gaussians']:,}: {_stop_text(r)}",
-        "match": f"{_match(r, _SCALE if r['inks'] is None else _SCALE_OF_INKS)}{at}",
+        "match": f"{_match(r, _SCALE if r['inks'] is None else _SCALE_OF_INKS)}{_hue(r)}{at}",
         "focus": _focus(r),
         "transparency": _transparency(r),
         "inks": (r["inks"] or "").replace(",", ", "),
@@ -76,7 +77,8 @@ def print_check(report: dict[str, Any], svg: str) -> None:
         "transparency": _transparency(r),
         "scores": _scores(r),
         "errors": f"at most {r['largest_error_svg']:.0f} of 255 levels in any colour channel, "
-        f"{r['bias_svg']:+.2f} levels on average",
+        f"{r['bias_svg']:+.2f} levels on average; hue off by at most {r['hue_error_svg']:.1f}, "
+        f"at {', '.join(map(str, r['hue_error_at']))}",
     }
     _print_table(rows, [], r["notes"])
 
@@ -106,6 +108,16 @@ def _enlarged(report: dict[str, Any]) -> str:
 def _match(report: dict[str, Any], scale: str = "") -> str:
     score, ssim = decibels(report["psnr_svg"]), _ssim(report["ssim_svg"])
     return f"PSNR {score}{scale}, SSIM {ssim}"
+
+
+def _hue(report: dict[str, Any]) -> str:
+    """Return text on the largest local error of hue, or "" if it would not be seen.
+
+    The text is "" too for a picture in inks, whose hues are those of the inks.
+    """
+    error, (x, y) = report["hue_error_svg"], report["hue_error_at"]
+    is_named = error >= _SEEN_HUE and report["inks"] is None
+    return f", hue off by {error:.0f} at {x}, {y}" if is_named else ""
 
 
 def _size(report: dict[str, Any]) -> str:

@@ -46,7 +46,7 @@ _FIT_KEYS = (
 )  # fmt: skip
 _FILE_KEYS = (
     "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
-    "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
+    "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
 )  # fmt: skip
 # Names of the files of a gallery.
 PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"

@@ -37,8 +37,8 @@ from gauss2svg.version import __version__
 TOLERANCE = 0.1
 # The table shows these columns of the records as means over the photos.
 _MEANS = (
-    *(axis.key for axis in SCORES), "psnr_svg_enlarged", "psnr_model", "cpu_s", "total_s",
-    "svg_bytes", "svgz_bytes", "gaussians",
+    *(axis.key for axis in SCORES), "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged",
+    "psnr_model", "cpu_s", "total_s", "svg_bytes", "svgz_bytes", "gaussians",
 )  # fmt: skip
 # {name of a Pareto front: keys of the costs that count for this front}. Each front has a column in
 # the table. For example, the column of the front "both" is below_both_dB.
@@ -47,6 +47,8 @@ _BELOW = {"seconds": ("cpu_s",), "bytes": ("svgz_bytes",), "both": ("cpu_s", "sv
 # the number is multiplied.
 _COLUMNS = (
     *((axis.title, axis.key, axis.form, 1) for axis in SCORES),
+    ("hue error, largest", "hue_error_svg", ".1f", 1),
+    ("hue error, 99.9 %", "hue_error_999_svg", ".1f", 1),
     ("PSNR enlarged, dB", "psnr_svg_enlarged", ".2f", 1),
     ("CPU s", "cpu_s", ".3g", 1),
     ("wall s", "total_s", ".3g", 1),

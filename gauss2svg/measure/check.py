@@ -67,6 +67,10 @@ class CheckResult:
     ms_ssim        0..1, None under 176 px a side
     largest_error  largest error of any channel, in levels of 255
     bias           mean of the SVG's raster minus the photo, in levels of 255
+    hue_error      largest local error of hue (gauss2svg.measure.hue). If the photo has alpha, it is
+                   the larger one of those over white and over black
+    hue_error_at   place [x, y] of that error in px of the raster
+    hue_error_999  99.9th percentile of the local errors of hue
     svg_bytes      bytes of the file without compression
     svgz_bytes     bytes of the file after gzip at level 9
     survey         counts of the SVG's elements
@@ -87,6 +91,9 @@ class CheckResult:
     ms_ssim: float | None
     largest_error: float
     bias: float
+    hue_error: float
+    hue_error_at: list[int]
+    hue_error_999: float
     svg_bytes: int
     svgz_bytes: int
     survey: Survey
@@ -121,6 +128,9 @@ class CheckResult:
             **self.scores.report,
             "largest_error_svg": self.largest_error,
             "bias_svg": self.bias,
+            "hue_error_svg": self.hue_error,
+            "hue_error_at": self.hue_error_at,
+            "hue_error_999_svg": self.hue_error_999,
             "reference_scale": None if enlarged is None else enlarged.scale,
             "psnr_svg_enlarged": None if enlarged is None else _finite(enlarged.psnr),
             "ssim_svg_enlarged": None if enlarged is None else enlarged.ssim,

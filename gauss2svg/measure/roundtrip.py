@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.measure import Score, metrics
+from gauss2svg.measure.hue import local_hue_error
 from gauss2svg.photo.pixels import BLACK, alpha_of, has_alpha, over, stacked, views
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like, renderer_version
 from gauss2svg.render import render, render_rgba
@@ -24,7 +25,11 @@ class RoundTrip:
     psnr_svg, ssim_svg, largest_error_svg and bias_svg compare the raster with the photo.
     psnr_roundtrip, largest_error_roundtrip and bias_roundtrip compare the raster with the model.
 
-    All of these compare pictures over white. ssim_svg is None for images under 3 px a side.
+    hue_error_svg, hue_error_at and hue_error_999_svg are the local error of hue of the raster: the
+    largest one, its place [x, y] in px of the raster, and the 99.9th percentile. If the photo has
+    alpha, they are those over white or those over black, whichever are worse.
+
+    All the others compare pictures over white. ssim_svg is None for images under 3 px a side.
     psnr_model_black and psnr_svg_black compare pictures over black. psnr_model_alpha and
     psnr_svg_alpha compare the alpha channels. These four are None if the photo is opaque. raster is
     (h, w, 3), or (h, w, 4) if the photo has alpha.
@@ -37,6 +42,9 @@ class RoundTrip:
     ssim_svg: float | None
     largest_error_svg: float
     bias_svg: float
+    hue_error_svg: float
+    hue_error_at: list[int]
+    hue_error_999_svg: float
     psnr_roundtrip: float
     largest_error_roundtrip: float
     bias_roundtrip: float
@@ -143,11 +151,15 @@ def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> d
     raster_white, photo_white = over(raster), over(photo)
     measurable = min(photo.shape[:2]) >= metrics.LEAST_SIDE_FOR_SSIM
     black, alpha = _psnr_with_alpha(raster, photo)
+    hue = local_hue_error(raster, photo)
     return {
         "psnr_svg": metrics.psnr(raster_white, photo_white),
         "ssim_svg": metrics.ssim(raster_white, photo_white) if measurable else None,
         "largest_error_svg": metrics.largest_error(raster_white, photo_white),
         "bias_svg": metrics.bias(raster_white, photo_white),
+        "hue_error_svg": hue.worst,
+        "hue_error_at": [hue.x, hue.y],
+        "hue_error_999_svg": hue.percentile,
         "psnr_svg_black": black,
         "psnr_svg_alpha": alpha,
     }

@@ -79,6 +79,7 @@ def test_a_log_has_a_line_of_progress_a_minute(capsys):
 
 
 HEAVY, FULL = {"paint_ms": 3000.0}, {"stop_reason": "max_bytes", "max_bytes": 9000}
+OFF = {"hue_error_svg": 12.6, "hue_error_at": [372, 311], "ssim_svg": 0.9}
 
 
 @pytest.mark.parametrize(
@@ -88,6 +89,9 @@ HEAVY, FULL = {"paint_ms": 3000.0}, {"stop_reason": "max_bytes", "max_bytes": 90
         ({**HEAVY, "markup": "editable"}, "less with fewer shapes"),
         ({**FULL, "count_gzipped": True}, "9,000 gzipped bytes; one more would not fit"),
         ({"size": "responsive"}, "64x48 px, shown as wide as its place, "),
+        (OFF, "SSIM 0.900, hue off by 13 at 372, 311\n"),
+        ({**OFF, "hue_error_svg": 9.9}, "SSIM 0.900\n"),
+        ({**OFF, "inks": "#000,#fff"}, "SSIM 0.900\n"),
     ],
 )
 def test_the_summary_says_what_the_report_has(changed, said, photo, capsys, monkeypatch):

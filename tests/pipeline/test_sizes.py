@@ -141,7 +141,7 @@ def test_a_large_photo_is_measured_reduced_and_check_at_that_size_gives_the_same
     assert found.raster.shape == (*small[::-1], 3)
     np.testing.assert_array_equal(found.photo, load_image(data, needed=max(small)).pixels)
     again = check(data, found.svg, max_size=max(small)).report
-    for name in ("psnr_svg", "ssim_svg", "largest_error_svg", "bias_svg"):
+    for name in ("psnr_svg", "ssim_svg", "largest_error_svg", "bias_svg", "hue_error_at"):
         assert again[name] == found.report[name], name
     assert (again["svg_width"], again["svg_height"]) == whole
     assert again["psnr_svg"] > 10
