@@ -8,6 +8,8 @@ from skimage.color import rgb2lab
 
 from gauss2svg.errors import InputError
 from gauss2svg.measure.hue import box_mean, chroma, local_hue_error
+from gauss2svg.measure.roundtrip import measure_pixels
+from gauss2svg.photo.pixels import views
 
 RNG = np.random.default_rng(1)
 PHOTO = data.astronaut()[40:219, 150:335].astype(np.float32) / 255  # 185x179 px
@@ -50,10 +52,10 @@ def test_a_lost_dot_is_found_at_its_place_and_the_more_the_larger_it_is():
     for side in (1, 3, 9):
         photo = GREY.copy()
         photo[130 : 130 + side, 50 : 50 + side] = 0.8, 0.2, 0.2
-        error = local_hue_error(GREY, photo)
+        report = measure_pixels(GREY, photo)
         middle = 50 + side // 2, 130 + side // 2
-        assert np.abs(np.subtract((error.x, error.y), middle)).max() <= 4
-        worst.append(error.worst)
+        assert np.abs(np.subtract(report["hue_error_at"], middle)).max() <= 4
+        worst.append(report["hue_error_svg"])
     assert worst == sorted(worst)
     assert worst[1] < 2  # one px
     assert worst[3] > 50
@@ -67,16 +69,14 @@ def test_an_edge_that_is_a_pixel_off_counts_much_less_than_a_part_without_its_co
     assert off.worst < local_hue_error(GREY, photo).worst / 8
 
 
-def test_of_a_transparent_photo_the_worse_error_of_over_white_and_over_black_counts():
+@pytest.mark.parametrize(("color", "worse"), [((1, 1, 0), 0), ((0, 0, 1), 1)])
+def test_of_a_transparent_photo_the_worse_error_of_over_white_and_over_black_counts(color, worse):
     photo = np.dstack([GREY, np.ones(GREY.shape[:2], np.float32)])
     image = photo.copy()
-    image[20:40, 20:40] = 1, 1, 0, 0.5  # grey over no backdrop
-    over = [
-        local_hue_error(image[..., :3] * image[..., 3:] + (1 - image[..., 3:]) * level, GREY)
-        for level in (1, 0)
-    ]
-    assert local_hue_error(image, photo) == max(over)
-    assert over[0].worst != over[1].worst
+    image[20:40, 20:40] = *color, 0.5
+    over = [local_hue_error(each, GREY) for each in views(image)]
+    assert local_hue_error(image, photo) == over[worse]
+    assert over[worse].worst > over[1 - worse].worst + 1
 
 
 def test_pictures_of_different_shape_are_refused():
