@@ -31,6 +31,11 @@ BLAMED = 0.9
 # this. Otherwise it gets a new entry.
 NEAR = 0.1
 ROUNDS = 12  # largest number of times that entries are added
+# In each time, the places are mended whose change is at least this share of the largest one.
+WORST = 0.6
+# Entries are added until there is one for 1 / MOST_ENTRIES shapes, because a gradient takes as many
+# bytes as three shapes.
+MOST_ENTRIES = 0.2
 # The longest side in px at which the change is rendered. Larger pictures are reduced, and the
 # window with them.
 LARGEST_SIDE = 512
@@ -98,10 +103,11 @@ def keep_hues(
     rounded   function that rounds features to values that a file can contain
     """
     entries, entry = palette[0], palette[1].copy()
+    count = min(count, max(len(entries), round(MOST_ENTRIES * len(entry))))
     for _ in range(ROUNDS):
         own, local = change.of(entries[entry, :3])
         size = np.hypot(*local)
-        hot = size > LARGEST_CHANGE
+        hot = size > max(LARGEST_CHANGE, WORST * float(size.max()))
         if not hot.any() or len(entries) >= count:
             break
         direction = np.where(hot, local / np.maximum(size, 1e-9), 0)
