@@ -33,9 +33,9 @@ NEAR = 0.1
 ROUNDS = 12  # largest number of times that entries are added
 # In each time, the places are mended whose change is at least this share of the largest one.
 WORST = 0.6
-# Entries are added until there is one for 1 / MOST_ENTRIES shapes, because a gradient takes as many
+# Entries are added until they are this share of the shapes, because a gradient takes as many
 # bytes as three shapes.
-MOST_ENTRIES = 0.2
+MOST_ENTRIES = 0.12
 # The longest side in px at which the change is rendered. Larger pictures are reduced, and the
 # window with them.
 LARGEST_SIDE = 512
