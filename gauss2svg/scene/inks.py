@@ -48,6 +48,16 @@ _WEIGHT_POWER = 0.5
 # Factor by which differences of hue and chroma count more than differences of lightness. With a
 # factor of 1, small areas of strong colour in photos would share an ink with greys.
 _CHROMA_FACTOR = 1.6
+# The weight of a cell is multiplied by 1 plus this factor times its chroma. Chroma includes
+# _CHROMA_FACTOR and is at most about 0.5. Otherwise small areas of strong colour have no ink.
+_CHROMA_WEIGHT = 4.0
+# With fewer inks than this, the factor is not used. A few inks are needed for light and dark, and
+# with three inks a face beside a red hat would be red.
+_COLORFUL_INKS = 5
+# If there are n inks, fewer than this number, the lightest ink stands for the lightest part of its
+# cluster. This part has n / _WIDE_INKS of the cluster's weight. The darkest ink stands for the
+# darkest part. The means of whole clusters would be too near to grey, so that teeth were brown.
+_WIDE_INKS = 8
 _CELL_SIDE = 8  # side of a cell of similar colours, in levels of 255
 # If the number of cells is less than this number times the number of inks, the cells are too
 # coarse. In this case each colour becomes a cell of its own.
@@ -140,7 +150,9 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     to dark. Each ink stands for a cluster of k-means in Oklab, where hue and chroma have more
     weight than lightness. If the commonest colour of a cluster makes up much of it, this colour is
     the ink, so that flat drawings keep their colours. Else the ink is the colour nearest to the
-    cluster's mean. Raise InputError if the picture has fewer colours than `inks`.
+    cluster's mean. Of 3 to 7 inks, the lightest one stands for the lightest part of its cluster,
+    and the darkest one for the darkest part. Raise InputError if the picture has fewer colours than
+    `inks`.
     """
     if isinstance(inks, str):
         return inks
@@ -162,6 +174,8 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     cell_counts = np.bincount(cell, counts)
     cells = _means(points, counts, cell, np.zeros((len(cell_counts), 3)))
     weight = np.asarray(cell_counts**_WEIGHT_POWER, np.float64)
+    if inks >= _COLORFUL_INKS:
+        weight *= 1 + _CHROMA_WEIGHT * np.hypot(*cells.T[1:])
     # The first seed is the cell of largest weight. Each later seed is the cell whose weight, times
     # the squared distance to the nearest seed so far, is largest.
     seeds = [int(weight.argmax())]
@@ -172,7 +186,18 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     centers = cells[seeds]
     for _ in range(_ITERATIONS):
         centers = _means(cells, weight, nearest_entry(centers, cells)[1], centers)
-    entry = nearest_entry(centers, cells)[1][cell]
+    cluster = nearest_entry(centers, cells)[1]
+    if 2 < inks < _WIDE_INKS:
+        # The lightest ink becomes the mean of the lightest part of its cluster. The darkest ink
+        # becomes the mean of the darkest part.
+        by_lightness = sorted(set(cluster.tolist()), key=lambda k: centers[k, 0])
+        for sign, k in ((1, by_lightness[0]), (-1, by_lightness[-1])):
+            members = np.flatnonzero(cluster == k)
+            members = members[np.argsort(sign * cells[members, 0], kind="stable")]
+            total = np.cumsum(weight[members])
+            part = members[: 1 + np.searchsorted(total, total[-1] * inks / _WIDE_INKS)]
+            centers[k] = np.average(cells[part], axis=0, weights=weight[part])
+    entry = cluster[cell]
     chosen: list[tuple[float, str]] = []
     for k in np.unique(entry):
         members = np.flatnonzero(entry == k)
