@@ -284,7 +284,7 @@ def _check_answer(scheduler: str) -> None:
 
     security: Any = Security().get_connection_args("client")
     if scheduler.startswith(("tls:", "wss:")) and security["ssl_context"] is None:
-        needed = "with the certificates of Dask's settings distributed.comm.tls"
+        needed = "given with certificates, in Dask's settings distributed.comm.tls"
         raise refusal("scheduler", needed, f"{scheduler} without any", "tcp:// if it has none")
 
     async def connect_once() -> None:

@@ -308,6 +308,8 @@ def solved_colors(
     same and also round each colour. Each colour is solved for the rounded values of the others, so
     it makes up for their rounding errors.
     """
+    if not len(sums):
+        return np.zeros((0, 3))
     diagonal = np.maximum(np.diag(products), 1e-9)
     damped = products + DAMPING * np.diag(diagonal + diagonal.max())
     color = np.linalg.solve(damped, sums)

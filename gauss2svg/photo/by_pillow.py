@@ -41,7 +41,7 @@ def of_image(image: Image.Image) -> StoredImage:
     Raise InputError if the image, or the file that has its pixels, is closed.
     """
     if _is_closed(image):
-        advice = "it before it is closed, or the path of the photo"
+        advice = "to read it before it is closed, or its path"
         raise refusal("image", "an open image of Pillow", "a closed one", advice)
     mode, info = _mode(image), image.info
     colors = _COLORS.get(mode, 1)
@@ -76,7 +76,7 @@ def of_image(image: Image.Image) -> StoredImage:
 
 
 def _is_closed(image: Image.Image) -> bool:
-    """Return whether the pixels of an image can be read no more."""
+    """Return whether an image is closed, so that its pixels can no longer be read."""
     try:
         is_loaded = image.im is not None
     except AssertionError:  # raised if the pixels are not loaded yet

@@ -244,7 +244,7 @@ EXPORT = 0.06
 EXPORT_PIXEL = 1.3e-6
 EXPORT_GAUSSIAN = 5e-5
 # The search for the file's colours takes this many seconds for each Gaussian.
-COLORS_GAUSSIAN = 5e-5
+COLORS_GAUSSIAN = 7e-5
 # Seconds that these programs take to start.
 STARTS = {"chromium": 2.0, "firefox": 2.0, "inkscape": 2.0}
 # With a time limit, a fit should have this number of steps. If there is time for more steps, the

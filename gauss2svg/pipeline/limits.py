@@ -226,7 +226,7 @@ class Limits(DensificationPolicy):
             in_time = min(in_time, now.count)
         rate = CONVERGES_AFTER[max(bisect(ADJUST_AT, now.done) - 1, 0)]
         psnr = now.psnr + rate * max(now.psnr - CONVERGES_ABOVE, 0.0)
-        # The fit is better by this loss when its palette is chosen.
+        # The palette is chosen before it costs this loss, so at a PSNR that is higher by it.
         counts = self._counts(now, in_time, psnr + self._plan.preset.color_loss)
         wanted = self._wanted(now.count, psnr, counts)
         if abs(wanted - now.count) <= LEAST_CHANGE * now.count:

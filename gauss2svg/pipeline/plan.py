@@ -110,6 +110,7 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
     """
     usual, finer, finest = PRESETS[DEFAULT_PRESET], PRESETS["high"], PRESETS["max"]
     side, caps, steps = finest.max_size, [MOST_GAUSSIANS], usual.iterations
+    loss = usual.color_loss
     if time_limit is not None:
         caps.append(int(MOST_GAUSSIANS_A_SECOND * time_limit))
     if max_bytes is not None:
@@ -118,11 +119,10 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
         square = math.sqrt(PIXELS_EACH_IN_LIMIT * max_bytes / BYTES_IN_LIMIT)
         side = round(min(max(square, usual.max_size), finest.max_size))
         # A file of as many shapes as a preset allows is fitted in as many steps as by this preset.
+        loss = COLOR_LOSS_IN_LIMIT
         counts, numbers = (usual.cap, finer.cap), (usual.iterations, finer.iterations)
         steps = round(float(np.interp(max_bytes / BYTES_IN_LIMIT, counts, numbers)))
-    cap, loss = max(LEAST_CAP, min(caps)), usual.color_loss
-    if max_bytes is not None:
-        loss = COLOR_LOSS_IN_LIMIT
+    cap = max(LEAST_CAP, min(caps))
     return dataclasses.replace(
         usual, gain=0.0, stop_psnr=NOTHING_TO_GAIN, cap=cap, color_loss=loss, iterations=steps,
         max_size=side,

@@ -107,9 +107,9 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
     size = photo.width, photo.height
     if plan.goal.time_limit is not None and size < usual:
         yield f"measured at {photo.width}x{photo.height} px to meet the time limit"
-    # A search by bytes may write no shapes because the bytes do not suffice. `unreached` reports
-    # this, so this note is only for other searches.
-    if photo.alpha is not None and photo.alpha.any() and not count and not chosen.by_bytes:
+    # If the bytes suffice for no shape, `unreached` reports it.
+    is_clear = photo.alpha is not None and photo.alpha.any()
+    if is_clear and not count and outcome.fitted.stop_reason != "max_bytes":
         yield "the SVG is empty, because the photo is too transparent to be visible"
     if chosen.markup == MINIMAL != plan.options.svg.markup:
         yield (
@@ -147,7 +147,7 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
     if reason == "max_bytes" and not len(outcome.scene):
         none = f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none"
         yield f"{none}. Try a larger --max-bytes"
-    if limit is not None and seconds > 1.05 * limit + 0.25:
+    if limit is not None and seconds > 1.1 * limit + 0.1:
         yield f"time limit of {limit:.3g} s exceeded: {seconds:.1f} s. Try a smaller --max-size"
 
 

@@ -134,6 +134,16 @@ def test_a_limit_below_a_file_without_shapes_is_refused_and_the_least_one_is_not
     assert (size, report["gaussians"]) == (least, 0)
 
 
+@pytest.mark.parametrize("given", [{}, {"palette": 4}, {"gaussians": 5}])
+def test_a_photo_with_one_visible_pixel_gets_a_file_and_no_wrong_reason(given):
+    """The bytes are the reason for an empty file, not the transparency, which is no reason here."""
+    pixels = np.zeros((24, 32, 4), np.float32)
+    pixels[9, 9] = 1.0, 0.2, 0.2, 1.0
+    report = vectorize(pixels, max_bytes=150, iterations=8, **given).report
+    assert report["svg_bytes"] <= 150
+    assert not any("too transparent" in note for note in report["notes"])
+
+
 def test_cap_is_named_where_the_limit_of_bytes_does_not_bind():
     noise = np.random.default_rng(0).random((9, 9, 3)).astype(np.float32)
     report = vectorize(noise, max_bytes="3M", iterations=8).report
