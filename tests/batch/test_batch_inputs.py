@@ -134,7 +134,7 @@ def test_names_that_differ_by_case_are_one_where_the_disk_folds_it(tmp_path, mon
         ("wide.txt -o out", "wide.txt must be a text in UTF-8; got null characters. Try saving it"),
         *((f"in -o out --scheduler {address}", f"a port of 1..65535; got '{address}'. Try tcp:")
           for address in ("nonsense", "localhost", "tcp://a", "tcp://a:99999", "http://a:80")),
-        ("in -o out --scheduler tls://a:1", "must be with the certificates of Dask's settings"),
+        ("in -o out --scheduler tls://a:1", "must be given with certificates, in Dask's settings"),
         ("in -o out --scheduler localhost:{port}", "(OSError: "),
         ("in -o out --scheduler tcp://127.0.0.1:9", "got 'tcp://127.0.0.1:9' (OSError: Timed out"),
     ],
