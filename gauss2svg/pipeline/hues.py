@@ -23,7 +23,7 @@ from gauss2svg.render.cpu import moments_of_gradient, render_planar, splats_of
 from gauss2svg.scene import Scene
 
 # The constants of this module are measured in docs/decisions/palette.md.
-LARGEST_CHANGE = 4.5  # largest change of hue by a palette, as a mean over a window
+LARGEST_CHANGE = 4.0  # largest change of hue by a palette, as a mean over a window
 # A shape is blamed for the change at its place if it changes the hue there by at least this share
 # of LARGEST_CHANGE.
 BLAMED = 0.9
@@ -36,6 +36,7 @@ WORST = 0.6
 # Entries are added until they are this share of the shapes, because a gradient takes as many
 # bytes as three shapes.
 MOST_ENTRIES = 0.12
+LEAST_ADDED = 4  # entries that may be added however few shapes there are
 # The longest side in px at which the change is rendered. Larger pictures are reduced, and the
 # window with them.
 LARGEST_SIDE = 512
@@ -103,7 +104,7 @@ def keep_hues(
     rounded   function that rounds features to values that a file can contain
     """
     entries, entry = palette[0], palette[1].copy()
-    count = min(count, max(len(entries), round(MOST_ENTRIES * len(entry))))
+    count = min(count, max(len(entries) + LEAST_ADDED, round(MOST_ENTRIES * len(entry))))
     for _ in range(ROUNDS):
         own, local = change.of(entries[entry, :3])
         size = np.hypot(*local)
