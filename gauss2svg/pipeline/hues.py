@@ -33,13 +33,10 @@ NEAR = 0.1
 ROUNDS = 12  # largest number of times that entries are added
 # In each time, the places are mended whose change is at least this share of the largest one.
 WORST = 0.6
-# Entries are added until they are this share of the shapes, because a gradient takes as many
-# bytes as three shapes.
-MOST_ENTRIES = 0.12
-LEAST_ADDED = 4  # entries that may be added however few shapes there are
 # The longest side in px at which the change is rendered. Larger pictures are reduced, and the
 # window with them.
 LARGEST_SIDE = 512
+_PAIRS = 2**18  # number of shapes times entries that are compared at a time, to save memory
 _LEAST_SHOWN = 0.1  # px. A shape of which less shows in these places is not blamed
 _COLORS = slice(6, 9)  # columns of the moments of a shape's colour (gauss2svg.render.kernels)
 _SCALE = 100.0  # hues are divided by this, so that they are about as large as colours
@@ -79,9 +76,9 @@ class HueChange:
         planes = render_planar(splats, self._height, self._width)[:2]
         return own, _SCALE * box_mean(planes, self._window)
 
-    def is_small(self, colors: Rows) -> bool:
-        """Return whether these colours change the hue of no place by more than LARGEST_CHANGE."""
-        return bool(np.hypot(*self.of(colors)[1]).max() <= LARGEST_CHANGE)
+    def largest(self, colors: Rows) -> float:
+        """Return the largest change of hue of any place by these colours of the shaded shapes."""
+        return float(np.hypot(*self.of(colors)[1]).max())
 
     def seen(self, planes: NDArray[np.floating]) -> Rows:
         """Return the sums (m, 3) of three planes, weighted by what each shaded shape shows."""
@@ -104,7 +101,6 @@ def keep_hues(
     rounded   function that rounds features to values that a file can contain
     """
     entries, entry = palette[0], palette[1].copy()
-    count = min(count, max(len(entries) + LEAST_ADDED, round(MOST_ENTRIES * len(entry))))
     for _ in range(ROUNDS):
         own, local = change.of(entries[entry, :3])
         size = np.hypot(*local)
@@ -117,31 +113,46 @@ def keep_hues(
         blamed = np.flatnonzero(is_blamed & (shown > _LEAST_SHOWN))
         if not len(blamed):
             break
-        apart = np.linalg.norm(features[blamed, None] - entries, axis=2)
-        hues = change.hues[blamed]
-        differs = np.linalg.norm(hues[:, None] - chroma(entries[:, :3]), axis=2) > LARGEST_CHANGE
-        apart[differs] = np.inf
-        is_near = apart.min(axis=1) < NEAR
-        entry[blamed[is_near]] = apart.argmin(axis=1)[is_near]
-        rest = blamed[~is_near]
-        if len(rest):
-            clusters = _clusters(features[rest], hues[~is_near], shown[rest])
-            for k, members in enumerate(clusters.members):
-                entry[rest[members]] = len(entries) + k
-            entries = np.vstack([entries, rounded(clusters.means[:, :4])])[:count]
-            entry = np.where(entry < count, entry, palette[1])
+        near = _near(features[blamed], change.hues[blamed], entries)
+        entry[blamed[near >= 0]] = near[near >= 0]
+        rest = blamed[near < 0]
+        groups = _groups(features[rest], change.hues[rest], shown[rest])[: count - len(entries)]
+        for group in groups:
+            members = rest[group]
+            mean = np.average(features[members], axis=0, weights=shown[members])
+            entry[members] = len(entries)
+            entries = np.vstack([entries, rounded(mean[None])])
     used, entry = np.unique(entry, return_inverse=True)
     return entries[used], entry.reshape(-1)
 
 
-def _clusters(features: Rows, hues: NDArray[np.floating], weight: Rows) -> Clusters:
-    """Return clusters of shapes. The hues of each are within LARGEST_CHANGE of their mean."""
-    clusters = Clusters(np.column_stack([features, hues / _SCALE]).astype(np.float64), weight)
+def _near(features: Rows, hues: NDArray[np.floating], entries: Rows) -> NDArray[np.intp]:
+    """Return the nearest entry of each shape that has its hue, or -1 if it is not within NEAR."""
+    near, own = np.empty(len(features), np.intp), chroma(entries[:, :3])
+    band = max(1, _PAIRS // len(entries))
+    for first in range(0, len(features), band):
+        part = slice(first, first + band)
+        apart = np.linalg.norm(features[part, None] - entries, axis=2)
+        apart[np.linalg.norm(hues[part, None] - own, axis=2) > LARGEST_CHANGE] = np.inf
+        near[part] = np.where(apart.min(axis=1) < NEAR, apart.argmin(axis=1), -1)
+    return near
 
-    def is_wide(members: NDArray[np.intp]) -> bool:
-        apart = hues[members] - hues[members].mean(axis=0)
-        return bool(np.hypot(*apart.T).max() > LARGEST_CHANGE)
 
-    while any(map(is_wide, clusters.members)) and len(clusters) < len(features):
-        clusters.split(len(clusters) + 1, 0.0)
-    return clusters
+def _groups(features: Rows, hues: NDArray[np.floating], weight: Rows) -> list[NDArray[np.intp]]:
+    """Split shapes into groups, the hues of each within LARGEST_CHANGE of their mean.
+
+    Return the indices of the shapes of each group.
+    """
+    wide, groups = [np.arange(len(features))], []
+    both = np.column_stack([features, hues / _SCALE]).astype(np.float64)
+    while wide:
+        group = wide.pop()
+        if not len(group):
+            continue
+        apart = hues[group] - hues[group].mean(axis=0)
+        clusters = Clusters(both[group], weight[group])
+        if np.hypot(*apart.T).max() > LARGEST_CHANGE:
+            clusters.split(2, 0.0)
+        parts = [group[members] for members in clusters.members]
+        (wide if len(parts) > 1 else groups).extend(parts)
+    return groups

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import quoted, refusal, required
 from gauss2svg.pipeline.clusters import Rows, few_entries
-from gauss2svg.pipeline.hues import HueChange, keep_hues
+from gauss2svg.pipeline.hues import LARGEST_CHANGE, HueChange, keep_hues
 from gauss2svg.render.weights import visible_mass
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
@@ -23,8 +23,11 @@ from gauss2svg.svg.forms import GRADIENT, drawn_blurs, is_plain, snapped, with_f
 # the best for files of few bytes.
 BETA_WEIGHT = 0.1
 # If there are as many entries as allowed, and they change hues, this share of them is left to the
-# parts whose hue would change.
-FOR_HUES = 0.1
+# parts whose hue would change. If an error decides their number, the entries that are added are at
+# most the larger of LEAST_ADDED and a share ADDED of the shapes, because a gradient takes as many
+# bytes as three shapes.
+FOR_HUES, ADDED, LEAST_ADDED = 0.1, 0.06, 4
+PAYS = 0.9  # the largest change of hue must fall to this share, or the palette stays as it is
 
 
 def best_palette(
@@ -59,11 +62,15 @@ def best_palette(
     """
     features = np.column_stack([color, BETA_WEIGHT * np.log(_class_of(beta))])
     entries, entry = few_entries(features, weight, count, allowed, _rounded)
-    if change is not None and not change.is_small(entries[entry, :3]):
-        most = math.ceil((1 - FOR_HUES) * count)
+    if change is not None and (before := change.largest(entries[entry, :3])) > LARGEST_CHANGE:
+        most, palette = count - math.ceil(FOR_HUES * count), (entries, entry)
         if len(entries) > most:
-            entries, entry = few_entries(features, weight, most, allowed, _rounded)
-        entries, entry = keep_hues(change, features, (entries, entry), count, _rounded)
+            palette = few_entries(features, weight, most, allowed, _rounded)
+        else:
+            count = min(count, len(entries) + max(LEAST_ADDED, round(ADDED * len(entry))))
+        palette = keep_hues(change, features, palette, count, _rounded)
+        if change.largest(palette[0][palette[1], :3]) < PAYS * before:
+            entries, entry = palette
     return entries[:, :3], _class_of(np.exp(entries[:, 3] / BETA_WEIGHT)), entry
 
 
@@ -86,7 +93,7 @@ def quantize(
 ) -> Scene:
     """Return the scene with the colours and exponents of a palette.
 
-    A second call with the result changes nothing.
+    A second call with the result and the same palette changes nothing.
 
     form         form of the shapes in the file, "gradient" or "blur"
     palette      largest number of entries. The file has a gradient for each. If a share of the

@@ -50,7 +50,7 @@ def test_a_palette_serves_what_shows_within_its_size_and_the_error_allowed():
     assert missed(weight, 2000, 1e-9)[1] == len(np.unique(np.round(color * 255), axis=0))
 
 
-@pytest.mark.parametrize("given", [{"color_error": 8e-4}, {"palette": 24}])
+@pytest.mark.parametrize("given", [{"color_error": 8e-4}, {"palette": 8}])
 def test_the_only_red_thing_keeps_its_hue_at_every_size(given):
     """A few small shapes of another hue among many keep it, whatever the picture's size is."""
     rng = np.random.default_rng(1)

@@ -31,7 +31,7 @@ export class Picture {
 
   /** @param {XMLDocument} tree */
   groups(tree) {
-    return [...tree.documentElement.children].filter((one) => ROUND.test(one.id));
+    return [...tree.querySelectorAll("g")].filter((one) => ROUND.test(one.id));
   }
 
   /**
