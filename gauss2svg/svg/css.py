@@ -13,8 +13,11 @@ from typing import Any, NamedTuple
 
 import tinycss2
 
-COMMENT = re.compile(r"/\*(?:[^*]|\*(?!/))*+\*/")
-_GAP = rf"(?:\s|{COMMENT.pattern})*+"
+_COMMENT = r"/\*(?:[^*]|\*(?!/))*+"
+# A search for comments alone would take quadratic time if many are not closed.
+_TO_REMOVE = re.compile(rf"{_COMMENT}(?:\*/|\Z)")
+_LINE_END = re.compile(r"\r\n?|\f")
+_GAP = rf"(?:\s|{_COMMENT}\*/)*+"
 _NAME = r"-?[a-zA-Z_][\w-]*+"
 _TERM = (
     rf"""(?:#[\w-]*+|[+\-.\d][\d.]*+(?:%|{_NAME})?|"(?:[^"\\]|\\.)*+"|'(?:[^'\\]|\\.)*+'|,"""
@@ -60,8 +63,9 @@ class Css(NamedTuple):
 @lru_cache(maxsize=4096)
 def css_of(style: str) -> Css:
     """Return the declarations of the attribute style."""
+    style = _LINE_END.sub("\n", style)
     read, end = _by_resvg(style, 0)
-    if not COMMENT.sub("", style[end:]).strip():
+    if re.compile(_GAP).fullmatch(style, end):
         return Css(read, read, True)
     return Css(read, _by_browsers(tinycss2.parse_blocks_contents(style, True, True)), False)
 
@@ -72,6 +76,7 @@ def rules_of(sheet: str) -> Iterator[tuple[str, list[Any], Css]]:
     The first item of a tuple is what resvg does not apply: an at-rule around the selector, nested
     rules, or escapes. It is "" if there is none. Rules that no still picture meets are left out.
     """
+    sheet = _LINE_END.sub("\n", sheet)  # tinycss2 does it too, and then counts the lines
     lines = [0, *(match.end() for match in re.finditer("\n", sheet))]
 
     def offset(node: Any) -> int:
@@ -114,7 +119,7 @@ def _by_resvg(text: str, begin: int) -> tuple[list[Declaration], int]:
     """Return the declarations that resvg reads from a position on, and where the others begin."""
     read: list[Declaration] = []
     while match := _DECLARATION.match(text, begin):
-        read.append(Declaration(match[2], COMMENT.sub("", match[3]).strip(), bool(match[4])))
+        read.append(Declaration(match[2], _TO_REMOVE.sub("", match[3]).strip(), bool(match[4])))
         if match[1]:
             break
         begin = match.end()

@@ -143,6 +143,13 @@ def test_what_is_not_known_to_be_drawn_right_is_named(body):
     assert OTHERWISE[body] in first
 
 
+@pytest.mark.parametrize("end", ["&#13;", "&#13;&#10;", "&#10;&#13;", "\n"])
+def test_all_line_ends_of_css_are_read(end):
+    css = f".q{{}}{end}.b{{fill:{end}blue}}{end}.c{{stroke:{end}var(--x)}}"
+    assert remarks(f"<style>{css}</style>{STYLED}") == ("stroke: var(...)",)
+    assert remarks(f"<g style='fill:red;{end}stroke:blue'/>") == ()
+
+
 @pytest.mark.parametrize(
     ("root", "remark"),
     [
