@@ -322,6 +322,8 @@ def _notes(surveyed: Survey, frame: Frame, photo: Photo, renderer: str) -> list[
         notes.append(f"embedded images ({pictures}) are measured along with the shapes")
     left_out = "left out by the renderer"
     notes += [f"{tag} ({tags[tag]}) is {left_out}" for tag in _LEFT_OUT if tag in tags]
+    if surveyed.is_animated and renderer not in BROWSERS:
+        notes.append(f"animation by CSS is {left_out}")
     if pages := tags.get("foreignObject", 0):
         how = "drawn only by browsers" if renderer in BROWSERS else left_out
         notes.append(f"foreignObject ({pages}) is {how}")

@@ -61,11 +61,12 @@ _COLOR = (
     rf"|rgb\((?:{_N}(?:\s{_N}){{2}}|{_PERCENT}(?:\s{_PERCENT}){{2}})\)"
     rf"|hsla?\({_N}(?:,{_PERCENT}){{2}}(?:,{_N})?\)|hsl\({_N}(?:\s{_PERCENT}){{2}}\))"
 )
-_URL = r"""url\(\s*["']?#[^"'()\\]*["']?\s*\)"""
-_LINK = r"(?s:#[^\s%]*|\s*(?i:data):.*)|\s*"
+_URL = r"""url\(\s*(?:#[^"'()\\%]*|"#[^"\\%]*"|'#[^'\\%]*')\s*\)"""
+_LINK = r"(?s:#[^\s%]*|\s*(?i:data):.*)|"
 _PLAIN = "none|currentColor|context-fill|context-stroke"
 _PAINT = rf"\s*(?:{_COLOR}|{_PLAIN}|{_URL}(?:\s+(?:none|currentColor|{_COLOR}))?)\s*"
 _COMMA = r"\s*+,?+\s*+"
+_NO_ZERO, _ALIGN = r"(?![+-]?[0.]+(?:[\s,]|\Z))", "(?:Min|Mid|Max)"
 _ARGUMENTS = rf"\s*+\(\s*+{_NUMBER}(?:{_COMMA}{_NUMBER})*+\s*+\)"
 _CALL = rf"(?:translate|scale|rotate|skewX|skewY|matrix){_ARGUMENTS}"
 _TRANSFORM = rf"none|\s*+(?:{_CALL}(?:{_COMMA}{_CALL})*+)?\s*+"
@@ -73,7 +74,7 @@ _TRANSFORM = rf"none|\s*+(?:{_CALL}(?:{_COMMA}{_CALL})*+)?\s*+"
 _CSS_TRANSFORM = rf"none|(?:(?:scale|matrix)\({_N}(?:,{_N})*+\)\s*+)++"
 _ABSOLUTE = rf"(?:0|{_NUMBER}(?:px|mm|cm|in|pt|pc|em))"
 _FUNCTIONS = (
-    rf"(?:\s*(?:blur\({_ABSOLUTE}?\)|hue-rotate\({_NUMBER}(?:deg|grad|rad|turn)\)"
+    rf"(?:\s*(?:{_URL}|blur\({_ABSOLUTE}?\)|hue-rotate\({_NUMBER}(?:deg|grad|rad|turn)\)"
     rf"|(?:brightness|contrast|grayscale|invert|opacity|saturate|sepia)\((?:{_NUMBER}%?)?\)"
     rf"|drop-shadow\((?:{_COLOR}\s+)?{_ABSOLUTE}(?:\s+{_ABSOLUTE}){{1,2}}(?:\s+{_COLOR})?\)))+"
 )
@@ -97,7 +98,7 @@ _PROPERTIES = {
     **_each("fill-rule clip-rule", "nonzero|evenodd"),
     **_each("clip-path mask", rf"none|{_URL}"),
     **_each("marker marker-start marker-mid marker-end", "none"),  # see _EXCEPTIONS
-    "filter": rf"none|{_URL}|{_FUNCTIONS}",
+    "filter": rf"none|{_FUNCTIONS}",
     "display": "none|inline|block|inline-block|flex",
     "visibility": "visible|hidden|collapse",
     "overflow": "visible|hidden|auto|scroll",
@@ -122,12 +123,14 @@ _ATTRIBUTES = {
     **_each("dx dy", _NUMBER),
     "offset": _SHARE,
     "points": r"[-+.,eE\d\s]*+",
-    **_each("viewBox stdDeviation", _NUMBERS),
+    "stdDeviation": _NUMBERS,
+    # Chromium draws nothing if a side is 0.
+    "viewBox": rf"(?:{_COMMA}{_NUMBER}){{2}}(?:{_COMMA}{_NO_ZERO}{_NUMBER}){{2}}\s*+",
+    "preserveAspectRatio": rf"\s*(?:none|x{_ALIGN}Y{_ALIGN})?(?:\s+(?:meet|slice))?\s*",
     **_each("transform gradientTransform patternTransform", _TRANSFORM),
     "orient": r"auto|auto-start-reverse|-?[\d.]+",
     **_each("pathLength requiredFeatures", _NEVER),
     **_each(f"href {_XLINK}href", _LINK),
-    "primitiveUnits": "userSpaceOnUse",
     "systemLanguage": r"[a-z]{2}(?:-[A-Z]{2})?(?:,\s*[a-z]{2}(?:-[A-Z]{2})?)*",
     # resvg also reads attributes of these namespaces.
     **{space + name: _NEVER for space in (SVG, _XLINK) for name in ("style", *_PROPERTIES)},
@@ -135,7 +138,7 @@ _ATTRIBUTES = {
 # Patterns for one element, in place of those of the tables above. None stands for any value.
 _EXCEPTIONS: dict[str, dict[str, str | None]] = {
     _ROOT: {
-        **_each("x y width height viewBox overflow", None),
+        **_each("x y width height viewBox overflow preserveAspectRatio", None),
         "transform": r"none|\s*|translate\(\s*0(?:px)?(?:[\s,]+0(?:px)?)?\s*\)",
         "display": "inline|block|inline-block",
         **_each("filter mask clip-path", "none"),
@@ -158,6 +161,7 @@ _EXCEPTIONS: dict[str, dict[str, str | None]] = {
     "pattern": {"overflow": "hidden", "display": "inline|block"},
     "filter": {"display": "inline|block", **_each(f"href {_XLINK}href", _NEVER)},
     "feTurbulence": {"stitchTiles": "noStitch"},
+    "feGaussianBlur": {"edgeMode": "none"},
     "feComposite": {"operator": "over|in|out|atop|xor|arithmetic"},
 }
 # Attributes that browsers also take from CSS, and resvg does not.
@@ -168,7 +172,7 @@ _GEOMETRY = {
     "path": "d",
 }
 _KINDS = {*_EXCEPTIONS, *_GEOMETRY, *_TEXTS}
-# Properties that change nothing in a still picture of shapes.
+# Properties that change nothing in a still picture of shapes, those of _check_others apart.
 _WITHOUT_EFFECT = re.compile(
     "--.*|-(?:inkscape|moz|ms|o|khtml)-.*|-webkit-(?:tap|touch|user|text|font|print|line|overflow)-.*"
     "|(?:font|text|letter|word|line|glyph|white-space|list|scroll|flex|align|justify|grid|column|row"
@@ -177,18 +181,19 @@ _WITHOUT_EFFECT = re.compile(
     "|will-change|(?:shape|text|color)-rendering|color-(?:scheme|profile)|lighting-color|fill-color"
     "|shape-(?:inside|padding|margin|subtract)|enable-background|z-index|order|gap|perspective"
     "|transform-(?:origin|style)|(?:print-color|forced-color)-adjust|(?:accent|caret)-color"
-    "|appearance|vertical-align|quotes|content(?:-visibility)?|hyphens|tab-size|aspect-ratio|contain"
-    "|(?:(?:min|max)-)?(?:width|height)|box-(?:sizing|shadow)|resize|overflow-(?:wrap|anchor)|float"
+    "|appearance|vertical-align|quotes|content|hyphens|tab-size|aspect-ratio|contain"
+    "|(?:(?:min|max)-)?(?:width|height)|box-sizing|resize|overflow-(?:wrap|anchor)|float"
     "|clear|border-radius|outline-(?:offset|color)|stroke-(?:alignment|location)|[xydr]|[cr][xy]|src"
     "|orphans|widows|backdrop-filter|clip|zoom"
 )
 # Properties of boxes, which have an effect on the root alone, and their values that have none.
 _BOX = re.compile(
-    r"(?:padding|margin|border|inset|background)(?:-.*)?|position|left|top|right|bottom"
+    r"(?:padding|margin|border|inset|background)(?:-.*)?|position|left|top|right|bottom|box-shadow"
 )
 _EMPTY_BOX = (
     r"(?:(?:0(?:px|%)?|none|auto|static|relative|transparent|(?i:white|#fff|#ffffff))(?:\s+|\Z))+"
 )
+_FONT_SIZE = rf"(?!-){_NUMBER}(?:px|pt|em|%)?|none|inherit"  # the sizes that resvg reads
 _NEUTRAL = "none|auto|normal|0|1"  # values that change nothing, of whatever property
 _NAME = r"-?[a-zA-Z_][\w-]*+"
 _ATTRIBUTE = rf"""\[[\w-]++(?:[~|]?=(?:"[^"\\]*+"|'[^'\\]*+'|{_NAME}))?\]"""
@@ -196,9 +201,25 @@ _COMPOUND = rf"(?:\*|{_NAME})?+(?:[.#]{_NAME}|:first-child|{_ATTRIBUTE})*+"
 # Selectors that resvg applies as browsers do.
 _SELECTOR = re.compile(rf"{_COMPOUND}(?:(?:\s*+[>+]\s*+|\s++){_COMPOUND})*+", re.ASCII)
 # Selectors that match nothing in a still picture.
-_UNMET = re.compile(r"::|:(?:hover|active|focus(?:-visible|-within)?|visited|target)\b")
+_UNMET = re.compile(
+    r"::|:(?:hover|active|focus(?:-visible|-within)?|visited|target)\b"
+    r"|(?<![\w.#-])use(?:\s*>|\s+(?![>+~]))"  # <use> has no children
+)
 _TURNS = re.compile(r"rotate|skew|matrix\s*\((?!\s*[^\s,()]{1,40}[\s,]+0[\s,]+0[\s,])")
-_ID = re.compile(r"""url\(\s*["']?#([^"')]+)""")
+_ID = re.compile(r"""url\(\s*(?:#([^"'()]*)|"#([^"]*)"|'#([^']*)')""")
+# The elements to which a property or a link refers. resvg takes others for missing, or the last
+# of several elements of one id.
+_PAINTS = frozenset(["linearGradient", "radialGradient", "pattern"])
+_REFERENCES = {
+    **_each("fill stroke gradient", _PAINTS),
+    "clip-path": frozenset(["clipPath"]),
+    "mask": frozenset(["mask"]),
+    "filter": frozenset(["filter"]),
+}
+# Elements with a note of their own, whose attributes have other meanings.
+_ANIMATIONS = {"animate", "animateTransform", "animateMotion", "animateColor", "set"}
+# The bytes near the end of a whole file. A file without them is decoded to see if it is broken.
+_ENDS = {"PNG": b"IEND", "JPEG": b"\xff\xd9", "GIF": b";"}
 # The media types with which resvg and Chromium draw each format of embedded images.
 _MEDIA_TYPES = {"PNG": ["png"], "JPEG": ["jpeg", "jpg"], "GIF": ["gif"], "WEBP": ["webp"]}
 
@@ -223,14 +244,22 @@ class Drawable:
         # declaration of a sheet, the names that an element must have.
         self._named = set[tuple[frozenset[str], frozenset[Declaration]]]()
         self._important = set[tuple[frozenset[str], Declaration]]()
-        self._filters, self._filters_used = set[str](), set[str]()
-        self._placed, self._is_turned, self._has_use = "", False, False
+        # The kind of element of each id, or "" if several elements have it. Ids are kept only if
+        # they may be needed, like references: pairs of a property and an id.
+        self._has_references = "#" in text
+        self._ids, self._references = dict[str, str](), set[tuple[str, str]]()
+        # For the id of each filter: remarks on it, and the primitive in it that may be misplaced.
+        self._filter, self._in_filters = "", dict[str, dict[str, None]]()
+        self._placed = dict[str, str]()
+        self._is_turned, self._has_use = False, False
+        # Remarks on sizes of fonts, which have an effect if a length is in em.
+        self._fonts, self._has_em = dict[str, None](), False
+        self.is_animated = False  # whether CSS animates an element
         self._before, self._has_auto_marker, self._has_closed = "", False, False
 
     def add(self, remark: str) -> None:
         """Add a remark, if there are not too many yet."""
-        if len(self._found) < _MOST_REMARKS:
-            self._found[remark] = None
+        _keep(self._found, remark)
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         """Look at an element and its attributes. The first element is the root."""
@@ -240,6 +269,8 @@ class Drawable:
         if self._before == "switch" and ("}" in name or name in _NOT_SWITCHED):
             self.add(f"<{name.rpartition('}')[2][:40]}> in <switch>")
         self._before = name
+        if self._has_references and (key := attributes.get("id")):
+            self._ids[key] = "" if key in self._ids else name
         if "}" in name:
             return  # no renderer draws an element of another namespace
         if self._is_qualified and tag == name:
@@ -254,26 +285,49 @@ class Drawable:
             if self._has_important:
                 styles = [d for d in css_of(attributes.get("style", "")).by_resvg if d.is_important]
                 self._named.add((frozenset(names), frozenset(styles)))
-        if name in _TEXTS:
+        if name in _TEXTS or name in _ANIMATIONS:
             return
+        if name == "filter":
+            self._filter = attributes.get("id", "")
+        # Remarks on a filter count if it is used.
+        is_in_filter = name.startswith("fe")
+        remarks = self._in_filters.setdefault(self._filter, {}) if is_in_filter else self._found
         if name in _OTHERWISE:
-            self.add(f"<{name}>")
+            _keep(remarks, f"<{name}>")
         for key, value in attributes.items():
             if key == "style":
-                self._check_css(element, css_of(value), f" on <{name}>")
+                css = css_of(value)
+                self._check_others(css, f" on <{name}>")
+                self._check_css(element, css, f" on <{name}>")
             elif (matches := _matcher(element, key)) and not matches(value):
-                self.add(f'{key.rpartition("}")[2]}="{_brief(value)}" on <{name[:40]}>')
-            elif key == "filter":
-                self._filters_used.update(_ID.findall(value))
-        self._check_combinations(name, attributes)
+                _keep(remarks, f'{key.rpartition("}")[2]}="{_brief(value)}" on <{name[:40]}>')
+            elif key == "font-size":
+                self._check_font(key, value, f" on <{name}>")
+            elif matches:
+                self._note_use(key, value)
+            if key in ("href", f"{_XLINK}href") and name in _PAINTS:
+                self._references.add(("gradient", value[1:]))
+        self._check_combinations(name, attributes, remarks)
 
-    def _check_combinations(self, name: str, attributes: dict[str, str]) -> None:
+    def _note_use(self, name: str, value: str) -> None:
+        """Keep the references of a value, and whether it has a length in em."""
+        self._has_em |= "em" in value and re.search(r"\dem\b", value) is not None
+        if "#" in value and "url" in value:
+            for match in _ID.finditer(value):
+                self._references.add((name, match[match.lastindex or 0].strip()))
+
+    def _check_font(self, name: str, value: str, place: str) -> None:
+        """Keep a remark on a size of a font that resvg does not read as browsers do."""
+        if not re.fullmatch(_FONT_SIZE, value) or name != "font-size":
+            _keep(self._fonts, f"{name}: {_brief(value)}{place}")
+
+    def _check_combinations(
+        self, name: str, attributes: dict[str, str], remarks: dict[str, None]
+    ) -> None:
         """Add remarks on what is drawn right only beside certain other attributes."""
         if not self._is_turned and "transform" in attributes:
             self._is_turned = _TURNS.search(attributes["transform"]) is not None
-        if name == "filter":
-            self._filters.add(attributes.get("id", ""))
-        elif name == "use":
+        if name == "use":
             self._has_use = True
         elif name == "marker":
             self._has_auto_marker |= attributes.get("orient", "").startswith("auto")
@@ -284,17 +338,25 @@ class Drawable:
         elif name == "feColorMatrix" and attributes.get("type") == "saturate":
             # Chromium clips what is more saturated than the source otherwise than resvg does.
             if not re.fullmatch(r"\s*(?:0?\.\d+|[01](?:\.0*)?)\s*", attributes.get("values", "1")):
-                self.add("a saturation above 1 by <feColorMatrix>")
+                _keep(remarks, "a saturation above 1 by <feColorMatrix>")
         elif name.startswith("fe"):
-            self._placed = name if name in _PLACED else self._placed
+            if name in _PLACED:
+                self._placed[self._filter] = name
             if 0 < len(_SUBREGION & attributes.keys()) < 4:
-                self.add(f"<{name[:40]}> with a part of x, y, width and height")
+                _keep(remarks, f"<{name[:40]}> with a part of x, y, width and height")
         elif not _MARKERS.keys().isdisjoint(attributes):
             # Markers turn otherwise at the end of a closed path. In arcs their number is another.
             path = attributes.get("d", "")
             self._has_closed |= name == "polygon" or re.search("[zZ]", path) is not None
             if "marker-mid" in attributes and re.search("[aA]", path):
                 self.add("a marker in an arc")
+        if name in _PAINTS:
+            moved = attributes.get("gradientTransform") or attributes.get("patternTransform") or ""
+            for call, arguments in re.findall(r"(scale|matrix)\s*\(([^)]*)", moved):
+                numbers = [float(each) for each in re.findall(_NUMBER, arguments)]
+                a, b, c, d, *_ = (*numbers, 0, 0, 0, 0)
+                if (call == "scale" and 0 in numbers) or (call == "matrix" and a * d == b * c):
+                    self.add(f"a scale of 0 on <{name}>")
 
     def sheet(self, text: str, attributes: dict[str, str]) -> None:
         """Keep the text of a style sheet, whose element has these attributes."""
@@ -317,12 +379,25 @@ class Drawable:
                 self._check_sheet(text)
         if self._has_important and self._has_conflict():
             self.add("!important more than once")
-        if self._filters_used - self._filters:
-            self.add("a missing filter")
+        for name, key in sorted(self._references):
+            kind = self._ids.get(key)
+            if kind is None:
+                if name == "filter":
+                    self.add("a missing filter")
+            elif not kind:
+                self.add(f"the id {_brief(key)} of several elements")
+            elif name in _REFERENCES and kind not in _REFERENCES[name]:
+                self.add(f"{name} of <{kind[:40]}>")
+        used = [key for name, key in sorted(self._references) if name == "filter"]
+        for remark in (each for key in used for each in self._in_filters.get(key, ())):
+            self.add(remark)
+        for remark in self._fonts if self._has_em else ():
+            self.add(remark)
         if self._has_auto_marker and self._has_closed:
             self.add("markers on a closed path")
-        if self._placed and self._is_turned:
-            self.add(f"<{self._placed}> beside a rotation or a skew")
+        for key in used if self._is_turned else ():
+            if key in self._placed:
+                self.add(f"<{self._placed[key]}> beside a rotation or a skew")
         return tuple(self._found)
 
     def _check_sheet(self, text: str) -> None:
@@ -334,15 +409,18 @@ class Drawable:
     def _check_rule(self, at_rule: str, tokens: list[Any], css: Css) -> None:
         """Check the declarations of a rule for each kind of element that its selector may match."""
         selector = text_of(tokens)
-        if "(" not in selector and _UNMET.search(selector):
+        if not re.search(r"[(\"']", selector) and _UNMET.search(selector):
             return
         kinds = self._matched(tokens) - _TEXTS
+        is_applied = not at_rule and _SELECTOR.fullmatch(selector) is not None
+        if kinds:
+            self._check_others(css, "", is_applied)
         kinds = {kind for kind in kinds if any(_has_effect(kind, d.name) for d in css.by_browsers)}
         if not kinds:
             return
         if at_rule:
             self.add(at_rule)
-        elif not selector or not _SELECTOR.fullmatch(selector):
+        elif not selector or not is_applied:
             self.add(f"the selector {selector[:40]}")
         elif self._has_use and re.search(r"[\s>+]", selector):
             # In the shadow tree of <use>, browsers do not find the ancestors.
@@ -396,8 +474,26 @@ class Drawable:
             matches = _matcher(element, name, is_css=True)
             if matches and not matches(value):
                 self.add(f"{name}: {_brief(value)}{place}")
-            elif name == "filter":
-                self._filters_used.update(_ID.findall(value))
+            elif matches:
+                self._note_use(name, value)
+
+    def _check_others(self, css: Css, place: str, is_applied: bool = True) -> None:
+        """Look at declarations of animations, and of fonts, whose size is the unit em."""
+        for name, value, _ in css.by_browsers:
+            if name in ("font", "font-size"):
+                self._check_font(name, value if is_applied and css.is_same else "(", place)
+            elif name in ("animation", "animation-name") and value not in (
+                "none",
+                "initial",
+                "unset",
+            ):
+                self.is_animated = True
+
+
+def _keep(remarks: dict[str, None], remark: str) -> None:
+    """Add a remark, if there are not too many yet."""
+    if len(remarks) < _MOST_REMARKS:
+        remarks[remark] = None
 
 
 def picture_remark(picture: Image.Image, data: bytes, declared: str) -> str | None:
@@ -417,11 +513,21 @@ def picture_remark(picture: Image.Image, data: bytes, declared: str) -> str | No
         return f"a {kind} in CMYK or without luminance"
     if getattr(picture, "is_animated", False):
         return f"an animated {kind}"
+    if _ENDS.get(kind, b"") not in data[-32:] and _is_broken(picture):
+        return f"a broken {kind}"
     profile = info.get("icc_profile") or b"sRGB"
     has_gamma = "srgb" not in info and abs(info.get("gamma", 0.45455) - 0.45455) > 0.001
     if b"sRGB" not in profile.replace(b"\0", b"") or has_gamma or b"cICP" in data[:1000]:
         return f"a {kind} with colours other than sRGB"
     return None
+
+
+def _is_broken(picture: Image.Image) -> bool:
+    try:
+        picture.load()
+    except (OSError, ValueError, SyntaxError):
+        return True
+    return False
 
 
 def _is_turned(content: bytes) -> bool:

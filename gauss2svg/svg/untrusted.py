@@ -61,6 +61,7 @@ class Survey:
     layers     number of groups that Inkscape shows as layers
     root       attributes of the root
     qualified  whether the root is in the namespace of SVG. If not, browsers do not show the file
+    is_animated  whether CSS animates elements
     remarks    what resvg is not known to draw as browsers do, such as "fill: oklch(...) on <rect>"
 
     Raise InputError if the SVG has more than most_elements elements, or if it refers to anything
@@ -76,6 +77,7 @@ class Survey:
         self._drawable = Drawable(text)
         parse(text, self)
         self.remarks = self._drawable.remarks()
+        self.is_animated = self._drawable.is_animated
         self.tags = dict(Counter(self.tags).most_common())
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -135,8 +137,8 @@ class Survey:
     def _add_picture(self, target: str) -> None:
         """Count the pixels of the embedded image that an address contains.
 
-        A reference within the file has none. Raise InputError for any other address. resvg opens the
-        file " #a.png", but ignores blanks before "data:" as browsers do.
+        A reference within the file has none. Raise InputError for any other address. resvg opens a
+        file named " #a.png", but ignores blanks before "data:" as browsers do.
         """
         if not target or target.startswith("#"):
             return

@@ -112,6 +112,8 @@ def test_any_root_is_stretched_to_the_photo(head, renderer, halves, drawn_here):
         ('viewBox="0 0 8 8"><text>a</text>', "text (1) is not drawn, because resvg gets no fonts"),
         ('viewBox="0 0 8 8"><foreignObject/>', "foreignObject (1) is left out"),
         ('viewBox="0 0 8 8"><g><animate/></g>', "animate (1) is left out"),
+        ('viewBox="0 0 8 8"><rect style="animation:k 2s"/>', "animation by CSS is left out"),
+        ('viewBox="0 0 8 8"><animate fill="freeze"/>', "animate (1) is left out"),
         ('viewBox="0 0 8 8"><rect fill="oklch(.6 .2 30)"/>',
          'as browsers do: fill="oklch(...)" on <rect>. Try --renderer chromium'),
         ('viewBox="0 0 8 8"><g fill="a" stroke="b" opacity="c" color="d"/>',

@@ -19,6 +19,7 @@ from gauss2svg.svg.write import write_svg
 
 SPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 IMAGE = Image.new("RGB", (3, 2), "#c40")
+NOISE = Image.fromarray(np.random.default_rng(0).integers(0, 255, (32, 32, 3), dtype=np.uint8))
 
 
 def remarks(body, root=""):
@@ -69,6 +70,18 @@ RIGHT = [
     '<filter id="a" x="-50%"><feGaussianBlur stdDeviation="2 1"/></filter><g filter="url(#a)"/>',
     '<mask style="mask-type:luminance"/>', '<linearGradient href="#a" spreadMethod="reflect"/>',
     '<pattern width="1" height="1" patternContentUnits="objectBoundingBox"/>',
+    '<filter id="f"><feImage href="#a"/><feSpecularLighting/></filter><feTile/>',
+    '<filter id="a" primitiveUnits="objectBoundingBox"><feOffset dx=".1"/></filter>',
+    '<filter id="a"/><g style="filter:url(#a) url(#a)"/><g filter="invert(1) url(#a)"/>',
+    '<clipPath id="image(1)"/><g clip-path="url(\'#image(1)\')"/><g mask="url(#none)"/>',
+    '<g id="b"/><g id="b"/><use href="#b"/><mask id="m"/><g mask="url(#m )"/>',
+    '<animate fill="freeze"/><set fill="remove" to="x"/><rect fill="url(#none) red"/>',
+    '<svg viewBox="0,0,1e1-2" preserveAspectRatio=" xMinYMax  slice"/><g font-size="2rem"/>',
+    '<g font-size="2em" style="font-size:20px"><rect width="2em"/></g>',
+    '<linearGradient gradientTransform="matrix(0 1 -1 0 0 0)scale(1 .01)"/>',
+    f"<style>@namespace svg url(http://www.w3.org/2000/svg);.b{{fill:red}}</style>{STYLED}",
+    f"<style>use path, use > .b{{fill:red}}</style>{STYLED}<use/>",
+    "<style>text{font:12px/1 x} .none{animation:k 1s}</style><text/><rect width='2em'/>",
     data("PNG", "image/png"), data("JPEG", "image/jpg"), data("WEBP", "image/webp"),
     data("PNG", ""), data("GIF", "IMAGE/GIF"), data("JPEG", "image/jpeg", exif=orientation(1)),
     data("JPEG", "image/jpeg", exif=b"Exif\0\0broken"),
@@ -96,20 +109,43 @@ OTHERWISE = {
         "vector-effect:non-scaling-stroke", "image-rendering:pixelated", "display:contents",
         "-webkit-filter:blur(2px)", "outline:2px solid red", "color-interpolation:linearRGB",
         "bogus:x")},
+    **{f'<g id="a"/><g {name}="url(#a)"/>': f"{name} of <g>"
+       for name in ("fill", "stroke", "mask", "clip-path", "filter")},
+    **{f'<mask id="a"/>{twice}<g mask="url(\'#a\')"/>': "the id a of several" for twice in (
+        '<mask id="a"/>', '<text id="a"/>', '<x:g xmlns:x="urn:x" id="a"/>')},
+    '<stop id="a"/><linearGradient id="a"/><linearGradient href="#a"/>': "the id a of several",
+    '<g style="mask:url(#a)"/><g id="a"/>': "mask of <g>",
+    '<g fill="url(#a%20b)"/>': "fill=",
+    "<style>g{fill:url('#a')}</style><g id='a'/>": "fill of <g>",
+    **{f'<g {size}><rect width="2em"/></g>': "font" for size in (
+        'font-size="x-large"', 'font-size="2rem"', 'font-size="-1"', 'style="font-size:calc(2px)"',
+        'style="font:20pt/2 x"', 'style="--a:1;font-size:2px"')},
+    "<style>:root{font-size:20px}</style><rect x='1em'/>": "font-size",
+    '<svg viewBox="0 0 0 9"/>': "viewBox", '<symbol viewBox="0 0 9 .0"/>': "viewBox",
+    '<svg preserveAspectRatio="defer none"/>': "preserveAspectRatio",
+    '<linearGradient gradientTransform="rotate(9) scale(0)"/>': "a scale of 0 on <linear",
+    '<pattern width="1" height="1" patternTransform="matrix(0 0 0 1 2 3)"/>': "a scale of 0",
+    '<filter id="a"><feGaussianBlur edgeMode="wrap"/></filter><g filter="url(#a)"/>': "edgeMode",
+    '<g style="content-visibility:hidden"/>': "content-visibility",
+    **{f'<image href="data:;base64,{base64.b64encode(encoded(NOISE, kind)[:-n]).decode()}"/>':
+       f"a broken {kind}" for kind, n in (("PNG", 200), ("JPEG", 2), ("JPEG", 99), ("GIF", 99))},
     **{f'<rect style="{css}"/>': css.partition(":")[0] for css in ("width:8px", "x:1px", "rx:2px")},
     '<path style="d:path(\'M0 0\')"/>': "d: path(...) on <path>",
     '<circle style="r:2px"/>': "r: 2px on <circle>",
     '<g style="--x:1;fill:red"/>': "fill: red", '<g style="FILL:red"/>': "fill: red",
     '<g style="font:12px/1 x;fill:red"/>': "fill: red", '<g style="f\\69ll:red"/>': "fill: red",
     '<g style="fill:red stroke:#000"/>': "fill", '<g transform="translate(1,)"/>': "transform",
-    '<rect xmlns="" width="8"/>': "<rect> without a namespace", '<feTile/>': "<feTile>",
+    '<rect xmlns="" width="8"/>': "<rect> without a namespace",
+    '<filter id="a"><feTile/></filter><g filter="url(#a)"/>': "<feTile>",
     '<symbol width="8"/>': "width", '<path pathLength="9"/>': "pathLength",
     '<rect marker-end="url(#a)"/>': "marker-end", '<use href="#a%20b"/>': "href",
     '<marker orient="auto"/><path d="M0 0h8z" marker-end="url(#a)"/>': "markers on a closed path",
     '<pattern width="2" height="2"/>': "<pattern>", '<rect xlink:fill="red"/>': "fill",
     '<g filter="url(#none)"/>': "a missing filter", '<switch><title/><g/></switch>': "<title> in",
-    '<feColorMatrix type="saturate" values="3"/>': "a saturation above 1",
-    '<g transform="rotate(9)"/><feOffset/>': "<feOffset> beside a rotation",
+    '<filter id="a"><feColorMatrix type="saturate" values="3"/></filter><g filter="url(#a)"/>':
+    "a saturation above 1",
+    '<filter id="a"><feOffset/></filter><g filter="url(#a)" transform="rotate(9)"/>':
+    "<feOffset> beside a rotation",
     data("PNG", "image/jpeg"): "a PNG declared as image/jpeg", data("GIF", "img/gif"): "a GIF decl",
     data("JPEG", "image/jpeg", exif=orientation(6)): "a JPEG with an orientation",
     data("PNG", "image/png", exif=orientation(3)): "a PNG with an orientation",
