@@ -1,31 +1,35 @@
 """Remarks on what a file has that resvg is not known to draw as browsers do.
 
 resvg ignores what it does not know, so a file that a browser draws exactly may get a low score.
-The tables of this module have the attributes, properties and values that resvg 0.48 and Chromium
-156 draw alike (docs/decisions/renderers.md). Whatever else SVG or CSS defines gives a remark.
-Attributes that SVG does not define have no effect in any renderer, so they give none.
+`drawable_values.py` has the values that are known to be drawn alike.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
-from PIL import Image, ImageColor
+from PIL import Image
 from PIL.ExifTags import Base
 
 from gauss2svg.svg.css import Css, Declaration, css_of, rules_of, text_of
+from gauss2svg.svg.drawable_values import (
+    FONT_SIZE,
+    KINDS,
+    MARKERS,
+    NUMBER,
+    ROOT,
+    TEXTS,
+    XLINK,
+    has_effect,
+    matcher,
+)
 from gauss2svg.svg.file import SVG
 
 _MOST_REMARKS = 20  # the largest number of remarks on a file, of which a note has the first few
 _MOST_CSS = 1_000_000  # the largest length of all style sheets, because tinycss2 takes 3 s for it
-_XLINK = "{http://www.w3.org/1999/xlink}"
-_ROOT = ":root"  # the name of the root in the tables. It is stretched, and is a box of a page
-# Elements with notes of their own, which say how they are drawn.
-_TEXTS = {"text", "tspan", "tref", "textPath", "altGlyph", "foreignObject"}
 # Elements that resvg draws otherwise than Chromium, or not at all.
 _OTHERWISE = {"feMorphology", "feDisplacementMap", "feDiffuseLighting", "feSpecularLighting"}
 _OTHERWISE |= {"feConvolveMatrix", "feImage", "feTile"}
@@ -34,167 +38,6 @@ _PLACED = {"feOffset", "feFlood", "feDropShadow", "feTurbulence"}
 _SUBREGION = {"x", "y", "width", "height"}
 # Elements that resvg chooses in a <switch> if they come first. Browsers skip them.
 _NOT_SWITCHED = {"title", "desc", "metadata", "style", "defs"}
-
-
-def _each(names: str, value: Any) -> dict[str, Any]:
-    return dict.fromkeys(names.split(), value)
-
-
-# The rest of the tables has regular expressions of values. Chromium places nothing at coordinates
-# of 8 digits. resvg reads neither "20." nor a blank after a number. Atomic groups keep the time of
-# a match linear.
-_NEVER = "(?!)"
-_NUMBER = r"[+-]?(?>\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?"
-_NUMBERS = rf"(?:\s*+,?+\s*+{_NUMBER})*+\s*+"
-_SHARE = rf"\s*{_NUMBER}%?"
-_SIDE = (
-    r"[+-]?(?:(?>\d(?:\.\d+)?|\.\d+)[eE]\+?0?[0-6](?!\d)"
-    r"|(?>\d{1,7}(?!\d)(?:\.\d+)?|\.\d+)(?:[eE]-\d+)?)(?:px|mm|cm|in|pt|pc|em|%)?"
-)
-_LENGTH = rf"\s*{_SIDE}"
-_ABOVE_ZERO = rf"(?!\s*(?:-|[0.]+(?:[a-z%]|\Z))){_LENGTH}"
-_NAMES = "|".join(["transparent", *sorted(ImageColor.colormap.keys() - {"rebeccapurple"})])
-_N, _PERCENT = rf"\s*{_NUMBER}\s*", rf"\s*{_NUMBER}%\s*"
-_COLOR = (
-    rf"(?i:#(?:[\da-f]{{3,4}}|[\da-f]{{6}}|[\da-f]{{8}})|{_NAMES}"
-    rf"|rgba?\((?:{_N}(?:,{_N}){{2}}|{_PERCENT}(?:,{_PERCENT}){{2}})(?:,{_N})?\)"
-    rf"|rgb\((?:{_N}(?:\s{_N}){{2}}|{_PERCENT}(?:\s{_PERCENT}){{2}})\)"
-    rf"|hsla?\({_N}(?:,{_PERCENT}){{2}}(?:,{_N})?\)|hsl\({_N}(?:\s{_PERCENT}){{2}}\))"
-)
-_URL = r"""url\(\s*(?:#[^"'()\\%]*|"#[^"\\%]*"|'#[^'\\%]*')\s*\)"""
-_LINK = r"(?s:#[^\s%]*|\s*(?i:data):.*)|"
-_PLAIN = "none|currentColor|context-fill|context-stroke"
-_PAINT = rf"\s*(?:{_COLOR}|{_PLAIN}|{_URL}(?:\s+(?:none|currentColor|{_COLOR}))?)\s*"
-_COMMA = r"\s*+,?+\s*+"
-_NO_ZERO, _ALIGN = r"(?![+-]?[0.]+(?:[\s,]|\Z))", "(?:Min|Mid|Max)"
-_ARGUMENTS = rf"\s*+\(\s*+{_NUMBER}(?:{_COMMA}{_NUMBER})*+\s*+\)"
-_CALL = rf"(?:translate|scale|rotate|skewX|skewY|matrix){_ARGUMENTS}"
-_TRANSFORM = rf"none|\s*+(?:{_CALL}(?:{_COMMA}{_CALL})*+)?\s*+"
-# CSS takes no blank between numbers, and resvg takes no unit. This leaves what has no unit.
-_CSS_TRANSFORM = rf"none|(?:(?:scale|matrix)\({_N}(?:,{_N})*+\)\s*+)++"
-_ABSOLUTE = rf"(?:0|{_NUMBER}(?:px|mm|cm|in|pt|pc|em))"
-_FUNCTIONS = (
-    rf"(?:\s*(?:{_URL}|blur\({_ABSOLUTE}?\)|hue-rotate\({_NUMBER}(?:deg|grad|rad|turn)\)"
-    rf"|(?:brightness|contrast|grayscale|invert|opacity|saturate|sepia)\((?:{_NUMBER}%?)?\)"
-    rf"|drop-shadow\((?:{_COLOR}\s+)?{_ABSOLUTE}(?:\s+{_ABSOLUTE}){{1,2}}(?:\s+{_COLOR})?\)))+"
-)
-_BLENDS = (
-    "multiply|screen|overlay|darken|lighten|color-dodge|color-burn|hard-light|soft-light|difference"
-    "|exclusion|hue|saturation|color|luminosity|normal"
-)
-# The values of properties that are drawn right. `inherit` and `initial` are drawn right too.
-_PROPERTIES = {
-    **_each("fill stroke", _PAINT),
-    "color": _COLOR,
-    "stop-color": rf"{_COLOR}|currentColor",
-    "flood-color": _COLOR,
-    **_each("opacity fill-opacity stroke-opacity stop-opacity flood-opacity", _SHARE),
-    "stroke-width": rf"\s*(?!-){_SIDE}",
-    "stroke-dasharray": rf"none|{_LENGTH}(?:{_COMMA}{_SIDE})*+\s*+",
-    "stroke-dashoffset": _LENGTH,
-    "stroke-linecap": "butt|round|square",
-    "stroke-linejoin": "miter|round|bevel",
-    "stroke-miterlimit": _SHARE,
-    **_each("fill-rule clip-rule", "nonzero|evenodd"),
-    **_each("clip-path mask", rf"none|{_URL}"),
-    **_each("marker marker-start marker-mid marker-end", "none"),  # see _EXCEPTIONS
-    "filter": rf"none|{_FUNCTIONS}",
-    "display": "none|inline|block|inline-block|flex",
-    "visibility": "visible|hidden|collapse",
-    "overflow": "visible|hidden|auto|scroll",
-    "isolation": "auto|isolate",
-    "mix-blend-mode": _BLENDS,
-    "paint-order": r"normal|(?:fill|stroke|markers)(?:\s+(?:fill|stroke|markers)){0,2}",
-    "mask-type": "luminance|alpha",
-    "vector-effect": "none",
-    "image-rendering": "auto|optimizeQuality|high-quality|smooth",
-    "color-interpolation": "auto|sRGB",
-    "color-interpolation-filters": "sRGB|linearRGB",
-    "background-color": rf"{_COLOR}|none",
-    "transform": _CSS_TRANSFORM,
-}
-# Properties that are no attributes, or attributes of another syntax.
-_CSS_ONLY = ["mix-blend-mode", "isolation", "background-color", "marker", "transform"]
-_MARKERS = _each("marker marker-start marker-mid marker-end", rf"none|{_URL}")
-# The values of other attributes that are drawn right. All values of all other attributes are.
-_ATTRIBUTES = {
-    **_each("x y width height cx cy r rx ry x1 y1 x2 y2 fx fy fr refX refY", _LENGTH),
-    **_each("markerWidth markerHeight", _LENGTH),
-    **_each("dx dy", _NUMBER),
-    "offset": _SHARE,
-    "points": r"[-+.,eE\d\s]*+",
-    "stdDeviation": _NUMBERS,
-    # Chromium draws nothing if a side is 0.
-    "viewBox": rf"(?:{_COMMA}{_NUMBER}){{2}}(?:{_COMMA}{_NO_ZERO}{_NUMBER}){{2}}\s*+",
-    "preserveAspectRatio": rf"\s*(?:none|x{_ALIGN}Y{_ALIGN})?(?:\s+(?:meet|slice))?\s*",
-    **_each("transform gradientTransform patternTransform", _TRANSFORM),
-    "orient": r"auto|auto-start-reverse|-?[\d.]+",
-    **_each("pathLength requiredFeatures", _NEVER),
-    **_each(f"href {_XLINK}href", _LINK),
-    "systemLanguage": r"[a-z]{2}(?:-[A-Z]{2})?(?:,\s*[a-z]{2}(?:-[A-Z]{2})?)*",
-    # resvg also reads attributes of these namespaces.
-    **{space + name: _NEVER for space in (SVG, _XLINK) for name in ("style", *_PROPERTIES)},
-}
-# Patterns for one element, in place of those of the tables above. None stands for any value.
-_EXCEPTIONS: dict[str, dict[str, str | None]] = {
-    _ROOT: {
-        **_each("x y width height viewBox overflow preserveAspectRatio", None),
-        "transform": r"none|\s*|translate\(\s*0(?:px)?(?:[\s,]+0(?:px)?)?\s*\)",
-        "display": "inline|block|inline-block",
-        **_each("filter mask clip-path", "none"),
-        "systemLanguage": _NEVER,
-    },
-    **_each("path line polyline polygon use", _MARKERS),
-    # draw.io ends its files with an empty group of this feature, which browsers and resvg skip.
-    "g": {**_MARKERS, "requiredFeatures": ".*#Extensibility"},
-    "svg": {**_MARKERS, **_each("width height", _ABOVE_ZERO)},
-    "a": {**_MARKERS, **_each(f"href {_XLINK}href", None)},
-    "script": _each(f"href {_XLINK}href", None),
-    **_each("clipPath linearGradient radialGradient", _each("display", "inline|block")),
-    "defs": {**_each("display", "inline|block"), "systemLanguage": _NEVER},
-    "marker": {
-        **_each("refX refY", rf"{_LENGTH}|center|left|right|top|bottom"),
-        **_each("opacity clip-path mask filter", "none|1"),
-    },
-    "symbol": _each("x y width height transform", _NEVER),
-    "mask": {"mask": "none", "display": "inline|block"},
-    "pattern": {"overflow": "hidden", "display": "inline|block"},
-    "filter": {"display": "inline|block", **_each(f"href {_XLINK}href", _NEVER)},
-    "feTurbulence": {"stitchTiles": "noStitch"},
-    "feGaussianBlur": {"edgeMode": "none"},
-    "feComposite": {"operator": "over|in|out|atop|xor|arithmetic"},
-}
-# Attributes that browsers also take from CSS, and resvg does not.
-_GEOMETRY = {
-    **_each("rect image svg use", "x y width height rx ry"),
-    "circle": "cx cy r",
-    "ellipse": "cx cy rx ry",
-    "path": "d",
-}
-_KINDS = {*_EXCEPTIONS, *_GEOMETRY, *_TEXTS}
-# Properties that change nothing in a still picture of shapes, those of _check_others apart.
-_WITHOUT_EFFECT = re.compile(
-    "--.*|-(?:inkscape|moz|ms|o|khtml)-.*|-webkit-(?:tap|touch|user|text|font|print|line|overflow)-.*"
-    "|(?:font|text|letter|word|line|glyph|white-space|list|scroll|flex|align|justify|grid|column|row"
-    "|solid|transition|animation|page|break|backface|object)(?:-.*)?|writing-mode|direction"
-    "|unicode-(?:bidi|range)|.*baseline.*|kerning|cursor|pointer-events|user-select|touch-action|speak"
-    "|will-change|(?:shape|text|color)-rendering|color-(?:scheme|profile)|lighting-color|fill-color"
-    "|shape-(?:inside|padding|margin|subtract)|enable-background|z-index|order|gap|perspective"
-    "|transform-(?:origin|style)|(?:print-color|forced-color)-adjust|(?:accent|caret)-color"
-    "|appearance|vertical-align|quotes|content|hyphens|tab-size|aspect-ratio|contain"
-    "|(?:(?:min|max)-)?(?:width|height)|box-sizing|resize|overflow-(?:wrap|anchor)|float"
-    "|clear|border-radius|outline-(?:offset|color)|stroke-(?:alignment|location)|[xydr]|[cr][xy]|src"
-    "|orphans|widows|backdrop-filter|clip|zoom"
-)
-# Properties of boxes, which have an effect on the root alone, and their values that have none.
-_BOX = re.compile(
-    r"(?:padding|margin|border|inset|background)(?:-.*)?|position|left|top|right|bottom|box-shadow"
-)
-_EMPTY_BOX = (
-    r"(?:(?:0(?:px|%)?|none|auto|static|relative|transparent|(?i:white|#fff|#ffffff))(?:\s+|\Z))+"
-)
-_FONT_SIZE = rf"(?!-){_NUMBER}(?:px|pt|em|%)?|none|inherit"  # the sizes that resvg reads
-_NEUTRAL = "none|auto|normal|0|1"  # values that change nothing, of whatever property
 _NAME = r"-?[a-zA-Z_][\w-]*+"
 _ATTRIBUTE = rf"""\[[\w-]++(?:[~|]?=(?:"[^"\\]*+"|'[^'\\]*+'|{_NAME}))?\]"""
 _COMPOUND = rf"(?:\*|{_NAME})?+(?:[.#]{_NAME}|:first-child|{_ATTRIBUTE})*+"
@@ -211,7 +54,7 @@ _ID = re.compile(r"""url\(\s*(?:#([^"'()]*)|"#([^"]*)"|'#([^']*)')""")
 # of several elements of one id.
 _PAINTS = frozenset(["linearGradient", "radialGradient", "pattern"])
 _REFERENCES = {
-    **_each("fill stroke gradient", _PAINTS),
+    **dict.fromkeys(["fill", "stroke", "gradient"], _PAINTS),
     "clip-path": frozenset(["clipPath"]),
     "mask": frozenset(["mask"]),
     "filter": frozenset(["filter"]),
@@ -265,7 +108,7 @@ class Drawable:
         """Look at an element and its attributes. The first element is the root."""
         name = element = tag.removeprefix(SVG)
         if self._is_first:
-            self._is_first, self._is_qualified, element = False, tag != name, _ROOT
+            self._is_first, self._is_qualified, element = False, tag != name, ROOT
         if self._before == "switch" and ("}" in name or name in _NOT_SWITCHED):
             self.add(f"<{name.rpartition('}')[2][:40]}> in <switch>")
         self._before = name
@@ -278,14 +121,14 @@ class Drawable:
         if self._has_sheets or self._has_important:
             classes = [f".{each}" for each in attributes.get("class", "").split()]
             names = (name, f"#{attributes.get('id', '')}", *classes)
-            kind = element if element in _KINDS else "*"
+            kind = element if element in KINDS else "*"
             self._all = _with(self._all, kind)
             for each in names:
                 self._kinds[each] = _with(self._kinds.get(each, frozenset()), kind)
             if self._has_important:
                 styles = [d for d in css_of(attributes.get("style", "")).by_resvg if d.is_important]
                 self._named.add((frozenset(names), frozenset(styles)))
-        if name in _TEXTS or name in _ANIMATIONS:
+        if name in TEXTS or name in _ANIMATIONS:
             return
         if name == "filter":
             self._filter = attributes.get("id", "")
@@ -299,13 +142,13 @@ class Drawable:
                 css = css_of(value)
                 self._check_others(css, f" on <{name}>")
                 self._check_css(element, css, f" on <{name}>")
-            elif (matches := _matcher(element, key)) and not matches(value):
+            elif (matches := matcher(element, key)) and not matches(value):
                 _keep(remarks, f'{key.rpartition("}")[2]}="{_brief(value)}" on <{name[:40]}>')
             elif key == "font-size":
                 self._check_font(key, value, f" on <{name}>")
             elif matches:
                 self._note_use(key, value)
-            if key in ("href", f"{_XLINK}href") and name in _PAINTS:
+            if key in ("href", f"{XLINK}href") and name in _PAINTS:
                 self._references.add(("gradient", value[1:]))
         self._check_combinations(name, attributes, remarks)
 
@@ -318,7 +161,7 @@ class Drawable:
 
     def _check_font(self, name: str, value: str, place: str) -> None:
         """Keep a remark on a size of a font that resvg does not read as browsers do."""
-        if not re.fullmatch(_FONT_SIZE, value) or name != "font-size":
+        if not re.fullmatch(FONT_SIZE, value) or name != "font-size":
             _keep(self._fonts, f"{name}: {_brief(value)}{place}")
 
     def _check_combinations(
@@ -344,7 +187,7 @@ class Drawable:
                 self._placed[self._filter] = name
             if 0 < len(_SUBREGION & attributes.keys()) < 4:
                 _keep(remarks, f"<{name[:40]}> with a part of x, y, width and height")
-        elif not _MARKERS.keys().isdisjoint(attributes):
+        elif not MARKERS.keys().isdisjoint(attributes):
             # Markers turn otherwise at the end of a closed path. In arcs their number is another.
             path = attributes.get("d", "")
             self._has_closed |= name == "polygon" or re.search("[zZ]", path) is not None
@@ -353,7 +196,7 @@ class Drawable:
         if name in _PAINTS:
             moved = attributes.get("gradientTransform") or attributes.get("patternTransform") or ""
             for call, arguments in re.findall(r"(scale|matrix)\s*\(([^)]*)", moved):
-                numbers = [float(each) for each in re.findall(_NUMBER, arguments)]
+                numbers = [float(each) for each in re.findall(NUMBER, arguments)]
                 a, b, c, d, *_ = (*numbers, 0, 0, 0, 0)
                 if (call == "scale" and 0 in numbers) or (call == "matrix" and a * d == b * c):
                     self.add(f"a scale of 0 on <{name}>")
@@ -411,11 +254,11 @@ class Drawable:
         selector = text_of(tokens)
         if not re.search(r"[(\"']", selector) and _UNMET.search(selector):
             return
-        kinds = self._matched(tokens) - _TEXTS
+        kinds = self._matched(tokens) - TEXTS
         is_applied = not at_rule and _SELECTOR.fullmatch(selector) is not None
         if kinds:
             self._check_others(css, "", is_applied)
-        kinds = {kind for kind in kinds if any(_has_effect(kind, d.name) for d in css.by_browsers)}
+        kinds = {kind for kind in kinds if any(has_effect(kind, d.name) for d in css.by_browsers)}
         if not kinds:
             return
         if at_rule:
@@ -463,15 +306,15 @@ class Drawable:
 
     def _check_css(self, element: str, css: Css, place: str) -> None:
         """Check the declarations that apply to an element."""
-        read = [d for d in css.by_resvg if _has_effect(element, d.name)]
+        read = [d for d in css.by_resvg if has_effect(element, d.name)]
         if not css.is_same:
-            seen = [d for d in css.by_browsers if _has_effect(element, d.name)]
+            seen = [d for d in css.by_browsers if has_effect(element, d.name)]
             if [d.name for d in seen] != [d.name for d in read]:
                 lost = [d for d in seen if d not in read] or read
                 self.add(f"{lost[0].name}: {_brief(lost[0].value)}{place}")
         # The last declaration of a property counts.
         for name, value in {(d.name, d.is_important): (d.name, d.value) for d in read}.values():
-            matches = _matcher(element, name, is_css=True)
+            matches = matcher(element, name, is_css=True)
             if matches and not matches(value):
                 self.add(f"{name}: {_brief(value)}{place}")
             elif matches:
@@ -541,33 +384,6 @@ def _is_turned(content: bytes) -> bool:
 def _with(kinds: frozenset[str], kind: str) -> frozenset[str]:
     """Return the union of a set and a kind. Equal sets are one object, which saves memory."""
     return kinds | {kind}
-
-
-@lru_cache(maxsize=4096)
-def _pattern(element: str, name: str, is_css: bool) -> str | None:
-    """Return the pattern of the values that are drawn right, or None if all values are."""
-    exceptions = _EXCEPTIONS.get(element, {})
-    if name in exceptions:
-        return exceptions[name]
-    if is_css and (name == "all" or name in _GEOMETRY.get(element, "").split()):
-        return _NEVER
-    if name in _PROPERTIES and (is_css or name not in _CSS_ONLY):
-        return f"{_PROPERTIES[name]}|inherit|initial"
-    if not is_css:
-        return _ATTRIBUTES.get(name)
-    if _BOX.fullmatch(name):
-        return _EMPTY_BOX if element == _ROOT else None
-    return None if _WITHOUT_EFFECT.fullmatch(name) else f"{_NEUTRAL}|inherit|initial"
-
-
-@lru_cache(maxsize=4096)
-def _matcher(element: str, name: str, is_css: bool = False) -> Callable[[str], Any] | None:
-    pattern = _pattern(element, name, is_css)
-    return None if pattern is None else re.compile(pattern).fullmatch
-
-
-def _has_effect(element: str, name: str) -> bool:
-    return element not in _TEXTS and _pattern(element, name, True) is not None
 
 
 def _brief(value: str) -> str:

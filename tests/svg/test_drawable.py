@@ -5,6 +5,7 @@ Each row was drawn by resvg and by Chromium: they agree (30 dB or more) where th
 
 import base64
 import itertools
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from pictures import encoded
 from PIL import Image
 from scenes import random_scene
 
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.raster import rasterize
 from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.untrusted import Survey
 from gauss2svg.svg.write import write_svg
@@ -35,6 +38,11 @@ def orientation(value):
     exif = Image.Exif()
     exif[274] = value
     return exif
+
+
+def closed(body):
+    closing = "}" * (body.count("{") - body.count("}"))
+    return body.replace("</style>", f"{closing}</style>")
 
 
 COLORS = (
@@ -72,7 +80,7 @@ RIGHT = [
     '<pattern width="1" height="1" patternContentUnits="objectBoundingBox"/>',
     '<filter id="f"><feImage href="#a"/><feSpecularLighting/></filter><feTile/>',
     '<filter id="a" primitiveUnits="objectBoundingBox"><feOffset dx=".1"/></filter>',
-    '<filter id="a"/><g style="filter:url(#a) url(#a)"/><g filter="invert(1) url(#a)"/>',
+    '<filter id="a"/><g style="filter:url(#a) url(#a)"/>',
     '<clipPath id="image(1)"/><g clip-path="url(\'#image(1)\')"/><g mask="url(#none)"/>',
     '<g id="b"/><g id="b"/><use href="#b"/><mask id="m"/><g mask="url(#m )"/>',
     '<animate fill="freeze"/><set fill="remove" to="x"/><rect fill="url(#none) red"/>',
@@ -115,7 +123,7 @@ OTHERWISE = {
         '<mask id="a"/>', '<text id="a"/>', '<x:g xmlns:x="urn:x" id="a"/>')},
     '<stop id="a"/><linearGradient id="a"/><linearGradient href="#a"/>': "the id a of several",
     '<g style="mask:url(#a)"/><g id="a"/>': "mask of <g>",
-    '<g fill="url(#a%20b)"/>': "fill=",
+    '<g fill="url(#a%20b)"/>': "fill=", '<g filter="url(#a) invert(1)"/>': "filter=",
     "<style>g{fill:url('#a')}</style><g id='a'/>": "fill of <g>",
     **{f'<g {size}><rect width="2em"/></g>': "font" for size in (
         'font-size="x-large"', 'font-size="2rem"', 'font-size="-1"', 'style="font-size:calc(2px)"',
@@ -169,8 +177,30 @@ OTHERWISE = {
 
 @pytest.mark.parametrize("body", RIGHT)
 def test_what_resvg_draws_as_browsers_do_has_no_remark(body):
-    closing = "}" * (body.count("{") - body.count("}"))
-    assert remarks(body.replace("</style>", f"{closing}</style>")) == ()
+    assert remarks(closed(body)) == ()
+
+
+@pytest.mark.browser
+def test_what_has_no_remark_is_drawn_alike_by_a_browser():
+    bodies, side, columns = [body for body in map(closed, RIGHT) if "<text" not in body], 32, 12
+    # Rectangles of no size would be drawn alike whatever their paint is.
+    bodies = [re.sub("<rect(?![^>]* width=)", '<rect y="1" height="5" width="6"', b) for b in bodies]
+    svgs = [f'<svg {SPACES} viewBox="0 0 8 8">{body}</svg>' for body in bodies]
+    cells = "".join(
+        f'<image x="{i % columns * side}" y="{i // columns * side}" width="{side}" height="{side}" '
+        f'href="data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"/>'
+        for i, svg in enumerate(svgs)
+    )
+    width, height = columns * side, -(-len(svgs) // columns) * side
+    root = f'<svg {SPACES} viewBox="0 0 {width} {height}">'
+    sheet = rasterize(f"{root}{cells}</svg>", width, height, "chromium")
+    apart = {}
+    for i, svg in enumerate(svgs):
+        y, x = i // columns * side, i % columns * side
+        drawn = rasterize(svg, side, side)
+        apart[bodies[i]] = psnr(drawn, sheet[y : y + side, x : x + side])
+    assert sheet.std() > 0.1
+    assert {body: value for body, value in apart.items() if value < 30} == {}
 
 
 @pytest.mark.parametrize("body", OTHERWISE)
