@@ -184,7 +184,8 @@ def test_what_resvg_draws_as_browsers_do_has_no_remark(body):
 def test_what_has_no_remark_is_drawn_alike_by_a_browser():
     bodies, side, columns = [body for body in map(closed, RIGHT) if "<text" not in body], 32, 12
     # Rectangles of no size would be drawn alike whatever their paint is.
-    bodies = [re.sub("<rect(?![^>]* width=)", '<rect y="1" height="5" width="6"', b) for b in bodies]
+    sized = '<rect y="1" height="5" width="6"'
+    bodies = [re.sub("<rect(?![^>]* width=)", sized, body) for body in bodies]
     svgs = [f'<svg {SPACES} viewBox="0 0 8 8">{body}</svg>' for body in bodies]
     cells = "".join(
         f'<image x="{i % columns * side}" y="{i // columns * side}" width="{side}" height="{side}" '
