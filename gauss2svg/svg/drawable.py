@@ -54,7 +54,7 @@ _ID = re.compile(r"""url\(\s*(?:#([^"'()]*)|"#([^"]*)"|'#([^']*)')""")
 # of several elements of one id.
 _PAINTS = frozenset(["linearGradient", "radialGradient", "pattern"])
 _REFERENCES = {
-    **dict.fromkeys(["fill", "stroke", "gradient"], _PAINTS),
+    **dict.fromkeys(["fill", "stroke"], _PAINTS),
     "clip-path": frozenset(["clipPath"]),
     "mask": frozenset(["mask"]),
     "filter": frozenset(["filter"]),
@@ -93,6 +93,7 @@ class Drawable:
         self._ids, self._references = dict[str, str](), set[tuple[str, str]]()
         # For the id of each filter: remarks on it, and the primitive in it that may be misplaced.
         self._filter, self._in_filters = "", dict[str, dict[str, None]]()
+        self._has_own_units = False  # whether the filter has the units of its shape
         self._placed = dict[str, str]()
         self._is_turned, self._has_use = False, False
         # Remarks on sizes of fonts, which have an effect if a length is in em.
@@ -132,6 +133,7 @@ class Drawable:
             return
         if name == "filter":
             self._filter = attributes.get("id", "")
+            self._has_own_units = attributes.get("primitiveUnits") == "objectBoundingBox"
         # Remarks on a filter count if it is used.
         is_in_filter = name.startswith("fe")
         remarks = self._in_filters.setdefault(self._filter, {}) if is_in_filter else self._found
@@ -185,7 +187,9 @@ class Drawable:
         elif name.startswith("fe"):
             if name in _PLACED:
                 self._placed[self._filter] = name
-            if 0 < len(_SUBREGION & attributes.keys()) < 4:
+            if self._has_own_units and _SUBREGION & attributes.keys():
+                _keep(remarks, f"<{name[:40]}> with a size in primitiveUnits")
+            elif 0 < len(_SUBREGION & attributes.keys()) < 4:
                 _keep(remarks, f"<{name[:40]}> with a part of x, y, width and height")
         elif not MARKERS.keys().isdisjoint(attributes):
             # Markers turn otherwise at the end of a closed path. In arcs their number is another.

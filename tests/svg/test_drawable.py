@@ -86,6 +86,7 @@ RIGHT = [
     '<animate fill="freeze"/><set fill="remove" to="x"/><rect fill="url(#none) red"/>',
     '<svg viewBox="0,0,1e1-2" preserveAspectRatio=" xMinYMax  slice"/><g font-size="2rem"/>',
     '<g font-size="2em" style="font-size:20px"><rect width="2em"/></g>',
+    '<rect id="r"/><linearGradient href="#r"/><radialGradient xlink:href="#none"/>',
     '<linearGradient gradientTransform="matrix(0 1 -1 0 0 0)scale(1 .01)"/>',
     f"<style>@namespace svg url(http://www.w3.org/2000/svg);.b{{fill:red}}</style>{STYLED}",
     f"<style>use path, use > .b{{fill:red}}</style>{STYLED}<use/>",
@@ -134,6 +135,8 @@ OTHERWISE = {
     '<linearGradient gradientTransform="rotate(9) scale(0)"/>': "a scale of 0 on <linear",
     '<pattern width="1" height="1" patternTransform="matrix(0 0 0 1 2 3)"/>': "a scale of 0",
     '<filter id="a"><feGaussianBlur edgeMode="wrap"/></filter><g filter="url(#a)"/>': "edgeMode",
+    '<filter id="a" primitiveUnits="objectBoundingBox"><feFlood x="0" y="0" width="1" height="1"/>'
+    '</filter><g filter="url(#a)"/>': "<feFlood> with a size in primitiveUnits",
     '<g style="content-visibility:hidden"/>': "content-visibility",
     **{f'<image href="data:;base64,{base64.b64encode(encoded(NOISE, kind)[:-n]).decode()}"/>':
        f"a broken {kind}" for kind, n in (("PNG", 200), ("JPEG", 2), ("JPEG", 99), ("GIF", 99))},
