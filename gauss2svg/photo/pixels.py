@@ -147,10 +147,10 @@ def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | N
 
 
 def elongation(width: int, height: int) -> float:
-    """Return by how much longer a picture is than one of 3 : 2 with as many pixels, at least 1.
+    """Return the longest side of a picture divided by that of one of 3 : 2 with as many pixels.
 
-    A bound on the longest side of pictures, multiplied by this factor, bounds their pixels: a strip
-    may be as long as it has no more pixels than a photo.
+    It is at least 1. A largest side that is meant for photos is multiplied by this factor for a
+    strip. The strip may then have as many pixels as a photo of 3 : 2.
     """
     return max(1.0, math.sqrt(2 / 3 * max(width, height) / min(width, height)))
 

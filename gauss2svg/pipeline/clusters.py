@@ -32,7 +32,7 @@ def few_entries(
     count: int,
     allowed: float,
     rounded: Callable[[Rows], Rows],
-) -> tuple[Rows, NDArray[np.intp]]:
+) -> Palette:
     """Choose a palette of at most `count` entries for n features (n, d).
 
     Return the entries (k, d), and an array (n,) with the index of each feature's entry.
@@ -52,7 +52,7 @@ def few_entries(
     def loss(entries: Rows, entry: NDArray[np.intp]) -> float:
         return float(np.sum(weight * np.square(entries[entry] - features).sum(axis=1)))
 
-    def refined(entries: Rows) -> tuple[Rows, NDArray[np.intp]]:
+    def refined(entries: Rows) -> Palette:
         """Improve entries by Lloyd's algorithm.
 
         Return the improved entries, and an array with the index of each feature's entry.
