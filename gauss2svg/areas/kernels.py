@@ -1,0 +1,209 @@
+"""Inner loops over the pixels of regions: growth from seeds, and mixtures of colours."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit as _njit
+
+_kw = dict(nogil=True, error_model="numpy", cache=True)
+kernel = _njit(**_kw)
+inner = _njit(**_kw)
+MOST_NEAR = 12  # largest number of labels around a pixel that are tried in mixtures
+# A mixture of three colours must lower the squared error by this, and one of two by less, because
+# three colours can make nearly every other.
+PRICE_OF_TWO, PRICE_OF_THREE = 2e-5, 1.5e-4
+LEAST_CONTRAST = 1e-5  # squared distance below which two colours do not mix
+
+
+@inner
+def _push(key, place, count, new_key, new_place):
+    i = count
+    while i > 0:
+        parent = (i - 1) // 2
+        if key[parent] <= new_key:
+            break
+        key[i], place[i] = key[parent], place[parent]
+        i = parent
+    key[i], place[i] = new_key, new_place
+    return count + 1
+
+
+@inner
+def _pop(key, place, count):
+    """Remove the entry with the smallest key, which has been read, and return the new count."""
+    count -= 1
+    last_key, last_place = key[count], place[count]
+    i = 0
+    while True:
+        child = 2 * i + 1
+        if child >= count:
+            break
+        if child + 1 < count and key[child + 1] < key[child]:
+            child += 1
+        if key[child] >= last_key:
+            break
+        key[i], place[i] = key[child], place[child]
+        i = child
+    key[i], place[i] = last_key, last_place
+    return count
+
+
+@kernel
+def grow_labels(pixels, labels, origin):
+    """Give each pixel without a label that of a neighbour, the nearest colours first.
+
+    A pixel is compared with the pixel of a core from which its neighbour got its label.
+
+    labels  (h, w) labels, -1 for none. They are replaced
+    origin  (h, w) output: index of the pixel of the core from which a pixel got its label
+    """
+    h, w, channels = pixels.shape
+    key = np.empty(4 * h * w + 4)
+    place = np.empty(4 * h * w + 4, np.int64)
+    count = 0
+    for y in range(h):
+        for x in range(w):
+            origin[y, x] = y * w + x
+    # An entry of the heap is a pixel and the side from which it is reached.
+    for y in range(h):
+        for x in range(w):
+            if labels[y, x] < 0:
+                continue
+            for side in range(4):
+                v, u = y + (side == 0) - (side == 1), x + (side == 2) - (side == 3)
+                if 0 <= v < h and 0 <= u < w and labels[v, u] < 0:
+                    error = 0.0
+                    for c in range(channels):
+                        error += (pixels[v, u, c] - pixels[y, x, c]) ** 2
+                    count = _push(key, place, count, error, (v * w + u) * 4 + side)
+    while count > 0:
+        error, entry = key[0], place[0]
+        count = _pop(key, place, count)
+        side = entry % 4
+        y, x = entry // 4 // w, entry // 4 % w
+        if labels[y, x] >= 0:
+            continue
+        v, u = y - (side == 0) + (side == 1), x - (side == 2) + (side == 3)
+        labels[y, x] = labels[v, u]
+        origin[y, x] = origin[v, u]
+        oy, ox = origin[y, x] // w, origin[y, x] % w
+        for side in range(4):
+            v, u = y + (side == 0) - (side == 1), x + (side == 2) - (side == 3)
+            if 0 <= v < h and 0 <= u < w and labels[v, u] < 0:
+                new = 0.0
+                for c in range(channels):
+                    new += (pixels[v, u, c] - pixels[oy, ox, c]) ** 2
+                count = _push(key, place, count, max(new, 0.5 * error), (v * w + u) * 4 + side)
+
+
+@inner
+def _mix(pixel, color, count, names, label, share):
+    """Write the best mixture of at most three of the colours, and return its squared error.
+
+    color, names  (MOST_NEAR + 1, c) colours and their labels, of which the first `count` are tried
+    label, share  (3,) output: labels of the mixture, -1 for none, and their shares
+    """
+    channels = len(pixel)
+    best = 1e9
+    for i in range(count):
+        error = 0.0
+        for c in range(channels):
+            error += (pixel[c] - color[i, c]) ** 2
+        if error < best:
+            best = error
+            label[0], label[1], label[2] = names[i], -1, -1
+            share[0], share[1], share[2] = 1.0, 0.0, 0.0
+    for i in range(count):
+        for j in range(i + 1, count):
+            square = along = 0.0
+            for c in range(channels):
+                v = color[i, c] - color[j, c]
+                square += v * v
+                along += (pixel[c] - color[j, c]) * v
+            if square < LEAST_CONTRAST:
+                continue
+            s = min(max(along / square, 0.0), 1.0)
+            error = PRICE_OF_TWO
+            for c in range(channels):
+                error += (pixel[c] - color[j, c] - s * (color[i, c] - color[j, c])) ** 2
+            if error < best:
+                best = error
+                label[0], label[1], label[2] = names[i], names[j], -1
+                share[0], share[1], share[2] = s, 1.0 - s, 0.0
+    if best < 2 * PRICE_OF_THREE:
+        return best
+    for i in range(count):
+        for j in range(i + 1, count):
+            for k in range(j + 1, count):
+                aa = ab = bb = ap = bp = 0.0
+                for c in range(channels):
+                    a, b = color[i, c] - color[k, c], color[j, c] - color[k, c]
+                    p = pixel[c] - color[k, c]
+                    aa += a * a
+                    ab += a * b
+                    bb += b * b
+                    ap += a * p
+                    bp += b * p
+                det = aa * bb - ab * ab
+                if det < LEAST_CONTRAST:
+                    continue
+                s, t = (bb * ap - ab * bp) / det, (aa * bp - ab * ap) / det
+                if min(s, min(t, 1.0 - s - t)) < -0.05:
+                    continue
+                s, t, r = max(s, 0.0), max(t, 0.0), max(1.0 - s - t, 0.0)
+                total = s + t + r
+                s, t, r = s / total, t / total, r / total
+                error = PRICE_OF_THREE
+                for c in range(channels):
+                    mixed = s * color[i, c] + t * color[j, c] + r * color[k, c]
+                    error += (pixel[c] - mixed) ** 2
+                if error < best:
+                    best = error
+                    label[0], label[1], label[2] = names[i], names[j], names[k]
+                    share[0], share[1], share[2] = s, t, r
+    return best
+
+
+@kernel
+def explain(pixels, labels, flat, image_of, images, ys, xs, near, far, enough, extra, extra_name,
+            label, share, error):
+    """Explain pixels as mixtures of the colours of the labels around them.
+
+    labels    (h, w) label of each pixel
+    flat      (k, c) colour of each label
+    image_of  (k,) index into `images` of a label with a gradient, else -1
+    images    (g, h, w, c) colours of gradients
+    ys, xs    (n,) pixels
+    near, far  distances in px within which labels are tried. The second one is tried if the error
+              with the first one is not below `enough`
+    extra     (c,) one more colour, whose label is `extra_name`, or -1 to leave it out
+    label, share, error  (n, 3), (n, 3) and (n,) outputs
+    """
+    h, w, channels = pixels.shape
+    color = np.empty((MOST_NEAR + 1, channels))
+    names = np.empty(MOST_NEAR + 1, np.int64)
+    for n in range(len(ys)):
+        y, x = ys[n], xs[n]
+        for radius in (near, far):
+            count = 0
+            for v in range(max(0, y - radius), min(h, y + radius + 1)):
+                for u in range(max(0, x - radius), min(w, x + radius + 1)):
+                    k = labels[v, u]
+                    is_new = count < MOST_NEAR and k >= 0
+                    for i in range(count):
+                        if names[i] == k:
+                            is_new = False
+                            break
+                    if is_new:
+                        names[count] = k
+                        for c in range(channels):
+                            color[count, c] = flat[k, c] if image_of[k] < 0 else images[image_of[k], y, x, c]
+                        count += 1
+            if extra_name >= 0:
+                names[count] = extra_name
+                for c in range(channels):
+                    color[count, c] = extra[c]
+                count += 1
+            error[n] = _mix(pixels[y, x], color, count, names, label[n], share[n])
+            if error[n] < enough:
+                break

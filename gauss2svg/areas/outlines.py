@@ -1,0 +1,125 @@
+"""Outlines of masks: contours at half share, their corners, and the first curves through them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.measure import find_contours
+
+from gauss2svg.areas.curves import merge_pieces
+
+Floats = NDArray[np.float64]
+STEP = 0.5  # px between points of a contour
+PIECE = 6  # points of the pieces into which a contour is cut at first
+LEAST_AREA = 1.0  # px^2; smaller contours are noise
+# A corner turns by at least CORNER_RAD between the chords to the points ARM points before and after
+# it. The antialiasing has rounded it, so it is put where lines through the points from CUT to LOOK
+# points away meet, if that is at most MOST_MOVE px away.
+ARM, CORNER_RAD, CUT, LOOK, MOST_MOVE = 5, np.radians(35), 2, 8, 2.0
+
+
+class Path(NamedTuple):
+    """Segments (k, 4, 2) of a path, and whether each is curved. A line repeats its ends."""
+
+    segments: Floats
+    curved: NDArray[np.bool_]
+    closed: bool = True
+
+
+def contours_of(share: Floats, left: int, top: int, shape: tuple[int, int]) -> list[Floats]:
+    """Return the closed contours (n, 2) of a mask at half share, in px of the picture.
+
+    A mask that touches the border of the picture is continued beyond it, so that its contour
+    leaves the picture.
+    """
+    h, w = share.shape
+    pad = [(int(top == 0), int(top + h == shape[0])), (int(left == 0), int(left + w == shape[1]))]
+    padded = np.pad(np.pad(share, pad, mode="edge"), 1)
+    corner = np.array([left - pad[1][0], top - pad[0][0]]) - 0.5
+    contours = []
+    for line in find_contours(padded, 0.5):
+        points = line[:-1, ::-1] + corner
+        x, y = points.T
+        area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
+        if len(points) >= 4 and abs(area) >= LEAST_AREA:
+            contours.append(points)
+    return contours
+
+
+def resampled(points: Floats, step: float = STEP, closed: bool = True) -> Floats:
+    """Return points about `step` px apart along a polyline (n, 2)."""
+    line = np.vstack([points, points[:1]]) if closed else points
+    place = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    count = max(round(place[-1] / step), 8 if closed else 2)
+    at = np.linspace(0, place[-1], count + 1)[: count if closed else count + 1]
+    return np.stack([np.interp(at, place, line[:, i]) for i in (0, 1)], axis=1)
+
+
+def corners_of(points: Floats) -> NDArray[np.intp]:
+    """Return the indices of the corners of a closed polyline (n, 2), points STEP px apart."""
+    n = len(points)
+    if n < 4 * ARM:
+        return np.arange(0)
+    before, after = points - np.roll(points, ARM, axis=0), np.roll(points, -ARM, axis=0) - points
+    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    turn = np.abs(np.arctan2(cross, (before * after).sum(axis=1)))
+    around = np.stack([np.roll(turn, k) for k in range(-ARM, ARM + 1)])
+    corners = np.flatnonzero((turn >= CORNER_RAD) & (turn == around.max(axis=0)))
+    return corners[np.diff(corners, prepend=-n) > ARM // 2]
+
+
+def _line_through(points: Floats) -> tuple[Floats, Floats]:
+    middle = points.mean(axis=0)
+    return middle, np.linalg.svd(points - middle)[2][0]
+
+
+def first_path(points: Floats, weight_at, unit: float, rate: float) -> Path:
+    """Return the first curves through a closed contour (n, 2).
+
+    weight_at  function from points to the weight of a squared distance of 1 px along 1 px
+    """
+    points = resampled(points)
+    n, corners = len(points), corners_of(points)
+    keep, moved = np.ones(n, bool), points.copy()
+    gaps = np.diff(corners, append=corners[:1] + n)
+    for i, corner in enumerate(corners):
+        reach = [min(LOOK, gap - CUT - 1) for gap in (gaps[i - 1], gaps[i])]
+        away = np.arange(1, CUT)
+        if min(reach) >= CUT + 2:
+            p, u = _line_through(points[(corner - np.arange(CUT, reach[0] + 1)) % n])
+            q, v = _line_through(points[(corner + np.arange(CUT, reach[1] + 1)) % n])
+            det = u[1] * v[0] - u[0] * v[1]
+            if abs(det) > 0.15:
+                meeting = p + ((q - p)[1] * v[0] - (q - p)[0] * v[1]) / det * u
+                if np.hypot(*(meeting - points[corner])) < MOST_MOVE:
+                    moved[corner] = meeting
+        keep[(corner - away) % n] = keep[(corner + away) % n] = False
+    keep[corners] = True
+    index = np.cumsum(keep) - 1
+    points = moved[keep]
+    return fitted_path(points, index[corners], weight_at, unit, rate, True)
+
+
+def fitted_path(points: Floats, corners, weight_at, unit, rate, closed: bool) -> Path:
+    """Return the curves through points (n, 2), with possible corners at these indices."""
+    n = len(points)
+    ends = np.concatenate([corners, corners[:1] + n]) if closed and len(corners) else None
+    if ends is None:
+        ends = np.array([0, n]) if closed else np.unique(np.concatenate([[0], corners, [n - 1]]))
+    starts = [
+        np.linspace(a, b, max(round((b - a) / PIECE), 1), endpoint=False).astype(np.int64)
+        for a, b in zip(ends[:-1], ends[1:], strict=True)
+    ]
+    start = np.append(np.unique(np.concatenate(starts)), ends[-1])
+    if closed and len(start) < 3:
+        start = np.array([start[0], (start[0] + start[-1]) // 2, start[-1]])
+    line = np.vstack([points, points[:1]]) if closed else points
+    length = np.hypot(*np.diff(line, axis=0).T)
+    length = 0.5 * (length + np.roll(length, 1)) if closed else 0.5 * (np.append(length, 0) + np.insert(length, 0, 0))
+    weight = weight_at(points) * length
+    count = len(start) - 1
+    segment, curved = np.empty((count, 4, 2)), np.empty(count, bool)
+    count = merge_pieces(points, weight, start, closed, segment, curved, False, unit, rate)
+    return Path(segment[:count], curved[:count], closed)

@@ -1,0 +1,190 @@
+"""Paints of regions: one colour, or a linear or radial gradient with few stops."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.areas.regions import LEVEL
+from gauss2svg.scene.areas import LinearGradient, RadialGradient
+
+Floats = NDArray[np.float64]
+EVEN = 2 * LEVEL  # largest difference from the median within a region of one colour
+LEAST_SHADED, LEAST_ROUND = 60, 200  # px; smaller regions have one colour, or no radial gradient
+MOST_SAMPLES = 2500  # px of a region to which gradients are fitted
+MOST_STOPS = 7
+GOOD = 1.2 * LEVEL  # root mean square error at which a gradient gets no more stops
+# A gradient must halve the error of one colour, and a radial one must be better than a linear one.
+GAIN, ROUND_GAIN = 0.5, 0.8
+ALIKE = 2.6 * LEVEL  # largest difference of two colours that become one
+BINS = 40
+PRIOR, PRIOR_PER_PX = 0.5, 0.3  # weight of a colour's first value, and more for each pixel of it
+
+
+class Paint:
+    """The paint of regions. Regions of the same colour share one object.
+
+    color     (c,) channels of the colour
+    gradient  gradient in px, or None
+    prior     weight of `color` when colours are solved again
+    """
+
+    def __init__(self, color: Floats, gradient=None) -> None:
+        self.color, self.gradient, self.prior = np.asarray(color, np.float64), gradient, PRIOR
+        self._image = None
+
+    @property
+    def is_shaded(self) -> bool:
+        return self.gradient is not None
+
+    def image(self, shape: tuple[int, ...]) -> Floats:
+        """Return the colours (h, w, c) at the centres of a picture's pixels."""
+        if self.gradient is None:
+            return np.broadcast_to(self.color, shape)
+        if self._image is None:
+            y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
+            rgb = self.gradient.at(x, y)
+            self._image = np.concatenate([rgb] * (shape[2] // 3), axis=-1)
+        return self._image
+
+
+def paint_of(pixels: Floats, ys: NDArray[np.intp], xs: NDArray[np.intp]) -> Paint:
+    """Return the paint of the region at these pixels (n,)."""
+    values = pixels[ys, xs]
+    paint = Paint(np.median(values, axis=0))
+    opaque = values.shape[1] == 3 or np.ptp(values[:, :3] - values[:, 3:]) <= EVEN
+    if np.abs(values - paint.color).max() <= EVEN or len(ys) < LEAST_SHADED or not opaque:
+        return paint
+    chosen = np.arange(len(ys))
+    if len(ys) > MOST_SAMPLES:
+        chosen = np.random.default_rng(1).choice(len(ys), MOST_SAMPLES, replace=False)
+    points, colors = np.stack([xs, ys], axis=1)[chosen] + 0.5, values[chosen][:, :3]
+    even_error = np.sqrt(np.mean((colors - paint.color[:3]) ** 2))
+    gradient, error = _linear(points, colors)
+    if error > 1.25 * GOOD and len(ys) >= LEAST_ROUND:
+        radial, radial_error = _radial(pixels, ys[chosen], xs[chosen], colors)
+        if radial_error < ROUND_GAIN * error:
+            gradient, error = radial, radial_error
+    return Paint(paint.color, gradient) if error < GAIN * even_error else paint
+
+
+def _linear(points: Floats, colors: Floats):
+    """Return the linear gradient that is closest to colours (n, 3) at points (n, 2), and its error.
+
+    Its direction is that of the steepest common slope, turned a little to where the colours vary
+    least across it.
+    """
+    mean = points.mean(axis=0)
+    offset = points - mean
+    basis = np.column_stack([offset, np.ones(len(points))])
+    slope = np.linalg.lstsq(basis, colors, rcond=None)[0][:2]
+    x, y = np.linalg.svd(slope)[0][:, 0]
+    turns = np.linspace(-0.3, 0.3, 25)
+    axes = [np.array([x * np.cos(t) - y * np.sin(t), x * np.sin(t) + y * np.cos(t)]) for t in turns]
+    axis = min(axes, key=lambda one: _spread(offset @ one, colors))
+    places, stops, error = _stops(offset @ axis, colors)
+    start, end = mean + places[0] * axis, mean + places[-1] * axis
+    offsets = (places - places[0]) / (places[-1] - places[0])
+    return LinearGradient(tuple(offsets), tuple(map(tuple, stops)), tuple(start), tuple(end)), error
+
+
+def _radial(pixels: Floats, ys, xs, colors):
+    """Return the radial gradient that is closest to colours (n, 3) at pixels (n,), and its error.
+
+    The slopes of the colours meet at its centre. A search then moves the centre, and stretches the
+    circles to upright ellipses.
+    """
+    from scipy.optimize import minimize
+
+    h, w, _ = pixels.shape
+    down, across = (
+        pixels[np.minimum(ys + a, h - 1), np.minimum(xs + b, w - 1), :3]
+        - pixels[np.maximum(ys - a, 0), np.maximum(xs - b, 0), :3]
+        for a, b in ((1, 0), (0, 1))
+    )
+    steep = np.abs(across) + np.abs(down)
+    points = np.stack([xs, ys], axis=1) + 0.5
+    inner = steep.max(axis=1) < 0.1  # an edge beside the region has a steeper slope
+    normal = np.stack([-down[inner], across[inner]], axis=-1).reshape(-1, 2)
+    at = np.repeat(points[inner], 3, axis=0)
+    matrix = normal.T @ normal
+    none = None, np.inf
+    if len(at) < 150 or np.linalg.cond(matrix) > 1e4:
+        return none
+    meeting = np.linalg.solve(matrix, normal.T @ (normal * at).sum(axis=1))
+    scale = np.ptp(points, axis=0).max()
+
+    def radius(v: Floats) -> Floats:
+        return np.hypot(points[:, 0] - v[0] * scale, (points[:, 1] - v[1] * scale) * np.exp(v[2]))
+
+    best = None
+    low, high = points.min(axis=0) - scale, points.max(axis=0) + scale
+    for first in (np.clip(meeting, low, high), points.mean(axis=0)):
+        simplex = np.array([[*(first / scale), 0.0]] * 4) + np.vstack([np.zeros(3), 0.1 * np.eye(3)])
+        options = {"maxiter": 120, "initial_simplex": simplex}
+        one = minimize(lambda v: _spread(radius(v), colors), simplex[0], method="Nelder-Mead", options=options)
+        best = one if best is None or one.fun < best.fun else best
+    v = best.x
+    v[2] = 0.0 if abs(v[2]) < 0.02 else v[2]
+    places, stops, error = _stops(radius(v), colors)
+    outer = places[-1]
+    radii = outer, outer * np.exp(-v[2])
+    offsets = np.clip(places / outer, 0, 1)
+    return RadialGradient(tuple(offsets), tuple(map(tuple, stops)), tuple(v[:2] * scale), radii), error
+
+
+def _spread(place: Floats, colors: Floats) -> float:
+    """Return the squared error of colours (n, 3) that depend only on their place (n,), in bins."""
+    low, high = place.min(), place.max()
+    bins = np.clip(((place - low) / max(high - low, 1e-9) * BINS).astype(int), 0, BINS - 1)
+    count = np.maximum(np.bincount(bins, minlength=BINS), 1)
+    sums = np.stack([np.bincount(bins, c, BINS) for c in colors.T], axis=1)
+    return float(((colors - (sums / count[:, None])[bins]) ** 2).sum())
+
+
+def _stops(place: Floats, colors: Floats):
+    """Return places of stops, their colours (k, 3), and the root mean square error of colours.
+
+    Stops are added one by one, each where it lowers the error most.
+    """
+
+    def fitted(knots: Floats):
+        weights = np.stack([np.interp(place, knots, row) for row in np.eye(len(knots))], axis=1)
+        stops = np.linalg.lstsq(weights, colors, rcond=None)[0]
+        return np.sqrt(np.mean((colors - weights @ stops) ** 2)), stops
+
+    low, high = place.min(), place.max()
+    knots = np.array([low, high])
+    error, stops = fitted(knots)
+    while error > GOOD and len(knots) < MOST_STOPS:
+        tried = [
+            np.sort(np.append(knots, z))
+            for z in np.linspace(low, high, 26)[1:-1]
+            if np.abs(knots - z).min() > (high - low) / 40
+        ]
+        results = [(*fitted(one), one) for one in tried]
+        error, stops, knots = min(results, key=lambda result: result[0])
+    return knots, np.clip(stops, 0, 1), error
+
+
+def paints_of(pixels: Floats, labels: NDArray[np.int64], count: int) -> list[Paint]:
+    """Return the paint of each region. Regions of nearly the same colour share a paint."""
+    order = np.argsort(labels, axis=None, kind="stable")
+    sizes = np.bincount(labels[labels >= 0], minlength=count)
+    ends = np.cumsum(sizes) + np.count_nonzero(labels < 0)
+    w = labels.shape[1]
+    paints = []
+    for k in range(count):
+        at = order[ends[k] - sizes[k] : ends[k]]
+        paints.append(paint_of(pixels, at // w, at % w))
+    shared: list[Paint] = []
+    for k in np.argsort(-sizes, kind="stable"):
+        paint = paints[k]
+        if paint.is_shaded:
+            continue
+        same = (one for one in shared if np.abs(one.color - paint.color).max() <= ALIKE)
+        paints[k] = next(same, paint)
+        if paints[k] is paint:
+            shared.append(paint)
+        paints[k].prior += PRIOR_PER_PX * sizes[k]
+    return paints

@@ -1,0 +1,182 @@
+"""Regions: labels of pixels of one even colour, and the shares of them in the pixels between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from gauss2svg.areas.kernels import explain, grow_labels
+
+LEVEL = 1 / 255
+FLAT = 4 * LEVEL  # largest difference of values in a block of pixels of one colour
+BEND = 2.1 * LEVEL  # largest second difference of values that are evenly shaded
+STEEP = 0.03  # largest difference of neighbouring values that are evenly shaded
+LEAST_CORE = 4  # px; smaller cores are no regions
+NEAR, FAR = 1, 2  # px; distances within which the colours of a pixel's mixture lie
+ENOUGH = 0.0006  # squared error at which colours farther away are not tried
+_BLOCK = np.ones((3, 3), bool)
+
+
+def cores_of(pixels: NDArray[np.float64]) -> tuple[NDArray[np.int64], int]:
+    """Return the labels (h, w) of evenly coloured or shaded pixels, and their number.
+
+    A pixel belongs to a core if it is part of a block of 2 x 2 pixels whose values are equal within
+    FLAT, or which are shaded evenly. Neighbours of nearly the same values have the same label. All
+    other pixels have the label -1. Larger cores have smaller labels.
+    """
+    h, w, _ = pixels.shape
+    size, mode = (2, 2, 1), "nearest"
+    spread = ndimage.maximum_filter(pixels, size, mode=mode)
+    spread = (spread - ndimage.minimum_filter(pixels, size, mode=mode)).max(axis=-1)
+    padded = np.pad(pixels, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    down = np.abs(padded[2:, 1:-1] + padded[:-2, 1:-1] - 2 * pixels).max(axis=-1)
+    across = np.abs(padded[1:-1, 2:] + padded[1:-1, :-2] - 2 * pixels).max(axis=-1)
+    bend = ndimage.maximum_filter(np.maximum(down, across), (2, 2), mode=mode)
+    block = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
+    core = block.copy()
+    core[:-1] |= block[1:]
+    core[:, :-1] |= block[:, 1:]
+    core[:-1, :-1] |= block[1:, 1:]
+    index = np.arange(h * w).reshape(h, w)
+    pairs = []
+    for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        alike = np.abs(pixels[first] - pixels[second]).max(axis=-1) <= max(FLAT, STEEP)
+        alike &= core[first] & core[second]
+        pairs.append(np.stack([index[first][alike], index[second][alike]]))
+    rows, columns = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.ones(len(rows), bool), (rows, columns)), shape=(h * w, h * w))
+    component = connected_components(graph, directed=False)[1].reshape(h, w)
+    component = np.where(core, component, -1)
+    names, counts = np.unique(component[core], return_counts=True)
+    kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= LEAST_CORE)]
+    return renamed(component, kept), len(kept)
+
+
+def renamed(labels: NDArray[np.int64], names: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return labels in which names[k] is k, and all other labels are -1."""
+    table = np.full(max(labels.max(), names.max(initial=0)) + 2, -1)
+    table[names] = np.arange(len(names))
+    return table[labels]
+
+
+def grown(pixels: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the labels with pixels between the cores joined to those beside them."""
+    labels = labels.copy()
+    grow_labels(pixels, labels, np.empty_like(labels))
+    return labels
+
+
+@dataclass
+class Shares:
+    """The regions of each pixel, at most three, with their shares of it.
+
+    label  (h, w, 3) names of regions, -1 for none
+    share  (h, w, 3) which add up to 1
+    error  (h, w) squared distance of the pixel from this mixture
+    """
+
+    label: NDArray[np.int64]
+    share: NDArray[np.float64]
+    error: NDArray[np.float64]
+
+    def of(self, names: NDArray[np.int64] | int, box: tuple[slice, slice] = np.s_[:, :]) -> NDArray[np.float64]:
+        """Return the share of these regions together in each pixel of a box."""
+        label = self.label[box]
+        is_one = label == names if np.ndim(names) == 0 else np.isin(label, names)
+        return np.where(is_one, self.share[box], 0).sum(axis=-1)
+
+    @property
+    def largest(self) -> NDArray[np.int64]:
+        """The region (h, w) with the largest share of each pixel."""
+        at = self.share.argmax(axis=-1)[..., None]
+        return np.take_along_axis(self.label, at, axis=-1)[..., 0]
+
+
+class Palette:
+    """The colours of regions at each pixel, as the kernels read them.
+
+    flat  (k, c) colours, image_of (k,) and images (g, h, w, c) as in gauss2svg.areas.kernels
+    """
+
+    def __init__(self, paints, shape) -> None:
+        shaded = [k for k, paint in enumerate(paints) if paint.is_shaded]
+        self.flat = np.array([paint.color for paint in paints])
+        self.image_of = np.full(len(paints), -1)
+        self.image_of[shaded] = np.arange(len(shaded))
+        images = [paints[k].image(shape) for k in shaded]
+        self.images = np.array(images) if images else np.zeros((1, 1, 1, shape[2]))
+
+    def explain(self, pixels, labels, ys, xs, near, far, enough, extra=None, name=-1):
+        """Return the labels (n, 3), shares (n, 3) and squared errors (n,) of mixtures at pixels."""
+        n = len(ys)
+        label, share, error = np.empty((n, 3), np.int64), np.empty((n, 3)), np.empty(n)
+        extra = np.zeros(pixels.shape[2]) if extra is None else extra
+        explain(
+            pixels, labels, self.flat, self.image_of, self.images, ys, xs, near, far, enough,
+            extra, name, label, share, error,
+        )  # fmt: skip
+        return label, share, error
+
+
+def shares_of(pixels, cores, labels, palette) -> Shares:
+    """Return the shares of regions. A pixel of a core belongs to its region alone."""
+    h, w, _ = pixels.shape
+    label, share, error = np.full((h, w, 3), -1), np.zeros((h, w, 3)), np.zeros((h, w))
+    label[..., 0], share[..., 0] = labels, 1.0
+    ys, xs = np.nonzero(cores < 0)
+    label[ys, xs], share[ys, xs], error[ys, xs] = palette.explain(
+        pixels, labels, ys, xs, NEAR, FAR, ENOUGH
+    )
+    return Shares(label, share, error)
+
+
+def without_edge_shades(pixels, labels, count) -> tuple[NDArray[np.int64], int]:
+    """Return the cores without those that are shades of an edge or of a thin line.
+
+    Such a core is at most two pixels wide, and its colour lies between that of the one region
+    beside it and that of a pixel or of another region nearby.
+    """
+    labels, flat = labels.copy(), labels[labels >= 0]
+    median = np.zeros((count, pixels.shape[2]))
+    order = np.argsort(flat, kind="stable")
+    values, ends = pixels[labels >= 0][order], np.cumsum(np.bincount(flat, minlength=count))
+    for k, (start, end) in enumerate(zip([0, *ends[:-1]], ends)):
+        median[k] = np.median(values[start:end], axis=0) if end - start < 1000 else values[start:end].mean(axis=0)
+    for k, box in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
+        if box is None:
+            continue
+        near = widened(box, 3, labels.shape)
+        inside = labels[near] == k
+        if ndimage.binary_erosion(inside, _BLOCK, border_value=1).any():
+            continue
+        ring = ndimage.binary_dilation(inside, _BLOCK, iterations=2) & ~inside
+        beside, counts = np.unique(labels[near][ring & (labels[near] >= 0)], return_counts=True)
+        beside = beside[counts > 0.12 * counts.sum()]
+        if not len(beside) or np.abs(median[beside] - median[beside[0]]).max() > 0.1:
+            continue
+        ground, shade = median[beside[0]], median[k] - median[beside[0]]
+        wide = labels[widened(box, 27, labels.shape)]
+        others = median[np.unique(wide[wide >= 0])]
+        for colors, most, least in ((pixels[near][ring], 0.93, 2), (others, 0.9, 1)):
+            axis = colors - ground
+            share = axis @ shade / np.maximum((axis**2).sum(axis=1), 1e-9)
+            off = ((shade - share[:, None] * axis) ** 2).sum(axis=1)
+            if np.count_nonzero((share < most) & (share > 0.05) & (off < 1e-3)) >= least:
+                labels[labels == k] = -1
+                break
+    names = np.unique(labels[labels >= 0])
+    return renamed(labels, names), len(names)
+
+
+def widened(box: tuple[slice, slice], by: int, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return a box with a margin of `by` px, within a picture of this shape."""
+    first, second = (
+        slice(max(side.start - by, 0), min(side.stop + by, most))
+        for side, most in zip(box, shape, strict=False)
+    )
+    return first, second
