@@ -118,11 +118,13 @@ def _fit_cubic(points, weight, first, last, p, t):
 
 
 @inner
-def _best(points, weight, first, last, unit, rate, p, t):
+def _best(points, weight, first, last, unit, rate, only_curves, p, t):
     """Write the cheaper of a line and a cubic for points first..last. Return its kind and costs."""
     n = len(points)
     error = _fit_cubic(points, weight, first, last, p, t)
     size = _segment_bytes(p, True, unit)
+    if only_curves:
+        return True, error, size
     line = np.empty((4, 2))
     for c in range(2):
         line[0, c] = line[1, c] = points[first % n, c]
@@ -158,55 +160,61 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
     p = np.empty((4, 2))
     for i in range(count):
         if is_fitted:
-            size[i] = _segment_bytes(segment[i], curved[i], unit)
-            if curved[i]:
-                kind, line_error, line_size = _best(points, weight, start[i], start[i + 1], unit, rate, p, t)
-                if not kind and line_error + rate * line_size < rate * size[i]:
-                    segment[i], curved[i], error[i], size[i] = p, False, line_error, line_size
+            error[i], size[i] = 0.0, _segment_bytes(segment[i], True, unit)
         else:
-            curved[i], error[i], size[i] = _best(points, weight, start[i], start[i + 1], unit, rate, segment[i], t)
-        gain[i] = np.nan
+            curved[i], error[i], size[i] = _best(points, weight, start[i], start[i + 1], unit, rate, True, segment[i], t)
     least = 2 if closed else 1
-    while count > least:
-        pairs = count if closed and count > 2 else count - 1
-        best, at = 0.0, -1
-        for i in range(pairs):
-            if gain[i] != gain[i]:
-                j = (i + 1) % count
-                end = start[j + 1] + (n if j == 0 and i > 0 else 0)
-                is_curve[i], merged_error[i], merged_size[i] = _best(points, weight, start[i], end, unit, rate, merged[i], t)
-                cost = merged_error[i] - error[i] - error[j]
-                gain[i] = rate * (size[i] + size[j] - merged_size[i]) - cost
-            if gain[i] > best:
-                best, at = gain[i], i
-        if at < 0:
-            break
-        i, j = at, (at + 1) % count
-        segment[i], curved[i] = merged[i], is_curve[i]
-        error[i], size[i] = merged_error[i], merged_size[i]
-        if j == 0:  # the first piece becomes part of the last one
-            for k in range(count - 1):
-                start[k] = start[k + 1]
-                segment[k], curved[k] = segment[k + 1], curved[k + 1]
-                error[k], size[k] = error[k + 1], size[k + 1]
-                gain[k], is_curve[k] = gain[k + 1], is_curve[k + 1]
-                merged[k], merged_error[k], merged_size[k] = merged[k + 1], merged_error[k + 1], merged_size[k + 1]
-            start[count - 1] = start[0] + n
-            i -= 1
-        else:
-            for k in range(j, count - 1):
-                start[k] = start[k + 1]
-                segment[k], curved[k] = segment[k + 1], curved[k + 1]
-                error[k], size[k] = error[k + 1], size[k + 1]
-                gain[k], is_curve[k] = gain[k + 1], is_curve[k + 1]
-                merged[k], merged_error[k], merged_size[k] = merged[k + 1], merged_error[k + 1], merged_size[k + 1]
-            start[count - 1] = start[count]
-        count -= 1
-        gain[i] = np.nan
-        gain[(i - 1) % count] = np.nan
-        # The pair of the last and the first piece depends on both ends.
-        if count <= 2 or i == count - 1 or i == 0:
-            gain[count - 1] = np.nan
+    # A smooth run becomes few curves only if lines do not compete while it is merged: two short
+    # lines have fewer bytes than the curve that replaces them.
+    for only_curves in (True, False):
+        if not only_curves:
+            for i in range(count):
+                kind, line_error, line_size = _best(points, weight, start[i], start[i + 1], unit, rate, False, p, t)
+                if not kind and line_error + rate * line_size < error[i] + rate * size[i]:
+                    segment[i], curved[i], error[i], size[i] = p, False, line_error, line_size
+                elif not curved[i]:
+                    size[i] = _segment_bytes(segment[i], False, unit)
+        gain[:] = np.nan
+        while count > least:
+            pairs = count if closed and count > 2 else count - 1
+            best, at = 0.0, -1
+            for i in range(pairs):
+                if gain[i] != gain[i]:
+                    j = (i + 1) % count
+                    end = start[j + 1] + (n if j == 0 and i > 0 else 0)
+                    is_curve[i], merged_error[i], merged_size[i] = _best(points, weight, start[i], end, unit, rate, only_curves, merged[i], t)
+                    cost = merged_error[i] - error[i] - error[j]
+                    gain[i] = rate * (size[i] + size[j] - merged_size[i]) - cost
+                if gain[i] > best:
+                    best, at = gain[i], i
+            if at < 0:
+                break
+            i, j = at, (at + 1) % count
+            segment[i], curved[i] = merged[i], is_curve[i]
+            error[i], size[i] = merged_error[i], merged_size[i]
+            if j == 0:  # the first piece becomes part of the last one
+                for k in range(count - 1):
+                    start[k] = start[k + 1]
+                    segment[k], curved[k] = segment[k + 1], curved[k + 1]
+                    error[k], size[k] = error[k + 1], size[k + 1]
+                    gain[k], is_curve[k] = gain[k + 1], is_curve[k + 1]
+                    merged[k], merged_error[k], merged_size[k] = merged[k + 1], merged_error[k + 1], merged_size[k + 1]
+                start[count - 1] = start[0] + n
+                i -= 1
+            else:
+                for k in range(j, count - 1):
+                    start[k] = start[k + 1]
+                    segment[k], curved[k] = segment[k + 1], curved[k + 1]
+                    error[k], size[k] = error[k + 1], size[k + 1]
+                    gain[k], is_curve[k] = gain[k + 1], is_curve[k + 1]
+                    merged[k], merged_error[k], merged_size[k] = merged[k + 1], merged_error[k + 1], merged_size[k + 1]
+                start[count - 1] = start[count]
+            count -= 1
+            gain[i] = np.nan
+            gain[(i - 1) % count] = np.nan
+            # The pair of the last and the first piece depends on both ends.
+            if count <= 2 or i == count - 1 or i == 0:
+                gain[count - 1] = np.nan
     # Neighbours share their nodes exactly.
     for i in range(count):
         if i > 0:

@@ -67,7 +67,7 @@ def without_cheap(drawing: Drawing, unit, rate) -> list[Layer]:
     return kept
 
 
-def find(pixels, unit=1 / 16, rate=0.0025, steps=20, reach=2):
+def find(pixels, unit=1 / 16, rate=0.0025, steps=20, reach=2, ties=1):
     clock("")
     h, w, _ = pixels.shape
     cores, count = cores_of(pixels)
@@ -93,17 +93,17 @@ def find(pixels, unit=1 / 16, rate=0.0025, steps=20, reach=2):
         if paths:
             layers.append(Layer(mask.region, paths))
     clock("fit")
-    drawing = Drawing(pixels, ground, paints, layers)
-    drawing = Drawing(pixels, ground, paints, without_cheap(drawing, unit, 0.01))
+    drawing = Drawing(pixels, ground, paints, layers, False)
+    drawing = Drawing(pixels, ground, paints, without_cheap(drawing, unit, 0.01), False)
     clock("prune")
     drawing.refine(steps)
     clock("refine")
     for _ in range(2):
-        drawing = Drawing(pixels, ground, paints, merged(drawing, unit, rate))
+        drawing = Drawing(pixels, ground, paints, merged(drawing, unit, rate), bool(ties))
         clock("merge")
         drawing.refine(steps // 2)
         clock("refine")
-    drawing = Drawing(pixels, ground, paints, without_cheap(drawing, unit, rate))
+    drawing = Drawing(pixels, ground, paints, without_cheap(drawing, unit, rate), bool(ties))
     drawing.refine(steps // 2)
     clock("refine")
     return drawing

@@ -374,6 +374,7 @@ class Drawing:
         self._paint = np.array([layer.paint for layer in layers], np.int64)
         self.sign = self._turns()[self.layer_of]
         self.ties = self._tied() if ties else self._untied()
+        self.point = self._moved(self.point, 0.0)
 
     def _turns(self) -> Floats:
         """Return for each layer 1 or -1, the way in which its outer outlines run."""
@@ -509,6 +510,7 @@ class Drawing:
         ties, widths = self.ties, self.point.size
         same = ties.same
         for n in range(steps):
+            self.steps_done = n + 1
             self.weigh()
             if n % 4 == 3:
                 kept = [paint.color for paint in self.paints]
@@ -639,8 +641,14 @@ def tied(point: Floats, segment, curved, path_start, closed) -> Ties:
             if follows in used or leads in used and curved[before] and curved[s]:
                 continue
             r = long_v / long_u if leads == one else long_u / long_v
-            if curved[before] and curved[s] and 1 / MIRROR <= r:
-                r = 1.0
+            if curved[before] and curved[s]:
+                if 1 / MIRROR <= r <= MIRROR:
+                    r = 1.0
+                # Both handles turn to their mean direction.
+                way = u / long_u + v / long_v
+                way /= np.hypot(*way)
+                size = long_u if leads == one else long_v
+                point[leads] = point[at] + (-size if leads == one else size) * way
             used |= {follows}
             handle.append(follows)
             node.append(at)
