@@ -12,6 +12,7 @@ from gauss2svg.areas.merge import merged
 from gauss2svg.areas.outlines import contours_of, first_path
 from gauss2svg.areas.paint import paints_of
 from gauss2svg.areas.refine import Drawing, Layer
+from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.areas.regions import Palette, cores_of, grown, shares_of, without_edge_shades
 
 TIMES = {}
@@ -77,21 +78,27 @@ def find(pixels, unit=1 / 16, rate=0.0025, steps=20, reach=2, ties=1):
     clock("paint")
     labels = grown(pixels, cores)
     clock("grow")
-    shares = shares_of(pixels, cores, labels, Palette(paints, pixels.shape))
+    palette = Palette(paints, pixels.shape)
+    shares = shares_of(pixels, cores, labels, palette)
     clock("shares")
+    weight_at = contrast_of(pixels)
+    new = add_thin_regions(pixels, cores, labels, shares, paints, palette)
+    lines = take_lines(pixels, cores, labels, shares, paints, new, weight_at, unit, rate)
+    count = len(paints)
+    clock("thin")
     labels = shares.largest
     sizes = np.bincount(labels.ravel(), minlength=count)
     ground = paints[int(sizes.argmax())]
     is_ground = np.array([paint is ground for paint in paints])
     masks = masks_of(labels, shares, paints, is_ground, np.zeros(count, bool), reach)
     clock("layers")
-    weight_at = contrast_of(pixels)
     layers = []
     for mask in masks:
         contours = contours_of(mask.share, mask.left, mask.top, (h, w))
         paths = [first_path(c, weight_at, unit, rate) for c in contours]
         if paths:
             layers.append(Layer(mask.region, paths))
+    layers += [Layer(*group) for group in grouped(lines, paints)]
     clock("fit")
     drawing = Drawing(pixels, ground, paints, layers, False)
     drawing = Drawing(pixels, ground, paints, without_cheap(drawing, unit, 0.01), False)
