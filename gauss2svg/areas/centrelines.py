@@ -11,6 +11,7 @@ from gauss2svg.areas.kernels import kernel
 Floats = NDArray[np.float64]
 SPUR = 3  # pixels; shorter branches are noise of the skeleton
 STRAIGHT = -0.7  # largest cosine between two branches that go on as one line
+ALIKE, ALIKE_SHARE = 0.25, 0.15  # px, and share of a width, by which widths of one line may differ
 HALF, ACROSS = 3.0, 0.25  # px across a line in which its width is measured, and the step there
 
 
@@ -99,11 +100,11 @@ def _degrees(on):
     return np.where(on, sum(map(np.int64, (n, s, w, e, *diagonal))), 0)
 
 
-def chains_of(skeleton) -> list[Floats]:
+def chains_of(skeleton, share: Floats) -> list[Floats]:
     """Return the centrelines (n, 2) of a skeleton as x, y of pixel centres.
 
-    Short spurs are left out, and branches that go straight on through a junction are joined. The
-    first point of a loop is also its last one.
+    Short spurs are left out, and branches of about equal width that go straight on through a
+    junction are joined. The first point of a loop is also its last one.
     """
     on = np.pad(np.asarray(skeleton, bool), 1)
     degree = _degrees(on)
@@ -124,6 +125,11 @@ def chains_of(skeleton) -> list[Floats]:
             if at[i][side]:
                 branches.setdefault(at[i][side], []).append((i, side))
 
+    wide = [width_along(e[:, ::-1] - 0.5, share, False) for e in edges]
+
+    def is_alike(i: int, j: int) -> bool:
+        return abs(wide[i] - wide[j]) < ALIKE + ALIKE_SHARE * min(wide[i], wide[j])
+
     def way(i: int, side: int) -> Floats:
         e = edges[i] if side == 0 else edges[i][::-1]
         v = np.subtract(e[min(6, len(e) - 1)], e[0]).astype(float)
@@ -135,7 +141,7 @@ def chains_of(skeleton) -> list[Floats]:
         pairs = sorted(
             (float(ways[a] @ ways[b]), group[a], group[b])
             for a in range(len(group)) for b in range(a + 1, len(group))
-            if group[a][0] != group[b][0]
+            if group[a][0] != group[b][0] and is_alike(group[a][0], group[b][0])
         )  # fmt: skip
         for cosine, a, b in pairs:
             if (len(group) == 2 or cosine < STRAIGHT) and a not in link and b not in link:

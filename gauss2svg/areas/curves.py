@@ -13,6 +13,8 @@ import numpy as np
 from gauss2svg.areas.kernels import inner, kernel
 
 ROUNDS = 6  # how often the places of points along a cubic are improved
+import os
+DEAD = float(os.environ.get('DEAD', '.05')) ** 2 + 1e-12
 BYTES_OF_CURVE, BYTES_OF_LINE = 5.5, 2.3  # signs and separators of a segment in path data
 
 
@@ -51,7 +53,8 @@ def _line_error(points, weight, first, last):
     for i in range(first, last + 1):
         x, y = points[i % n, 0] - ax, points[i % n, 1] - ay
         t = min(max((x * vx + y * vy) / max(square, 1e-9), 0.0), 1.0)
-        error += weight[i % n] * ((x - t * vx) ** 2 + (y - t * vy) ** 2)
+        d = (x - t * vx) ** 2 + (y - t * vy) ** 2
+        error += weight[i % n] * d * d / (d + DEAD)
     return error
 
 
@@ -107,7 +110,8 @@ def _fit_cubic(points, weight, first, last, p, t):
             b0, b1, b2, b3 = u * u * u, 3 * u * u * v, 3 * u * v * v, v * v * v
             x = b0 * p[0, 0] + b1 * p[1, 0] + b2 * p[2, 0] + b3 * p[3, 0] - points[q, 0]
             y = b0 * p[0, 1] + b1 * p[1, 1] + b2 * p[2, 1] + b3 * p[3, 1] - points[q, 1]
-            error += weight[q] * (x * x + y * y)
+            d = x * x + y * y
+            error += weight[q] * d * d / (d + DEAD)
             if round_ < ROUNDS - 1 and 0 < i < count - 1:
                 dx = 3 * (u * u * (p[1, 0] - p[0, 0]) + 2 * u * v * (p[2, 0] - p[1, 0]) + v * v * (p[3, 0] - p[2, 0]))
                 dy = 3 * (u * u * (p[1, 1] - p[0, 1]) + 2 * u * v * (p[2, 1] - p[1, 1]) + v * v * (p[3, 1] - p[2, 1]))

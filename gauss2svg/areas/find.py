@@ -83,6 +83,7 @@ def find(pixels, unit=1 / 16, rate=0.0025, steps=20, reach=2, ties=1):
     clock("shares")
     weight_at = contrast_of(pixels)
     new = add_thin_regions(pixels, cores, labels, shares, paints, palette)
+    clock('thin1')
     lines = take_lines(pixels, cores, labels, shares, paints, new, weight_at, unit, rate)
     count = len(paints)
     clock("thin")

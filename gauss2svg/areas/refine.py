@@ -499,7 +499,7 @@ class Drawing:
         for paint, color in zip(flat, new, strict=True):
             paint.color = np.clip(color, 0, 1)
 
-    def refine(self, steps: int, stop: float = 1e-3) -> float:
+    def refine(self, steps: int, stop: float = 1e-3, colors: bool = True) -> float:
         """Move outlines, widths and colours for at most `steps` steps. Return the squared error."""
         if not self.layers:
             return 0.0
@@ -512,7 +512,7 @@ class Drawing:
         for n in range(steps):
             self.steps_done = n + 1
             self.weigh()
-            if n % 4 == 3:
+            if colors and n % 4 == 3:
                 kept = [paint.color for paint in self.paints]
                 self.solve_colors()
                 new = self.draw() - self.pixels

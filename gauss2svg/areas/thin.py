@@ -18,8 +18,7 @@ from gauss2svg.areas.centrelines import centred, chains_of, width_along
 from gauss2svg.areas.outlines import Path, contours_of, first_path, fitted_path, resampled
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import FAR, LEVEL, Palette, Shares, grown, widened
-from gauss2svg.render.coverage import add_outline, add_stroke
-from gauss2svg.areas.kernels import kernel
+from gauss2svg.areas.refine import Drawing, Layer
 
 Floats = NDArray[np.float64]
 UNEXPLAINED = 0.0015  # squared error of a pixel that is not explained
@@ -32,7 +31,7 @@ THICK = 2.4  # px; a disc of this radius fits into no thin part
 WIDEST = 3.6  # px; the largest width of a line
 SEEN = 0.12  # least share of a pixel in a part
 LEAST_SHARE, LEAST_LENGTH = 4.0, 2.5  # px^2 of a line, and its length in widths
-ALIKE_WIDTHS = 0.2  # px, and a tenth of the width: lines of one colour become equally wide
+ALIKE_WIDTHS = 0.15  # px, and a twentieth of the width: lines of one colour become equally wide
 _BLOCK = np.ones((3, 3), bool)
 
 
@@ -115,22 +114,6 @@ def _share_paints(paints: list[Paint], regions: int, near: float = 6 * LEVEL) ->
                 break
 
 
-@kernel
-def _cover(segments, curved, closed, width, x0, y0, h, w):
-    sums = np.zeros((h, w + 2))
-    if width > 0:
-        add_stroke(sums, segments, curved, closed, width, 0, x0, y0)
-    else:
-        add_outline(sums, segments, curved, x0, y0)
-    out = np.empty((h, w))
-    for y in range(h):
-        winding = 0.0
-        for x in range(w):
-            winding += sums[y, x]
-            out[y, x] = min(abs(winding), 1.0)
-    return out
-
-
 def path_bytes(path: Path, unit: float) -> float:
     """Return about how many bytes of path data a path has."""
     d = np.abs(np.round((path.segments[:, 1:] - path.segments[:, :1]) / unit))
@@ -146,8 +129,7 @@ def _strokes(share: Floats, left: int, top: int, widest: float, thick, weight_at
     """
     seen = share[share > 0.05]
     level = min(0.35, 0.4 * float(np.percentile(seen, 85))) if len(seen) else 1.0
-    on = np.pad(share > level, 1)
-    chains = [chain - 1 for chain in chains_of(skeletonize(on))]
+    chains = chains_of(skeletonize(share > level), share)
     length = sum(np.hypot(*np.diff(chain, axis=0).T).sum() + 0.7 for chain in chains)
     width = share.sum() / max(length, 1e-9)
     if width > widest or length < max(LEAST_SHARE, LEAST_LENGTH * width):
@@ -203,18 +185,7 @@ def take_lines(pixels, cores, labels, shares: Shares, paints, new: list[int], we
     new  regions without cores. Each of them is tried as a whole
     """
     h, w, _ = pixels.shape
-    lines, cores = [], cores.copy()
-    nothing = np.zeros((h, w), bool)
-    for k in new:
-        ys, xs = np.nonzero((shares.label == k).any(axis=-1))
-        if not len(ys):
-            continue
-        box = np.s_[ys.min() : ys.max() + 1, xs.min() : xs.max() + 1]
-        part = shares.of(k, box)
-        strokes = _chosen(pixels, labels, part, xs.min(), ys.min(), 2.4, nothing, paints[k], weight_at, unit, rate)
-        if strokes:
-            lines += [Line(k, *stroke) for stroke in strokes]
-            _release(shares, ys, xs, [k], labels)
+    lines = []
     disc = np.hypot(*np.mgrid[-2:3, -2:3]) < THICK
     classes: dict[int, list[int]] = {}
     for k, paint in enumerate(paints):
@@ -240,17 +211,19 @@ def take_lines(pixels, cores, labels, shares: Shares, paints, new: list[int], we
             lines += [Line(names[0], *stroke) for stroke in strokes]
             ys, xs = np.nonzero(part > 0)
             gone.append((ys + top, xs + left, names))
+    is_gone = np.zeros((h, w), bool)
+    for ys, xs, _ in gone:
+        is_gone[ys, xs] = True
+    largest = shares.largest
     for ys, xs, names in gone:
-        at = np.isin(cores[ys, xs], names)
-        cores[ys[at], xs[at]] = -1
-    if gone:
-        under = grown(pixels, cores)
-        for ys, xs, names in gone:
-            _release(shares, ys, xs, names, under)
+        others = is_gone | np.isin(largest, names)
+        _release(shares, ys, xs, names, _nearest(largest, others, ys, xs))
     return lines
 
 
-UNLIKE = 0.05
+import os
+DEBUG = os.environ.get('DBG')
+STEPS = 6  # of the refinement by which a stroke and outlines of one part are compared
 
 
 def _chosen(pixels, labels, part, left, top, widest, thick, paint, weight_at, unit, rate):
@@ -259,26 +232,64 @@ def _chosen(pixels, labels, part, left, top, widest, thick, paint, weight_at, un
     if not strokes:
         return []
     h, w = part.shape
-    whole = np.zeros((h, w))
-    for path, width in strokes:
-        whole = np.maximum(whole, _cover(path.segments, path.curved, path.closed, width, float(left), float(top), h, w))
-    open_ = ~thick[top : top + h, left : left + w]
-    ring = ndimage.binary_dilation(part > SEEN, _BLOCK, iterations=2)[:, :, None]
+    seen = ndimage.binary_dilation(part > SEEN, _BLOCK, iterations=2)
     values = pixels[top : top + h, left : left + w]
-    around = (part <= 0.02) & ring[..., 0]
+    around = (part <= 0.02) & seen
     ground = np.median(values[around], axis=0) if around.any() else values.mean(axis=(0, 1))
     contrast = ((paint.color - ground) ** 2).sum()
-    stroke_error = ((whole - part)[open_] ** 2).sum()
-    stroke_bytes = sum(path_bytes(path, unit) for path, _ in strokes) + 25
     outlines = [first_path(c, weight_at, unit, rate) for c in contours_of(part, left, top, labels.shape)]
-    whole = np.zeros((h, w))
-    for path in outlines:
-        whole += _cover(path.segments, path.curved, True, 0.0, float(left), float(top), h, w)
-    outline_error = ((whole - part)[open_] ** 2).sum()
-    outline_bytes = sum(path_bytes(path, unit) for path in outlines) + 10
-    stroke = contrast * stroke_error + rate * stroke_bytes
-    outline = contrast * outline_error + rate * outline_bytes
-    return strokes if stroke < outline else []
+    groups = {width: [path for path, other in strokes if other == width] for _, width in strokes}
+    as_lines = [Layer(0, paths, width) for width, paths in groups.items()]
+    as_areas = [Layer(0, [path]) for path in outlines]
+    is_open = ~thick[top : top + h, left : left + w]
+    costs = []
+    for layers, more in ((as_lines, BYTES_OF_LINE), (as_areas, BYTES_OF_AREA)):
+        drawing, error = _fitted(layers, part, is_open, left, top)
+        size = sum(path_bytes(path, unit) for layer in layers for path in layer.paths) + more
+        costs.append((contrast * error + rate * size, drawing))
+    (line_cost, drawing), (area_cost, _) = costs
+    if DEBUG: print(left,top,w,h,"line",line_cost,"area",area_cost,len(strokes))
+    if line_cost >= LINE_PRIOR * area_cost:
+        return []
+    offset = np.array([left - MARGIN, top - MARGIN])
+    return [
+        (path._replace(segments=path.segments + offset), layer.width)
+        for layer in drawing.current()
+        for path in layer.paths
+    ]
+
+
+MARGIN = 3
+LINE_PRIOR = float(os.environ.get('LP', '1.5'))
+BYTES_OF_LINE, BYTES_OF_AREA = 12.0, 10.0  # of tags, as far as a part does not share them
+
+
+def _fitted(layers: list[Layer], part: Floats, is_open, left: int, top: int):
+    """Return a drawing of a part's share with these layers, and its squared error where it is open.
+
+    Where the same colour is thick, what the layers draw does not matter.
+    """
+    offset = np.array([left - MARGIN, top - MARGIN])
+    moved = [
+        Layer(0, [path._replace(segments=path.segments - offset) for path in layer.paths], layer.width)
+        for layer in layers
+    ]
+    target, mask = np.pad(part, MARGIN)[..., None], np.pad(is_open, MARGIN, constant_values=True)
+    drawing = Drawing(target, Paint(np.zeros(1)), [Paint(np.ones(1))], moved, False)
+    first = drawing.draw()
+    drawing.pixels = np.where(mask[..., None], target, first)
+    drawing.refine(STEPS, colors=False)
+    return drawing, float((((drawing.draw() - target)[..., 0] ** 2)[mask]).sum())
+
+
+def _nearest(labels, is_left_out, ys, xs):
+    """Return the labels (n,) of the pixels nearest to these that are not left out."""
+    box = widened((slice(ys.min(), ys.max() + 1), slice(xs.min(), xs.max() + 1)), 8, labels.shape)
+    if is_left_out[box].all():
+        return labels[ys, xs]
+    rows, columns = ndimage.distance_transform_edt(is_left_out[box], return_distances=False, return_indices=True)
+    at = ys - box[0].start, xs - box[1].start
+    return labels[box][rows[at], columns[at]]
 
 
 def _release(shares: Shares, ys, xs, names, under) -> None:
@@ -290,7 +301,7 @@ def _release(shares: Shares, ys, xs, names, under) -> None:
     none = total < 0.02
     share /= np.maximum(total, 1e-6)[:, None]
     label[none], share[none] = -1, 0
-    label[none, 0], share[none, 0] = under[ys, xs][none], 1
+    label[none, 0], share[none, 0] = under[none], 1
     shares.label[ys, xs], shares.share[ys, xs] = label, share
 
 
@@ -299,7 +310,7 @@ def grouped(lines: list[Line], paints) -> list[tuple[int, list[Path], float]]:
     groups: list[tuple[int, list[Path], float, int]] = []
     for region, path, width in sorted(lines, key=lambda line: -len(line.path.curved)):
         for i, (other, paths, mean, weight) in enumerate(groups):
-            if paints[other] is paints[region] and abs(width - mean) < ALIKE_WIDTHS + 0.1 * mean:
+            if paints[other] is paints[region] and abs(width - mean) < ALIKE_WIDTHS + 0.05 * mean:
                 size = len(path.curved)
                 mean = (mean * weight + width * size) / (weight + size)
                 groups[i] = other, [*paths, path], mean, weight + size
