@@ -13,8 +13,6 @@ import numpy as np
 from gauss2svg.areas.kernels import inner, kernel
 
 ROUNDS = 6  # how often the places of points along a cubic are improved
-import os
-DEAD = float(os.environ.get('DEAD', '.05')) ** 2 + 1e-12
 BYTES_OF_CURVE, BYTES_OF_LINE = 5.5, 2.3  # signs and separators of a segment in path data
 
 
@@ -43,7 +41,7 @@ def _segment_bytes(p, is_curve, unit):
 
 
 @inner
-def _line_error(points, weight, first, last):
+def _line_error(points, weight, first, last, noise):
     """Return the weighted squared distance of points first..last from the line between them."""
     n = len(points)
     ax, ay = points[first % n]
@@ -54,12 +52,12 @@ def _line_error(points, weight, first, last):
         x, y = points[i % n, 0] - ax, points[i % n, 1] - ay
         t = min(max((x * vx + y * vy) / max(square, 1e-9), 0.0), 1.0)
         d = (x - t * vx) ** 2 + (y - t * vy) ** 2
-        error += weight[i % n] * d * d / (d + DEAD)
+        error += weight[i % n] * d * d / (d + noise)
     return error
 
 
 @inner
-def _fit_cubic(points, weight, first, last, p, t):
+def _fit_cubic(points, weight, first, last, noise, p, t):
     """Write the cubic (4, 2) between points first and last, and return its weighted error.
 
     t  buffer for the place of each point along the curve
@@ -111,7 +109,7 @@ def _fit_cubic(points, weight, first, last, p, t):
             x = b0 * p[0, 0] + b1 * p[1, 0] + b2 * p[2, 0] + b3 * p[3, 0] - points[q, 0]
             y = b0 * p[0, 1] + b1 * p[1, 1] + b2 * p[2, 1] + b3 * p[3, 1] - points[q, 1]
             d = x * x + y * y
-            error += weight[q] * d * d / (d + DEAD)
+            error += weight[q] * d * d / (d + noise)
             if round_ < ROUNDS - 1 and 0 < i < count - 1:
                 dx = 3 * (u * u * (p[1, 0] - p[0, 0]) + 2 * u * v * (p[2, 0] - p[1, 0]) + v * v * (p[3, 0] - p[2, 0]))
                 dy = 3 * (u * u * (p[1, 1] - p[0, 1]) + 2 * u * v * (p[2, 1] - p[1, 1]) + v * v * (p[3, 1] - p[2, 1]))
@@ -122,10 +120,10 @@ def _fit_cubic(points, weight, first, last, p, t):
 
 
 @inner
-def _best(points, weight, first, last, unit, rate, only_curves, p, t):
+def _best(points, weight, first, last, unit, rate, noise, only_curves, p, t):
     """Write the cheaper of a line and a cubic for points first..last. Return its kind and costs."""
     n = len(points)
-    error = _fit_cubic(points, weight, first, last, p, t)
+    error = _fit_cubic(points, weight, first, last, noise, p, t)
     size = _segment_bytes(p, True, unit)
     if only_curves:
         return True, error, size
@@ -133,7 +131,7 @@ def _best(points, weight, first, last, unit, rate, only_curves, p, t):
     for c in range(2):
         line[0, c] = line[1, c] = points[first % n, c]
         line[2, c] = line[3, c] = points[last % n, c]
-    line_error = _line_error(points, weight, first, last)
+    line_error = _line_error(points, weight, first, last, noise)
     line_size = _segment_bytes(line, False, unit)
     if line_error + rate * line_size < error + rate * size:
         p[:] = line
@@ -142,7 +140,7 @@ def _best(points, weight, first, last, unit, rate, only_curves, p, t):
 
 
 @kernel
-def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit, rate):
+def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit, rate, noise):
     """Merge neighbouring pieces while that lowers the cost, and return how many are left.
 
     points, weight  (n, 2) points and (n,) weights, already multiplied by the length that a point
@@ -166,14 +164,14 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
         if is_fitted:
             error[i], size[i] = 0.0, _segment_bytes(segment[i], True, unit)
         else:
-            curved[i], error[i], size[i] = _best(points, weight, start[i], start[i + 1], unit, rate, True, segment[i], t)
+            curved[i], error[i], size[i] = _best(points, weight, start[i], start[i + 1], unit, rate, noise, True, segment[i], t)
     least = 2 if closed else 1
     # A smooth run becomes few curves only if lines do not compete while it is merged: two short
     # lines have fewer bytes than the curve that replaces them.
     for only_curves in (True, False):
         if not only_curves:
             for i in range(count):
-                kind, line_error, line_size = _best(points, weight, start[i], start[i + 1], unit, rate, False, p, t)
+                kind, line_error, line_size = _best(points, weight, start[i], start[i + 1], unit, rate, noise, False, p, t)
                 if not kind and line_error + rate * line_size < error[i] + rate * size[i]:
                     segment[i], curved[i], error[i], size[i] = p, False, line_error, line_size
                 elif not curved[i]:
@@ -186,7 +184,7 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
                 if gain[i] != gain[i]:
                     j = (i + 1) % count
                     end = start[j + 1] + (n if j == 0 and i > 0 else 0)
-                    is_curve[i], merged_error[i], merged_size[i] = _best(points, weight, start[i], end, unit, rate, only_curves, merged[i], t)
+                    is_curve[i], merged_error[i], merged_size[i] = _best(points, weight, start[i], end, unit, rate, noise, only_curves, merged[i], t)
                     cost = merged_error[i] - error[i] - error[j]
                     gain[i] = rate * (size[i] + size[j] - merged_size[i]) - cost
                 if gain[i] > best:

@@ -19,6 +19,7 @@ def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     drawing.draw()
     drawing.weigh()
     h, w, _ = drawing.shape
+    noise = noise_of(drawing)
     layers = []
     for l, layer in enumerate(drawing.current()):
         contrast = (drawing.part(drawing.weight, l) ** 2).sum(axis=-1)
@@ -49,7 +50,7 @@ def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
             value = np.where(beyond, BEYOND, contrast[row, column]) * length
             segment, curved = path.segments.copy(), path.curved.copy()
             count = merge_pieces(
-                at, value, np.array(start), path.closed, segment, curved, True, unit, rate
+                at, value, np.array(start), path.closed, segment, curved, True, unit, rate, noise
             )
             if path.closed and count == 2 and not curved[:2].any():
                 continue
@@ -57,3 +58,12 @@ def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
         if paths:
             layers.append(Layer(layer.paint, paths, layer.width, layer.cap))
     return layers
+
+
+import os
+K = float(os.environ.get("K", "1"))
+
+
+def noise_of(drawing: Drawing) -> float:
+    """Return the mean squared distance in px by which outlines seem to be off, after `weigh`."""
+    return K**2 * drawing.noise + 1e-8

@@ -20,6 +20,9 @@ LEAST_AREA = 1.0  # px^2; smaller contours are noise
 ARM, CORNER_RAD, CUT, LOOK, MOST_MOVE = 5, np.radians(35), 2, 8, 2.0
 
 
+NOISE = 0.05  # px by which points of a contour are off
+
+
 class Path(NamedTuple):
     """Segments (k, 4, 2) of a path, and whether each is curved. A line repeats its ends."""
 
@@ -121,5 +124,5 @@ def fitted_path(points: Floats, corners, weight_at, unit, rate, closed: bool) ->
     weight = weight_at(points) * length
     count = len(start) - 1
     segment, curved = np.empty((count, 4, 2)), np.empty(count, bool)
-    count = merge_pieces(points, weight, start, closed, segment, curved, False, unit, rate)
+    count = merge_pieces(points, weight, start, closed, segment, curved, False, unit, rate, NOISE**2)
     return Path(segment[:count], curved[:count], closed)

@@ -567,6 +567,11 @@ class Drawing:
                 quiet += 1
             if quiet >= 3:
                 break
+        # Each sample stands for 1 / RATE px of an outline.
+        total = 0.0
+        lengths = np.abs(jacobian[:, [0, 2, 4, 6]].sum(axis=1)), np.abs(jacobian[:, [1, 3, 5, 7]].sum(axis=1))
+        total = ((weights**2).sum(axis=1) * np.hypot(*lengths)).sum()
+        self.noise = loss / max(total, 1e-9)
         return loss
 
     def _moved(self, point: Floats, move: Floats) -> Floats:
