@@ -15,7 +15,6 @@ from gauss2svg.errors import InputError, refusal, required
 from gauss2svg.options import Field
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.pixels import straight
-from gauss2svg.render.areas import draw_areas
 from gauss2svg.render.cpu import Real, render_planar, splats_of
 from gauss2svg.scene import ADD, Scene
 
@@ -56,6 +55,8 @@ def render(
         if scene.blend == ADD:
             planar = np.clip(planar, 0, 1)
         return np.ascontiguousarray(np.moveaxis(planar, 0, -1))
+    from gauss2svg.render.areas import draw_areas  # few scenes need its kernels
+
     image = np.full((height, width, 3), scene.background, dtype)
     draw_areas(scene.areas, image, scale)
     if len(scene):

@@ -11,7 +11,7 @@ from gauss2svg.render.coverage import MITER_LIMIT, add_outline, add_stroke
 from gauss2svg.render.tiles import kernel
 from gauss2svg.scene.areas import CAPS, Area
 
-_ROWS = 256  # number of rows that are drawn at once, which limits the memory of a large image
+_ROWS = 64  # number of rows that are drawn at once, which limits the memory of a large image
 
 
 @kernel
@@ -24,6 +24,26 @@ def _add_fill(sums, segments, curved, x0, y0):
 def _add_line(sums, segments, curved, is_closed, width, cap, x0, y0):
     """Call add_stroke of gauss2svg.render.coverage."""
     add_stroke(sums, segments, curved, is_closed, width, cap, x0, y0)
+
+
+@kernel
+def _blend(coverage, opacity, color, image, left, top):
+    """Draw a colour over the box of an image (h, w, 3) whose upper left corner is (left, top).
+
+    coverage  (height, width) share that is covered of each pixel of the box
+    color     (height, width, 3), or (1, 1, 3) if the colour is the same in all of the box
+    """
+    height, width = coverage.shape
+    for y in range(height):
+        row = min(y, color.shape[0] - 1)
+        for x in range(width):
+            column = min(x, color.shape[1] - 1)
+            alpha = opacity * coverage[y, x]
+            if alpha > 0.0:
+                for channel in range(3):
+                    below = image[top + y, left + x, channel]
+                    change = alpha * (color[row, column, channel] - below)
+                    image[top + y, left + x, channel] = below + change
 
 
 def coverage_of(
@@ -57,7 +77,8 @@ def coverage_of(
             sums, segments[has_extent], curved[has_extent], is_closed, line_width,
             CAPS.index(area.cap), x0, y0,
         )  # fmt: skip
-    return np.minimum(np.abs(np.cumsum(sums, axis=1)[:, :-2]), 1.0)
+    covered = np.cumsum(sums, axis=1, out=sums)[:, :-2]
+    return np.minimum(np.abs(covered, out=covered), 1.0, out=covered)
 
 
 def draw_areas(
@@ -71,18 +92,17 @@ def draw_areas(
     for area in areas:
         points = np.concatenate([outline.points for outline in area.outlines])
         # Corners and square caps reach further than half of the width.
-        low, high = (points.min(axis=0), points.max(axis=0))
+        low, high = points.min(axis=0), points.max(axis=0)
         reach = 0.5 * area.width * MITER_LIMIT
         left, top = np.floor(np.clip((low - reach) * scale, 0, size)).astype(int).tolist()
         right, bottom = np.ceil(np.clip((high + reach) * scale, 0, size)).astype(int).tolist()
         for y in range(top, bottom, _ROWS):
-            part = image[y : min(y + _ROWS, bottom), left:right]
-            height, width = part.shape[:2]
-            alpha = area.opacity * coverage_of(area, left, y, width, height, scale)
+            height, width = min(_ROWS, bottom - y), right - left
             if isinstance(area.paint, tuple):
-                color = np.array(area.paint)
+                color = np.array([[area.paint]])
             else:
                 across = (np.arange(left, right) + 0.5) / scale[0]
                 down = (np.arange(y, y + height) + 0.5) / scale[1]
                 color = area.paint.at(across, down[:, None])
-            part += alpha[:, :, None] * (color - part)
+            coverage = coverage_of(area, left, y, width, height, scale)
+            _blend(coverage, area.opacity, color, image, left, y)

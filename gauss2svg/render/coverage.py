@@ -6,6 +6,9 @@ of its height, and of all pixels to the right of these by its whole height. The 
 row is the winding number, averaged over each pixel. Its absolute value, at most 1, is the coverage.
 So a hole is an outline that runs the other way. `coverage_reference` computes the same by clipping
 polygons.
+
+Where outlines or strokes overlap themselves, a pixel that each part covers in part counts both. So
+a stroke is too dark in a few pixels where it crosses itself, or turns within its width.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from scenes import random_scene
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render, render_rgba
-from gauss2svg.render.areas import coverage_of, draw_areas
+from gauss2svg.render.areas import _add_fill, coverage_of, draw_areas
 from gauss2svg.render.coverage import SAGITTA, edge_count
 from gauss2svg.render.coverage_reference import coverage_gradient, polygon_of, winding
 from gauss2svg.render.reference import render_reference
@@ -176,6 +176,14 @@ def test_extreme_areas_cover_shares(scale, width):
         assert ((covered >= 0) & (covered <= 1)).all()
 
 
+def test_points_that_are_no_numbers_cover_nothing():
+    # An Outline refuses them, but a solver that calls the kernels may return them.
+    sums = np.zeros((8, 13))
+    segments = np.tile([[np.nan, 1], [np.nan, 2], [np.nan, 4], [np.nan, 6.5]], (2, 1, 1))
+    _add_fill(sums, segments, np.array([True, False]), 0.0, 0.0)
+    assert not sums.any()
+
+
 def scene_of(seed: int) -> Scene:
     rng = np.random.default_rng(seed)
     stops = ((0.2, 0.9), ((1.0, 0.5, 0.0), (0.0, 0.25, 1.0)))
@@ -216,7 +224,7 @@ def test_gaussians_lie_over_the_areas(dtype, seed):
 def test_alpha_of_areas_is_that_of_both_backgrounds(seed, covering):
     scene = scene_of(seed).replace(transparent=True)
     rgba = render_rgba(scene, covering=covering)
-    for backdrop in (np.zeros(3), np.ones(3), np.array([1.0, 0, 1])):
+    for backdrop in (BLACK, (1.0, 1.0, 1.0), (1.0, 0.0, 1.0)):
         shown = render(scene.replace(background=backdrop), covering=covering)
         np.testing.assert_allclose(over(rgba, backdrop), shown, atol=1e-5)
 
