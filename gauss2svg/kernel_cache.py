@@ -24,8 +24,9 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
-# Module whose constants are compiled into kernels. If it changes, saved kernels are out of date.
-_CONSTANTS_MODULE = Path(__file__).parent / "scene" / "falloff.py"
+# Modules whose constants and functions are compiled into kernels of other packages. If one of them
+# changes, saved kernels are out of date.
+_SHARED_MODULES = [Path(__file__).parent / m for m in ("scene/falloff.py", "render/coverage.py")]
 _config: Any = config  # not typed, because numba creates its attributes at run time
 _lost = False  # True once this process has failed to save the code of a kernel
 
@@ -111,7 +112,7 @@ def _temporary_folder() -> Path | None:
 def _digest(package: Path) -> str:
     """Return a digest of all modules whose code can be part of kernels in the folder `package`."""
     digest = hashlib.sha256()
-    for path in (*sorted(package.glob("*.py")), _CONSTANTS_MODULE):
+    for path in (*sorted(package.glob("*.py")), *_SHARED_MODULES):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

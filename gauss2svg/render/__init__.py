@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import time
 from collections.abc import Callable
@@ -40,17 +41,32 @@ def render(
               renderers draw it so, and so do fits of small files and of drawings
 
     The scene is scaled to the size of the image and sampled at pixel centres. A transparent scene
-    is rendered over its background, which is white by default. render_reference of
+    is rendered over its background, which is white by default. Areas and lines lie between the
+    background and the Gaussians, and cover pixels by shares. render_reference of
     gauss2svg.render.reference draws the same image slowly, but has no option `covering`. Raise
     InputError if `scene` is not a Scene, if the dtype is another one, or if a side is not a whole
     number of at least 1 px, or if the image has more pixels than any photo.
     """
     width, height = output_size(scene, width, height)
-    splats = splats_of(scene, (width / scene.width, height / scene.height), covering)
-    planar = render_planar(splats, height, width, dtype)
-    if scene.blend == ADD:
-        planar = np.clip(planar, 0, 1)
-    return np.ascontiguousarray(np.moveaxis(planar, 0, -1))
+    scale = (width / scene.width, height / scene.height)
+    splats = splats_of(scene, scale, covering)
+    if not scene.areas:
+        planar = render_planar(splats, height, width, dtype)
+        if scene.blend == ADD:
+            planar = np.clip(planar, 0, 1)
+        return np.ascontiguousarray(np.moveaxis(planar, 0, -1))
+    from gauss2svg.render.areas import draw_areas  # few scenes need its kernels
+
+    image = np.full((height, width, 3), scene.background, dtype)
+    draw_areas(scene.areas, image, scale)
+    if len(scene):
+        # The Gaussians' own light, and the share of the light from below that they let through.
+        opaque = splats.opacity_color * [1, 0, 0, 0]
+        light = render_planar(splats._replace(background=np.zeros(3)), height, width, dtype)
+        through = splats._replace(background=np.ones(3), opacity_color=opaque)
+        image *= np.moveaxis(render_planar(through, height, width, dtype), 0, -1)
+        image += np.moveaxis(light, 0, -1)
+    return image
 
 
 def render_rgba(
@@ -63,15 +79,16 @@ def render_rgba(
     """Return the colour and straight alpha (height, width, 4) in 0..1 of a scene.
 
     With the weights w_k of gauss2svg.render.reference, alpha is A = sum w_k, and A = 1 if the scene
-    is not transparent. The colour is sum w_k c_k / A, or black where A is 0. Arguments and errors
-    are those of `render`.
+    is not transparent. Areas have such weights too. The colour is sum w_k c_k / A, or black where A
+    is 0. Arguments and errors are those of `render`.
     """
     if not required(scene, "scene", Scene).transparent:
         color = np.clip(render(scene, width, height, dtype, covering), 0, 1)
         return np.dstack([color, np.ones(color.shape[:2])]).astype(np.float32)
     on_black = scene.replace(background=np.zeros(3))
     color = render(on_black, width, height, dtype, covering)
-    white = on_black.replace(color=np.ones((len(scene), 3)))
+    white_areas = tuple(dataclasses.replace(area, paint=(1.0, 1.0, 1.0)) for area in scene.areas)
+    white = on_black.replace(color=np.ones((len(scene), 3)), areas=white_areas)
     covered = render(white, width, height, dtype, covering)
     return straight(color, covered[:, :, 0])
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from gauss2svg.errors import InputError
 from gauss2svg.render import TorchMissingError, output_size
+from gauss2svg.render.areas import draw_areas
 from gauss2svg.scene import ADD, MOST_SIGNED, Scene
 from gauss2svg.scene.falloff import CUT, RIM
 from gauss2svg.scene.scene import PARAMETERS
@@ -81,7 +82,7 @@ def _blended(
     additive: whether the shapes are added up. If not, they are alpha-composited.
     """
     mean, sigma, rho, color, opacity, background, beta = shapes
-    image = background.expand(height, width, 3)
+    image = background.expand(height, width, 3)  # the background is one colour, or an image
     for k in range(len(mean)):
         falloff = _falloff(mean[k], sigma[k], rho[k], beta[k], height, width)[:, :, None]
         if additive:
@@ -144,10 +145,12 @@ def render_reference(
     width, height = output_size(scene, width, height)
     # Scale the arrays and not the scene, because Scene.scaled raises an error if scaled shapes
     # leave the domain of scenes.
-    scale = np.array([width / scene.width, height / scene.height])
+    scale = (width / scene.width, height / scene.height)
+    ground = np.full((height, width, 3), scene.background)
+    draw_areas(scene.areas, ground, scale)
     arrays = (
-        scene.mean * scale, scene.sigma * scale, scene.rho, scene.color, scene.opacity,
-        scene.background, scene.beta,
+        scene.mean * scale, scene.sigma * scale, scene.rho, scene.color, scene.opacity, ground,
+        scene.beta,
     )  # fmt: skip
     mean, sigma, rho, *others = (
         torch.tensor(array, dtype=dtype, device=device) for array in arrays

@@ -1,0 +1,236 @@
+"""Properties of the raster of areas and lines: the kernels, their readable twin and resvg."""
+
+import numpy as np
+import pytest
+from both_renderers import in_both
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import random_scene
+
+from gauss2svg.photo.pixels import over
+from gauss2svg.raster import rasterize
+from gauss2svg.render import render, render_rgba
+from gauss2svg.render.areas import _add_fill, coverage_of, draw_areas
+from gauss2svg.render.coverage import SAGITTA, edge_count
+from gauss2svg.render.coverage_reference import coverage_gradient, polygon_of, winding
+from gauss2svg.render.reference import render_reference
+from gauss2svg.scene import Scene
+from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline, RadialGradient
+
+BOX = (-2, 3, 11, 8)  # left, top, width, height
+WIDE = (-60, -60, 160, 160)
+BLACK = (0.0, 0.0, 0.0)
+# Quarters, so that many edges are level or upright, and many lie on borders of pixels.
+coordinates = st.one_of(st.integers(-24, 64).map(lambda i: i / 4), st.floats(-8, 18))
+nodes = st.tuples(coordinates, coordinates)
+
+
+@st.composite
+def outlines(draw, curves=True):
+    """Closed outlines that leave the box on each side. Many have equal neighbouring points."""
+    curved = draw(st.lists(st.booleans() if curves else st.just(False), min_size=2, max_size=6))
+    count = len(curved) + 2 * sum(curved)
+    points = [draw(nodes)]
+    while len(points) < count:
+        points.append(points[-1] if draw(st.integers(0, 5)) == 0 else draw(nodes))
+    return Outline(tuple(points), tuple(curved))
+
+
+def star(seed: int, curved: bool = True) -> Outline:
+    """A closed outline around (20, 20) that does not cross itself."""
+    rng = np.random.default_rng(seed)
+    count = 3 * int(rng.integers(3, 7)) if curved else int(rng.integers(3, 12))
+    angle, radius = 2 * np.pi * np.arange(count) / count, rng.uniform(8, 18, count)
+    points = 20 + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return Outline(tuple(map(tuple, points)), (curved,) * (count // 3 if curved else count))
+
+
+def moved(outline: Outline, matrix, offset) -> Outline:
+    points = np.array(outline.points) @ np.array(matrix).T + offset
+    return Outline(tuple(map(tuple, points)), outline.curved, outline.closed)
+
+
+@given(st.lists(outlines(), min_size=1, max_size=2))
+def test_kernels_cover_what_the_polygons_cover(paths):
+    polygons = [
+        polygon_of(
+            path,
+            [
+                edge_count.py_func(*pair, 0.0)
+                for pair in zip(path.segments, path.curved, strict=True)
+            ],
+        )
+        for path in paths
+    ]
+    exact = np.minimum(abs(winding(polygons, *BOX)), 1)
+    np.testing.assert_allclose(coverage_of(Area(tuple(paths), BLACK), *BOX), exact, atol=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_an_area_covers_its_area(seed, has_hole):
+    outline = star(seed)
+    x, y = polygon_of(outline, [2000] * len(outline.curved)).T
+    area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    length = np.hypot(np.diff(x), np.diff(y)).sum()
+    paths = [outline]
+    if has_hole:
+        back = Outline(outline.points[:1] + outline.points[:0:-1], outline.curved)
+        paths.append(moved(back, np.eye(2) / 3, [13, 14]))
+        area *= 8 / 9
+    covered = coverage_of(Area(tuple(paths), BLACK), 0, 0, 40, 40)
+    assert covered.sum() == pytest.approx(area, abs=1.4 * length * SAGITTA)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(CAPS), st.sampled_from([0, 0.4, 5.0]))
+def test_turned_and_mirrored_outlines_cover_turned_and_mirrored_pixels(seed, cap, width):
+    outline = star(seed)
+    covered = coverage_of(Area((outline,), BLACK, width=width, cap=cap), *WIDE)
+    for matrix, offset, same in (
+        ([[0, -1], [1, 0]], [40, 0], np.rot90(covered, -1)),
+        ([[-1, 0], [0, 1]], [40, 0], covered[:, ::-1]),
+        ([[0, 1], [1, 0]], [0, 0], covered.T),
+    ):
+        area = Area((moved(outline, matrix, offset),), BLACK, width=width, cap=cap)
+        np.testing.assert_allclose(coverage_of(area, *WIDE), same, atol=1e-7)
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans())
+def test_gradients_of_coverage_are_finite_differences(seed, curved):
+    outline, box, step = star(seed, curved), (14, 2, 8, 9), 1e-4
+    counts = [100] * len(outline.curved)
+    gradient = coverage_gradient(outline, *box, samples=20_000)
+    target = np.random.default_rng(seed).random((9, 8))
+    error = abs(winding([polygon_of(outline, counts)], *box)) - target
+    for i, k in np.ndindex(len(outline.points), 2):
+        sides = []
+        for sign in (-1, 1):
+            points = np.array(outline.points)
+            points[i, k] += sign * step
+            shifted = Outline(tuple(map(tuple, points)), outline.curved)
+            sides.append(abs(winding([polygon_of(shifted, counts)], *box)))
+        difference = (sides[1] - sides[0]) / (2 * step)
+        np.testing.assert_allclose(gradient[:, :, i, k], difference, atol=0.02)
+        squares = [((side - target) ** 2).sum() for side in sides]
+        exact = (squares[1] - squares[0]) / (2 * step)
+        assert 2 * (error * gradient[:, :, i, k]).sum() == pytest.approx(exact, abs=0.05)
+
+
+SHARP = ((4, 6), (56, 10.3), (28, 19.8), (40, 54.5))  # the first corner is beyond the mitre limit
+CURVES = ((20, 60.3), (50, 50), (60, 30), (40, -10), (8, 5))  # a line, then a curve
+LOOP = ((5, 5), (40, -10), (60, 30), (50, 50), (20, 60.3), (10, 20))
+HOLE = ((30, 20), (22, 34), (30, 44), (40, 34))
+PICTURES = {
+    "hole": Area((Outline(LOOP, (True, False, False, False)), Outline(HOLE, (False,) * 4)), BLACK),
+    "inside out": Area((Outline(LOOP[::-1], (False, False, True, False)),), BLACK),
+}
+for _cap in CAPS:
+    _width = {"butt": 5.3, "round": 4.0, "square": 0.7}[_cap]
+    for _name, _outline in {
+        "corners": Outline(SHARP, (False,) * 3, False),
+        "curve": Outline(CURVES, (False, True), False),
+        "closed": Outline(LOOP, (True, False, False, False)),
+        "closed corners": Outline(SHARP, (False,) * 4),
+        "equal points": Outline((SHARP[0], *SHARP[:2], *SHARP[1:]), (False,) * 5, False),
+        "handle on node": Outline(
+            ((9, 9), (9, 9), (50, 8), (50, 50), (20, 50)), (True, False), False
+        ),
+        "dot": Outline(((30.2, 20.4), (30.2, 20.4)), (False,), False),
+    }.items():
+        PICTURES[f"{_name}, {_cap}"] = Area((_outline,), BLACK, width=_width, cap=_cap)
+
+
+def markup(area: Area) -> str:
+    path = ""
+    for outline in area.outlines:
+        path += "M{} {}".format(*outline.points[0])
+        for segment, is_curve in zip(outline.segments, outline.curved, strict=True):
+            values = segment[1:] if is_curve else segment[3:]
+            path += ("C" if is_curve else "L") + " ".join(map(str, values.ravel().tolist()))
+        path += "Z" * outline.closed
+    join = "round" if area.cap == "round" else "miter"
+    stroke = (
+        f'fill="none" stroke="#000" stroke-width="{area.width}" stroke-linecap="{area.cap}" '
+        f'stroke-linejoin="{join}" '
+    )
+    return (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 64 64">'
+        f'<path fill="#fff" d="M0 0H64V64H0"/><path {stroke * area.is_line}d="{path}"/></svg>'
+    )
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_areas_and_lines_cover_what_resvg_covers(name):
+    large = 1 - rasterize(markup(PICTURES[name]), 1024, 1024)[:, :, 0]
+    exact = large.reshape(64, 16, 64, 16).mean(axis=(1, 3))
+    np.testing.assert_allclose(coverage_of(PICTURES[name], 0, 0, 64, 64), exact, atol=0.02)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e9 / 64, 1e-9])
+@pytest.mark.parametrize("width", [0.0, 1e-6, 3.0, 1e9])
+def test_extreme_areas_cover_shares(scale, width):
+    for area in PICTURES.values():
+        if width == 0 and not all(outline.closed for outline in area.outlines):
+            continue
+        drawn = Area(area.scaled(scale, scale).outlines, BLACK, width=width, cap=area.cap)
+        covered = coverage_of(drawn, *BOX)
+        assert ((covered >= 0) & (covered <= 1)).all()
+
+
+def test_points_that_are_no_numbers_cover_nothing():
+    # An Outline refuses them, but a solver that calls the kernels may return them.
+    sums = np.zeros((8, 13))
+    segments = np.tile([[np.nan, 1], [np.nan, 2], [np.nan, 4], [np.nan, 6.5]], (2, 1, 1))
+    _add_fill(sums, segments, np.array([True, False]), 0.0, 0.0)
+    assert not sums.any()
+
+
+def scene_of(seed: int) -> Scene:
+    rng = np.random.default_rng(seed)
+    stops = ((0.2, 0.9), ((1.0, 0.5, 0.0), (0.0, 0.25, 1.0)))
+    small = [moved(star(seed + k), np.eye(2) / 4, [k, 0]) for k in range(3)]
+    areas = (
+        Area((small[0],), tuple(rng.random(3)), 0.7),
+        Area((small[1],), LinearGradient(*stops, (2.0, 1.0), (7.0, 8.0))),
+        Area((small[2],), RadialGradient(*stops, (5.0, 4.0), (3.0, 6.0)), 0.6, width=1.5),
+    )
+    return random_scene(4, 9, 8, seed).replace(areas=areas)
+
+
+@in_both
+@given(st.integers(0, 2**16))
+def test_gaussians_lie_over_the_areas(dtype, seed):
+    scene = scene_of(seed)
+    ground = np.full((8, 9, 3), scene.background)
+    y, x = np.mgrid[:8, :9] + 0.5
+    for area in scene.areas:
+        paint = area.paint
+        color = np.array(paint) if isinstance(paint, tuple) else paint.at(x, y)
+        alpha = area.opacity * coverage_of(area, 0, 0, 9, 8)[:, :, None]
+        ground = (1 - alpha) * ground + alpha * color
+    image = render(scene, dtype=dtype)
+    assert image.dtype == dtype
+    without = scene.replace(areas=())
+    for y, x in ((2, 3), (4, 5), (6, 2)):
+        over_ground = render(without.replace(background=ground[y, x]), dtype=np.float64)
+        np.testing.assert_allclose(image[y, x], over_ground[y, x], atol=1e-5)
+    np.testing.assert_allclose(image, render_reference(scene), atol=1e-5)
+    alone = np.full((8, 9, 3), scene.background, dtype)
+    draw_areas(scene.areas, alone)
+    empty = Scene(9, 8, background=scene.background, areas=scene.areas)
+    np.testing.assert_array_equal(render(empty, dtype=dtype), alone)
+
+
+@given(st.integers(0, 2**16), st.booleans())
+def test_alpha_of_areas_is_that_of_both_backgrounds(seed, covering):
+    scene = scene_of(seed).replace(transparent=True)
+    rgba = render_rgba(scene, covering=covering)
+    for backdrop in (BLACK, (1.0, 1.0, 1.0), (1.0, 0.0, 1.0)):
+        shown = render(scene.replace(background=backdrop), covering=covering)
+        np.testing.assert_allclose(over(rgba, backdrop), shown, atol=1e-5)
+
+
+@given(st.integers(0, 2**16), st.sampled_from([(18, 16), (45, 8), (7, 600)]))
+def test_a_scaled_scene_has_scaled_areas(seed, size):
+    scene = scene_of(seed)
+    scaled = scene.scaled(size[0] / 9, size[1] / 8)
+    np.testing.assert_allclose(render(scaled, *size), render(scene, *size), atol=1e-4)
