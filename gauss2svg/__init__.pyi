@@ -31,6 +31,12 @@ from .pipeline.palette import quantize as quantize
 from .pipeline.vectorize import Result as Result
 from .pipeline.options import Progress as Progress
 from .pipeline.vectorize import vectorize as vectorize
+from .scene.areas import (
+    Area as Area,
+    LinearGradient as LinearGradient,
+    Outline as Outline,
+    RadialGradient as RadialGradient,
+)
 from .svg import Document as Document, SvgFormat as SvgFormat
 from .svg.file import Scene as Scene
 from .svg.read import read_svg as read_svg

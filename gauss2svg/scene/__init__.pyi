@@ -1,5 +1,11 @@
 """Names of the model, which `gauss2svg.scene` loads on first use."""
 
+from .areas import (
+    Area as Area,
+    LinearGradient as LinearGradient,
+    Outline as Outline,
+    RadialGradient as RadialGradient,
+)
 from .scene import (
     BLURRED as BLURRED,
     LEAST_CANVAS as LEAST_CANVAS,

@@ -25,6 +25,7 @@ from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted
 from gauss2svg.files import write_atomically
 from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
+from gauss2svg.scene.areas import Area, areas_from_json, areas_to_json
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
 LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # bounds in px of a side of the canvas
@@ -230,6 +231,8 @@ class Scene:
                    disc, in the form "blur". None for all SOFT
     transparent    whether the background is left out of files and of render_rgba, whose image then
                    has alpha; False if blend is "add"
+    areas          areas and lines (gauss2svg.scene.areas) between the background and the Gaussians,
+                   the bottom one first; none if blend is "add"
 
     A signed colour is what its Gaussian adds to the image at its mean. The paper uses coefficients
     of normal densities instead: see `densities` and `peaks_of`.
@@ -253,6 +256,7 @@ class Scene:
     beta: NDArray[np.float64] = _DEFAULT
     transparent: bool = False
     drawn: NDArray[np.int8] = _DEFAULT
+    areas: tuple[Area, ...] = ()
 
     as_html: ClassVar[Callable[[Scene], str] | None] = None  # set by gauss2svg.svg.file
 
@@ -270,6 +274,17 @@ class Scene:
         if self.blend == ADD and self.transparent:
             raise SceneError(
                 "scene blend must be 'over' if transparent; got 'add'. Try a background"
+            )
+        try:
+            areas = tuple(self.areas)
+        except TypeError:
+            areas = (self.areas,)
+        object.__setattr__(self, "areas", areas)
+        if other := [area for area in areas if not isinstance(area, Area)]:
+            raise SceneError(f"scene areas must be Areas; got {quoted(other[0])}")
+        if self.blend == ADD and areas:
+            raise SceneError(
+                f"scene blend must be 'over' if there are areas; got 'add' and {len(areas)} areas"
             )
 
     @classmethod
@@ -323,7 +338,9 @@ class Scene:
 
     def __repr__(self) -> str:
         blend = ", additive" * (self.blend == ADD) + ", transparent" * self.transparent
-        return f"<gauss2svg.Scene {self.width:g}x{self.height:g}, {len(self)} Gaussians{blend}>"
+        areas = f", {len(self.areas)} areas" if self.areas else ""
+        size = f"{self.width:g}x{self.height:g}"
+        return f"<gauss2svg.Scene {size}{areas}, {len(self)} Gaussians{blend}>"
 
     def _repr_html_(self) -> str | None:
         return None if Scene.as_html is None else Scene.as_html(self)
@@ -389,10 +406,10 @@ class Scene:
     def inks(self) -> NDArray[np.float64] | None:
         """The inks (k, 3) of the scene, which are its distinct colours, sorted.
 
-        This is None unless all shapes are opaque plain ellipses. The colour of the background is
-        one of the inks unless the scene is transparent.
+        This is None unless all shapes are opaque plain ellipses, and there are no areas. The colour
+        of the background is one of the inks unless the scene is transparent.
         """
-        if not ((self.drawn == PLAIN).all() and (self.opacity == 1).all()):
+        if self.areas or not ((self.drawn == PLAIN).all() and (self.opacity == 1).all()):
             return None
         ground = np.zeros((0, 3)) if self.transparent else self.background[None]
         return np.unique(np.round(np.concatenate([ground, self.color]) * 255), axis=0) / 255
@@ -413,27 +430,32 @@ class Scene:
     def concatenate(self, top: Scene) -> Self:
         """Return a scene with the Gaussians of this scene, and those of `top` above them.
 
-        The rounds of the upper Gaussians come after those of the lower ones. Canvas, background and
-        transparency are those of this scene. Raise SceneError if the blends differ.
+        The rounds of the upper Gaussians come after those of the lower ones. Canvas, background,
+        transparency and areas are those of this scene. Raise SceneError if the blends differ, or if
+        the upper scene has areas, because these would lie above Gaussians.
         """
         if self.blend != required(top, "upper scene", Scene).blend:
             raise SceneError(
                 f"blend of the upper scene must be {self.blend!r}; got {quoted(top.blend)}"
             )
+        if top.areas:
+            raise SceneError(f"the upper scene must have no areas; got {len(top.areas)}")
         later = int(self.round_index.max(initial=-1)) + 1 - int(top.round_index[:1].sum())
         top = top.replace(round_index=top.round_index + max(0, later))
         both = {p.name: (getattr(self, p.name), getattr(top, p.name)) for p in PARAMETERS}
         return self.replace(**{name: np.concatenate(arrays) for name, arrays in both.items()})
 
     def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
-        """Return the scene with its canvas and shapes scaled by factor_x and factor_y (> 0).
+        """Return the scene with its canvas, areas and shapes scaled by factor_x and factor_y (> 0).
 
         If factor_y is None, it is factor_x. Raise SceneError if scaled values leave the domain.
         """
         scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
         shapes = {p.name: getattr(self, p.name) * scale for p in PARAMETERS if p.scaled}
         width, height = scale * [self.width, self.height]
-        return self.replace(width=width, height=height, **shapes)
+        scene = self.replace(width=width, height=height, **shapes)
+        areas = tuple(area.scaled(*scale.tolist()) for area in self.areas)
+        return scene.replace(areas=areas) if areas else scene
 
     def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
         """Write the scene to an .npz file without loss.
@@ -443,6 +465,7 @@ class Scene:
         """
         content = io.BytesIO()
         fields: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        fields["areas"] = areas_to_json(self.areas)
         np.savez_compressed(content, format_version=_FORMAT_VERSION, **fields)
         if isinstance(file, (str, os.PathLike)):
             write_atomically(file_name("file", file), content.getvalue())
@@ -453,7 +476,7 @@ class Scene:
     def load(cls, file: str | os.PathLike[str] | BinaryIO) -> Self:
         """Return a scene that `save` has written.
 
-        A parameter that the file lacks gets its default. Raise InputError if `save` did not write
+        A field that the file lacks gets its default. Raise InputError if `save` did not write
         the file, and SceneError if its arrays are outside the domain.
         """
         try:
@@ -464,6 +487,7 @@ class Scene:
             names = {field.name for field in dataclasses.fields(cls)}
             if others := values.keys() - names | _REQUIRED - values.keys():
                 raise ValueError(f"one with other fields: {', '.join(sorted(others))}")
+            values["areas"] = areas_from_json(values.get("areas", "[]"))
         except Exception as error:
             # NumPy, zipfile and zlib raise errors of many classes, so all classes are caught.
             raise InputError(

@@ -8,7 +8,9 @@ import pickle
 
 import numpy as np
 import pytest
-from scenes import random_scene, random_sum
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import random_areas, random_scene, random_sum
 
 from gauss2svg.errors import Gauss2SvgError, SceneError
 from gauss2svg.scene import Scene, peaks_of
@@ -16,6 +18,7 @@ from gauss2svg.scene.scene import PARAMETERS, STEPPED
 
 FIELDS = [field.name for field in dataclasses.fields(Scene)]
 TWO = random_scene(2)
+AREAS = random_areas(4, 2)
 
 
 def through_a_file(scene):
@@ -53,6 +56,19 @@ def test_a_scene_comes_back_to_the_last_bit_and_cannot_be_written(again, scene):
             getattr(other, parameter.name)[...] = 0
 
 
+@given(st.integers(0, 2**32 - 1))
+def test_areas_come_back_exactly_and_follow_the_canvas(seed):
+    scene = random_scene(3).replace(areas=random_areas(5, seed))
+    for other in (through_a_file(scene), copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
+        assert other.areas == scene.areas
+    assert scene.scaled(2, 4).areas == tuple(area.scaled(2, 4) for area in scene.areas)
+    assert scene.select([0]).areas == scene.concatenate(TWO).areas == scene.areas
+    assert "5 areas" in repr(scene)
+    assert scene.inks is None
+    with pytest.raises(SceneError, match="the upper scene must have no areas; got 5"):
+        TWO.concatenate(scene)
+
+
 REFUSALS = [
     ({"sigma": np.zeros((2, 2))}, r"sigma\[0, 0\] must be finite and in .* got 0.0. Try"),
     ({"color": np.full((2, 3), 200)}, r"color\[0, 0\] must be .* to divide by 255"),
@@ -65,6 +81,9 @@ REFUSALS = [
     ({"transparent": "yes"}, "transparent must be one of False, True; got 'yes'"),
     ({"blend": "add", "opacity": [1, 1], "beta": [1, 2]}, r"beta\[1\] must be .* additive scene"),
     ({"blend": "add", "opacity": [1, 1], "beta": None, "transparent": True}, "blend must be"),
+    ({"areas": 5}, "areas must be Areas; got 5"),
+    ({"areas": [None]}, "areas must be Areas; got None"),
+    ({"blend": "add", "opacity": [1, 1], "beta": None, "areas": AREAS}, "blend must be 'over' if"),
 ]
 
 
@@ -77,7 +96,8 @@ def test_bad_scenes_are_refused_by_the_name_of_the_field(change, message):
 def npz(**fields):
     """Return the content of an .npz file as a scene's, with other fields."""
     stream = io.BytesIO()
-    np.savez(stream, **{name: getattr(TWO, name) for name in FIELDS} | fields)
+    stored = {name: getattr(TWO, name) for name in FIELDS} | {"areas": "[]"}
+    np.savez(stream, **stored | fields)
     return stream.getvalue()
 
 
@@ -102,6 +122,8 @@ def test_parameters_that_a_file_lacks_have_their_defaults():
         (npz(format_version=1, skew=np.zeros(2)), "got one with other fields: skew"),
         (npz(format_version=1, blend=np.array(["over", "add"])), "scene blend must be one of"),
         (npz(format_version=1, height="x"), "scene height must be numbers"),
+        (npz(format_version=1, areas="[{}]"), "scene file must be one written by Scene.save"),
+        (npz(format_version=1, areas="[["), "scene file must be one written by Scene.save"),
     ],
 )
 def test_other_files_are_refused(content, message):

@@ -13,6 +13,10 @@ from gauss2svg.scene import (
     MOST_SIGMA,
     OVER,
     RHO_LIMIT,
+    Area,
+    LinearGradient,
+    Outline,
+    RadialGradient,
     Scene,
     narrowing_of,
 )
@@ -53,6 +57,42 @@ def random_sum(count: int, width: int, height: int, seed: int, **shape: tuple) -
     color = np.random.default_rng(seed).uniform(-0.6, 0.6, (count, 3))
     one = {"opacity": np.ones(count), "beta": np.ones(count)}
     return scene.replace(blend="add", color=color, **one)
+
+
+def random_areas(count: int, seed: int, size: tuple[int, int] = (40, 30)) -> tuple[Area, ...]:
+    """Return filled areas and lines of all paints, caps and kinds of segments, some off canvas."""
+    rng = np.random.default_rng(seed)
+
+    def point() -> tuple[float, float]:
+        x, y = np.round(rng.uniform(-0.1, 1.1, 2) * size, rng.choice([0, 3]))
+        return float(x), float(y)
+
+    def outline(closed: bool) -> Outline:
+        curved = rng.random(rng.integers(2, 7)) < 0.5
+        points = [point() for _ in range(len(curved) + 2 * curved.sum() + (not closed))]
+        for k in np.flatnonzero(rng.random(len(points)) < 0.3)[1:]:
+            points[k] = points[k - 1][0], points[k][1]  # upright lines, and handles without a reach
+        return Outline(tuple(points), tuple(curved.tolist()), closed)
+
+    def paint() -> tuple | LinearGradient | RadialGradient:
+        colors = tuple(map(tuple, np.round(rng.random((3, 3)) * 2) / 2))
+        offsets = 0.0, float(np.round(rng.random(), 2)), 1.0
+        if (kind := rng.integers(4)) < 2:
+            return colors[0]
+        if kind == 2:
+            return LinearGradient(offsets, colors, point(), (99.0, -7.0))
+        radii = rng.uniform(2, 40, 2)
+        return RadialGradient(offsets, colors, point(), (radii[0], radii[rng.integers(2)]))
+
+    areas = []
+    for _ in range(count):
+        width = float(rng.choice([0.0, 0.0, 0.25, 3.0]))
+        outlines = tuple(
+            outline(not width or rng.random() < 0.3) for _ in range(rng.integers(1, 4))
+        )
+        cap = str(rng.choice(["butt", "round", "square"])) if width else "butt"
+        areas.append(Area(outlines, paint(), float(rng.choice([1.0, 1.0, 0.4])), width, cap))
+    return tuple(areas)
 
 
 @st.composite
