@@ -327,6 +327,11 @@ def open_arcs(paths: Iterable[str]) -> dict[str, list[Affine]]:
     return ellipses
 
 
+def is_ellipse(data: str) -> bool:
+    """Return whether path data are those of a closed path of four arcs."""
+    return _CLOSED.fullmatch(data) is not None
+
+
 def _closed(data: str) -> Affine:
     """Return the outline of a closed path of four arcs.
 
