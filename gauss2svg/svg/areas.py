@@ -227,7 +227,7 @@ def _look(area: Area, paint: str, opacity_decimals: int, is_minimal: bool) -> di
     return {
         "fill": "none",
         "stroke": paint,
-        "stroke-width": unless("1", number(area.width, 0)),
+        "stroke-width": unless("1" if is_minimal else "", number(area.width, 0)),
         f"{kind}opacity": opacity,
         "stroke-linecap": unless("butt", area.cap),
         "stroke-linejoin": "round" if area.cap == "round" else None,
