@@ -109,7 +109,9 @@ def in_units(areas: Iterable[Area], unit: float, opacity_decimals: int) -> list[
     if a number is too large for a file.
     """
     written = []
-    for area in (one.scaled(1 / unit, 1 / unit) for one in areas):
+    for one in areas:
+        _check_numbers(one, unit)
+        area = one.scaled(1 / unit, 1 / unit)
         whole = [
             dataclasses.replace(o, points=tuple((round(x), round(y)) for x, y in o.points))
             for o in area.outlines
@@ -120,7 +122,6 @@ def in_units(areas: Iterable[Area], unit: float, opacity_decimals: int) -> list[
             paint = _in_units(area.paint)
             changes = {"outlines": outlines, "paint": paint, "opacity": opacity, "width": width}
             written.append(dataclasses.replace(area, **changes))
-            _check_numbers(written[-1], unit)
     return written
 
 
@@ -140,17 +141,18 @@ def _in_units(paint: Paint) -> Paint:
 
 
 def _check_numbers(area: Area, unit: float) -> None:
-    """Raise SceneError if a number of an area in user units is too large for a file."""
+    """Raise SceneError if a number of an area in px is too large for a file."""
     numbers = [area.width, *(v for one in area.outlines for point in one.points for v in point)]
     if isinstance(area.paint, LinearGradient):
         numbers += [*area.paint.start, *area.paint.end]
     elif isinstance(area.paint, RadialGradient):
         numbers += [*area.paint.center, *area.paint.radii]
-    farthest, most = max(map(abs, numbers)), min(LARGEST_NUMBER, FARTHEST / unit)
+    farthest, most = max(map(abs, numbers)), min(LARGEST_NUMBER * unit, FARTHEST)
     if farthest > most:
         raise SceneError(
-            f"numbers of an area must be at most {most:g} at a precision of {unit:g} px; got "
-            f"{farthest:g}. Try to scale the scene down, to drop the area, or a coarser precision"
+            f"numbers of an area must be at most {most:g} px at a precision of {unit:g} px; got "
+            f"{farthest:g} px. Try to scale the scene down, to drop the area, or a coarser "
+            "precision"
         )
 
 
