@@ -134,6 +134,18 @@ def test_gradients_are_drawn_as_areas_have_them(markup):
         assert np.abs(drawn[1::3, ::2] - paint.at(x - 0.25, y)).max() < 6 / 255
 
 
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_a_gradient_that_is_shorter_than_a_unit_is_a_colour_or_a_unit_long(markup):
+    ramp = ((0.0, 1.0), ((1, 0, 0), (0, 0, 1)))
+    paints = LinearGradient(*ramp, (5, 3), (5.1, 3)), RadialGradient(*ramp, (9, 9), (0.1, 0.1))
+    svg_format = SvgFormat(markup=markup, precision=1.0)
+    scene = Scene(40, 30, areas=[Area([closed((0, 0), (9, 9), (0, 9))], one) for one in paints])
+    svg = write_svg(scene, svg_format)
+    flat, tiny = (area.paint for area in read_svg(svg).areas)
+    assert (flat, tiny.radii) == ((0, 0, 1), (1, 1))
+    assert write_svg(read_svg(svg), svg_format) == svg
+
+
 def closed(*points: tuple, curved: tuple = ()) -> Outline:
     return Outline(points, curved or (False,) * len(points))
 
@@ -205,6 +217,9 @@ def test_a_page_is_an_area_and_not_the_background():
 TRIANGLE = Area([closed((2, 3), (12, 3), (7, 11.5))], RED)
 LINE = Area([Outline([(2, 3), (12, 3), (7, 11.5)], [False] * 2, closed=False)], RED, 1.0, 2.0)
 
+CURVES = Outline((*CURVE, (9, 2), (11, 2), (12, 0)), (True,) * 3, closed=False)
+SMOOTH = Area([CURVES], RED, 1.0, 1.0)
+
 
 @pytest.mark.parametrize(
     ("area", "body"),
@@ -214,6 +229,7 @@ LINE = Area([Outline([(2, 3), (12, 3), (7, 11.5)], [False] * 2, closed=False)], 
         (TRIANGLE, '<path d="M2,3H12L7,11.5L2,3Z" fill="red"/>'),
         (TRIANGLE, '<g fill="red" transform="translate(2,3)"><path d="m0 0h10l-5 85e-1"/></g>'),
         (TRIANGLE, '<path fill="red" transform="matrix(0 1 -1 0 0 0)" d="M3-2V-12L11.5-7z"/>'),
+        (SMOOTH, '<path d="M0,0C1,2 3,2 4,0S7-2 8,0s3 2 4 0" fill="none" stroke="red"/>'),
         (LINE, '<path d="M2 3h10l-5 8.5" style="fill:none;stroke:red;stroke-width:2px;'
          'stroke-linejoin:miter;stroke-miterlimit:4;stroke-dasharray:none;marker:none"/>'),
         (LINE, '<g stroke="red" fill="none" transform="scale(2)">'

@@ -112,7 +112,7 @@ def test_a_file_has_a_clip_if_and_only_if_a_shape_reaches_beyond_the_page(kind, 
     assert CLIPPED[kind](scene.select([])).count("<svg") == 1
 
 
-@pytest.mark.parametrize("precision", [0.04, 0.1])
+@pytest.mark.parametrize("precision", [0.04, 40 / 588])
 @pytest.mark.parametrize("markup", ["editable", "minimal"])
 def test_a_file_has_a_clip_if_an_area_or_a_stroke_reaches_beyond_the_page(markup, precision):
     for areas, clips in (([WHOLE], 0), ([BESIDE], 1), ([EDGE], 1)):
