@@ -59,7 +59,7 @@ MOST_BEYOND_PX = 0.05
 # Some error must be allowed, because editors write only 8 digits, which are too few to be exact for
 # thin arcs.
 _ARC_END_TOLERANCE = 0.02
-_GAP = r"[\s,]*"
+_GAP = r"[\s,]*+"
 _N = rf"({NUMBER}){_GAP}"
 _ARC = re.compile(rf"{_GAP}([Aa]?){_GAP}{_N}{_N}{_N}([01]){_GAP}([01]){_GAP}{_N}{_N}")
 _CLOSED = re.compile(rf"\s*[Mm]{_GAP}{_N}{_N}((?:{_ARC.pattern}){{4}})[Zz]\s*")
