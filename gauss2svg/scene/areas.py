@@ -257,6 +257,14 @@ class Area:
         return dataclasses.replace(self, outlines=outlines, paint=paint, width=width)
 
 
+def checked_areas(areas: Any) -> tuple[Area, ...]:
+    """Return the areas of a scene as a tuple. Raise SceneError if one is not an Area."""
+    areas = tuple(areas) if isinstance(areas, Iterable) else (areas,)
+    if others := [area for area in areas if not isinstance(area, Area)]:
+        raise SceneError(f"scene areas must be Areas; got {quoted(others[0])}")
+    return areas
+
+
 def areas_to_json(areas: Iterable[Area]) -> str:
     """Return areas as a text, from which `areas_from_json` makes exactly the same areas."""
 

@@ -25,7 +25,7 @@ from gauss2svg.errors import InputError, SceneError, brief, plain_scalar, quoted
 from gauss2svg.files import write_atomically
 from gauss2svg.options import Field, file_name
 from gauss2svg.scene import ADD, BLENDS, OVER
-from gauss2svg.scene.areas import Area, areas_from_json, areas_to_json
+from gauss2svg.scene.areas import Area, areas_from_json, areas_to_json, checked_areas
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
 LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9  # bounds in px of a side of the canvas
@@ -275,17 +275,9 @@ class Scene:
             raise SceneError(
                 "scene blend must be 'over' if transparent; got 'add'. Try a background"
             )
-        try:
-            areas = tuple(self.areas)
-        except TypeError:
-            areas = (self.areas,)
-        object.__setattr__(self, "areas", areas)
-        if other := [area for area in areas if not isinstance(area, Area)]:
-            raise SceneError(f"scene areas must be Areas; got {quoted(other[0])}")
-        if self.blend == ADD and areas:
-            raise SceneError(
-                f"scene blend must be 'over' if there are areas; got 'add' and {len(areas)} areas"
-            )
+        object.__setattr__(self, "areas", checked_areas(self.areas))
+        if self.blend == ADD and self.areas:
+            raise SceneError("scene blend must be 'over' if there are areas; got 'add'")
 
     @classmethod
     def from_covariance(

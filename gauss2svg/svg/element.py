@@ -113,7 +113,7 @@ _SMALLEST_CANVAS = 0.01  # shortest allowed side of a canvas, in px
 # The largest distance of a shape's edge from the origin, in px. Renderers that use cairo are wrong
 # beyond it, because cairo has only 23 bits for whole pixels. At a distance of 1e7 px their errors
 # are 47 levels of 255.
-_FARTHEST = 8e6
+FARTHEST = 8e6
 
 
 def check_view(scene: Scene, precision: float = 1.0) -> None:
@@ -136,7 +136,7 @@ def writable(
     """Return for each shape (n,) whether it can be written to a file.
 
     A shape can be written if its numbers do not exceed LARGEST_NUMBER, and if its edge is not
-    farther than _FARTHEST from the origin. Callers leave out the shapes that cannot be written.
+    farther than FARTHEST from the origin. Callers leave out the shapes that cannot be written.
     Raise SceneError if one of these may be visible on the canvas.
 
     radius     radius, in sigmas, of the disc that is drawn
@@ -152,12 +152,12 @@ def writable(
     # A blurred disc reaches up to 2.5 radii beyond its edge, and other shapes reach less far. So no
     # shape reaches farther than 4 radii from its mean. Antialiasing adds one px.
     off = (beyond > 4.0 * extent + 1.0).any(axis=1)
-    fits = (number <= LARGEST_NUMBER) & (farthest <= _FARTHEST)
+    fits = (number <= LARGEST_NUMBER) & (farthest <= FARTHEST)
     lost = ~fits & ~off
     if lost.any():
         i = int(lost.argmax())
         raise SceneError(
-            f"Gaussian {i} must reach at most {_FARTHEST:g} px, with numbers up to "
+            f"Gaussian {i} must reach at most {FARTHEST:g} px, with numbers up to "
             f"{LARGEST_NUMBER:g}; got {farthest[i]:.3g} px and {number[i]:.3g} at a precision of "
             f"{precision:g} px, for mean {scene.mean[i].tolist()} and sigma "
             f"{scene.sigma[i].tolist()} px. Try to clip its sigma, to scale the scene down, to "

@@ -26,6 +26,9 @@ a disc under a filter. Shapes of the same exponent share a filter. One shape of 
 
     <circle fill="#084" r="1" transform=".."/> <circle fill="#f80" filter="url(#c)" r="1" ../>
 
+Areas and lines have a layer of their own between the background and these shapes
+(gauss2svg.svg.areas).
+
 Crisp rims need two more things (docs/decisions/svg.md):
 
 - The circle is a little larger than its gradient. Otherwise the antialiased edge of the circle
@@ -47,6 +50,7 @@ from numpy.typing import ArrayLike, NDArray
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg import INKS, Document, SvgFormat, round_id
+from gauss2svg.svg.areas import area_elements, box_centers
 from gauss2svg.svg.element import (
     Element,
     check_view,
@@ -87,10 +91,11 @@ class Drawing(NamedTuple):
     view         width and height in user units
     gaussians    number of shapes
     definitions  the gradients and filters that the shapes use
-    body         background and groups of shapes, from bottom to top
+    body         background, areas, and groups of shapes, from bottom to top
     sheet        style sheet, or "" if there is none
     root         attributes of the root in addition to those that every file has
     size         width of the picture with its unit. None if the document sets the size
+    areas        number of areas and lines
     """
 
     view: tuple[str, str]
@@ -100,6 +105,7 @@ class Drawing(NamedTuple):
     sheet: str = ""
     root: Mapping[str, str] = MappingProxyType({})
     size: str | None = None
+    areas: int = 0
 
 
 def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
@@ -123,7 +129,9 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     shared, entry, uses = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     # The definitions that are used most often get the shortest ids. The argsort of an argsort is
     # the rank of each definition.
-    ids = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
+    areas = area_elements(scene.areas, svg_format.precision, svg_format.opacity_decimals)
+    first = len(areas.definitions)
+    ids = [short_id(first + k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
     links = np.full(len(scene), None, dtype=object)
     links[~plain] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
 
@@ -152,8 +160,20 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     radius[blurred] *= [1 + CLEAR * BLURS[k].deviation for k in blur[blurred]]
     written = [i for i, _ in shapes]
     half = radius[written, None] * scene.sigma[written]
-    body = clipped_layers([*_background(scene), *layers], scene, scene.mean[written], half)
-    return Drawing(view, len(shapes), definitions, body, sheet)
+    below = [*_background(scene), *area_layer(areas.paths)]
+    mean, reach = box_centers(areas.boxes)
+    mean = np.vstack([svg_format.precision * mean, scene.mean[written]])
+    half = np.vstack([svg_format.precision * reach, half])
+    body = clipped_layers([*below, *layers], scene, mean, half)
+    definitions = [*areas.definitions, *definitions]
+    return Drawing(view, len(shapes), definitions, body, sheet, areas=len(areas.paths))
+
+
+def area_layer(paths: Sequence[Element], **attributes: str) -> list[Element]:
+    """Return the group of the areas and lines of a file, or [] if there are none."""
+    lines = sum("stroke" in path.attributes for path in paths)
+    label = f"Areas: {len(paths) - lines} areas, {lines} lines"
+    return [layer(label, paths, id="areas", **attributes)] if paths else []
 
 
 def rounds_of(drawn: Sequence[tuple[int, Element]], scene: Scene) -> list[Round]:

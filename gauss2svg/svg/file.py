@@ -64,7 +64,7 @@ _LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
 # the range of these floats for the transform to pixels.
 _LEAST, _MOST = 1e-30, 1e30
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
-_SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
+_SHAPES = re.compile(rb"<(?:circle|ellipse|path|use)\b[^>]*>")
 
 
 def read_source(
@@ -312,7 +312,7 @@ def bytes_by_part(svg: str) -> dict[str, int]:
     The sum is the size of the file. Its parts are:
 
     gradients  all definitions
-    geometry   the elements of the shapes
+    geometry   the elements of areas, lines and shapes
     overhead   the rest: root, names, background, groups and style sheet
     """
     data = svg.encode()

@@ -4,7 +4,8 @@
     <path fill="#abc" d="M0 0h64v43H0"/>
     <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg></svg>
 
-The inner <svg> clips shapes that reach beyond the view box. Other files do without it.
+Areas and lines are paths between the background and the shapes (gauss2svg.svg.areas). The inner
+<svg> clips shapes that reach beyond the view box. Other files do without it.
 Coordinates are whole numbers of user units (gauss2svg.svg.minimal_shapes). Crisp shapes are arcs of
 a path. If there are at most MOST_MASKED soft shapes, all soft shapes with the same exponent share
 one masked circle, so that each colour needs only a few bytes. The stops of the mask are greys,
@@ -39,6 +40,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from itertools import groupby
 from xml.sax.saxutils import escape
 
@@ -49,6 +51,7 @@ from gauss2svg.errors import instance
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg import DEFAULT_TITLE, STOP_COUNTS, Document
+from gauss2svg.svg.areas import area_elements, box_centers, in_units
 from gauss2svg.svg.element import (
     Element,
     attributes_text,
@@ -64,6 +67,9 @@ from gauss2svg.svg.stops import gradient_stops, grey_stops
 # The first number is how many stops a mask has in a file with fewer than MANY soft shapes. The
 # second number is how many stops it has in a file with MANY or more.
 MASK_STOPS = (3, 5)
+
+# Attributes by which the paths of areas are put into groups, and then into groups in these.
+_LOOKS = ("fill", "stroke-linecap", "stroke-linejoin"), ("stroke", "stroke-width")
 
 
 # The next three numbers set the accuracy of a minimal file (docs/decisions/minimal.md).
@@ -111,29 +117,36 @@ def minimal_svg(
     width, height = (_view_side(side, unit) for side in (scene.width, scene.height))
     named, cover, sides = _title_and_desc(document), [], np.array([float(width), float(height)])
     a, b, d = shapes.factor.T
-    mean, half = shapes.mean, np.stack([a, np.hypot(b, d)], axis=1)
+    areas = area_elements(scene.areas, unit, opacity_decimals, is_minimal=True)
+    centers, reach = box_centers(areas.boxes)
+    mean = np.vstack([centers, shapes.mean])
+    half = np.vstack([reach, np.stack([a, np.hypot(b, d)], axis=1)])
     if not scene.transparent:
         whole = np.ceil(sides)
         across, down = (number(side, 0) for side in whole)
         fill = _fill(color_levels(scene.background, digits))
         cover = [Element("path", fill=fill, d=f"M0 0h{across}v{down}H0")]
         mean, half = np.vstack([mean, 0.5 * whole]), np.vstack([half, 0.5 * whole])
-    definitions, drawn = _drawing(shapes, opacity_decimals, stops)
+    definitions, drawn = _drawing(shapes, opacity_decimals, stops, len(areas.definitions))
+    definitions = areas.definitions + definitions
+    paths = _grouped(areas.paths, *_LOOKS)
     defs = [Element("defs", definitions)] if definitions else []
     root = {"xmlns": "http://www.w3.org/2000/svg", **_size_and_aspect(document, scene, unit)}
     root |= {"role": "img" if named else None, "viewBox": f"0 0 {width} {height}"}
-    body = clipped([*cover, *drawn], mean, half, sides)
+    body = clipped([*cover, *paths, *drawn], mean, half, sides)
     return Element("svg", [*named, *defs, *body], **root).text()
 
 
 def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
     """Return the scene that the file of minimal_svg draws.
 
-    The scene does not have the shapes that the file leaves out. Means, extents, colours, opacities
-    and exponents are those of the file. A plain ellipse gets the exponent of the profile that is
-    closest to it. Arguments and errors are those of minimal_svg.
+    The scene does not have the areas and shapes that the file leaves out. Numbers of areas, means,
+    extents, colours, opacities and exponents are those of the file. A plain ellipse gets the
+    exponent of the profile that is closest to it. Arguments and errors are those of minimal_svg.
     """
-    return shapes_of(scene, unit, digits, OPACITY_DIGITS).rounded(scene, unit, digits)
+    rounded = shapes_of(scene, unit, digits, OPACITY_DIGITS).rounded(scene, unit, digits)
+    areas = in_units(scene.areas, unit, OPACITY_DIGITS)
+    return rounded.replace(areas=[area.scaled(unit, unit) for area in areas])
 
 
 def whole_unit(width: int, height: int, about: float = 0) -> float:
@@ -187,20 +200,21 @@ def _title_and_desc(document: Document) -> list[Element]:
 
 
 def _drawing(
-    shapes: Shapes, opacity_decimals: int, stops: int
+    shapes: Shapes, opacity_decimals: int, stops: int, used: int
 ) -> tuple[list[Element], list[Element]]:
-    """Return the definitions of a file and the elements of its shapes.
+    """Return the definitions of the shapes of a file, and the elements of these shapes.
 
     stops  number of stops of a gradient
+    used   number of ids that are already in use
     """
     by_gradient = np.flatnonzero((shapes.falloff >= 0) & ~shapes.masked)
     fills = [_fill(levels) for levels in shapes.levels]
-    definitions, uses = _masked(shapes.falloff[shapes.masked])
+    definitions, uses = _masked(shapes.falloff[shapes.masked], used)
     circles: dict[int, Element] = {}
     if len(by_gradient):
-        more, circles = _gradients(shapes, by_gradient, fills, stops, 3 * len(uses))
+        more, circles = _gradients(shapes, by_gradient, fills, stops, used + 3 * len(uses))
         definitions = more + definitions
-    used = sum("id" in definition.attributes for definition in definitions)
+    used += sum("id" in definition.attributes for definition in definitions)
     # Opaque ellipses of the same colour that follow each other share a path. Each translucent
     # ellipse has its own path, because each must be blended separately.
     opaque = (shapes.falloff < 0) & (np.round(shapes.opacity, opacity_decimals) == 1)
@@ -218,7 +232,7 @@ def _drawing(
     if uses:
         templates, elements = _shared(elements, used)
         definitions += templates
-    return definitions, _grouped(elements)
+    return definitions, _grouped(elements, ("fill",))
 
 
 def _fill(levels: NDArray[np.intp]) -> str | None:
@@ -235,24 +249,29 @@ def _most_used(falloff: NDArray[np.intp]) -> list[int]:
     return sorted(uses, key=lambda kind: (-uses[kind], kind))
 
 
-def _masked(falloff: NDArray[np.intp]) -> tuple[list[Element], dict[int, Element]]:
+def _masked(falloff: NDArray[np.intp], used: int) -> tuple[list[Element], dict[int, Element]]:
     """Return definitions of circles under masks, and elements that refer to these circles.
 
     For each class in `falloff` (n,) there are three definitions: a circle, its mask, and the
-    gradient in the mask. The definitions get the first ids of the file. The second result maps each
-    class to a <use> that refers to the circle of the class.
+    gradient in the mask. The second result maps each class to a <use> that refers to the circle of
+    the class.
+
+    used  number of ids that are already in use
     """
     kinds = _most_used(falloff)
     count = MASK_STOPS[int(len(falloff) >= MANY)]
     uses, definitions = {}, []
     for k, kind in enumerate(kinds):
-        name, mask, ramp = (short_id(k + part * len(kinds)) for part in range(3))
+        name, mask, ramp = (short_id(used + k + part * len(kinds)) for part in range(3))
         uses[kind] = Element("use", href=f"#{name}")
         stops = [
             Element("stop", offset=number(at, 3), stop_color=_fill(np.full(3, 17 * grey)))
             for at, grey in zip(*grey_stops(count, BETA_CLASSES[kind]), strict=True)
         ]
-        r, disc = _circle(kind), {"href": f"#{short_id(2 * len(kinds))}"} if k else _UNIT_DISC
+        r, disc = (
+            _circle(kind),
+            {"href": f"#{short_id(used + 2 * len(kinds))}"} if k else _UNIT_DISC,
+        )
         definitions += [
             Element("radialGradient", stops, id=ramp, **disc),
             Element("mask", [Element("circle", r=r, fill=f"url(#{ramp})")], id=mask),
@@ -342,15 +361,25 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
     return definitions, elements
 
 
-def _grouped(elements: list[Element]) -> list[Element]:
-    """Return the elements, with each run of elements of the same fill put into a group.
+def _grouped(
+    elements: Sequence[Element], names: Sequence[str], *inner: Sequence[str]
+) -> list[Element]:
+    """Return the elements, with each run of elements whose attributes `names` are equal in a group.
 
     A run is left without a group if the group would not make the file shorter.
+
+    inner  names of attributes by which the elements of each run are then put into groups
     """
     grouped = []
-    for fill, run in groupby(elements, key=lambda one: one.attributes.get("fill")):
+    for _, run in groupby(elements, key=lambda one: [one.attributes.get(name) for name in names]):
         inside = list(run)
-        group = Element("g", [one.replace(fill=None) for one in inside], fill=fill)
+        shared = {name: inside[0].attributes.get(name) for name in names}
+        group = Element("g", **shared)
         saved = len(attributes_text(group.attributes)) * (len(inside) - 1)
-        grouped += [group] if saved > len("<g></g>") else inside
+        is_shorter = saved > len("<g></g>")
+        if is_shorter:
+            inside = [one.replace(**dict.fromkeys(names)) for one in inside]
+        if inner:
+            inside = _grouped(inside, *inner)
+        grouped += [Element("g", inside, **shared)] if is_shorter else inside
     return grouped

@@ -14,6 +14,7 @@ nearest:
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -25,9 +26,11 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import covered_radius, half_radius
 from gauss2svg.scene.inks import MOST_INKS, ink_colors, ink_name, inks_of, inks_of_scene
 from gauss2svg.svg import Document
+from gauss2svg.svg.areas import AreaElements, area_elements, box_centers
 from gauss2svg.svg.element import Element, check_view, hex_color, number, writable
 from gauss2svg.svg.encode import (
     Drawing,
+    area_layer,
     clipped_layers,
     layer,
     round_layers,
@@ -41,6 +44,7 @@ Floats = NDArray[np.float64]
 STROKE_WIDTHS = 0.01, 100.0  # the range of a stroke's width in px
 # The number of decimals of lengths and of degrees. Lengths are in px, or in mm if there are pens.
 STROKE_DECIMALS = 2
+AREA_UNIT = 10.0**-STROKE_DECIMALS  # unit of the outlines of areas, in px
 MOST_PENS = MOST_INKS
 # An arc is written in pieces of at most this angle. If a piece were longer, the rounding of the
 # coordinates of its ends would move its centre.
@@ -62,8 +66,17 @@ def encode_outlines(
         rounds, index = rounds_of(shapes, scene), [i for i, _ in shapes]
         sheet = document.style([k for k, _ in rounds])
         half = (half_radius(scene.beta)[:, None] * scene.sigma)[index] + 0.5 * float(width)
-        body = clipped_layers(round_layers(rounds), scene, scene.mean[index], half)
-        return Drawing(sides_of(scene), len(shapes), [], body, sheet, root)
+        areas = area_outlines(scene, stroke_width)
+        mean, reach = box_centers(areas.boxes)
+        mean = np.vstack([AREA_UNIT * mean, scene.mean[index]])
+        layers = area_layer(areas.paths, transform=f"scale({number(AREA_UNIT, 2)})")
+        body = [*layers, *round_layers(rounds)]
+        body = clipped_layers(body, scene, mean, np.vstack([AREA_UNIT * reach, half]))
+        count = len(areas.paths)
+        return Drawing(sides_of(scene), len(shapes), [], body, sheet, root, areas=count)
+    if scene.areas:
+        got = f"{len(scene.areas)} areas, which are not cut at the edges of the page"
+        raise refusal("a scene with pens", "without areas", got, "outlines without pens")
     count = Field("pens", int, 1, MOST_PENS).checked(pens)
     document.check_without_layers("pens", "whose layers are no rounds", "outlines without pens")
     mm_per_px = document.mm_each(scene.width)
@@ -76,6 +89,19 @@ def encode_outlines(
     root = {"fill": "none", "stroke-width": number(float(width) * mm_per_px, STROKE_DECIMALS + 1)}
     view = sides_of(on_paper)
     return Drawing(view, strokes, [], layers, root=root, size=f"{view[0]}mm")
+
+
+def area_outlines(scene: Scene, stroke_width: float) -> AreaElements:
+    """Return the outlines of areas, and the lines, as strokes in the first colour of their paint.
+
+    Coordinates are in units of AREA_UNIT px.
+    """
+    lines = []
+    for area in scene.areas:
+        color = area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
+        look = {"paint": color, "opacity": float(area.opacity >= 0.005), "width": stroke_width}
+        lines.append(dataclasses.replace(area, **look, cap="butt"))
+    return area_elements(lines, AREA_UNIT, STROKE_DECIMALS)
 
 
 def outlines(scene: Scene) -> list[tuple[int, Element]]:

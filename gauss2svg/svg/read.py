@@ -2,8 +2,8 @@
 
 Additive files are refused. Editable files have groups of circles. Minimal files have <use>
 elements that refer to masked circles, circles with gradients whose opacities are in a style sheet,
-and paths of arcs. The same code reads both kinds of file, because it decides for each element how
-to read it.
+and paths of arcs. Other paths are areas and lines. The same code reads both kinds of file, because
+it decides for each element how to read it.
 
 Inkscape 1.2 changes a file in these ways when it saves it. tests/data has such a file, before and
 after.
@@ -30,15 +30,16 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
-from gauss2svg.scene import BLURRED, PLAIN, RHO_LIMIT, SOFT
+from gauss2svg.scene import BLURRED, PLAIN, RHO_LIMIT, SOFT, Area
 from gauss2svg.scene.falloff import covered_radius, cut_radius
-from gauss2svg.svg import CANVAS, read_shapes
+from gauss2svg.svg import CANVAS, read_areas, read_shapes
 from gauss2svg.svg.file import (
     INKSCAPE,
     MOST_BYTES,
@@ -67,12 +68,22 @@ _ROUND_ID = re.compile(r"round-([1-9]\d{0,8})")
 _GROUPS = {"svg", "g", "use"}
 _DRAWN = {*_GROUPS, "circle", "ellipse", "path", "rect"}
 # Elements that draw nothing themselves.
-_SILENT = {"title", "desc", "metadata", "defs", "radialGradient", "filter", "mask", "style"}
+_GRADIENTS = "linearGradient", "radialGradient"
+_SILENT = {"title", "desc", "metadata", "defs", *_GRADIENTS, "filter", "mask", "style"}
 # Attributes and properties that change how a shape looks. An element with one of them is refused,
 # unless its value is in _OFF, or the pair of the element's tag and the attribute is in _READ.
-_EFFECTS = {"stroke", "filter", "mask", "clip-path", "mix-blend-mode", "visibility", "animation"}
+_EFFECTS = {
+    "vector-effect",
+    "filter",
+    "mask",
+    "clip-path",
+    "mix-blend-mode",
+    "visibility",
+    "animation",
+}
 _EFFECTS |= {"translate", "rotate", "scale", "transform-origin", "transform-box", "offset-path"}
-_EFFECTS |= {"zoom", "systemLanguage", "all"}
+_EFFECTS |= {"zoom", "systemLanguage", "all", "vector-effect"}
+_EFFECTS |= {"marker", "marker-start", "marker-mid", "marker-end"}
 _READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", "path"))}
 _OFF = {"none", "normal", "inherit", "visible"}
 # Attributes of an inner <svg> that clips the picture. With these values it covers the view box.
@@ -116,8 +127,8 @@ def read_svg(
     max_bytes, max_elements  limits of the gunzipped file. Raise them for a file that you trust
 
     Raise InputError if the file has anything that write_svg does not write. The message names the
-    element. Such things are additive files, texts, images, other paths, strokes, masks, clips and
-    style sheets, and a group with an opacity (docs/reference/svg.md).
+    element. Such things are additive files, texts, images, paths with arcs, masks, clips and style
+    sheets, areas above ellipses, and a group with an opacity (docs/reference/svg.md).
     """
     text = from_root(read_source(source, max_bytes, "source", "max_bytes")[1])
     if text.count("<") - text.count("</") > max_elements:
@@ -130,10 +141,12 @@ class _State(NamedTuple):
     """The state that an element inherits from its ancestors.
 
     onto    map from the user space of the element to px
+    style   attributes of read_areas.INHERITED
     in_svg  whether the parent is an <svg>: the root, or the inner one that clips the picture
     """
 
     onto: Affine
+    style: Mapping[str, str] = MappingProxyType({})
     fill: str = "black"
     fill_opacity: str = "1"
     opacity: float = 1.0
@@ -164,6 +177,7 @@ class _Reader:
         self._opacities = defaultdict[str, list[str]](list)
         self._gradient = cache(self._read_gradient)
         self._arcs = read_shapes.open_arcs(path.get("d", "") for path in root.iter(SVG + "path"))
+        self._areas: list[Area] = []
         self._shapes: list[_Shape] = []
         # There are two maps for each shape. The first maps the unit circle onto the outline of the
         # shape in px, and the second maps it onto the edge of the shape's fill.
@@ -175,8 +189,8 @@ class _Reader:
         with _naming(root):
             if root.tag != SVG + "svg":
                 raise refusal("the root", "an <svg> in the namespace of SVG", root.tag[:80])
-            self._size, self._user_size, onto = _canvas(root.attrib)
-        self._visit(root, _State(onto))
+            self._size, self._user_size, self._onto = _canvas(root.attrib)
+        self._visit(root, _State(self._onto))
 
     def _read_sheet(self, sheet: Any) -> None:
         """Store the opacities that a style sheet gives to stops.
@@ -239,6 +253,10 @@ class _Reader:
         alpha = state.opacity * share_of(state.fill_opacity, "fill-opacity")
         data = attributes.get("d", "") if tag == "path" else ""
         cover, arcs = _COVER.fullmatch(data), self._arcs.get(data)
+        if tag == "path" and not (cover or arcs or read_shapes.is_ellipse(data)):
+            return self._add_area(data, attributes, state)
+        if (stroke := state.style.get("stroke", "none")).lower() != "none":
+            raise refusal("its stroke", "none", quoted(stroke), "to remove it")
         if cover or tag == "rect":
             return self._cover(cover.groupdict() if cover else attributes, state, alpha)
         number = max(self._shapes[-1].round if self._shapes else 0, state.round)
@@ -251,6 +269,32 @@ class _Reader:
             self._maps.extend((*outline, *disc))
             self._shapes.append(_Shape(element, fill, opacity, number))
         return None
+
+    def _add_area(self, data: str, attributes: Mapping[str, str], state: _State) -> None:
+        """Add an area or a line."""
+        style, stroke = state.style, state.style.get("stroke", "none")
+        is_line, width, cap = stroke.lower() != "none", 0.0, "butt"
+        blur, rule = attributes.get("filter", "none"), style.get("fill-rule", "nonzero")
+        if self._shapes or blur != "none":
+            got = f"one over {len(self._shapes)} shapes, with the filter {quoted(blur)}"
+            raise refusal("an area", "below all ellipses, and without a filter", got)
+        if is_line and state.fill.lower() != "none":
+            raise refusal("its fill", "none, because it has a stroke", quoted(state.fill))
+        if not is_line and rule != "nonzero":
+            raise refusal("its fill-rule", "nonzero", quoted(rule), "to split the path")
+        alpha, text = (state.fill_opacity, state.fill)
+        if is_line:
+            alpha, text = style.get("stroke-opacity", "1"), stroke
+            width, cap = read_areas.stroke_of(style, state.onto, self._onto)
+        if (key := read_shapes.reference_of(text)) is None:
+            paint = color_of(text, "stroke" if is_line else "fill")
+        else:
+            first, owner, values = self._chain(key, *_GRADIENTS)
+            tag = first.tag.removeprefix(SVG)
+            paint = read_areas.gradient_of(tag, values, owner, state.onto)
+        outlines = read_areas.outlines_of(data, state.onto, not is_line)
+        opacity = state.opacity * share_of(alpha, "opacity")
+        self._areas.append(Area(outlines, paint, opacity, width, cap))
 
     def _fill_of(self, fill: str, attributes: Mapping[str, str], edge: Affine) -> Fill:
         """Return the fill of a shape. Raise InputError if write_svg does not write such a fill."""
@@ -269,13 +313,20 @@ class _Reader:
         # blurred disc. 1 / blur.peak undoes this.
         return Fill(color, BLURRED, 1 / blur.peak, blur.beta, blur.radius)
 
-    def _read_gradient(self, key: str, in_mask: bool) -> Fill:
+    def _chain(self, key: str, *tags: str) -> tuple[Any, Any, dict[str, str]]:
+        """Return the gradient with an id, the gradient that has its stops, and its attributes.
+
+        The attributes include those of the gradients to which it refers.
+        """
         chain, name = list[Any](), key
         while name and len(chain) < _LONGEST_CHAIN:
-            chain.append(target_of(self._by_id, name, "radialGradient"))
+            chain.append(target_of(self._by_id, name, *tags))
             name = read_shapes.link_of(chain[-1])
         values = {name: value for e in reversed(chain) for name, value in e.attrib.items()}
-        owner = next((e for e in chain if len(e)), chain[-1])
+        return chain[0], next((e for e in chain if len(e)), chain[-1]), values
+
+    def _read_gradient(self, key: str, in_mask: bool) -> Fill:
+        _, owner, values = self._chain(key, "radialGradient")
         sheet = self._opacities[read_shapes.link_of(owner)]
         color, beta = read_shapes.stops_of(owner, sheet, in_mask)
         return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), read_shapes.disc_of(values))
@@ -296,9 +347,10 @@ class _Reader:
         # The strip that may stay uncovered at a side has at most this width, in px.
         most = max(0.01, 0.05 * abs(state.onto[0]), 0.05 * abs(state.onto[3]))
         is_whole = missed <= most and not (b or c or {"rx", "ry"} & sides.keys())
-        if self._shapes or not is_whole or (alpha < 1 and state.fill != "none"):
+        if self._shapes or self._areas or not is_whole or (alpha < 1 and state.fill != "none"):
             needed = f"the background, over all {width:g}x{height:g} px, upright and opaque"
-            got = f"x {left:g}..{right:g}, y {top:g}..{bottom:g} px over {len(self._shapes)} shapes"
+            count = len(self._shapes) + len(self._areas)
+            got = f"x {left:g}..{right:g}, y {top:g}..{bottom:g} px over {count} shapes"
             advice = "to resize or to delete it"
             raise refusal("a rectangle", needed, f"{got}, of opacity {alpha:g}", advice)
         if state.fill != "none":
@@ -338,6 +390,7 @@ class _Reader:
                 beta=beta,
                 drawn=np.array([shape.fill.drawn for shape in shapes], np.int8),
                 transparent=self._background is None,
+                areas=tuple(self._areas),
             )
         except SceneError as error:
             raise InputError(f"the SVG must be one of write_svg; {error}") from error
@@ -372,6 +425,8 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
     for name, value in attributes.items():
         if name in ("fill", "fill-opacity") and value != "inherit":
             changes[name.replace("-", "_")] = value
+        elif name in read_areas.INHERITED and value != "inherit":
+            changes["style"] = {**changes.get("style", parent.style), name: value}
         elif name == "transform":
             changes["onto"] = compose(parent.onto, read_shapes.transform_of(value))
         elif name == "opacity":
@@ -404,10 +459,10 @@ def _round_of(group: Any) -> int | None:
 
 @contextmanager
 def _naming(element: Any) -> Iterator[None]:
-    """Put the name of the element before the message of an InputError that the block raises."""
+    """Put the name of the element before the message of an error that the block raises."""
     try:
         yield
-    except InputError as error:
+    except (InputError, SceneError) as error:
         raise InputError(f"{_name(element)}: {error}") from None
 
 

@@ -59,7 +59,7 @@ MOST_BEYOND_PX = 0.05
 # Some error must be allowed, because editors write only 8 digits, which are too few to be exact for
 # thin arcs.
 _ARC_END_TOLERANCE = 0.02
-_GAP = r"[\s,]*"
+_GAP = r"[\s,]*+"
 _N = rf"({NUMBER}){_GAP}"
 _ARC = re.compile(rf"{_GAP}([Aa]?){_GAP}{_N}{_N}{_N}([01]){_GAP}([01]){_GAP}{_N}{_N}")
 _CLOSED = re.compile(rf"\s*[Mm]{_GAP}{_N}{_N}((?:{_ARC.pattern}){{4}})[Zz]\s*")
@@ -325,6 +325,11 @@ def open_arcs(paths: Iterable[str]) -> dict[str, list[Affine]]:
     for data, (l11, l21, l22), (x, y) in zip(texts, factors.tolist(), means.tolist(), strict=True):
         ellipses[data].append((l11, l21, 0.0, l22, x, y))
     return ellipses
+
+
+def is_ellipse(data: str) -> bool:
+    """Return whether path data are those of a closed path of four arcs."""
+    return _CLOSED.fullmatch(data) is not None
 
 
 def _closed(data: str) -> Affine:

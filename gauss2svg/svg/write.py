@@ -126,8 +126,9 @@ def outline_svg(
     """Return the SVG text of a scene whose shapes are drawn as strokes alone, for plotters.
 
     Each shape is an <ellipse> along the contour at which the falloff is half of its height. Its
-    stroke is opaque and has the colour of the shape. The layers are those of write_svg. There is no
-    background. Shapes whose extent or opacity is written as 0 are left out.
+    stroke is opaque and has the colour of the shape. The outlines of areas and the lines of a scene
+    are such strokes too. The layers are those of write_svg. There is no background. Shapes whose
+    extent or opacity is written as 0 are left out.
 
     stroke_width  width of a stroke in px, 0.01..100
     pens          largest number of colours. With pens, each colour has a layer with its strokes,
@@ -135,9 +136,9 @@ def outline_svg(
                   mm on paper. The page has the size of the document. If the document has no size,
                   an inch on paper has 96 px
 
-    Raise InputError if the width or the number of pens is out of range, and for an additive scene.
-    Also raise InputError for pens with animation or fragments, because these need a layer for each
-    round.
+    Raise InputError if the width or the number of pens is out of range, for an additive scene, and
+    for pens with areas. Also raise InputError for pens with animation or fragments, because these
+    need a layer for each round.
     """
     scene = required(scene, "scene", Scene)
     document = instance(document, "document", Document)
@@ -175,7 +176,8 @@ def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
     if sides or document.is_responsive:
         root[CANVAS] = " ".join(canvas)
     root.update({"role": "img", **drawing.root})
-    usual = f"{drawing.gaussians} Gaussians, fitted and written by gauss2svg {__version__}"
+    areas = f"{drawing.areas} areas and " if drawing.areas else ""
+    usual = f"{areas}{drawing.gaussians} Gaussians, fitted and written by gauss2svg {__version__}"
     root.set_desc(title=document.title, desc=document.alt or usual)
     head, _, end = root.tostring().partition("<defs />")
     inside = [Element("defs", drawing.definitions or None)]

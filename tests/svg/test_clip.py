@@ -10,7 +10,7 @@ from scenes import random_scene, random_sum
 from screens import drawn_in_pages
 
 from gauss2svg.raster import rasterize
-from gauss2svg.scene import BLURRED, PLAIN, Scene
+from gauss2svg.scene import BLURRED, PLAIN, Area, Outline, Scene
 from gauss2svg.scene.falloff import covered_radius, cut_radius
 from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.file import stretched
@@ -19,6 +19,10 @@ from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import outline_svg, plate_svg, write_svg
 
 WIDTH, HEIGHT = 40, 30
+WHOLE = Area([Outline([(0, 0), (40, 0), (40, 30), (0, 30)], [False] * 4)], (0, 1, 0))
+BESIDE = Area([Outline([(0, 0), (-9, 9), (9, 9)], [False] * 3)], (1, 0, 0))
+# A line that reaches beyond the canvas only by its stroke.
+EDGE = Area([Outline([(9, 29), (30, 29)], [False], closed=False)], (0, 0, 1), width=3)
 MINIMAL = SvgFormat(markup="minimal", precision=0.5)
 # What writes each kind of file that has a clip.
 CLIPPED = {
@@ -32,6 +36,8 @@ CLIPPED = {
     "masks": partial(write_svg, svg_format=MINIMAL),
     "sheet": partial(minimal_svg, unit=0.5, masked=False),
     "arcs": lambda scene: write_svg(in_inks(scene), MINIMAL),
+    "areas": lambda scene: write_svg(with_areas(scene)),
+    "minimal areas": lambda scene: write_svg(with_areas(scene), MINIMAL),
     "outline": partial(outline_svg, stroke_width=3.0),
     "clear arcs": lambda scene: write_svg(in_inks(scene).replace(transparent=True), MINIMAL),
 }
@@ -54,6 +60,11 @@ def in_inks(scene: Scene) -> Scene:
     color = np.resize([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], (len(scene), 3))
     plain = scene.replace(color=color, opacity=np.ones(len(scene)), background=[0.0, 0.0, 1.0])
     return plain.replace(drawn=np.full(len(scene), PLAIN), round_index=None)
+
+
+def with_areas(scene):
+    """An area and a line without Gaussians, so that they alone reach beyond the canvas."""
+    return scene.select([]).replace(areas=[BESIDE, EDGE])
 
 
 def without_clip(svg: str) -> str:
@@ -99,6 +110,15 @@ def test_a_file_has_a_clip_if_and_only_if_a_shape_reaches_beyond_the_page(kind, 
         )  # fmt: skip
         assert CLIPPED[kind](scene).count("<svg") == 1 + clips
     assert CLIPPED[kind](scene.select([])).count("<svg") == 1
+
+
+@pytest.mark.parametrize("precision", [0.04, 40 / 588])
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_a_file_has_a_clip_if_an_area_or_a_stroke_reaches_beyond_the_page(markup, precision):
+    for areas, clips in (([WHOLE], 0), ([BESIDE], 1), ([EDGE], 1)):
+        scene = Scene(40, 30, areas=areas, transparent=True)
+        svg = write_svg(scene, SvgFormat(markup=markup, precision=precision))
+        assert svg.count("<svg") == 1 + clips
 
 
 def test_a_background_that_is_larger_than_the_page_is_clipped():

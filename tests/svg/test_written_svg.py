@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import random_scene, random_sum
+from scenes import random_areas, random_scene, random_sum
 
 from gauss2svg.errors import InputError, SceneError
 from gauss2svg.scene import PLAIN, Scene
@@ -24,6 +24,8 @@ IN_INKS = SCENE.replace(
     color=np.round(SCENE.color), opacity=np.ones(8), drawn=np.full(8, PLAIN), round_index=None
 )
 CRISP = SCENE.replace(beta=np.full(8, 64.0), opacity=np.resize([0.5, 1.0], 8))
+ROUND = next(one for one in random_areas(40, 5) if (one.cap, one.width) == ("round", 3))
+AREAS = SCENE.replace(areas=[*random_areas(40, 5), ROUND, ROUND])  # the last are a group
 MINIMAL = SvgFormat(markup="minimal", precision=0.5)
 BY_INK = SvgFormat(layers="inks")
 # What writes each kind of file with the names of a document.
@@ -38,6 +40,9 @@ WRITERS = {
     "arcs": partial(write_svg, CRISP, MINIMAL),
     "gradients": partial(minimal_svg, SCENE, 0.5, 6, masked=False),
     "both": partial(minimal_svg, SCENE.concatenate(CRISP), 0.5, 3, masked=False),
+    "areas": partial(write_svg, AREAS, None),
+    "minimal areas": partial(write_svg, AREAS, MINIMAL),
+    "outlined areas": partial(outline_svg, AREAS),
 }
 # What more a document of an editable file says.
 SAID = {

@@ -1,0 +1,273 @@
+"""Areas and lines of a file: path data, paints and elements, in whole numbers of the user unit.
+
+    <path fill="#f80" d="m10 10h30v-5c9 4 9 11-2 15z"/>
+    <path fill="none" stroke="#084" stroke-width="3" d="m0 4 9 5s8 2 7-3"/>
+
+Path data begin with m and never with M, so that an area that is a rectangle over the whole canvas
+is not the path that is the background of minimal markup. They have no arcs, which are ellipses.
+
+In minimal markup, consecutive areas that look the same share a path if their boxes do not overlap.
+Such a path draws what the single paths draw. If it is read, it is one area, which is written as the
+same path again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import SceneError
+from gauss2svg.scene.areas import Area, LinearGradient, Outline, Paint, RadialGradient
+from gauss2svg.svg.element import (
+    FARTHEST,
+    LARGEST_NUMBER,
+    Element,
+    hex_color,
+    number,
+    short_id,
+    unless,
+)
+
+# If the radii of a gradient differ, it is a circle of this radius under a matrix with two decimals.
+# With a radius of 1, cairo would round the inverse of the matrix to 1 % (docs/decisions/svg.md).
+_RADIUS = 100
+_OFFSET_DECIMALS = 3
+# How far mitred corners and square ends reach beyond an outline, as a multiple of the width. Four
+# is the default of stroke-miterlimit, and half of the width is on each side.
+_MITRE = 2.0
+
+
+def path_data(outline: Outline, unit: float, current: tuple[int, int] | None = None) -> str:
+    """Return the path data of an outline, in whole numbers of units. They are as short as possible.
+
+    unit     user unit in px
+    current  point, in units, at which the path data before it end. None if there are none
+
+    Segments whose ends are rounded to the same point are left out, and the last line of a closed
+    outline is left to z. Return "" if nothing of a closed outline is left. An open outline of which
+    nothing is left becomes a dot.
+    """
+    points = [(round(x / unit), round(y / unit)) for x, y in outline.points]
+    x, y = points[0]
+    if current is None:
+        text, before = f"m{x} {y}".replace(" -", "-"), "l"
+    else:
+        text = _shortest("m", (x - current[0], y - current[1]), (x, y), "")
+        before = "l" if text[0] == "m" else "L"
+    handle, start, at, last = (x, y), text, 0, len(outline.curved) - 1
+    if outline.closed:
+        points.append(points[0])
+    for k, is_curve in enumerate(outline.curved):
+        a, b = c, d = e, f = points[at + 1]
+        if is_curve:
+            (c, d), (e, f) = points[at + 2], points[at + 3]
+        at += 3 if is_curve else 1
+        if not is_curve or ((a, b) == (x, y) and (c, d) == (e, f)):
+            if (e, f) == (x, y) or (k == last and outline.closed):
+                continue
+            if f == y:
+                letter, by, to = "h", (e - x,), (e,)
+            elif e == x:
+                letter, by, to = "v", (f - y,), (f,)
+            else:
+                letter, by, to = "l", (e - x, f - y), (e, f)
+            handle = e, f
+        else:
+            letter, by, to = "s", (c - x, d - y, e - x, f - y), (c, d, e, f)
+            if (a, b) != handle:
+                letter, by, to = "c", (a - x, b - y, *by), (a, b, *to)
+            handle = 2 * e - c, 2 * f - d
+        piece = _shortest(letter, by, to, before)
+        before = piece[0] if piece[0].isalpha() else before
+        text, x, y = text + piece, e, f
+    if text == start:
+        return "" if outline.closed else text + "h0"
+    return text + "z" if outline.closed else text
+
+
+def _shortest(letter: str, by: Sequence[int], to: Sequence[int], before: str) -> str:
+    """Return a command of path data with relative or absolute numbers, whichever is shorter.
+
+    by, to  its relative and its absolute numbers
+    before  the letter that a command without a letter has here
+    """
+    texts = []
+    for name, values in ((letter, by), (letter.upper(), to)):
+        text = " ".join(map(str, values)).replace(" -", "-")
+        texts.append(name + text if name != before else text if text[0] == "-" else " " + text)
+    return min(texts, key=len)
+
+
+def in_units(areas: Iterable[Area], unit: float, opacity_decimals: int) -> list[Area]:
+    """Return areas as a file has them, in user units. Coordinates and widths are whole numbers.
+
+    An area is left out if its outlines, its width or its opacity is written as 0. Raise SceneError
+    if a number is too large for a file.
+    """
+    written = []
+    for one in areas:
+        _check_numbers(one, unit)
+        area = one.scaled(1 / unit, 1 / unit)
+        whole = [
+            dataclasses.replace(o, points=tuple((round(x), round(y)) for x, y in o.points))
+            for o in area.outlines
+        ]
+        outlines = tuple(outline for outline in whole if path_data(outline, 1))
+        opacity, width = round(area.opacity, opacity_decimals), round(area.width)
+        if outlines and opacity and (width or not area.is_line):
+            paint = _in_units(area.paint)
+            changes = {"outlines": outlines, "paint": paint, "opacity": opacity, "width": width}
+            written.append(dataclasses.replace(area, **changes))
+    return written
+
+
+def _in_units(paint: Paint) -> Paint:
+    """Return a paint with whole coordinates and colours of 8 bits."""
+    if isinstance(paint, tuple):
+        return tuple(np.round(np.array(paint) * 255) / 255)
+    colors = np.round(np.array(paint.colors) * 255) / 255
+    changes = {"offsets": np.round(paint.offsets, _OFFSET_DECIMALS), "colors": colors}
+    if isinstance(paint, RadialGradient):
+        radii = np.maximum(np.round(paint.radii), 1)
+        return dataclasses.replace(paint, center=np.round(paint.center), radii=radii, **changes)
+    start, end = np.round(paint.start), np.round(paint.end)
+    if (start == end).all():  # renderers draw such a gradient in its last colour
+        return tuple(colors[-1])
+    return dataclasses.replace(paint, start=start, end=end, **changes)
+
+
+def _check_numbers(area: Area, unit: float) -> None:
+    """Raise SceneError if a number of an area in px is too large for a file."""
+    numbers = [area.width, *(v for one in area.outlines for point in one.points for v in point)]
+    if isinstance(area.paint, LinearGradient):
+        numbers += [*area.paint.start, *area.paint.end]
+    elif isinstance(area.paint, RadialGradient):
+        numbers += [*area.paint.center, *area.paint.radii]
+    farthest, most = max(map(abs, numbers)), min(LARGEST_NUMBER * unit, FARTHEST)
+    if farthest > most:
+        raise SceneError(
+            f"numbers of an area must be at most {most:g} px at a precision of {unit:g} px; got "
+            f"{farthest:g} px. Try to scale the scene down, to drop the area, or a coarser "
+            "precision"
+        )
+
+
+class AreaElements(NamedTuple):
+    """The elements of the areas and lines of a file.
+
+    definitions  their gradients, which have the first ids of the file
+    paths        one element for each area, from bottom to top. In minimal markup, several areas may
+                 share an element
+    boxes        (n, 4) left, top, right and bottom of the areas, in user units
+    """
+
+    definitions: list[Element]
+    paths: list[Element]
+    boxes: NDArray[np.float64]
+
+
+def area_elements(
+    areas: Iterable[Area], unit: float, opacity_decimals: int, is_minimal: bool = False
+) -> AreaElements:
+    """Return the elements of areas. Raise SceneError if a number is too large for a file."""
+    ids: dict[str, str] = {}
+    definitions, boxes = list[Element](), list[tuple[float, ...]]()
+    # A run is the look of a path, its outlines, and the index of the first box of its areas.
+    runs = list[tuple[dict[str, str | None], list[Outline], int]]()
+    for area in in_units(areas, unit, opacity_decimals):
+        paint = _paint(area.paint, is_minimal)
+        if isinstance(paint, Element):
+            key = paint.text()
+            if key not in ids:
+                ids[key] = short_id(len(ids))
+                definitions.append(paint.replace(id=ids[key]))
+            paint = f"url(#{ids[key]})"
+        look, box = _look(area, paint, opacity_decimals, is_minimal), _box(area)
+        if is_minimal and runs and look == runs[-1][0] and _is_apart(box, boxes[runs[-1][2] :]):
+            runs[-1][1].extend(area.outlines)
+        else:
+            runs.append((look, list(area.outlines), len(boxes)))
+        boxes.append(box)
+    paths = []
+    for k, (look, outlines, _) in enumerate(runs, start=1):
+        data = _data(outlines)
+        if is_minimal and "stroke" not in look:
+            data = data.removesuffix("z")  # a filled outline is closed without it
+        paths.append(Element("path", **look, id=None if is_minimal else f"area-{k}", d=data))
+    return AreaElements(definitions, paths, np.array(boxes).reshape(-1, 4))
+
+
+def box_centers(boxes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the centres (n, 2) of boxes (n, 4), and half of their sides (n, 2).
+
+    The halves are smaller by a thousandth of a unit, so that areas that end at a side of the canvas
+    do not reach beyond it by a rounding error.
+    """
+    first, last = boxes[:, :2], boxes[:, 2:]
+    return 0.5 * (first + last), 0.5 * (last - first) - 1e-3
+
+
+def _data(outlines: Sequence[Outline]) -> str:
+    text, current = "", None
+    for outline in outlines:
+        text += path_data(outline, 1, current)
+        x, y = outline.points[0 if outline.closed else -1]
+        current = round(x), round(y)
+    return text
+
+
+def _look(area: Area, paint: str, opacity_decimals: int, is_minimal: bool) -> dict[str, str | None]:
+    """Return all attributes of the path of an area but its data and its id."""
+    opacity = unless("1", number(area.opacity, opacity_decimals))
+    kind = "" if is_minimal else "stroke-" if area.is_line else "fill-"
+    if not area.is_line:
+        return {"fill": unless("#000", paint) if is_minimal else paint, f"{kind}opacity": opacity}
+    return {
+        "fill": "none",
+        "stroke": paint,
+        "stroke-width": unless("1" if is_minimal else "", number(area.width, 0)),
+        f"{kind}opacity": opacity,
+        "stroke-linecap": unless("butt", area.cap),
+        "stroke-linejoin": "round" if area.cap == "round" else None,
+    }
+
+
+def _box(area: Area) -> tuple[float, ...]:
+    """Return left, top, right and bottom of the box around an area, its strokes included."""
+    points = np.array([point for outline in area.outlines for point in outline.points])
+    margin = area.width * (0.5 if area.cap == "round" else _MITRE)
+    return *(points.min(axis=0) - margin).tolist(), *(points.max(axis=0) + margin).tolist()
+
+
+def _is_apart(box: tuple[float, ...], others: Iterable[tuple[float, ...]]) -> bool:
+    left, top, right, bottom = box
+    return all(right <= a or c <= left or bottom <= b or d <= top for a, b, c, d in others)
+
+
+def _paint(paint: Paint, is_minimal: bool) -> str | Element:
+    """Return a colour as text, or a gradient as an element without an id."""
+    if isinstance(paint, tuple):
+        return hex_color(np.round(np.array(paint) * 255).astype(int))
+    default = (
+        {"offset": "0", "stop_color": "#000"} if is_minimal else {"offset": "", "stop_color": ""}
+    )
+    stops = []
+    for at, color in zip(paint.offsets, np.round(np.array(paint.colors) * 255), strict=True):
+        look = {"offset": number(at, _OFFSET_DECIMALS), "stop_color": hex_color(color)}
+        stops.append(Element("stop", **{k: unless(default[k], v) for k, v in look.items()}))
+    place: dict[str, str | None] = {"gradientUnits": "userSpaceOnUse"}
+    if isinstance(paint, LinearGradient):
+        (x1, y1), (x2, y2) = ([number(v, 0) for v in p] for p in (paint.start, paint.end))
+        place |= {"x1": unless("0", x1), "y1": unless("0", y1), "x2": x2, "y2": unless("0", y2)}
+        return Element("linearGradient", stops, **place)
+    (cx, cy), (rx, ry) = ([number(v, 0) for v in p] for p in (paint.center, paint.radii))
+    if rx == ry:
+        return Element("radialGradient", stops, **place, cx=cx, cy=cy, r=rx)
+    a, d = (number(v / _RADIUS, 2) for v in paint.radii)
+    onto = f"matrix({a} 0 0 {d} {cx} {cy})"
+    place |= {"cx": "0", "cy": "0", "r": str(_RADIUS), "gradientTransform": onto}
+    return Element("radialGradient", stops, **place)

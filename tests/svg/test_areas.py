@@ -1,0 +1,326 @@
+"""Properties of areas in files: read as they were written, short, refused in one line."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import random_areas, random_scene
+from svg_texts import AS_PATH, CIRCLE, document
+
+from gauss2svg.errors import InputError, SceneError
+from gauss2svg.raster import rasterize
+from gauss2svg.scene import Area, LinearGradient, Outline, RadialGradient, Scene
+from gauss2svg.svg import Document, SvgFormat
+from gauss2svg.svg.areas import path_data
+from gauss2svg.svg.file import bytes_by_part
+from gauss2svg.svg.minimal import minimal_rounded
+from gauss2svg.svg.read import read_svg
+from gauss2svg.svg.untrusted import Survey
+from gauss2svg.svg.write import outline_svg, write_svg
+
+seeds = st.integers(0, 2**32 - 1)
+markups = st.sampled_from(["editable", "minimal"])
+sides = st.sampled_from([(40, 30), (61.3, 17.7), (256, 3)])
+
+
+@given(
+    seeds, st.integers(0, 9), st.integers(0, 3), markups, sides,
+    st.sampled_from([0.001, 0.04, 1 / 16, 0.3, 1.0]), st.sampled_from([None, "90mm", "responsive"]),
+)  # fmt: skip
+def test_a_file_with_areas_is_read_and_written_as_the_same_bytes(
+    seed, count, gaussians, markup, size, precision, printed
+):
+    clear = bool(seed % 2)
+    scene = random_scene(gaussians, 40, 30, seed).replace(
+        width=size[0], height=size[1], areas=random_areas(count, seed), transparent=clear
+    )
+    svg_format = SvgFormat(markup=markup, precision=precision)
+    # Minimal files do not have the size of the canvas in px beside another size.
+    page = Document(size=printed) if markup == "editable" else Document()
+    svg = write_svg(scene, svg_format, page)
+    assert Survey(svg[svg.index("<svg") :]).remarks == ()
+    assert sum(bytes_by_part(svg).values()) == len(svg)
+    back = read_svg(svg)
+    if gaussians and markup == "editable":  # whose files are the same from the second time on
+        svg = write_svg(back, svg_format, page)
+        back = read_svg(svg)
+    assert write_svg(back, svg_format, page) == svg
+    halved = SvgFormat(markup=markup, precision=precision / 2) if precision > 0.002 else svg_format
+    scale = halved.precision / precision
+    assert write_svg(back.scaled(scale).select([]), halved).count("<path") == write_svg(
+        back.select([]), svg_format
+    ).count("<path")
+
+
+def numbers_of(area: Area) -> list[float]:
+    """All numbers of an area."""
+    numbers = [area.opacity, area.width, *np.ravel([o.points[0] for o in area.outlines])]
+    numbers += [v for outline in area.outlines for point in outline.points for v in point]
+    if isinstance(area.paint, tuple):
+        return [*numbers, *area.paint]
+    own = area.paint
+    place = [*own.start, *own.end] if isinstance(own, LinearGradient) else [*own.center, *own.radii]
+    return [*numbers, *own.offsets, *np.ravel(own.colors), *place]
+
+
+@given(seeds, markups)
+def test_areas_whose_numbers_a_file_can_hold_are_read_as_they_were(seed, markup):
+    svg_format = SvgFormat(markup=markup, precision=0.25)
+    first = read_svg(write_svg(Scene(40, 30, areas=random_areas(6, seed)), svg_format))
+    again = read_svg(write_svg(first, svg_format))
+    assert len(again.areas) == len(first.areas)
+    for area, before in zip(again.areas, first.areas, strict=True):
+        assert area.cap == before.cap
+        assert [o.curved for o in area.outlines] == [o.curved for o in before.outlines]
+        assert numbers_of(area) == pytest.approx(numbers_of(before), abs=1e-9)
+    if markup == "editable":
+        rounded = minimal_rounded(first, 0.25).areas
+        assert [numbers_of(one) for one in rounded] == [
+            pytest.approx(numbers_of(one), abs=1e-9) for one in first.areas
+        ]
+
+
+def plain_svg(area: Area, scale: float) -> str:
+    """An area as absolute path data without rounding, by nothing of the package."""
+    data = ""
+    for outline in area.outlines:
+        x, y = scale * np.array(outline.segments[0][0])
+        data += f"M {x} {y}"
+        for segment, curved in zip(scale * outline.segments, outline.curved, strict=True):
+            numbers = segment[1:] if curved else segment[3:]
+            data += f" {'C' if curved else 'L'} " + " ".join(map(str, numbers.ravel().tolist()))
+        data += " Z" * outline.closed
+    look = 'fill="#000"'
+    if area.is_line:
+        join = "round" if area.cap == "round" else "miter"
+        look = f'fill="none" stroke="#000" stroke-width="{scale * area.width}" '
+        look += f'stroke-linecap="{area.cap}" stroke-linejoin="{join}"'
+    root = f'width="{40 * scale}" height="{30 * scale}"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {root}><path {look} d="{data}"/></svg>'
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+@pytest.mark.parametrize("seed", range(12))
+def test_path_data_draw_the_outline_within_its_rounding(markup, seed):
+    (area,) = random_areas(1, seed)
+    width = max(area.width, 1.0) if area.is_line else 0.0
+    area = Area(area.outlines, (0, 0, 0), 1.0, width, area.cap)
+    svg = write_svg(Scene(40, 30, areas=[area]), SvgFormat(markup=markup, precision=0.004))
+    drawn, exact = rasterize(svg, 160, 120), rasterize(plain_svg(area, 4.0), 160, 120)
+    # resvg has sixteen samples a pixel.
+    assert np.abs(drawn - exact).max() < 5 / 16
+    assert np.sqrt(np.square(drawn - exact).mean()) < 0.01
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_gradients_are_drawn_as_areas_have_them(markup):
+    whole = Outline([(0, 0), (40, 0), (40, 30), (0, 30)], [False] * 4)
+    y, x = np.mgrid[0.5:30, 0.5:40]
+    ramp = ((0.0, 0.3, 1.0), ((0, 0, 1), (1, 0.2, 0), (0, 1, 1)))
+    for paint in (
+        LinearGradient(*ramp, (5, 3), (31, 22)),
+        RadialGradient(*ramp, (12, 20), (21, 21)),
+        RadialGradient(*ramp, (12, 20), (30, 11)),
+    ):
+        scene = Scene(40, 30, areas=[Area([whole], paint)])
+        svg = write_svg(scene, SvgFormat(markup=markup))
+        assert np.abs(rasterize(svg, 40, 30) - paint.at(x, y)).max() < 3 / 255
+        assert read_svg(svg).areas[0].paint.at(x, y) == pytest.approx(paint.at(x, y), abs=0.01)
+        # A canvas that is scaled by other factors has the same colours at the same places.
+        stretched = scene.scaled(2, 3)
+        drawn = rasterize(write_svg(stretched, SvgFormat(markup=markup)), 80, 90)
+        assert np.abs(drawn[1::3, ::2] - paint.at(x - 0.25, y)).max() < 6 / 255
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_a_gradient_that_is_shorter_than_a_unit_is_a_colour_or_a_unit_long(markup):
+    ramp = ((0.0, 1.0), ((1, 0, 0), (0, 0, 1)))
+    paints = LinearGradient(*ramp, (5, 3), (5.1, 3)), RadialGradient(*ramp, (9, 9), (0.1, 0.1))
+    svg_format = SvgFormat(markup=markup, precision=1.0)
+    scene = Scene(40, 30, areas=[Area([closed((0, 0), (9, 9), (0, 9))], one) for one in paints])
+    svg = write_svg(scene, svg_format)
+    flat, tiny = (area.paint for area in read_svg(svg).areas)
+    assert (flat, tiny.radii) == ((0, 0, 1), (1, 1))
+    assert write_svg(read_svg(svg), svg_format) == svg
+
+
+def closed(*points: tuple, curved: tuple = ()) -> Outline:
+    return Outline(points, curved or (False,) * len(points))
+
+
+CURVE = ((0, 0), (1, 2), (3, 2), (4, 0), (5, -2), (7, -2), (8, 0))
+SHORTEST = [
+    (closed((10, 10), (40, 10), (40, 30), (10, 30)), "m10 10h30v20H10z"),
+    (closed((0, 0), (-5, 7), (-9, -3)), "m0 0-5 7-4-10z"),
+    (closed((900, 900), (3, 4), (903, 7)), "m900 900L3 4l900 3z"),
+    (Outline(CURVE, (True, True), closed=False), "m0 0c1 2 3 2 4 0s3-2 4 0"),
+    # Handles that are off by one unit are no reflections.
+    (Outline((*CURVE[:4], (5, -1), *CURVE[5:]), (True, True), closed=False),
+     "m0 0c1 2 3 2 4 0 1-1 3-2 4 0"),
+    (Outline(((0, 0), (9, 0), (9, 0), (4, 4), (5, 5)), (False, True), closed=False),
+     "m0 0h9S4 4 5 5"),
+    # A curve with handles at its ends is a line, and what is rounded to nothing is left out.
+    (Outline(((0, 0), (0, 0), (5, 6), (5, 6), (5.2, 6)), (True, False), closed=False), "m0 0 5 6"),
+    (closed((3, 3), (3.2, 3), (3, 3.3)), ""),
+    (Outline(((3, 3), (3.2, 3)), (False,), closed=False), "m3 3h0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("outline", "data"), SHORTEST)
+def test_path_data_are_as_short_as_they_can_be(outline, data):
+    assert path_data(outline, 1) == data
+    assert path_data(outline.scaled(0.1, 0.1), 0.1) == data
+
+
+BOX = closed((0, 0), (9, 0), (9, 9), (0, 9))
+RED = (1.0, 0.0, 0.0)
+
+
+def moved(by: float, **look) -> Area:
+    return Area([closed(*((x + by, y) for x, y in BOX.points))], RED, **look)
+
+
+@pytest.mark.parametrize(
+    ("areas", "paths"),
+    [
+        ([moved(0), moved(9)], 1),
+        ([moved(0), moved(8)], 2),
+        ([moved(0), moved(20), moved(10)], 1),
+        ([moved(0), moved(20), moved(8)], 2),
+        ([moved(0), moved(20, opacity=0.5)], 2),
+        ([moved(0, width=1), moved(10, width=1)], 2),  # whose mitres may touch
+        ([moved(0, width=1), moved(14, width=1)], 1),
+        ([moved(0, width=1, cap="round"), moved(10, width=1, cap="round")], 1),
+    ],
+)
+def test_areas_share_a_path_only_if_their_boxes_do_not_overlap(areas, paths):
+    scene = Scene(40, 30, areas=areas)
+    svg, plain = (write_svg(scene, SvgFormat(markup=m)) for m in ("minimal", "editable"))
+    assert svg.count("<path") == paths + 1  # and the background
+    assert plain.count("<path") == len(areas)
+    drawn = (rasterize(text, 160, 120) for text in (svg, plain))
+    np.testing.assert_allclose(*drawn, atol=1.01 / 255)
+
+
+def test_a_page_is_an_area_and_not_the_background():
+    page = Area([closed((0, 0), (40, 0), (40, 30), (0, 30))], RED)
+    for markup in ("minimal", "editable"):
+        svg_format = SvgFormat(markup=markup, precision=1.0)
+        for transparent in (True, False):
+            scene = Scene(40, 30, areas=[page], transparent=transparent)
+            back = read_svg(write_svg(scene, svg_format))
+            assert (back.areas, back.transparent) == (scene.areas, transparent)
+
+
+TRIANGLE = Area([closed((2, 3), (12, 3), (7, 11.5))], RED)
+LINE = Area([Outline([(2, 3), (12, 3), (7, 11.5)], [False] * 2, closed=False)], RED, 1.0, 2.0)
+
+CURVES = Outline((*CURVE, (9, 2), (11, 2), (12, 0)), (True,) * 3, closed=False)
+SMOOTH = Area([CURVES], RED, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("area", "body"),
+    [
+        (TRIANGLE, '<path d="M 2,3 H 12 L 7,11.5 Z" style="fill:#f00;stroke:none;opacity:1"/>'),
+        (TRIANGLE, '<path d="m 2 3 10 0 -5 8.5" fill="red" fill-rule="nonzero"/>'),
+        (TRIANGLE, '<path d="M2,3H12L7,11.5L2,3Z" fill="red"/>'),
+        (TRIANGLE, '<g fill="red" transform="translate(2,3)"><path d="m0 0h10l-5 85e-1"/></g>'),
+        (TRIANGLE, '<path fill="red" transform="matrix(0 1 -1 0 0 0)" d="M3-2V-12L11.5-7z"/>'),
+        (SMOOTH, '<path d="M0,0C1,2 3,2 4,0S7-2 8,0s3 2 4 0" fill="none" stroke="red"/>'),
+        (LINE, '<path d="M2 3h10l-5 8.5" style="fill:none;stroke:red;stroke-width:2px;'
+         'stroke-linejoin:miter;stroke-miterlimit:4;stroke-dasharray:none;marker:none"/>'),
+        (LINE, '<g stroke="red" fill="none" transform="scale(2)">'
+         '<path d="M1 1.5h5L3.5 5.75"/></g>'),
+        (LINE, '<path fill="none" stroke="#f00" stroke-width="2" transform="rotate(90)" '
+         'd="M3-2V-12L11.5-7"/>'),
+    ],
+)  # fmt: skip
+def test_the_same_area_however_an_editor_writes_it(area, body):
+    (back,) = read_svg(document(body + CIRCLE)).areas
+    assert numbers_of(back) == pytest.approx(numbers_of(area))
+    assert [o.closed for o in back.outlines] == [o.closed for o in area.outlines]
+
+
+FILL = 'fill="red" d="m0 0h9v9z"'
+STROKE = 'fill="none" stroke="red" d="m0 0h9v9"'
+STOPS = '<stop offset="0"/><stop offset="1" stop-color="red"/>'
+SPACE = 'gradientUnits="userSpaceOnUse"'
+DEFS = (
+    f'<linearGradient id="box" x2="1">{STOPS}</linearGradient>'
+    f'<linearGradient id="again" {SPACE} spreadMethod="reflect" x2="9">{STOPS}</linearGradient>'
+    f'<linearGradient id="none" {SPACE} x2="9"/>'
+    f'<linearGradient id="point" {SPACE} x1="9" x2="9">{STOPS}</linearGradient>'
+    f'<linearGradient id="share" {SPACE}>{STOPS}</linearGradient>'
+    f'<linearGradient id="clear" {SPACE} x2="9"><stop stop-opacity=".5"/></linearGradient>'
+    f'<radialGradient id="tilt" {SPACE} cx="1" cy="1" r="1" '
+    f'gradientTransform="matrix(2 1 0 1 0 0)">{STOPS}</radialGradient>'
+    f'<radialGradient id="focus" {SPACE} cx="1" cy="1" r="1" fx="1.5">{STOPS}</radialGradient>'
+)
+REFUSED = {
+    f"{CIRCLE}<path {FILL}/>": "an area must be below all ellipses, and without a filter; got one",
+    f'<path {FILL} filter="url(#a)"/>': "without a filter",
+    f'<path {FILL} stroke="#000"/>': "its fill must be none, because it has a stroke",
+    '<path stroke="#000" d="m0 0h9"/>': "its fill must be none",
+    f'<path fill-rule="evenodd" {FILL}/>': "its fill-rule must be nonzero; got 'evenodd'",
+    f'<path clip-path="url(#a)" {FILL}/>': "its clip-path must be none",
+    f'<path marker-end="url(#a)" {STROKE}/>': "its marker-end must be none",
+    f'<path stroke-dasharray="3 1" {STROKE}/>': "its stroke-dasharray must be none; got '3 1'",
+    f'<path stroke-miterlimit="9" {STROKE}/>': "its stroke-miterlimit must be 4",
+    f'<path stroke-linejoin="bevel" {STROKE}/>': "stroke-linejoin must be .* got butt and bevel",
+    f'<path stroke-width="0" {STROKE}/>': "its stroke-width must be above 0; got '0'",
+    f'<path stroke-width="5%" {STROKE}/>': "stroke-width must be a finite number",
+    f'<path vector-effect="non-scaling-stroke" {STROKE}/>': "its vector-effect must be none",
+    f'<path transform="scale(1 2)" {STROKE}/>': "transforms of a stroke must be without",
+    f'<g transform="matrix(1 0 .1 1 0 0)"><path {STROKE}/></g>': "transforms of a stroke",
+    f'<g opacity=".5"><path {FILL}/></g>': "opacity of a group must be 1",
+    '<path fill="none" d="m0 0h9v9z"/>': "fill must be an opaque colour, .* got 'none'",
+    '<path fill="red" d="m0 0h9v9a5 5 0 0 1 3 3z"/>': "its d must be an ellipse of four arcs, or",
+    f'<path fill="red" {AS_PATH[:-2]}m1 1h9v9z"/>': "its d must be an ellipse of four arcs, or",
+    '<path fill="red" d="m0 0q9 0 9 9t3 3z"/>': "or lines and cubic curves; got 'm0 0q9 0",
+    '<path fill="red" d="l9 9 3 0z"/>': "lines and cubic curves",
+    '<path fill="red" d="m0 0c9 9 3 0z"/>': "lines and cubic curves",
+    '<path fill="red" d="m0 0z9v9"/>': "lines and cubic curves",
+    '<path fill="red" d="m0 0z"/>': "lines and cubic curves",
+    '<path fill="red" d=""/>': "lines and cubic curves",
+    '<path fill="red" d="m0 0h1e999v9z"/>': "points of an outline must be",
+    '<path fill="url(#box)" d="m0 0h9v9z"/>': "its gradient must be in user space",
+    '<path fill="url(#again)" d="m0 0h9v9z"/>': "its gradient must be in user space",
+    '<path fill="url(#none)" d="m0 0h9v9z"/>': "offsets of a gradient must be 2",
+    '<path fill="url(#point)" d="m0 0h9v9z"/>': "its gradient must be longer than 0",
+    '<path fill="url(#share)" d="m0 0h9v9z"/>': "x2 must be a finite number; got '100%'",
+    '<path fill="url(#clear)" d="m0 0h9v9z"/>': "stops of the gradient of an area must be opaque",
+    '<path fill="url(#tilt)" d="m0 0h9v9z"/>': "a circle or an upright ellipse",
+    '<path fill="url(#focus)" d="m0 0h9v9z"/>': "with its focus at the centre",
+    '<path fill="url(#gone)" d="m0 0h9v9z"/>': "its reference must be to a linearGradient",
+    f'<path {FILL}/><rect width="40" height="30" fill="red"/>': "over 1 shapes",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("body", REFUSED)
+def test_areas_that_a_scene_cannot_have_are_refused_in_one_line(body):
+    with pytest.raises(InputError, match=REFUSED[body]) as caught:
+        read_svg(document(body, DEFS))
+    assert "\n" not in str(caught.value)
+
+
+def test_scenes_that_a_file_cannot_have_are_refused():
+    far = Area([closed((0, 0), (1e8, 0), (0, 9))], RED)
+    wide = Area([BOX], LinearGradient((0, 1), (RED, RED), (0, 0), (1e8, 0)))
+    for area in (far, wide):
+        with pytest.raises(SceneError, match=r"of an area must be at most 4e\+06 px .* got 1e\+08"):
+            write_svg(Scene(40, 30, areas=[area]))
+    scene = Scene(40, 30, areas=[TRIANGLE])
+    with pytest.raises(InputError, match="a scene with pens must be without areas; got 1 areas"):
+        outline_svg(scene, pens=2)
+    with pytest.raises(InputError, match="the scene must be of opaque plain ellipses alone"):
+        write_svg(scene, SvgFormat(layers="inks"))
+
+
+def test_outlines_of_areas_are_strokes_of_one_width():
+    svg = outline_svg(Scene(40, 30, areas=[TRIANGLE, LINE]), stroke_width=1.0)
+    ink = 1 - rasterize(svg, 400, 300)[:, :, 1]
+    length = 10 + 2 * math.hypot(5, 8.5)  # px
+    assert ink.sum() / 100 == pytest.approx(length, rel=0.08)
