@@ -33,11 +33,17 @@ def trace_chains(on, degree, chain, start, ends):
     for loops in range(2):
         for y0 in range(h):
             for x0 in range(w):
-                if not on[y0, x0] or (loops == 0 and degree[y0, x0] == 2) or (loops == 1 and degree[y0, x0] != 2):
+                if (
+                    not on[y0, x0]
+                    or (loops == 0 and degree[y0, x0] == 2)
+                    or (loops == 1 and degree[y0, x0] != 2)
+                ):
                     continue
                 for first in range(8 if loops == 0 else 1):
                     v, u = y0 + dy[first], x0 + dx[first]
-                    if loops == 0 and not (on[v, u] and degree[v, u] == 2 and _linked(on, y0, x0, v, u)):
+                    if loops == 0 and not (
+                        on[v, u] and degree[v, u] == 2 and _linked(on, y0, x0, v, u)
+                    ):
                         continue
                     start[chains] = pixels
                     chain[pixels, 0], chain[pixels, 1] = y0, x0
@@ -60,7 +66,9 @@ def trace_chains(on, degree, chain, start, ends):
                             v, u = y + dy[k], x + dx[k]
                             if (v == py and u == px) or not _linked2(degree, y, x, v, u):
                                 continue
-                            if on[v, u] and not (loops == 0 and v == y0 and u == x0 and pixels - start[chains] < 3):
+                            if on[v, u] and not (
+                                loops == 0 and v == y0 and u == x0 and pixels - start[chains] < 3
+                            ):
                                 py, px, y, x = y, x, v, u
                                 found = True
                                 break
@@ -96,7 +104,12 @@ def _degrees(on):
     """Return the number of neighbours of each pixel: diagonal ones count without a common one."""
     p = np.pad(on, 1)
     n, s, w, e = p[:-2, 1:-1], p[2:, 1:-1], p[1:-1, :-2], p[1:-1, 2:]
-    diagonal = [p[:-2, :-2] & ~n & ~w, p[:-2, 2:] & ~n & ~e, p[2:, :-2] & ~s & ~w, p[2:, 2:] & ~s & ~e]
+    diagonal = [
+        p[:-2, :-2] & ~n & ~w,
+        p[:-2, 2:] & ~n & ~e,
+        p[2:, :-2] & ~s & ~w,
+        p[2:, 2:] & ~s & ~e,
+    ]
     return np.where(on, sum(map(np.int64, (n, s, w, e, *diagonal))), 0)
 
 

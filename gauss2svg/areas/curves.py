@@ -111,8 +111,16 @@ def _fit_cubic(points, weight, first, last, noise, p, t):
             d = x * x + y * y
             error += weight[q] * d * d / (d + noise)
             if round_ < ROUNDS - 1 and 0 < i < count - 1:
-                dx = 3 * (u * u * (p[1, 0] - p[0, 0]) + 2 * u * v * (p[2, 0] - p[1, 0]) + v * v * (p[3, 0] - p[2, 0]))
-                dy = 3 * (u * u * (p[1, 1] - p[0, 1]) + 2 * u * v * (p[2, 1] - p[1, 1]) + v * v * (p[3, 1] - p[2, 1]))
+                dx = 3 * (
+                    u * u * (p[1, 0] - p[0, 0])
+                    + 2 * u * v * (p[2, 0] - p[1, 0])
+                    + v * v * (p[3, 0] - p[2, 0])
+                )
+                dy = 3 * (
+                    u * u * (p[1, 1] - p[0, 1])
+                    + 2 * u * v * (p[2, 1] - p[1, 1])
+                    + v * v * (p[3, 1] - p[2, 1])
+                )
                 square = dx * dx + dy * dy
                 if square > 1e-9:
                     t[i] = min(max(v - (x * dx + y * dy) / square, 0.0), 1.0)
@@ -164,14 +172,18 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
         if is_fitted:
             error[i], size[i] = 0.0, _segment_bytes(segment[i], True, unit)
         else:
-            curved[i], error[i], size[i] = _best(points, weight, start[i], start[i + 1], unit, rate, noise, True, segment[i], t)
+            curved[i], error[i], size[i] = _best(
+                points, weight, start[i], start[i + 1], unit, rate, noise, True, segment[i], t
+            )
     least = 2 if closed else 1
     # A smooth run becomes few curves only if lines do not compete while it is merged: two short
     # lines have fewer bytes than the curve that replaces them.
     for only_curves in (True, False):
         if not only_curves:
             for i in range(count):
-                kind, line_error, line_size = _best(points, weight, start[i], start[i + 1], unit, rate, noise, False, p, t)
+                kind, line_error, line_size = _best(
+                    points, weight, start[i], start[i + 1], unit, rate, noise, False, p, t
+                )
                 if not kind and line_error + rate * line_size < error[i] + rate * size[i]:
                     segment[i], curved[i], error[i], size[i] = p, False, line_error, line_size
                 elif not curved[i]:
@@ -184,7 +196,9 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
                 if gain[i] != gain[i]:
                     j = (i + 1) % count
                     end = start[j + 1] + (n if j == 0 and i > 0 else 0)
-                    is_curve[i], merged_error[i], merged_size[i] = _best(points, weight, start[i], end, unit, rate, noise, only_curves, merged[i], t)
+                    is_curve[i], merged_error[i], merged_size[i] = _best(
+                        points, weight, start[i], end, unit, rate, noise, only_curves, merged[i], t
+                    )
                     cost = merged_error[i] - error[i] - error[j]
                     gain[i] = rate * (size[i] + size[j] - merged_size[i]) - cost
                 if gain[i] > best:
@@ -200,7 +214,11 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
                     segment[k], curved[k] = segment[k + 1], curved[k + 1]
                     error[k], size[k] = error[k + 1], size[k + 1]
                     gain[k], is_curve[k] = gain[k + 1], is_curve[k + 1]
-                    merged[k], merged_error[k], merged_size[k] = merged[k + 1], merged_error[k + 1], merged_size[k + 1]
+                    merged[k], merged_error[k], merged_size[k] = (
+                        merged[k + 1],
+                        merged_error[k + 1],
+                        merged_size[k + 1],
+                    )
                 start[count - 1] = start[0] + n
                 i -= 1
             else:
@@ -209,7 +227,11 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
                     segment[k], curved[k] = segment[k + 1], curved[k + 1]
                     error[k], size[k] = error[k + 1], size[k + 1]
                     gain[k], is_curve[k] = gain[k + 1], is_curve[k + 1]
-                    merged[k], merged_error[k], merged_size[k] = merged[k + 1], merged_error[k + 1], merged_size[k + 1]
+                    merged[k], merged_error[k], merged_size[k] = (
+                        merged[k + 1],
+                        merged_error[k + 1],
+                        merged_size[k + 1],
+                    )
                 start[count - 1] = start[count]
             count -= 1
             gain[i] = np.nan

@@ -4,114 +4,152 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.areas.layers import masks_of
-from gauss2svg.areas.merge import merged
-from gauss2svg.areas.outlines import contours_of, first_path
-from gauss2svg.areas.paint import paints_of
+from gauss2svg.areas.merge import merged, without_cheap
+from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
+from gauss2svg.areas.paint import Paint, paints_of
 from gauss2svg.areas.refine import Drawing, Layer
-from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.areas.regions import Palette, cores_of, grown, shares_of, without_edge_shades
+from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
+from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline
 
-TIMES = {}
-
-
-def clock(name, t=[0.0]):
-    now = time.process_time()
-    if t[0]:
-        TIMES[name] = TIMES.get(name, 0) + now - t[0]
-    t[0] = now
-
-
-def contrast_of(pixels):
-    """Return a function from points (n, 2) to the squared difference of colours across an edge."""
-    h, w, _ = pixels.shape
-    padded = np.pad(pixels, ((2, 2), (2, 2), (0, 0)), mode="edge")
-    across = ((padded[2:-2, 4:] - padded[2:-2, :-4]) ** 2).sum(axis=-1)
-    down = ((padded[4:, 2:-2] - padded[:-4, 2:-2]) ** 2).sum(axis=-1)
-    contrast = np.maximum(np.maximum(across, down), 0.015)
-
-    def weight_at(points):
-        x = np.clip(np.floor(points[:, 0]).astype(int), 0, w - 1)
-        y = np.clip(np.floor(points[:, 1]).astype(int), 0, h - 1)
-        beyond = (points < 0).any(axis=1) | (points > [w, h]).any(axis=1)
-        return np.where(beyond, 0.05, contrast[y, x])
-
-    return weight_at
+Floats = NDArray[np.float64]
+RATE = 0.0025  # squared error that a byte of an area must save
+UNIT = 1 / 16  # px of path data
+STEPS, LATER_STEPS = 20, 10  # of the refinement before and after nodes are merged
+MERGES = 2
+FIRST_RATE = 0.01  # squared error for a byte below which a layer is not even refined
+EXPLAINED = 0.01  # squared error up to which a pixel counts as explained by areas
+LEAST_OPACITY = 1 / 255  # of a colour; what is more transparent is not drawn
 
 
-def bytes_of(layer: Layer, unit) -> float:
-    total = 50 if layer.width else 20
-    for path in layer.paths:
-        d = np.abs(np.round((path.segments[:, 1:] - path.segments[:, :1]) / unit))
-        digits = np.floor(np.log10(np.maximum(d, 1))) + 1
-        total += np.where(path.curved, digits.sum(axis=(1, 2)) + 5.5, digits[:, 2].sum(axis=1) + 2).sum() + 7
-    return total
+@dataclass(frozen=True)
+class FoundAreas:
+    """The areas of a picture.
+
+    areas       from the lowest to the highest one, in px of the picture
+    background  (3,) sRGB colour below them, or None if the picture is transparent there
+    explained   share of the pixels whose colour the areas draw
+    find_s, refine_s  seconds in which they were found, and in which they were refined
+    """
+
+    areas: tuple[Area, ...]
+    background: tuple[float, float, float] | None
+    explained: float
+    find_s: float
+    refine_s: float
 
 
-def without_cheap(drawing: Drawing, unit, rate) -> list[Layer]:
-    """Return the layers that lower the squared error by at least `rate` for each of their bytes."""
-    if not drawing.layers:
-        return []
-    error = drawing.draw() - drawing.pixels
-    below = drawing.below.copy()
-    drawing.weigh()
-    kept = []
-    for l, layer in enumerate(drawing.current()):
-        own = error[drawing.slices(l)]
-        paint = drawing.paints[layer.paint].image(drawing.shape)[drawing.slices(l)]
-        without = own - (paint - drawing.part(below, l)) * drawing.part(drawing.visible, l)[..., None]
-        if (without**2).sum() - (own**2).sum() >= rate * bytes_of(layer, unit):
-            kept.append(layer)
-    return kept
+def find_areas(
+    picture: NDArray[np.float32],
+    rate: float = RATE,
+    unit: float = UNIT,
+    progress: Callable[[str, FoundAreas | None], None] | None = None,
+) -> FoundAreas:
+    """Return the areas and lines that draw a picture (h, w, 3), or (h, w, 4) with straight alpha.
+
+    rate      squared error, summed over the pixels and channels, that each byte must save
+    unit      user unit in px of the file for which nodes are counted
+    progress  function that is called with "find" or "refine" and the areas so far. An exception
+              that it raises ends the search
+    """
+    started = time.perf_counter()
+    report = progress or (lambda phase, areas: None)
+    report("find", None)
+    pixels = channels_of(picture)
+    drawing = first_drawing(pixels, unit, rate)
+    found = time.perf_counter()
+
+    def so_far() -> FoundAreas:
+        return areas_of(drawing, found - started, time.perf_counter() - found)
+
+    report("refine", so_far())
+    drawing.refine(STEPS)
+    for _ in range(MERGES):
+        report("refine", so_far())
+        drawing = drawing.with_layers(merged(drawing, unit, rate))
+        drawing.refine(LATER_STEPS)
+    drawing = drawing.with_layers(without_cheap(drawing, unit, rate))
+    drawing.refine(LATER_STEPS)
+    return so_far()
 
 
-def find(pixels, unit=1 / 16, rate=0.0025, steps=20, reach=2, ties=1):
-    clock("")
-    h, w, _ = pixels.shape
+def channels_of(picture: NDArray[np.float32]) -> Floats:
+    """Return the channels (h, w, 3) of an opaque picture, or (h, w, 6) of one with alpha."""
+    pixels = np.asarray(picture, np.float64)
+    if pixels.shape[2] == 3 or pixels[..., 3].min() >= 1 - LEAST_OPACITY:
+        return pixels[..., :3]
+    alpha = pixels[..., 3:]
+    over_black = pixels[..., :3] * alpha
+    return np.concatenate([over_black, over_black + 1 - alpha], axis=-1)
+
+
+def opacity_of(color: Floats) -> float:
+    """Return the opacity of a colour (c,). That of one with three channels is 1."""
+    return 1.0 if len(color) == 3 else float(np.clip(1 - (color[3:] - color[:3]).mean(), 0, 1))
+
+
+def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
+    """Return a drawing of a picture, whose outlines have not been refined yet."""
+    h, w, channels = pixels.shape
     cores, count = cores_of(pixels)
     cores, count = without_edge_shades(pixels, cores, count)
-    clock("cores")
+    if not count:  # no two pixels are alike
+        return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [])
     paints = paints_of(pixels, cores, count)
-    clock("paint")
     labels = grown(pixels, cores)
-    clock("grow")
     palette = Palette(paints, pixels.shape)
     shares = shares_of(pixels, cores, labels, palette)
-    clock("shares")
+    add_thin_regions(pixels, cores, labels, shares, paints, palette)
     weight_at = contrast_of(pixels)
-    new = add_thin_regions(pixels, cores, labels, shares, paints, palette)
-    clock('thin1')
-    lines = take_lines(pixels, cores, labels, shares, paints, new, weight_at, unit, rate)
-    count = len(paints)
-    clock("thin")
+    lines = take_lines(pixels, shares, paints, weight_at, unit, rate)
     labels = shares.largest
-    sizes = np.bincount(labels.ravel(), minlength=count)
-    ground = paints[int(sizes.argmax())]
-    is_ground = np.array([paint is ground for paint in paints])
-    masks = masks_of(labels, shares, paints, is_ground, np.zeros(count, bool), reach)
-    clock("layers")
+    opacity = np.array([opacity_of(paint.color) for paint in paints])
+    ground = ground_of(labels, paints, opacity)
+    is_ground = np.array([paint is ground for paint in paints]) | (opacity < LEAST_OPACITY)
+    is_opaque = opacity > 1 - 2 * LEAST_OPACITY
     layers = []
-    for mask in masks:
+    for mask in masks_of(labels, shares, paints, is_ground, ~is_opaque):
         contours = contours_of(mask.share, mask.left, mask.top, (h, w))
         paths = [first_path(c, weight_at, unit, rate) for c in contours]
         if paths:
-            layers.append(Layer(mask.region, paths))
-    layers += [Layer(*group) for group in grouped(lines, paints)]
-    clock("fit")
-    drawing = Drawing(pixels, ground, paints, layers, False)
-    drawing = Drawing(pixels, ground, paints, without_cheap(drawing, unit, 0.01), False)
-    clock("prune")
-    drawing.refine(steps)
-    clock("refine")
-    for _ in range(2):
-        drawing = Drawing(pixels, ground, paints, merged(drawing, unit, rate), bool(ties))
-        clock("merge")
-        drawing.refine(steps // 2)
-        clock("refine")
-    drawing = Drawing(pixels, ground, paints, without_cheap(drawing, unit, rate), bool(ties))
-    drawing.refine(steps // 2)
-    clock("refine")
-    return drawing
+            layers.append(Layer(mask.region, paths, is_opaque=bool(is_opaque[mask.region])))
+    layers += grouped(lines, paints, is_opaque)
+    drawing = Drawing(pixels, ground, paints, layers, is_tied=False)
+    return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
+
+
+def ground_of(labels, paints: list[Paint], opacity: Floats) -> Paint:
+    """Return the paint below all layers: that of the largest region, or a transparent one."""
+    if len(paints[0].color) == 6:
+        clear = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+        return next((paints[k] for k in np.flatnonzero(opacity < LEAST_OPACITY)), Paint(clear))
+    return paints[int(np.bincount(labels.ravel()).argmax())]
+
+
+def areas_of(drawing: Drawing, find_s: float = 0.0, refine_s: float = 0.0) -> FoundAreas:
+    """Return the areas of a drawing as they are now."""
+    h, w, channels = drawing.shape
+    areas = []
+    for layer in drawing.current():
+        paint = drawing.paints[layer.paint]
+        opacity = 1.0 if layer.is_opaque else round(opacity_of(paint.color), 2)
+        color = paint.color.reshape(-1, 3).mean(axis=0) if layer.is_opaque else paint.color[:3]
+        color = np.clip(color / max(opacity, LEAST_OPACITY), 0, 1)
+        shown = paint.gradient or tuple(np.round(color * 255) / 255)
+        outlines = tuple(Outline.of_segments(p.segments, p.curved, p.closed) for p in layer.paths)
+        areas.append(Area(outlines, shown, opacity, layer.width, CAPS[layer.cap]))
+    background = None
+    if channels == 3:
+        background = tuple((np.round(drawing.ground.color * 255) / 255).tolist())
+        if drawing.ground.gradient is not None:
+            page = Outline(((0, 0), (w, 0), (w, h), (0, h)), (False,) * 4)
+            areas.insert(0, Area((page,), drawing.ground.gradient))
+    error = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1) * 3 / channels
+    explained = float((error <= EXPLAINED).mean())
+    return FoundAreas(tuple(areas), background, explained, find_s, refine_s)

@@ -165,8 +165,23 @@ def _mix(pixel, color, count, names, label, share):
 
 
 @kernel
-def explain(pixels, labels, flat, image_of, images, ys, xs, near, far, enough, extra, extra_name,
-            label, share, error):
+def explain(
+    pixels,
+    labels,
+    flat,
+    image_of,
+    images,
+    ys,
+    xs,
+    near,
+    far,
+    enough,
+    extra,
+    extra_name,
+    label,
+    share,
+    error,
+):
     """Explain pixels as mixtures of the colours of the labels around them.
 
     labels    (h, w) label of each pixel
@@ -197,7 +212,9 @@ def explain(pixels, labels, flat, image_of, images, ys, xs, near, far, enough, e
                     if is_new:
                         names[count] = k
                         for c in range(channels):
-                            color[count, c] = flat[k, c] if image_of[k] < 0 else images[image_of[k], y, x, c]
+                            color[count, c] = (
+                                flat[k, c] if image_of[k] < 0 else images[image_of[k], y, x, c]
+                            )
                         count += 1
             if extra_name >= 0:
                 names[count] = extra_name

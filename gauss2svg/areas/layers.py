@@ -69,8 +69,14 @@ def masks_of(labels, shares: Shares, paints, is_ground, is_clear, reach=REACH) -
             is_hidden = np.ones_like(body)
             opening = is_open[near]
             if opening.any():
-                is_hidden = ndimage.distance_transform_edt(~body) <= ndimage.distance_transform_edt(~opening)
+                is_hidden = ndimage.distance_transform_edt(~body) <= ndimage.distance_transform_edt(
+                    ~opening
+                )
             # What shows the ground through what is above the region must not show the region.
-            share = np.where(under & is_hidden, 1.0 - shares.of(np.flatnonzero(is_open), box), share + np.where(partly, over, 0))
+            share = np.where(
+                under & is_hidden,
+                1.0 - shares.of(np.flatnonzero(is_open), box),
+                share + np.where(partly, over, 0),
+            )
         masks.append(Mask(k, np.clip(share, 0, 1), box[1].start, box[0].start))
     return masks

@@ -120,9 +120,13 @@ def _radial(pixels: Floats, ys, xs, colors):
     best = None
     low, high = points.min(axis=0) - scale, points.max(axis=0) + scale
     for first in (np.clip(meeting, low, high), points.mean(axis=0)):
-        simplex = np.array([[*(first / scale), 0.0]] * 4) + np.vstack([np.zeros(3), 0.1 * np.eye(3)])
+        simplex = np.array([[*(first / scale), 0.0]] * 4) + np.vstack(
+            [np.zeros(3), 0.1 * np.eye(3)]
+        )
         options = {"maxiter": 120, "initial_simplex": simplex}
-        one = minimize(lambda v: _spread(radius(v), colors), simplex[0], method="Nelder-Mead", options=options)
+        one = minimize(
+            lambda v: _spread(radius(v), colors), simplex[0], method="Nelder-Mead", options=options
+        )
         best = one if best is None or one.fun < best.fun else best
     v = best.x
     v[2] = 0.0 if abs(v[2]) < 0.02 else v[2]
@@ -130,7 +134,9 @@ def _radial(pixels: Floats, ys, xs, colors):
     outer = places[-1]
     radii = outer, outer * np.exp(-v[2])
     offsets = np.clip(places / outer, 0, 1)
-    return RadialGradient(tuple(offsets), tuple(map(tuple, stops)), tuple(v[:2] * scale), radii), error
+    return RadialGradient(
+        tuple(offsets), tuple(map(tuple, stops)), tuple(v[:2] * scale), radii
+    ), error
 
 
 def _spread(place: Floats, colors: Floats) -> float:

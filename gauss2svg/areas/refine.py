@@ -11,8 +11,9 @@ Handles at smooth joins and ends of upright lines are no free parameters (Ties).
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +39,17 @@ class Layer:
 
     paint  index into the paints of a drawing
     cap    index into CAPS
+    is_opaque  whether it hides what is below it. If not, its paint is what shows over the ground
     """
 
     paint: int
     paths: list[Path]
     width: float = 0.0
     cap: int = 0
+    is_opaque: bool = True
+
+    def replace(self, paths: list[Path]) -> Layer:
+        return dataclasses.replace(self, paths=paths)
 
 
 @dataclass
@@ -91,8 +97,24 @@ def _reduce(full, same, handle, node, master, ratio, free):
 
 
 @kernel
-def compose(segment, curved, path_start, closed, layer_start, width, cap, color, image_of, images,
-            box, offset, sums, canvas, cover, below):
+def compose(
+    segment,
+    curved,
+    path_start,
+    closed,
+    layer_start,
+    width,
+    cap,
+    color,
+    image_of,
+    images,
+    box,
+    offset,
+    sums,
+    canvas,
+    cover,
+    below,
+):
     """Draw layers over `canvas` (h, w, c), and keep their coverage and what lies below them.
 
     segment, curved  (k, 4, 2) and (k,) of all paths
@@ -110,7 +132,16 @@ def compose(segment, curved, path_start, closed, layer_start, width, cap, color,
         for p in range(layer_start[l], layer_start[l + 1]):
             a, b = path_start[p], path_start[p + 1]
             if width[l] > 0:
-                add_stroke(part, segment[a:b], curved[a:b], closed[p], width[l], cap[l], float(x0), float(y0))
+                add_stroke(
+                    part,
+                    segment[a:b],
+                    curved[a:b],
+                    closed[p],
+                    width[l],
+                    cap[l],
+                    float(x0),
+                    float(y0),
+                )
             else:
                 add_outline(part, segment[a:b], curved[a:b], float(x0), float(y0))
         at = offset[l]
@@ -124,7 +155,11 @@ def compose(segment, curved, path_start, closed, layer_start, width, cap, color,
                     value = canvas[y0 + y, x0 + x, c]
                     below[at, c] = value
                     if share > 0.0:
-                        own = color[l, c] if image_of[l] < 0 else images[image_of[l], y0 + y, x0 + x, c]
+                        own = (
+                            color[l, c]
+                            if image_of[l] < 0
+                            else images[image_of[l], y0 + y, x0 + x, c]
+                        )
                         canvas[y0 + y, x0 + x, c] = value + share * (own - value)
                 at += 1
 
@@ -152,8 +187,23 @@ def weigh(opacity, color, image_of, images, box, offset, cover, below, above, vi
 
 
 @kernel
-def list_samples(segment, curved, first_of, last_of, layer_of, sign, width, box, offset, weight,
-                 columns, pixel, owner, jacobian, weights):
+def list_samples(
+    segment,
+    curved,
+    first_of,
+    last_of,
+    layer_of,
+    sign,
+    width,
+    box,
+    offset,
+    weight,
+    columns,
+    pixel,
+    owner,
+    jacobian,
+    weights,
+):
     """List what a move of outlines changes, one entry for each pixel that a segment runs through.
 
     first_of, last_of  (k,) whether a segment begins or ends an open path
@@ -187,7 +237,12 @@ def list_samples(segment, curved, first_of, last_of, layer_of, sign, width, box,
                     t = float(side - 2)
                 u = 1.0 - t
                 if curved[s]:
-                    basis[0], basis[1], basis[2], basis[3] = u * u * u, 3 * u * u * t, 3 * u * t * t, t * t * t
+                    basis[0], basis[1], basis[2], basis[3] = (
+                        u * u * u,
+                        3 * u * u * t,
+                        3 * u * t * t,
+                        t * t * t,
+                    )
                 else:
                     basis[0], basis[1], basis[2], basis[3] = u, 0.0, 0.0, t
                 x, y, tx, ty = point_at(p, curved[s], t)
@@ -209,7 +264,10 @@ def list_samples(segment, curved, first_of, last_of, layer_of, sign, width, box,
                         e = (-1.0 if side == 2 else 1.0) * width[l] / steps / speed
                         nx, ny = e * tx, e * ty
                 px, py = int(math.floor(x)), int(math.floor(y))
-                if not (box[l, 0] <= px < box[l, 0] + box[l, 2] and box[l, 1] <= py < box[l, 1] + box[l, 3]):
+                if not (
+                    box[l, 0] <= px < box[l, 0] + box[l, 2]
+                    and box[l, 1] <= py < box[l, 1] + box[l, 3]
+                ):
                     last = -1
                     continue
                 if py * columns + px != last:
@@ -244,8 +302,25 @@ def _transposed(place, owner, jacobian, weights, points, widths, layer_of, image
 
 
 @kernel
-def solve(place, owner, jacobian, weights, points, widths, layer_of, residual, damping, base, steps,
-          same, handle, node, master, ratio, step):
+def solve(
+    place,
+    owner,
+    jacobian,
+    weights,
+    points,
+    widths,
+    layer_of,
+    residual,
+    damping,
+    base,
+    steps,
+    same,
+    handle,
+    node,
+    master,
+    ratio,
+    step,
+):
     """Solve (J'J + D) step = -J' residual by preconditioned conjugate gradients.
 
     place     (n,) row of each entry's pixel in `residual` (m, c)
@@ -324,9 +399,17 @@ class Drawing:
     paints          of the layers; regions of one colour share a paint
     """
 
-    def __init__(self, pixels: Floats, ground: Paint, paints: list[Paint], layers: list[Layer], ties=True) -> None:
+    def __init__(
+        self,
+        pixels: Floats,
+        ground: Paint,
+        paints: list[Paint],
+        layers: list[Layer],
+        is_tied: bool = True,
+    ) -> None:
         self.pixels, self.ground, self.paints = pixels, ground, paints
         self.layers = layers
+        self.noise = 0.0  # mean squared distance in px by which outlines seem to be off
         self.shape = pixels.shape
         point: list[Floats] = []
         segment, first_of, last_of = [], [], []
@@ -356,7 +439,9 @@ class Drawing:
             layer_start.append(len(closed))
         self.point = np.array(point, np.float64).reshape(-1, 2)
         self.segment = np.array(segment, np.int64).reshape(-1, 4)
-        self.curved = np.array([c for layer in layers for path in layer.paths for c in path.curved], bool)
+        self.curved = np.array(
+            [c for layer in layers for path in layer.paths for c in path.curved], bool
+        )
         self.first_of, self.last_of = np.array(first_of, bool), np.array(last_of, bool)
         self.path_start, self.layer_start = np.array(path_start), np.array(layer_start)
         self.closed, self.path_layer = np.array(closed, bool), np.array(self.path_layer, np.int64)
@@ -370,11 +455,23 @@ class Drawing:
         self._image_of = np.full(len(paints), -1)
         self._image_of[shaded] = np.arange(len(shaded))
         images = [paints[k].image(self.shape) for k in shaded]
-        self._images = np.array(images, np.float32) if images else np.zeros((1, 1, 1, self.shape[2]), np.float32)
+        self._images = (
+            np.array(images, np.float32)
+            if images
+            else np.zeros((1, 1, 1, self.shape[2]), np.float32)
+        )
         self._paint = np.array([layer.paint for layer in layers], np.int64)
         self.sign = self._turns()[self.layer_of]
-        self.ties = self._tied() if ties else self._untied()
+        self.ties = self._tied() if is_tied else self._untied()
         self.point = self._moved(self.point, 0.0)
+
+    def with_layers(self, layers: list[Layer], is_tied: bool = True) -> Drawing:
+        """Return a drawing of the same picture with other layers."""
+        return Drawing(self.pixels, self.ground, self.paints, layers, is_tied)
+
+    def color_in_box(self, l: int) -> Floats:
+        """Return the colours (h, w, c) of a layer in its box."""
+        return self.paints[self._paint[l]].image(self.shape)[self.slices(l)]
 
     def _turns(self) -> Floats:
         """Return for each layer 1 or -1, the way in which its outer outlines run."""
@@ -510,7 +607,6 @@ class Drawing:
         ties, widths = self.ties, self.point.size
         same = ties.same
         for n in range(steps):
-            self.steps_done = n + 1
             self.weigh()
             if colors and n % 4 == 3:
                 kept = [paint.color for paint in self.paints]
@@ -527,7 +623,9 @@ class Drawing:
             pixel, owner, jacobian, weights = self.samples()
             places, place = np.unique(pixel, return_inverse=True)
             residual = error.reshape(h * w, -1)[places].astype(np.float64)
-            damp = np.concatenate([np.repeat(damping[self.point_path], 2), np.full(len(self.width), 0.1)])
+            damp = np.concatenate(
+                [np.repeat(damping[self.point_path], 2), np.full(len(self.width), 0.1)]
+            )
             step = np.empty(len(damp))
             solve(
                 place, owner, jacobian, weights, self.segment, widths, self.layer_of, residual,
@@ -535,26 +633,34 @@ class Drawing:
             )  # fmt: skip
             move = step[:widths].reshape(-1, 2)
             move *= np.minimum(1, MOST_STEP / np.maximum(np.hypot(*move.T), 1e-9))[:, None]
-            widen = np.where(self.width > 0, np.clip(step[widths:], -MOST_WIDENING, MOST_WIDENING), 0)
+            widen = np.where(
+                self.width > 0, np.clip(step[widths:], -MOST_WIDENING, MOST_WIDENING), 0
+            )
             old_point, old_width = self.point, self.width
             pairs = np.unique(self.path_of[owner] * len(places) + place)
             own_path, own_place = pairs // len(places), places[pairs % len(places)]
 
             def local(difference):
-                squares = (difference.reshape(h * w, -1)[own_place].astype(np.float64) ** 2).sum(axis=1)
+                squares = (difference.reshape(h * w, -1)[own_place].astype(np.float64) ** 2).sum(
+                    axis=1
+                )
                 return np.bincount(own_path, squares, paths)
 
             before, moves = local(error), np.ones(paths, bool)
             for attempt in range(2):
                 self.point = self._moved(old_point, move * moves[self.point_path][:, None])
                 still = np.bincount(self.path_layer, ~moves, len(self.width)) > 0
-                self.width = np.where(old_width > 0, np.maximum(old_width + np.where(still, 0, widen), LEAST_WIDTH), 0)
+                self.width = np.where(
+                    old_width > 0, np.maximum(old_width + np.where(still, 0, widen), LEAST_WIDTH), 0
+                )
                 new = self.draw() - self.pixels
                 new_loss, rise = float((new**2).sum()), local(new) - before
                 worse = rise > 1e-6 * before
                 if attempt == 0:
                     damping = np.clip(np.where(worse, damping * 6, damping / 3), 1e-3, 1e5)
-                if new_loss < loss and not (attempt == 0 and rise[worse].sum() > 0.2 * (loss - new_loss)):
+                if new_loss < loss and not (
+                    attempt == 0 and rise[worse].sum() > 0.2 * (loss - new_loss)
+                ):
                     break
                 moves &= ~worse
             if new_loss < loss:
@@ -569,7 +675,10 @@ class Drawing:
                 break
         # Each sample stands for 1 / RATE px of an outline.
         total = 0.0
-        lengths = np.abs(jacobian[:, [0, 2, 4, 6]].sum(axis=1)), np.abs(jacobian[:, [1, 3, 5, 7]].sum(axis=1))
+        lengths = (
+            np.abs(jacobian[:, [0, 2, 4, 6]].sum(axis=1)),
+            np.abs(jacobian[:, [1, 3, 5, 7]].sum(axis=1)),
+        )
         total = ((weights**2).sum(axis=1) * np.hypot(*lengths)).sum()
         self.noise = loss / max(total, 1e-9)
         return loss
@@ -590,8 +699,10 @@ class Drawing:
             paths = []
             for p in range(self.layer_start[l], self.layer_start[l + 1]):
                 part = slice(self.path_start[p], self.path_start[p + 1])
-                paths.append(Path(self.point[self.segment[part]], self.curved[part], bool(self.closed[p])))
-            layers.append(Layer(layer.paint, paths, float(self.width[l]), layer.cap))
+                paths.append(
+                    Path(self.point[self.segment[part]], self.curved[part], bool(self.closed[p]))
+                )
+            layers.append(dataclasses.replace(layer, paths=paths, width=float(self.width[l])))
         return layers
 
 
@@ -630,7 +741,10 @@ def tied(point: Floats, segment, curved, path_start, closed) -> Ties:
             if before < 0:
                 continue
             at = segment[s, 0]
-            one, other = segment[before, 2 if curved[before] else 0], segment[s, 1 if curved[s] else 3]
+            one, other = (
+                segment[before, 2 if curved[before] else 0],
+                segment[s, 1 if curved[s] else 3],
+            )
             if not (curved[before] or curved[s]):
                 continue
             u, v = point[at] - point[one], point[other] - point[at]

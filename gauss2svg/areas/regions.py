@@ -84,7 +84,9 @@ class Shares:
     share: NDArray[np.float64]
     error: NDArray[np.float64]
 
-    def of(self, names: NDArray[np.int64] | int, box: tuple[slice, slice] = np.s_[:, :]) -> NDArray[np.float64]:
+    def of(
+        self, names: NDArray[np.int64] | int, box: tuple[slice, slice] = np.s_[:, :]
+    ) -> NDArray[np.float64]:
         """Return the share of these regions together in each pixel of a box."""
         label = self.label[box]
         is_one = label == names if np.ndim(names) == 0 else np.isin(label, names)
@@ -146,7 +148,11 @@ def without_edge_shades(pixels, labels, count) -> tuple[NDArray[np.int64], int]:
     order = np.argsort(flat, kind="stable")
     values, ends = pixels[labels >= 0][order], np.cumsum(np.bincount(flat, minlength=count))
     for k, (start, end) in enumerate(zip([0, *ends[:-1]], ends)):
-        median[k] = np.median(values[start:end], axis=0) if end - start < 1000 else values[start:end].mean(axis=0)
+        median[k] = (
+            np.median(values[start:end], axis=0)
+            if end - start < 1000
+            else values[start:end].mean(axis=0)
+        )
     for k, box in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
         if box is None:
             continue

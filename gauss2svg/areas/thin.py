@@ -15,7 +15,14 @@ from scipy import ndimage
 from skimage.morphology import skeletonize
 
 from gauss2svg.areas.centrelines import centred, chains_of, width_along
-from gauss2svg.areas.outlines import Path, contours_of, first_path, fitted_path, resampled
+from gauss2svg.areas.outlines import (
+    Path,
+    contours_of,
+    first_path,
+    fitted_path,
+    path_bytes,
+    resampled,
+)
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import FAR, LEVEL, Palette, Shares, grown, widened
 from gauss2svg.areas.refine import Drawing, Layer
@@ -43,7 +50,9 @@ class Line(NamedTuple):
     width: float
 
 
-def add_thin_regions(pixels, cores, labels, shares: Shares, paints: list[Paint], palette: Palette) -> list[int]:
+def add_thin_regions(
+    pixels, cores, labels, shares: Shares, paints: list[Paint], palette: Palette
+) -> list[int]:
     """Give parts that nothing explains a colour. Change `shares` and `paints`; return new labels.
 
     The strongest part comes first, because its colour may explain the weaker ones.
@@ -63,7 +72,9 @@ def add_thin_regions(pixels, cores, labels, shares: Shares, paints: list[Paint],
             before = shares.error[ys, xs]
             if len(ys) < LEAST_PIXELS or before.sum() < LEAST_ERROR:
                 continue
-            paint, cost = _paint_of_part(pixels, labels, ys, xs, before, paints, palette, len(paints))
+            paint, cost = _paint_of_part(
+                pixels, labels, ys, xs, before, paints, palette, len(paints)
+            )
             if cost > EXPLAINED * np.minimum(before, MOST_COUNTED).sum():
                 continue
             name = len(paints)
@@ -112,14 +123,6 @@ def _share_paints(paints: list[Paint], regions: int, near: float = 6 * LEVEL) ->
             if not paint.is_shaded and np.abs(paint.color - paints[k].color).max() <= near:
                 paints[k] = paint
                 break
-
-
-def path_bytes(path: Path, unit: float) -> float:
-    """Return about how many bytes of path data a path has."""
-    d = np.abs(np.round((path.segments[:, 1:] - path.segments[:, :1]) / unit))
-    digits = np.floor(np.log10(np.maximum(d, 1))) + 1
-    each = np.where(path.curved, digits.sum(axis=(1, 2)) + 5.5, digits[:, 2].sum(axis=1) + 2.3)
-    return float(each.sum()) + 7
 
 
 def _strokes(share: Floats, left: int, top: int, widest: float, thick, weight_at, unit, rate):
@@ -179,11 +182,8 @@ def _turns_of(points: Floats, closed: bool, arm: int = 5, least: float = np.radi
     return corners[np.diff(corners, prepend=-n) > arm]
 
 
-def take_lines(pixels, cores, labels, shares: Shares, paints, new: list[int], weight_at, unit, rate) -> list[Line]:
-    """Return the lines of a picture, and give their shares to what lies beside or under them.
-
-    new  regions without cores. Each of them is tried as a whole
-    """
+def take_lines(pixels, shares: Shares, paints, weight_at, unit, rate) -> list[Line]:
+    """Return the lines of a picture, and give their shares to what lies beside or under them."""
     h, w, _ = pixels.shape
     lines = []
     disc = np.hypot(*np.mgrid[-2:3, -2:3]) < THICK
@@ -205,7 +205,9 @@ def take_lines(pixels, cores, labels, shares: Shares, paints, new: list[int], we
             if part.sum() < LEAST_SHARE:
                 continue
             left, top = box[1].start, box[0].start
-            strokes = _chosen(pixels, labels, part, left, top, WIDEST, thick, paints[names[0]], weight_at, unit, rate)
+            strokes = _chosen(
+                pixels, part, left, top, WIDEST, thick, paints[names[0]], weight_at, unit, rate
+            )
             if not strokes:
                 continue
             lines += [Line(names[0], *stroke) for stroke in strokes]
@@ -221,12 +223,10 @@ def take_lines(pixels, cores, labels, shares: Shares, paints, new: list[int], we
     return lines
 
 
-import os
-DEBUG = os.environ.get('DBG')
 STEPS = 6  # of the refinement by which a stroke and outlines of one part are compared
 
 
-def _chosen(pixels, labels, part, left, top, widest, thick, paint, weight_at, unit, rate):
+def _chosen(pixels, part, left, top, widest, thick, paint, weight_at, unit, rate):
     """Return the strokes of a part, or none if its outlines are closer for their bytes."""
     strokes = _strokes(part, left, top, widest, thick, weight_at, unit, rate)
     if not strokes:
@@ -237,7 +237,9 @@ def _chosen(pixels, labels, part, left, top, widest, thick, paint, weight_at, un
     around = (part <= 0.02) & seen
     ground = np.median(values[around], axis=0) if around.any() else values.mean(axis=(0, 1))
     contrast = ((paint.color - ground) ** 2).sum()
-    outlines = [first_path(c, weight_at, unit, rate) for c in contours_of(part, left, top, labels.shape)]
+    outlines = [
+        first_path(c, weight_at, unit, rate) for c in contours_of(part, left, top, thick.shape)
+    ]
     groups = {width: [path for path, other in strokes if other == width] for _, width in strokes}
     as_lines = [Layer(0, paths, width) for width, paths in groups.items()]
     as_areas = [Layer(0, [path]) for path in outlines]
@@ -248,7 +250,6 @@ def _chosen(pixels, labels, part, left, top, widest, thick, paint, weight_at, un
         size = sum(path_bytes(path, unit) for layer in layers for path in layer.paths) + more
         costs.append((contrast * error + rate * size, drawing))
     (line_cost, drawing), (area_cost, _) = costs
-    if DEBUG: print(left,top,w,h,"line",line_cost,"area",area_cost,len(strokes))
     if line_cost >= LINE_PRIOR * area_cost:
         return []
     offset = np.array([left - MARGIN, top - MARGIN])
@@ -260,7 +261,9 @@ def _chosen(pixels, labels, part, left, top, widest, thick, paint, weight_at, un
 
 
 MARGIN = 3
-LINE_PRIOR = float(os.environ.get('LP', '1.5'))
+# Outlines may be closer than a stroke only because they follow the errors of antialiasing. So they
+# must cost less by this factor.
+LINE_PRIOR = 1.5
 BYTES_OF_LINE, BYTES_OF_AREA = 12.0, 10.0  # of tags, as far as a part does not share them
 
 
@@ -271,7 +274,9 @@ def _fitted(layers: list[Layer], part: Floats, is_open, left: int, top: int):
     """
     offset = np.array([left - MARGIN, top - MARGIN])
     moved = [
-        Layer(0, [path._replace(segments=path.segments - offset) for path in layer.paths], layer.width)
+        Layer(
+            0, [path._replace(segments=path.segments - offset) for path in layer.paths], layer.width
+        )
         for layer in layers
     ]
     target, mask = np.pad(part, MARGIN)[..., None], np.pad(is_open, MARGIN, constant_values=True)
@@ -287,7 +292,9 @@ def _nearest(labels, is_left_out, ys, xs):
     box = widened((slice(ys.min(), ys.max() + 1), slice(xs.min(), xs.max() + 1)), 8, labels.shape)
     if is_left_out[box].all():
         return labels[ys, xs]
-    rows, columns = ndimage.distance_transform_edt(is_left_out[box], return_distances=False, return_indices=True)
+    rows, columns = ndimage.distance_transform_edt(
+        is_left_out[box], return_distances=False, return_indices=True
+    )
     at = ys - box[0].start, xs - box[1].start
     return labels[box][rows[at], columns[at]]
 
@@ -305,16 +312,17 @@ def _release(shares: Shares, ys, xs, names, under) -> None:
     shares.label[ys, xs], shares.share[ys, xs] = label, share
 
 
-def grouped(lines: list[Line], paints) -> list[tuple[int, list[Path], float]]:
-    """Return lines of one colour and nearly one width together, with their mean width."""
+def grouped(lines: list[Line], paints, is_opaque) -> list[Layer]:
+    """Return a layer for lines of one colour and nearly one width, with their mean width."""
     groups: list[tuple[int, list[Path], float, int]] = []
     for region, path, width in sorted(lines, key=lambda line: -len(line.path.curved)):
         for i, (other, paths, mean, weight) in enumerate(groups):
-            if paints[other] is paints[region] and abs(width - mean) < ALIKE_WIDTHS + 0.05 * mean:
+            is_same = paints[other] is paints[region]
+            if is_same and abs(width - mean) < ALIKE_WIDTHS + 0.05 * mean:
                 size = len(path.curved)
                 mean = (mean * weight + width * size) / (weight + size)
                 groups[i] = other, [*paths, path], mean, weight + size
                 break
         else:
             groups.append((region, [path], width, len(path.curved)))
-    return [(region, paths, mean) for region, paths, mean, _ in groups]
+    return [Layer(k, paths, mean, is_opaque=bool(is_opaque[k])) for k, paths, mean, _ in groups]
