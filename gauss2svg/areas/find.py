@@ -19,9 +19,9 @@ from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline
 
 Floats = NDArray[np.float64]
-RATE = 0.0025  # squared error that a byte of an area must save
-UNIT = 1 / 16  # px of path data
-STEPS, LATER_STEPS = 20, 10  # of the refinement before and after nodes are merged
+RATE = 0.0015  # squared error that a byte of an area must save
+UNIT = 1 / 24  # px of path data
+STEPS, LATER_STEPS = 20, 15  # of the refinement before and after nodes are merged
 MERGES = 2
 FIRST_RATE = 0.01  # squared error for a byte below which a layer is not even refined
 EXPLAINED = 0.01  # squared error up to which a pixel counts as explained by areas
