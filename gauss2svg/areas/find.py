@@ -23,6 +23,7 @@ RATE = 0.0015  # squared error that a byte of an area must save
 UNIT = 1 / 24  # px of path data
 STEPS, LATER_STEPS = 20, 15  # of the refinement before and after nodes are merged
 MERGES = 2
+REACH = 2
 FIRST_RATE = 0.01  # squared error for a byte below which a layer is not even refined
 EXPLAINED = 0.01  # squared error up to which a pixel counts as explained by areas
 LEAST_OPACITY = 1 / 255  # of a colour; what is more transparent is not drawn
@@ -114,7 +115,7 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     is_ground = np.array([paint is ground for paint in paints]) | (opacity < LEAST_OPACITY)
     is_opaque = opacity > 1 - 2 * LEAST_OPACITY
     layers = []
-    for mask in masks_of(labels, shares, paints, is_ground, ~is_opaque):
+    for mask in masks_of(labels, shares, paints, is_ground, ~is_opaque, REACH):
         contours = contours_of(mask.share, mask.left, mask.top, (h, w))
         paths = [first_path(c, weight_at, unit, rate) for c in contours]
         if paths:
