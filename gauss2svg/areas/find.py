@@ -104,7 +104,7 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
         return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [])
     paints = paints_of(pixels, cores, count)
     labels = grown(pixels, cores)
-    palette = Palette(paints, pixels.shape)
+    palette = Palette(paints)
     shares = shares_of(pixels, cores, labels, palette)
     add_thin_regions(pixels, cores, labels, shares, paints, palette)
     weight_at = contrast_of(pixels)

@@ -2,17 +2,39 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit as _njit
 
 _kw = dict(nogil=True, error_model="numpy", cache=True)
 kernel = _njit(**_kw)
 inner = _njit(**_kw)
+FLAT, LINEAR, RADIAL = range(3)  # forms of paints
+SHADES = 1024  # colours of a gradient's table
 MOST_NEAR = 12  # largest number of labels around a pixel that are tried in mixtures
 # A mixture of three colours must lower the squared error by this, and one of two by less, because
 # three colours can make nearly every other.
 PRICE_OF_TWO, PRICE_OF_THREE = 2e-5, 1.5e-4
 LEAST_CONTRAST = 1e-5  # squared distance below which two colours do not mix
+
+
+@inner
+def shade_index(form, place, x, y):
+    """Return the row of a paint's table (SHADES, c) that has its colour at a point.
+
+    form   FLAT, LINEAR or RADIAL
+    place  (4,) of a linear gradient, the position is place[0] x + place[1] y + place[2]. Of a radial
+           one it is the length of (place[2] (x - place[0]), place[3] (y - place[1]))
+    """
+    if form == FLAT:
+        return 0
+    if form == LINEAR:
+        at = place[0] * x + place[1] * y + place[2]
+    else:
+        across, down = place[2] * (x - place[0]), place[3] * (y - place[1])
+        at = math.sqrt(across * across + down * down)
+    return int(min(max(at, 0.0), 1.0) * (SHADES - 1) + 0.5)
 
 
 @inner
@@ -166,28 +188,13 @@ def _mix(pixel, color, count, names, label, share):
 
 @kernel
 def explain(
-    pixels,
-    labels,
-    flat,
-    image_of,
-    images,
-    ys,
-    xs,
-    near,
-    far,
-    enough,
-    extra,
-    extra_name,
-    label,
-    share,
-    error,
-):
+    pixels, labels, form, place, table, ys, xs, near, far, enough, extra, extra_name,
+    label, share, error,
+):  # fmt: skip
     """Explain pixels as mixtures of the colours of the labels around them.
 
     labels    (h, w) label of each pixel
-    flat      (k, c) colour of each label
-    image_of  (k,) index into `images` of a label with a gradient, else -1
-    images    (g, h, w, c) colours of gradients
+    form, place, table  (k,), (k, 4) and (k, SHADES, c) paints of the labels (shade_index)
     ys, xs    (n,) pixels
     near, far  distances in px within which labels are tried. The second one is tried if the error
               with the first one is not below `enough`
@@ -211,10 +218,9 @@ def explain(
                             break
                     if is_new:
                         names[count] = k
+                        row = shade_index(form[k], place[k], x + 0.5, y + 0.5)
                         for c in range(channels):
-                            color[count, c] = (
-                                flat[k, c] if image_of[k] < 0 else images[image_of[k], y, x, c]
-                            )
+                            color[count, c] = table[k, row, c]
                         count += 1
             if extra_name >= 0:
                 names[count] = extra_name

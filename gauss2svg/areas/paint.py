@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.areas.kernels import FLAT, LINEAR, RADIAL, SHADES
 from gauss2svg.areas.regions import LEVEL
 from gauss2svg.scene.areas import LinearGradient, RadialGradient
 
@@ -31,21 +32,33 @@ class Paint:
 
     def __init__(self, color: Floats, gradient=None) -> None:
         self.color, self.gradient, self.prior = np.asarray(color, np.float64), gradient, PRIOR
-        self._image = None
+        self.form, self.place = FLAT, np.zeros(4)
+        if isinstance(gradient, LinearGradient):
+            axis = np.subtract(gradient.end, gradient.start)
+            axis /= axis @ axis
+            self.form, self.place = LINEAR, np.array([*axis, -axis @ gradient.start, 0.0])
+        elif gradient is not None:
+            self.form = RADIAL
+            self.place = np.array([*gradient.center, *np.divide(1, gradient.radii)])
 
     @property
     def is_shaded(self) -> bool:
         return self.gradient is not None
 
-    def image(self, shape: tuple[int, ...]) -> Floats:
-        """Return the colours (h, w, c) at the centres of a picture's pixels."""
+    @property
+    def table(self) -> NDArray[np.float32]:
+        """Colours (SHADES, c) at equal steps along the gradient. One colour is in all rows."""
         if self.gradient is None:
-            return np.broadcast_to(self.color, shape)
-        if self._image is None:
-            y, x = np.mgrid[: shape[0], : shape[1]] + 0.5
-            rgb = self.gradient.at(x, y)
-            self._image = np.concatenate([rgb] * (shape[2] // 3), axis=-1)
-        return self._image
+            return np.broadcast_to(self.color.astype(np.float32), (SHADES, len(self.color)))
+        shades = self.gradient.colors_at(np.linspace(0, 1, SHADES))
+        return np.concatenate([shades] * (len(self.color) // 3), axis=1).astype(np.float32)
+
+    def at(self, xs: NDArray[np.intp], ys: NDArray[np.intp]) -> NDArray[np.float32]:
+        """Return the colours (.., c) at the centres of pixels."""
+        if self.gradient is None:
+            return np.broadcast_to(self.color.astype(np.float32), (*np.shape(xs), len(self.color)))
+        shades = self.gradient.at(xs + 0.5, ys + 0.5).astype(np.float32)
+        return np.concatenate([shades] * (len(self.color) // 3), axis=-1)
 
 
 def paint_of(pixels: Floats, ys: NDArray[np.intp], xs: NDArray[np.intp]) -> Paint:

@@ -18,19 +18,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.areas.kernels import inner, kernel
+from gauss2svg.areas.kernels import inner, kernel, shade_index
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.paint import Paint
+from gauss2svg.areas.regions import Palette
 from gauss2svg.render.coverage import add_outline, add_stroke, point_at
 
 Floats = NDArray[np.float64]
 RATE = 4.0  # samples for each px of an outline
 ACROSS = 6  # samples along the end of a stroke
 CG_STEPS = 40
+COLOR_STEPS = (3, 11)  # steps of the refinement before which colours are solved again
 BASE = 0.01  # damping of every parameter, in squared error for a px^2
 MOST_STEP, MOST_WIDENING = 0.7, 0.3  # px in one step
 FIRST_DAMPING = 0.03
 LEAST_WIDTH = 0.1  # px
+
+
+def squared(error: NDArray[np.float32]) -> float:
+    """Return the sum of squares."""
+    return float(np.dot(error.ravel(), error.ravel()))
 
 
 @dataclass
@@ -105,9 +112,7 @@ def compose(
     layer_start,
     width,
     cap,
-    color,
-    image_of,
-    images,
+    form, place, table,
     box,
     offset,
     sums,
@@ -119,7 +124,8 @@ def compose(
 
     segment, curved  (k, 4, 2) and (k,) of all paths
     path_start   (p + 1,) first segment of each path; closed (p,)
-    layer_start  (l + 1,) first path of each layer; width, cap (l,); color (l, c); image_of (l,)
+    layer_start  (l + 1,) first path of each layer; width, cap (l,)
+    form, place, table  (l,), (l, 4), (l, SHADES, c) paints of the layers (shade_index)
     box, offset  (l, 4) left, top, width and height of a layer, and where its pixels are in `cover`
                  (m,) and `below` (m, c)
     sums         (rows, columns) buffer
@@ -127,6 +133,7 @@ def compose(
     channels = canvas.shape[2]
     for l in range(len(width)):
         x0, y0, w, h = box[l]
+        row = 0
         part = sums[:h, : w + 2]
         part[:] = 0.0
         for p in range(layer_start[l], layer_start[l + 1]):
@@ -151,21 +158,19 @@ def compose(
                 winding += part[y, x]
                 share = min(abs(winding), 1.0)
                 cover[at] = share
+                if share > 0.0:
+                    row = shade_index(form[l], place[l], x0 + x + 0.5, y0 + y + 0.5)
                 for c in range(channels):
                     value = canvas[y0 + y, x0 + x, c]
                     below[at, c] = value
                     if share > 0.0:
-                        own = (
-                            color[l, c]
-                            if image_of[l] < 0
-                            else images[image_of[l], y0 + y, x0 + x, c]
-                        )
+                        own = table[l, row, c]
                         canvas[y0 + y, x0 + x, c] = value + share * (own - value)
                 at += 1
 
 
 @kernel
-def weigh(opacity, color, image_of, images, box, offset, cover, below, above, visible):
+def weigh(opacity, form, place, table, box, offset, cover, below, above, visible):
     """Turn `below` into the derivative of pixels by coverage, and write what shows of each layer.
 
     above    (h, w) ones. Changed to the share of each pixel that no layer hides
@@ -178,8 +183,9 @@ def weigh(opacity, color, image_of, images, box, offset, cover, below, above, vi
         for y in range(y0, y0 + h):
             for x in range(x0, x0 + w):
                 shows = above[y, x]
+                row = shade_index(form[l], place[l], x + 0.5, y + 0.5)
                 for c in range(channels):
-                    own = color[l, c] if image_of[l] < 0 else images[image_of[l], y, x, c]
+                    own = table[l, row, c]
                     below[at, c] = (own - below[at, c]) * shows
                 visible[at] = shows * cover[at]
                 above[y, x] = shows * (1.0 - cover[at])
@@ -407,7 +413,8 @@ class Drawing:
         layers: list[Layer],
         is_tied: bool = True,
     ) -> None:
-        self.pixels, self.ground, self.paints = pixels, ground, paints
+        self.pixels = pixels.astype(np.float32, copy=False)
+        self.ground, self.paints = ground, paints
         self.layers = layers
         self.noise = 0.0  # mean squared distance in px by which outlines seem to be off
         self.shape = pixels.shape
@@ -451,16 +458,11 @@ class Drawing:
         self.cap = np.array([layer.cap for layer in layers], np.int64)
         self.point_path = np.zeros(len(self.point), np.int64)
         self.point_path[self.segment] = self.path_of[:, None]
-        shaded = [k for k, paint in enumerate(paints) if paint.is_shaded]
-        self._image_of = np.full(len(paints), -1)
-        self._image_of[shaded] = np.arange(len(shaded))
-        images = [paints[k].image(self.shape) for k in shaded]
-        self._images = (
-            np.array(images, np.float32)
-            if images
-            else np.zeros((1, 1, 1, self.shape[2]), np.float32)
-        )
         self._paint = np.array([layer.paint for layer in layers], np.int64)
+        palette = Palette([paints[k] for k in self._paint]) if layers else None
+        self._palette = palette
+        y, x = np.indices(self.shape[:2])
+        self._canvas = ground.at(x, y) if ground.is_shaded else None
         self.sign = self._turns()[self.layer_of]
         self.ties = self._tied() if is_tied else self._untied()
         self.point = self._moved(self.point, 0.0)
@@ -471,7 +473,9 @@ class Drawing:
 
     def color_in_box(self, l: int) -> Floats:
         """Return the colours (h, w, c) of a layer in its box."""
-        return self.paints[self._paint[l]].image(self.shape)[self.slices(l)]
+        x, y, w, h = self.box[l]
+        rows, columns = np.indices((h, w))
+        return self.paints[self._paint[l]].at(columns + x, rows + y)
 
     def _turns(self) -> Floats:
         """Return for each layer 1 or -1, the way in which its outer outlines run."""
@@ -501,7 +505,11 @@ class Drawing:
 
     def draw(self) -> NDArray[np.float32]:
         """Return the raster (h, w, c), and keep the coverage of each layer and what is below it."""
-        canvas = np.array(self.ground.image(self.shape), np.float32)
+        if self._canvas is None:
+            canvas = np.empty(self.shape, np.float32)
+            canvas[:] = self.ground.color
+        else:
+            canvas = self._canvas.copy()
         if not self.layers:
             return canvas
         self.box = self.boxes()
@@ -509,22 +517,26 @@ class Drawing:
         self.offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         self.cover = np.empty(sizes.sum(), np.float32)
         self.below = np.empty((sizes.sum(), self.shape[2]), np.float32)
-        color = np.array([self.paints[k].color for k in self._paint])
+        self._set_colors()
         sums = np.empty((self.shape[0], self.shape[1] + 2))
         compose(
             self.point[self.segment], self.curved, self.path_start, self.closed, self.layer_start,
-            self.width, self.cap, color, self._image_of[self._paint], self._images, self.box,
+            self.width, self.cap, self._palette.form, self._palette.place, self._palette.table, self.box,
             self.offset, sums, canvas, self.cover, self.below,
         )  # fmt: skip
         return canvas
+
+    def _set_colors(self) -> None:
+        for l, k in enumerate(self._paint):
+            if not self.paints[k].is_shaded:
+                self._palette.table[l, 0] = self.paints[k].color
 
     def weigh(self) -> None:
         """Compute `visible` (m,) and the derivatives `weight` (m, c), after `draw`."""
         self.above = np.ones(self.shape[:2], np.float32)
         self.visible = np.empty_like(self.cover)
-        color = np.array([self.paints[k].color for k in self._paint])
         weigh(
-            self.width, color, self._image_of[self._paint], self._images, self.box, self.offset,
+            self.width, self._palette.form, self._palette.place, self._palette.table, self.box, self.offset,
             self.cover, self.below, self.above, self.visible,
         )  # fmt: skip
         self.weight = self.below
@@ -563,14 +575,14 @@ class Drawing:
             if not paint.is_shaded and id(paint) not in groups:
                 groups[id(paint)] = len(flat)
                 flat.append(paint)
-        rest = self.pixels.reshape(-1, channels).astype(np.float64)
+        rest = self.pixels.reshape(-1, channels)
         ground = self.above.ravel()
         rows, columns, values = [], [], []
         fixed = np.zeros_like(rest)
 
         def add(paint: Paint, at, shows):
             if paint.is_shaded:
-                fixed[at] += shows[:, None] * paint.image(self.shape).reshape(-1, channels)[at]
+                fixed[at] += shows[:, None] * paint.at(at % w, at // w)
             else:
                 rows.append(np.full(len(at), groups[id(paint)]))
                 columns.append(at)
@@ -602,17 +614,17 @@ class Drawing:
             return 0.0
         paths, h, w = len(self.closed), *self.shape[:2]
         error = self.draw() - self.pixels
-        loss, quiet = float((error**2).sum()), 0
+        loss, quiet = squared(error), 0
         damping = np.full(paths, FIRST_DAMPING)
         ties, widths = self.ties, self.point.size
         same = ties.same
         for n in range(steps):
             self.weigh()
-            if colors and n % 4 == 3:
+            if colors and n in COLOR_STEPS:
                 kept = [paint.color for paint in self.paints]
                 self.solve_colors()
                 new = self.draw() - self.pixels
-                new_loss = float((new**2).sum())
+                new_loss = squared(new)
                 if new_loss <= loss:
                     error, loss = new, new_loss
                 else:
@@ -654,7 +666,7 @@ class Drawing:
                     old_width > 0, np.maximum(old_width + np.where(still, 0, widen), LEAST_WIDTH), 0
                 )
                 new = self.draw() - self.pixels
-                new_loss, rise = float((new**2).sum()), local(new) - before
+                new_loss, rise = squared(new), local(new) - before
                 worse = rise > 1e-6 * before
                 if attempt == 0:
                     damping = np.clip(np.where(worse, damping * 6, damping / 3), 1e-3, 1e5)

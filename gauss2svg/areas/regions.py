@@ -30,14 +30,15 @@ def cores_of(pixels: NDArray[np.float64]) -> tuple[NDArray[np.int64], int]:
     other pixels have the label -1. Larger cores have smaller labels.
     """
     h, w, _ = pixels.shape
-    size, mode = (2, 2, 1), "nearest"
-    spread = ndimage.maximum_filter(pixels, size, mode=mode)
-    spread = (spread - ndimage.minimum_filter(pixels, size, mode=mode)).max(axis=-1)
-    padded = np.pad(pixels, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    down = np.abs(padded[2:, 1:-1] + padded[:-2, 1:-1] - 2 * pixels).max(axis=-1)
-    across = np.abs(padded[1:-1, 2:] + padded[1:-1, :-2] - 2 * pixels).max(axis=-1)
-    bend = ndimage.maximum_filter(np.maximum(down, across), (2, 2), mode=mode)
-    block = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
+    spread = _over_blocks(pixels, np.maximum) - _over_blocks(pixels, np.minimum)
+    spread = spread.max(axis=-1)
+    bend = np.zeros((h, w), pixels.dtype)
+    for axis in (0, 1):
+        slope = np.diff(pixels, axis=axis)
+        second = np.abs(np.diff(slope, axis=axis)).max(axis=-1)
+        inner = bend[1:-1] if axis == 0 else bend[:, 1:-1]
+        np.maximum(inner, second, out=inner)
+    block = (spread <= FLAT) | ((_over_blocks(bend, np.maximum) <= BEND) & (spread <= STEEP))
     core = block.copy()
     core[:-1] |= block[1:]
     core[:, :-1] |= block[:, 1:]
@@ -55,6 +56,15 @@ def cores_of(pixels: NDArray[np.float64]) -> tuple[NDArray[np.int64], int]:
     names, counts = np.unique(component[core], return_counts=True)
     kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= LEAST_CORE)]
     return renamed(component, kept), len(kept)
+
+
+def _over_blocks(values, combine):
+    """Return the maximum or minimum over the block of 2 x 2 pixels that ends at each pixel."""
+    result = values.copy()
+    combine(result[1:], values[:-1], out=result[1:])
+    across = result.copy()
+    combine(result[:, 1:], across[:, :-1], out=result[:, 1:])
+    return result
 
 
 def renamed(labels: NDArray[np.int64], names: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -100,18 +110,12 @@ class Shares:
 
 
 class Palette:
-    """The colours of regions at each pixel, as the kernels read them.
+    """The paints of regions, as the kernels read them: form, place and table (shade_index)."""
 
-    flat  (k, c) colours, image_of (k,) and images (g, h, w, c) as in gauss2svg.areas.kernels
-    """
-
-    def __init__(self, paints, shape) -> None:
-        shaded = [k for k, paint in enumerate(paints) if paint.is_shaded]
-        self.flat = np.array([paint.color for paint in paints])
-        self.image_of = np.full(len(paints), -1)
-        self.image_of[shaded] = np.arange(len(shaded))
-        images = [paints[k].image(shape) for k in shaded]
-        self.images = np.array(images) if images else np.zeros((1, 1, 1, shape[2]))
+    def __init__(self, paints) -> None:
+        self.form = np.array([paint.form for paint in paints])
+        self.place = np.array([paint.place for paint in paints])
+        self.table = np.array([paint.table for paint in paints])
 
     def explain(self, pixels, labels, ys, xs, near, far, enough, extra=None, name=-1):
         """Return the labels (n, 3), shares (n, 3) and squared errors (n,) of mixtures at pixels."""
@@ -119,7 +123,7 @@ class Palette:
         label, share, error = np.empty((n, 3), np.int64), np.empty((n, 3)), np.empty(n)
         extra = np.zeros(pixels.shape[2]) if extra is None else extra
         explain(
-            pixels, labels, self.flat, self.image_of, self.images, ys, xs, near, far, enough,
+            pixels, labels, self.form, self.place, self.table, ys, xs, near, far, enough,
             extra, name, label, share, error,
         )  # fmt: skip
         return label, share, error
