@@ -82,7 +82,7 @@ def find_areas(
 
 def channels_of(picture: NDArray[np.float32]) -> Floats:
     """Return the channels (h, w, 3) of an opaque picture, or (h, w, 6) of one with alpha."""
-    pixels = np.asarray(picture, np.float64)
+    pixels = np.asarray(picture, np.float32)
     if pixels.shape[2] == 3 or pixels[..., 3].min() >= 1 - LEAST_OPACITY:
         return pixels[..., :3]
     alpha = pixels[..., 3:]

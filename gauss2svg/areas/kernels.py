@@ -80,8 +80,8 @@ def grow_labels(pixels, labels, origin):
     origin  (h, w) output: index of the pixel of the core from which a pixel got its label
     """
     h, w, channels = pixels.shape
-    key = np.empty(4 * h * w + 4)
-    place = np.empty(4 * h * w + 4, np.int64)
+    room = 4 * np.count_nonzero(labels < 0) + 4
+    key, place = np.empty(room), np.empty(room, np.int64)
     count = 0
     for y in range(h):
         for x in range(w):

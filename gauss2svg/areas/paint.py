@@ -63,7 +63,7 @@ class Paint:
 
 def paint_of(pixels: Floats, ys: NDArray[np.intp], xs: NDArray[np.intp]) -> Paint:
     """Return the paint of the region at these pixels (n,)."""
-    values = pixels[ys, xs]
+    values = pixels[ys, xs].astype(np.float64)
     paint = Paint(np.median(values, axis=0))
     opaque = values.shape[1] == 3 or np.ptp(values[:, :3] - values[:, 3:]) <= EVEN
     if np.abs(values - paint.color).max() <= EVEN or len(ys) < LEAST_SHADED or not opaque:

@@ -462,6 +462,9 @@ class Drawing:
         palette = Palette([paints[k] for k in self._paint]) if layers else None
         self._palette = palette
         y, x = np.indices(self.shape[:2])
+        self._cover = self._visible = np.empty(0, np.float32)
+        self._below = np.empty((0, self.shape[2]), np.float32)
+        self._sums = np.empty((self.shape[0], self.shape[1] + 2))
         self._canvas = ground.at(x, y) if ground.is_shaded else None
         self.sign = self._turns()[self.layer_of]
         self.ties = self._tied() if is_tied else self._untied()
@@ -515,14 +518,17 @@ class Drawing:
         self.box = self.boxes()
         sizes = self.box[:, 2] * self.box[:, 3]
         self.offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        self.cover = np.empty(sizes.sum(), np.float32)
-        self.below = np.empty((sizes.sum(), self.shape[2]), np.float32)
+        total = int(sizes.sum())
+        if len(self._cover) < total:  # memory that is used again needs no new pages
+            room = total + total // 8
+            self._cover, self._visible = np.empty((2, room), np.float32)
+            self._below = np.empty((room, self.shape[2]), np.float32)
+        self.cover, self.below = self._cover[:total], self._below[:total]
         self._set_colors()
-        sums = np.empty((self.shape[0], self.shape[1] + 2))
         compose(
             self.point[self.segment], self.curved, self.path_start, self.closed, self.layer_start,
             self.width, self.cap, self._palette.form, self._palette.place, self._palette.table, self.box,
-            self.offset, sums, canvas, self.cover, self.below,
+            self.offset, self._sums, canvas, self.cover, self.below,
         )  # fmt: skip
         return canvas
 
@@ -534,7 +540,7 @@ class Drawing:
     def weigh(self) -> None:
         """Compute `visible` (m,) and the derivatives `weight` (m, c), after `draw`."""
         self.above = np.ones(self.shape[:2], np.float32)
-        self.visible = np.empty_like(self.cover)
+        self.visible = self._visible[: len(self.cover)]
         weigh(
             self.width, self._palette.form, self._palette.place, self._palette.table, self.box, self.offset,
             self.cover, self.below, self.above, self.visible,

@@ -52,7 +52,7 @@ def cores_of(pixels: NDArray[np.float64]) -> tuple[NDArray[np.int64], int]:
     rows, columns = np.concatenate(pairs, axis=1)
     graph = coo_array((np.ones(len(rows), bool), (rows, columns)), shape=(h * w, h * w))
     component = connected_components(graph, directed=False)[1].reshape(h, w)
-    component = np.where(core, component, -1)
+    component = np.where(core, component, -1).astype(np.int32)
     names, counts = np.unique(component[core], return_counts=True)
     kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= LEAST_CORE)]
     return renamed(component, kept), len(kept)
@@ -69,7 +69,7 @@ def _over_blocks(values, combine):
 
 def renamed(labels: NDArray[np.int64], names: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return labels in which names[k] is k, and all other labels are -1."""
-    table = np.full(max(labels.max(), names.max(initial=0)) + 2, -1)
+    table = np.full(max(labels.max(), names.max(initial=0)) + 2, -1, np.int32)
     table[names] = np.arange(len(names))
     return table[labels]
 
@@ -77,7 +77,7 @@ def renamed(labels: NDArray[np.int64], names: NDArray[np.int64]) -> NDArray[np.i
 def grown(pixels: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the labels with pixels between the cores joined to those beside them."""
     labels = labels.copy()
-    grow_labels(pixels, labels, np.empty_like(labels))
+    grow_labels(pixels, labels, np.empty(labels.shape, np.int32))
     return labels
 
 
@@ -120,8 +120,9 @@ class Palette:
     def explain(self, pixels, labels, ys, xs, near, far, enough, extra=None, name=-1):
         """Return the labels (n, 3), shares (n, 3) and squared errors (n,) of mixtures at pixels."""
         n = len(ys)
-        label, share, error = np.empty((n, 3), np.int64), np.empty((n, 3)), np.empty(n)
-        extra = np.zeros(pixels.shape[2]) if extra is None else extra
+        label = np.empty((n, 3), np.int32)
+        share, error = np.empty((n, 3), np.float32), np.empty(n, np.float32)
+        extra = np.zeros(pixels.shape[2]) if extra is None else np.asarray(extra, np.float64)
         explain(
             pixels, labels, self.form, self.place, self.table, ys, xs, near, far, enough,
             extra, name, label, share, error,
@@ -132,7 +133,8 @@ class Palette:
 def shares_of(pixels, cores, labels, palette) -> Shares:
     """Return the shares of regions. A pixel of a core belongs to its region alone."""
     h, w, _ = pixels.shape
-    label, share, error = np.full((h, w, 3), -1), np.zeros((h, w, 3)), np.zeros((h, w))
+    label = np.full((h, w, 3), -1, np.int32)
+    share, error = np.zeros((h, w, 3), np.float32), np.zeros((h, w), np.float32)
     label[..., 0], share[..., 0] = labels, 1.0
     ys, xs = np.nonzero(cores < 0)
     label[ys, xs], share[ys, xs], error[ys, xs] = palette.explain(
