@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.areas.caps import with_caps
 from gauss2svg.areas.layers import masks_of
 from gauss2svg.areas.merge import merged, without_cheap
 from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
@@ -76,6 +77,7 @@ def find_areas(
         drawing = drawing.with_layers(merged(drawing, unit, rate))
         drawing.refine(LATER_STEPS)
     drawing = drawing.with_layers(without_cheap(drawing, unit, rate))
+    drawing = drawing.with_layers(with_caps(drawing, rate))
     drawing.refine(LATER_STEPS)
     return so_far()
 
