@@ -38,7 +38,10 @@ def _rounded(layer: Layer) -> Layer:
     """Return a line with round ends, or the layer itself if it has no ends."""
     if layer.width == 0 or layer.cap or all(path.closed for path in layer.paths):
         return layer
-    paths = [path if path.closed else _shortened(path, ROUND_LENGTH * layer.width) for path in layer.paths]
+    paths = [
+        path if path.closed else _shortened(path, ROUND_LENGTH * layer.width)
+        for path in layer.paths
+    ]
     return dataclasses.replace(layer, paths=paths, cap=1)
 
 

@@ -13,7 +13,7 @@ from gauss2svg.areas.caps import with_caps
 from gauss2svg.areas.layers import masks_of
 from gauss2svg.areas.merge import merged, without_cheap
 from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
-from gauss2svg.areas.paint import Paint, paints_of
+from gauss2svg.areas.paint import Paint, paints_of, join_parts_of_gradients
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Palette, cores_of, grown, shares_of, without_edge_shades
 from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
@@ -105,6 +105,7 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     if not count:  # no two pixels are alike
         return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [])
     paints = paints_of(pixels, cores, count)
+    join_parts_of_gradients(pixels, cores, paints)
     labels = grown(pixels, cores)
     palette = Palette(paints)
     shares = shares_of(pixels, cores, labels, palette)

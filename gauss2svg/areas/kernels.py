@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit as _njit
+from numba import njit
 
-_kw = dict(nogil=True, error_model="numpy", cache=True)
-kernel = _njit(**_kw)
-inner = _njit(**_kw)
+from gauss2svg.kernel_cache import cached
+
+_OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+kernel = cached(**_OPTIONS)  # decorator of a kernel that Python calls; it may allocate arrays
+inner = njit(**_OPTIONS, no_cpython_wrapper=True)  # decorator of a function that kernels call
 FLAT, LINEAR, RADIAL = range(3)  # forms of paints
 SHADES = 1024  # colours of a gradient's table
 MOST_NEAR = 12  # largest number of labels around a pixel that are tried in mixtures

@@ -16,6 +16,8 @@ BYTES_OF_AREA, BYTES_OF_LINE = 20.0, 50.0  # of the tag of a layer
 
 def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     """Return the layers of a drawing with fewer nodes, given the squared error that a byte saves."""
+    if not drawing.layers:
+        return []
     drawing.draw()
     drawing.weigh()
     h, w, _ = drawing.shape

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import find_objects
 
 from gauss2svg.areas.kernels import FLAT, LINEAR, RADIAL, SHADES
 from gauss2svg.areas.regions import LEVEL
@@ -19,6 +20,9 @@ GOOD = 1.2 * LEVEL  # root mean square error at which a gradient gets no more st
 GAIN, ROUND_GAIN = 0.5, 0.8
 ALIKE = 2.6 * LEVEL  # largest difference of two colours that become one
 BINS = 40
+PART = 4 * LEVEL  # largest difference of a pixel from a gradient that draws it
+MOST_OFF = 0.05  # largest share of a part that differs more
+NEAR = 3  # px between parts of one gradient
 PRIOR, PRIOR_PER_PX = 0.5, 0.3  # weight of a colour's first value, and more for each pixel of it
 
 
@@ -207,3 +211,33 @@ def paints_of(pixels: Floats, labels: NDArray[np.int64], count: int) -> list[Pai
             shared.append(paint)
         paints[k].prior += PRIOR_PER_PX * sizes[k]
     return paints
+
+
+def join_parts_of_gradients(pixels: Floats, labels: NDArray[np.int32], paints: list[Paint]) -> None:
+    """Join regions to a larger one whose gradient draws them. `labels` and `paints` are changed.
+
+    Where a gradient bends or is steep, as around the middle of a radial one, its pixels are not one
+    core.
+    """
+    boxes = find_objects(labels + 1, max_label=len(paints))
+    for k, paint in enumerate(paints):
+        if not paint.is_shaded or boxes[k] is None:
+            continue
+        joined = False
+        for j in range(k + 1, len(paints)):
+            if boxes[j] is None or not _overlap(boxes[k], boxes[j]):
+                continue
+            ys, xs = np.nonzero(labels[boxes[j]] == j)
+            ys, xs = ys + boxes[j][0].start, xs + boxes[j][1].start
+            off = np.abs(pixels[ys, xs] - paint.at(xs, ys)).max(axis=1) > PART
+            if np.count_nonzero(off) <= MOST_OFF * len(ys):
+                labels[ys, xs] = k
+                boxes[j], joined = None, True
+        if joined:
+            paints[k] = paint_of(pixels, *np.nonzero(labels == k))
+
+
+def _overlap(first: tuple[slice, slice], second: tuple[slice, slice]) -> bool:
+    """Return whether two boxes have less than NEAR px between them."""
+    pairs = zip(first, second, strict=True)
+    return all(a.start < b.stop + NEAR and b.start < a.stop + NEAR for a, b in pairs)

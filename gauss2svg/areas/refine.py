@@ -112,7 +112,9 @@ def compose(
     layer_start,
     width,
     cap,
-    form, place, table,
+    form,
+    place,
+    table,
     box,
     offset,
     sums,
@@ -791,6 +793,6 @@ def tied(point: Floats, segment, curved, path_start, closed) -> Ties:
             node.append(at)
             master.append(leads)
             ratio.append(r)
-    same = np.array([root(i) for i in range(len(same))])
+    same = np.array([root(i) for i in range(len(same))], np.int64)
     columns = (np.array(values, np.int64) for values in (handle, node, master))
     return Ties(same, *columns, np.array(ratio, np.float64))

@@ -1,0 +1,175 @@
+"""Properties of the areas that are found in a picture."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from gauss2svg.areas.find import find_areas
+from gauss2svg.render.areas import draw_areas
+from gauss2svg.scene.areas import Area, LinearGradient, Outline, RadialGradient
+
+SIDE = 96
+RED, BLUE, GREEN, BLACK = (
+    tuple(v / 255 for v in color)
+    for color in ((204, 26, 26), (26, 77, 204), (51, 153, 77), (20, 20, 20))
+)
+ROUND = 0.5522847  # length of a handle of a quarter of a circle
+
+
+def disc(x: float, y: float, radius: float, is_hole: bool = False) -> Outline:
+    """Return a circle. The outline of a hole runs the other way."""
+    k = ROUND
+    ways = [(1, 0), (1, k), (k, 1), (0, 1), (-k, 1), (-1, k), (-1, 0), (-1, -k), (-k, -1)]
+    ways += [(0, -1), (k, -1), (1, -k)]
+    points = [(x + radius * u, y + radius * v) for u, v in ways]
+    if is_hole:
+        points = points[:1] + points[:0:-1]
+    return Outline(tuple(points), (True,) * 4)
+
+
+def polygon(*points: tuple[float, float]) -> Outline:
+    return Outline(points, (False,) * len(points))
+
+
+WAVE = Outline(((15, 70), (30, 20), (60, 90), (82, 25)), (True,), closed=False)
+DRAWINGS = {
+    "a disc": [Area((disc(40.3, 45.7, 22.2),), RED)],
+    "a polygon": [Area((polygon((20.2, 15.1), (70.7, 22.3), (60.1, 70.9), (28.4, 60.2)),), BLUE)],
+    "a ring": [Area((disc(48, 48, 30), disc(48, 48, 15, True)), GREEN)],
+    "discs in discs": [
+        Area((disc(48, 48, 36),), RED),
+        Area((disc(48, 48, 24),), GREEN),
+        Area((disc(48, 48, 12),), BLUE),
+    ],
+    "up to the border": [Area((polygon((-10, 60), (106, 40), (106, 120), (-10, 120)),), GREEN)],
+    "a line": [Area((WAVE,), BLACK, width=2.5)],
+    "two apart": [Area((disc(25, 30, 14),), RED), Area((disc(70, 62, 17),), BLUE)],
+}
+
+
+def over(areas, page: float):
+    """Return the picture (SIDE, SIDE, 3) of areas on a white or a black page."""
+    image = np.full((SIDE, SIDE, 3), page)
+    draw_areas(areas, image)
+    return image
+
+
+def drawn(areas, channels: int = 3):
+    """Return the picture of areas on a white or, with 4 channels, on a transparent page."""
+    black, white = over(areas, 0.0), over(areas, 1.0)
+    if channels == 3:
+        return white.astype(np.float32)
+    alpha = 1 - (white - black).mean(axis=-1, keepdims=True)
+    color = black / np.maximum(alpha, 1e-6)
+    return np.concatenate([color, alpha], axis=-1).astype(np.float32)
+
+
+def points_of(areas):
+    """Return points (n, 2) inside the picture along all outlines, at most .02 px apart."""
+    t = np.linspace(0, 1, 5000)[:, None]
+    parts = []
+    for outline in (outline for area in areas for outline in area.outlines):
+        for p, is_curve in zip(outline.segments, outline.curved, strict=True):
+            u = 1 - t
+            line = u * p[0] + t * p[3]
+            curve = u**3 * p[0] + 3 * u * u * t * p[1] + 3 * u * t * t * p[2] + t**3 * p[3]
+            parts.append(curve if is_curve else line)
+    points = np.concatenate(parts)
+    return points[((points > 0.5) & (points < SIDE - 0.5)).all(axis=1)]
+
+
+def distance(first, second) -> float:
+    """Return the largest distance in px of points from the nearest one of the others."""
+    return max(cKDTree(a).query(b)[0].max() for a, b in ((first, second), (second, first)))
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_areas_that_were_drawn_are_found_again(name):
+    areas = DRAWINGS[name]
+    found = find_areas(drawn(areas))
+    assert found.background == (1, 1, 1)
+    assert len(found.areas) == len(areas)
+    assert [area.is_line for area in found.areas] == [area.is_line for area in areas]
+    by_paint = [sorted(some, key=lambda area: area.paint) for some in (areas, found.areas)]
+    for area, other in zip(*by_paint, strict=True):
+        assert np.abs(np.subtract(area.paint, other.paint)).max() < 1.01 / 255
+        assert other.width == pytest.approx(area.width, abs=0.1)
+    assert distance(points_of(areas), points_of(found.areas)) < 0.1
+    assert found.explained > 0.99
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_a_mirrored_or_turned_picture_has_mirrored_or_turned_areas(name):
+    picture = drawn(DRAWINGS[name])
+    points = points_of(find_areas(picture).areas)
+    mirrored = points_of(find_areas(picture[:, ::-1].copy()).areas)
+    assert distance(points * [-1, 1] + [SIDE, 0], mirrored) < 0.1
+    turned = points_of(find_areas(np.rot90(picture).copy()).areas)
+    assert distance(points[:, ::-1] * [1, -1] + [0, SIDE], turned) < 0.1
+
+
+def test_the_page_shows_through_holes_and_no_area_is_white():
+    areas = [Area((disc(48, 48, 40), disc(48, 48, 20, True)), RED), Area((disc(48, 48, 10),), BLUE)]
+    for channels in (3, 4):
+        found = find_areas(drawn(areas, channels))
+        assert found.background == ((1, 1, 1) if channels == 3 else None)
+        assert sorted(len(area.outlines) for area in found.areas) == [1, 2]
+        assert all(min(area.paint) < 0.5 for area in found.areas)
+
+
+def test_a_transparent_part_keeps_its_opacity():
+    areas = [Area((disc(30, 48, 20),), RED, 0.5), Area((disc(74, 48, 16),), BLUE)]
+    found = find_areas(drawn(areas, 4))
+    assert {area.opacity for area in found.areas} == {0.5, 1.0}
+    for area in found.areas:
+        expected = RED if area.opacity < 1 else BLUE
+        assert np.abs(np.subtract(area.paint, expected)).max() < 2.01 / 255
+    assert distance(points_of(areas), points_of(found.areas)) < 0.1
+
+
+@pytest.mark.parametrize(
+    "gradient",
+    [
+        LinearGradient((0, 1), (RED, BLUE), (20, 20), (76, 60)),
+        RadialGradient((0, 1), ((1, 0.9, 0.5), GREEN), (45, 44), (34, 34)),
+    ],
+    ids=["linear", "radial"],
+)
+def test_a_gradient_is_one_area(gradient):
+    picture = drawn([Area((disc(48, 48, 34),), gradient)])
+    found = find_areas(picture)
+    assert [type(area.paint) for area in found.areas] == [type(gradient)]
+    raster = over(found.areas, 1.0)
+    assert np.sqrt(np.mean((raster - picture) ** 2)) < 1 / 255
+
+
+def test_nearly_equal_colors_become_one():
+    other = tuple(v + 1 / 255 for v in RED)
+    found = find_areas(drawn([Area((disc(25, 30, 14),), RED), Area((disc(70, 62, 17),), other)]))
+    assert len({area.paint for area in found.areas}) == 1
+
+
+def test_a_higher_price_of_bytes_gives_fewer_nodes():
+    rng = np.random.default_rng(0)
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    radius = 30 + rng.normal(size=60)
+    star = polygon(*zip(48 + radius * np.cos(angle), 48 + radius * np.sin(angle), strict=True))
+    picture = drawn([Area((star,), BLUE)])
+    nodes = [
+        sum(a.nodes for a in find_areas(picture, rate).areas) for rate in (0.0005, 0.005, 0.05)
+    ]
+    assert nodes == sorted(nodes, reverse=True) and nodes[-1] < nodes[0]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (3, 2), (40, 1), (96, 96)])
+def test_noise_and_small_pictures_end_in_few_areas(size):
+    noise = np.random.default_rng(1).random((*size, 3)).astype(np.float32)
+    found = find_areas(noise)
+    assert len(found.areas) <= 3
+    even = find_areas(np.full((*size, 3), 0.25, np.float32))
+    assert even.areas == () and even.background == pytest.approx((0.25,) * 3, abs=0.002)
+
+
+def test_the_same_picture_gives_the_same_areas():
+    picture = drawn(DRAWINGS["discs in discs"])
+    assert find_areas(picture).areas == find_areas(picture).areas

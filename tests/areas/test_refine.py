@@ -1,0 +1,91 @@
+"""Properties of the refinement of outlines."""
+
+import numpy as np
+import pytest
+
+from gauss2svg.areas.outlines import Path
+from gauss2svg.areas.paint import Paint
+from gauss2svg.areas.refine import Drawing, Layer
+from gauss2svg.render.coverage_reference import coverage_gradient
+from gauss2svg.scene.areas import Outline
+
+OUTLINE = Outline(
+    ((4.3, 5.2), (10.1, 1.7), (18.2, 3.3), (20.4, 9.1), (15.2, 20.7), (6.6, 16.4)),
+    (True, False, False, False),
+)
+
+
+def drawing_of(outline: Outline, pixels) -> Drawing:
+    path = Path(outline.segments, np.array(outline.curved))
+    return Drawing(pixels, Paint(np.zeros(1)), [Paint(np.ones(1))], [Layer(0, [path])], False)
+
+
+def test_samples_are_the_gradient_of_the_readable_twin():
+    drawing = drawing_of(OUTLINE, np.zeros((24, 24, 1), np.float32))
+    drawing.draw()
+    drawing.weigh()
+    pixel, owner, jacobian, _ = drawing.samples()
+    sampled = np.zeros((24 * 24, len(drawing.point), 2))
+    for place, segment, row in zip(pixel, owner, jacobian, strict=True):
+        for point, move in zip(drawing.segment[segment], row[:8].reshape(4, 2), strict=True):
+            sampled[place, point] += move
+    exact = coverage_gradient(OUTLINE, 0, 0, 24, 24).reshape(sampled.shape)
+    assert np.abs(sampled - exact).max() < 0.15  # about half a sample of 1/4 px
+    total = np.abs(exact).sum(axis=0)
+    assert np.abs(sampled.sum(axis=0) - exact.sum(axis=0)).max() < 0.02 * total.max()
+
+
+def test_refinement_finds_an_outline_that_was_moved():
+    target = drawing_of(OUTLINE, np.zeros((24, 24, 1), np.float32)).draw()
+    moved = Outline(tuple((x + 0.6, y - 0.5) for x, y in OUTLINE.points), OUTLINE.curved)
+    drawing = drawing_of(moved, target)
+    drawing.refine(20, colors=False)
+    nodes = [0, 3, 4, 5]  # handles may slide along their tangents
+    assert np.abs(drawing.point - np.array(OUTLINE.points))[nodes].max() < 0.05
+
+
+@pytest.mark.parametrize("width", [1.5, 3.0])
+def test_refinement_finds_the_width_and_the_ends_of_a_line(width):
+    def line(points, width):
+        path = Path(Outline(points, (True,), False).segments, np.array([True]), False)
+        layers = [Layer(0, [path], width)]
+        return Drawing(target, Paint(np.zeros(1)), [Paint(np.ones(1))], layers, False)
+
+    target = np.zeros((24, 24, 1), np.float32)
+    points = ((3.2, 6.1), (9.0, 1.5), (14.0, 20.0), (20.3, 17.2))
+    target = line(points, width).draw()
+    drawing = line(tuple((x + 0.3, y + 0.4) for x, y in points), 1.3 * width)
+    drawing.refine(30, colors=False)
+    assert drawing.width[0] == pytest.approx(width, abs=0.03)
+    assert np.abs(drawing.point[[0, 3]] - np.array(points)[[0, 3]]).max() < 0.05
+
+
+def test_refinement_never_raises_the_error():
+    rng = np.random.default_rng(3)
+    target = drawing_of(OUTLINE, np.zeros((24, 24, 1), np.float32)).draw()
+    for _ in range(5):
+        points = np.array(OUTLINE.points) + rng.normal(size=(6, 2))
+        drawing = drawing_of(Outline(tuple(map(tuple, points)), OUTLINE.curved), target)
+        before = ((drawing.draw() - target) ** 2).sum()
+        drawing.refine(10, colors=False)
+        assert ((drawing.draw() - target) ** 2).sum() <= before
+
+
+def test_ties_keep_smooth_joins_smooth_and_level_lines_level():
+    """A rounded rectangle stays one while it is fitted to another picture."""
+    points = [(6, 4), (16, 4.02), (18, 4), (20, 6), (20, 8), (20.02, 16), (6, 16)]
+    outline = Outline(tuple(points), (False, True, False, False, False))
+    target = drawing_of(outline, np.zeros((24, 24, 1), np.float32)).draw()
+    target = np.roll(target, 1, axis=0)
+    path = Path(outline.segments, np.array(outline.curved))
+    drawing = Drawing(target, Paint(np.zeros(1)), [Paint(np.ones(1))], [Layer(0, [path])])
+    drawing.refine(10, colors=False)
+    p = drawing.current()[0].paths[0].segments
+    assert p[0, 0, 1] == p[0, 3, 1] and p[2, 0, 0] == p[2, 3, 0]
+    for before, after in (
+        (p[0, 3] - p[0, 0], p[1, 1] - p[1, 0]),
+        (p[1, 3] - p[1, 2], p[2, 3] - p[2, 0]),
+    ):
+        assert abs(before[0] * after[1] - before[1] * after[0]) < 1e-9 * np.hypot(
+            *before
+        ) * np.hypot(*after)
