@@ -19,6 +19,7 @@ from gauss2svg.scene import OVER
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
 
 AUTO = "auto"
+ALWAYS, NEVER = "always", "never"
 # Largest target in dB. At this PSNR, a picture is almost exact: fewer than one value in 100,000 is
 # wrong, and only by one level of 255.
 _MOST_DECIBELS = 100.0
@@ -110,6 +111,10 @@ class SvgOptions(OptionGroup):
     """editable: named layers, for editors. minimal: only what draws, in fewer bytes. auto:
     editable. With --max-bytes, auto takes the markup that is closer to the picture. For a drawing
     that both match with 41 dB or more, it takes the one that is closer when enlarged."""
+
+    areas: Literal["always", "never"] = "never"
+    """always: draw areas with crisp edges as paths, and thin lines as strokes, in place of shapes.
+    This is for flat drawings, logos and icons."""
 
     palette: Annotated[int | None, Interval(ge=0, le=2**24)] = None
     """Maximum number of gradients in the file. Fewer make it smaller, and 0 sets no limit. The

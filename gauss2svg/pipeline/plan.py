@@ -19,7 +19,7 @@ from gauss2svg.fit import DEFAULT_LOSS, MOST_GAUSSIANS, PSNR, DensifyOptions, Fi
 from gauss2svg.measure import Score, Search, require_packages
 from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.pipeline.drawings import has_edges
-from gauss2svg.pipeline.options import AUTO, Goal, Options
+from gauss2svg.pipeline.options import ALWAYS, AUTO, Goal, Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import inks_of
@@ -205,6 +205,11 @@ class Plan:
         """Whether the shapes are opaque ellipses in a few inks."""
         return self.options.fit.inks is not None
 
+    @property
+    def in_areas(self) -> bool:
+        """Whether the file has areas and lines, and no Gaussians."""
+        return self.options.svg.areas == ALWAYS
+
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
         """Return the plan with the decisions that depend on the photo.
 
@@ -344,14 +349,15 @@ class Plan:
     def searches(self) -> list[Plan]:
         """Return the plans of the searches to run. The run writes the closest of their files.
 
-        Without a limit of bytes there is one search. With a limit of bytes there may be several: by
-        bytes or by count, and for minimal or editable markup. If there is also a target, only the
-        first search aims at it. The others run if the first one misses the target.
+        Without a limit of bytes there is one search, and so there is for areas. With a limit of
+        bytes there may be several: by bytes or by count, and for minimal or editable markup. If
+        there is also a target, only the first search aims at it. The others run if the first one
+        misses the target.
         With a time limit there is time for one search only.
         """
         limit, asked = self.uncompressed_limit, self.options.svg.markup
         is_timed = self.goal.time_limit is not None
-        if limit is None:
+        if limit is None or self.in_areas:
             return [self]
         if self.aim is not None:
             options = self.options.changed(**{self.aim.of.option: None})

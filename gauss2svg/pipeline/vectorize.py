@@ -28,7 +28,14 @@ from gauss2svg.pipeline.budgets import (
     size_that_fits,
 )
 from gauss2svg.pipeline.drawings import is_drawing
-from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
+from gauss2svg.pipeline.options import (
+    ALWAYS,
+    Goal,
+    Options,
+    ProgressCallback,
+    RunOptions,
+    SvgOptions,
+)
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, without_gaussians
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
@@ -199,7 +206,7 @@ def vectorize_by(
     del photo  # frees the photo's pixels, which may be many
     side = max(load.fit) / elongation(*load.fit)
     plan = dataclasses.replace(plan, fit_side=side).for_picture(pixels)
-    with run.compiled(plan.options.fit.blend):
+    with run.compiled(plan.options.fit.blend, plan.in_areas):
         outcome = best_of(_outcomes(plan, run, subject), plan)
     subject.release()
     # Every search prunes its file until it is within the limit. So this one has no shapes left.
@@ -254,8 +261,10 @@ def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
         pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
         run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps, renderer)
     for one in plan.searches():
-        # Few runs need both classes, so each is imported only when it is needed.
-        if one.by_bytes:
+        # Few runs need several of these classes, so each is imported only when it is needed.
+        if one.in_areas:
+            from gauss2svg.pipeline.by_areas import ByAreas as OneSearch
+        elif one.by_bytes:
             from gauss2svg.pipeline.by_bytes import ByBytes as OneSearch
         else:
             from gauss2svg.pipeline.by_count import ByCount as OneSearch
@@ -282,4 +291,7 @@ def warm_up(given: Mapping[str, Any]) -> Result:
     given  options of the run by name
     """
     noise = np.random.default_rng(0).random((32, 32, 3))
-    return vectorize_by(Options.from_flat({**given, "iterations": 2}), noise)
+    options = Options.from_flat(given)
+    if options.svg.areas != ALWAYS:  # areas are found without steps
+        options = options.changed(iterations=2)
+    return vectorize_by(options, noise)
