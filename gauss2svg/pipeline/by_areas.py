@@ -21,6 +21,7 @@ from gauss2svg.pipeline.outcome import Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
+from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION
 
 TRIES = 7  # largest number of rates that are tried for a limit of bytes
@@ -96,7 +97,8 @@ class ByAreas:
                 newest, scene = found, self._scene(found)
                 psnr = model_psnr(scene, subject.working)
                 left_s = seconds / done * (1 - done)
-                now = FitProgress(1, 0, done, 0, psnr, seconds, left_s, lambda: scene)
+                counts = str(AreaCounts.of(found.areas))
+                now = FitProgress(1, 0, done, 0, psnr, seconds, left_s, lambda: scene, counts)
             run.notify("areas", now)
             if run.stop():
                 raise _StoppedError

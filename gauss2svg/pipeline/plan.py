@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, RendererError, quoted, refusal
 from gauss2svg.fit import DEFAULT_LOSS, MOST_GAUSSIANS, PSNR, DensifyOptions, FitConfig, Tune
-from gauss2svg.measure import Score, Search, require_packages
+from gauss2svg.measure import TARGETS, Score, Search, require_packages
 from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.pipeline.drawings import has_edges
-from gauss2svg.pipeline.options import ALWAYS, AUTO, Goal, Options
+from gauss2svg.pipeline.options import ALWAYS, AUTO, OPTIONS, Goal, Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import inks_of
@@ -193,6 +193,10 @@ class Plan:
         check_together(self.options)
         if (strength := self.options.fit.focus_strength) is not None and not self.has_focus:
             raise refusal("focus_strength", "given with a mask", f"{strength:g}", "without it")
+        for name in ["start"] * self.starts + ["focus"] * self.has_focus:
+            if self.in_areas:
+                rule = f"not be given with areas {ALWAYS}, whose file has no Gaussians"
+                raise InputError(f"{name} must {rule}. Try without it")
         _ = self.fit_config
 
     @property
@@ -481,9 +485,26 @@ def _layered(options: Options) -> list[str]:
     return [*[f"form {form}"] * (form != GRADIENT), *options.document.layered]
 
 
+def _of_gaussians(options: Options) -> Iterator[tuple[str, object]]:
+    """Yield the names and values of given options that a file without Gaussians cannot have."""
+    defaults = Options().flat()
+    for name, value in options.flat().items():
+        others = ("form", "palette", "stops", "portable", "animate", "fragments")
+        if value != defaults[name] and (OPTIONS[name] in ("fit", "densify") or name in others):
+            yield name, value
+
+
 def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:
     """Yield for each conflict the name of an option, the rule it breaks, its value, and advice."""
     goal, fit, svg, layered = options.goal, options.fit, options.svg, _layered(options)
+    if svg.areas == ALWAYS:
+        for name in ("gaussians", "time_limit", *(score.option for score in TARGETS)):
+            if (value := getattr(goal, name)) is not None:
+                rule = f"not be given with areas {ALWAYS}, which only a number of bytes limits"
+                yield name, rule, f"{value:g}", "--max-bytes 10k"
+        for name, value in _of_gaussians(options):
+            rule = f"not be given with areas {ALWAYS}, whose file has no Gaussians"
+            yield name, rule, value, "without it"
     if svg.portable and fit.blend != ADD:
         rule = f"be given with blend {ADD}, whose files it converts"
         yield "portable", rule, f"blend {fit.blend}", "without --portable"

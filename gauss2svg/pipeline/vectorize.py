@@ -42,6 +42,7 @@ from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.run import Run, watched
 from gauss2svg.processes import held_bytes
 from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import used_inks
 from gauss2svg.svg import Document
 from gauss2svg.svg.element import LARGEST_NUMBER
@@ -54,7 +55,7 @@ class Result:
     """A vectorised photo. Notebooks show it as a picture.
 
     svg       text of the file
-    scene     fitted Gaussians on the photo's canvas, in the order of the file
+    scene     areas and fitted Gaussians on the photo's canvas, in the order of the file
     report    options and results of the run, ready for JSON (docs/reference/report.md)
     raster    rasterised SVG, (h, w, 3) float32 in 0..1. It may be smaller than the canvas. For a
               transparent photo it is (h, w, 4) with straight alpha
@@ -113,7 +114,9 @@ class Result:
 
     def __repr__(self) -> str:
         r = self.report
-        shapes = f"{r['width']}x{r['height']}, {r['gaussians']} Gaussians"
+        areas = f"{AreaCounts.of(self.scene.areas)}, " if self.scene.areas else ""
+        gaussians = f"{r['gaussians']} Gaussians, " if r["gaussians"] or not areas else ""
+        shapes = f"{r['width']}x{r['height']}, {areas}{gaussians}".removesuffix(", ")
         closeness, size = decibels(r["psnr_svg"]), r["svg_bytes"]
         return f"<gauss2svg.Result {shapes}, {closeness}, {size} bytes>"
 
@@ -194,6 +197,9 @@ def vectorize_by(
     if start is not None and ADD in (required(start, "start", Scene).blend, options.fit.blend):
         got = f"a scene of {start.blend} for a file of {options.fit.blend}"
         raise refusal("start", "alpha-composited, like the file", got, "--blend over for both")
+    if start is not None and start.areas:
+        got, advice = AreaCounts.of(start.areas), "the scene of a run with --areas never"
+        raise refusal("start", "a scene without areas", str(got), advice)
     photo, load = _read(plan, run, image, may_reduce)
     strength, max_pixels = options.fit.focus_strength, options.run.max_pixels
     mask = None if focus is None else load_focus(focus, strength, photo, max_pixels)
