@@ -252,7 +252,7 @@ def files_of(
     for label, tree in trees.items():  # compile before any clock runs
         (folder / label).mkdir(exist_ok=True)
         warm = folder / label / "warm.png"
-        eight_bits(np.zeros((9, 9, 3))).save(warm)
+        eight_bits(np.pad(np.ones((16, 16, 3)), ((8, 8), (8, 8), (0, 0)))).save(warm)
         run(tree, ["--gaussians", "9"], warm, warm.with_suffix(""))
         run(tree, ["--areas", "always"], warm, warm.with_suffix(".areas"))
     with ThreadPoolExecutor(given.workers) as pool:

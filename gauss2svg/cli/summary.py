@@ -143,14 +143,10 @@ def _scores(report: dict[str, Any]) -> str:
 
 def _shapes(report: dict[str, Any]) -> str:
     """Return text on how many areas, lines and shapes the file has."""
-    counts, gaussians = _areas(report), f"{report['gaussians']:,}"
-    if not counts.areas + counts.lines:
-        return gaussians
-    return f"{counts}, and {gaussians} shapes" if report["gaussians"] else str(counts)
-
-
-def _areas(report: dict[str, Any]) -> AreaCounts:
-    return AreaCounts(report["area_count"], report["line_count"], report["node_count"])
+    counts = AreaCounts(report["area_count"], report["line_count"], report["node_count"])
+    if not any(counts) and report["areas"] != ALWAYS:
+        return f"{report['gaussians']:,}"
+    return f"{counts}, {report['gaussians']:,} shapes" if report["gaussians"] else str(counts)
 
 
 def _stop_text(report: dict[str, Any]) -> str:

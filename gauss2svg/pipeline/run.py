@@ -175,12 +175,14 @@ def compile_kernels(blend: str = OVER) -> None:
 
 @cache
 def compile_areas() -> None:
-    """Compile every kernel that a run needs to find areas and lines."""
-    from gauss2svg.areas.find import find_areas  # imported here because few runs find areas
+    """Compile every kernel that a run needs to find and to draw areas and lines."""
+    # These are imported here because few runs have areas.
+    from gauss2svg.areas.find import find_areas
+    from gauss2svg.render import render
 
     # A disc and a line that leaves the picture, with antialiased edges and in colours that mix.
     y, x = np.mgrid[:24, :24] + 0.5
     disc = np.clip(6.5 - np.hypot(x - 9, y - 9), 0, 1)
     line = np.clip(1.5 - np.abs(x - y - 9), 0, 1)
     picture = np.ones((24, 24, 3)) - disc[..., None] * [0.9, 0.2, 0.1] - 0.8 * line[..., None]
-    find_areas(np.clip(picture, 0, 1).astype(np.float32))
+    render(Scene(24, 24, areas=find_areas(np.clip(picture, 0, 1).astype(np.float32)).areas))
