@@ -100,7 +100,8 @@ class ByAreas:
                 counts = str(AreaCounts.of(found.areas))
                 now = FitProgress(1, 0, done, 0, psnr, seconds, left_s, lambda: scene, counts)
             run.notify("areas", now)
-            if run.stop():
+            # Until the first areas are found, there is nothing that a stopped run could write.
+            if found is not None and run.stop():
                 raise _StoppedError
 
         self._tries += 1

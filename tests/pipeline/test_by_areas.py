@@ -108,16 +108,14 @@ def test_every_phase_is_told_and_the_forming_picture_has_the_areas():
 
 
 @pytest.mark.parametrize("calls", [1, 2, 3])
-@pytest.mark.parametrize("limit", [None, 700])
+@pytest.mark.parametrize("limit", [None, 500, 1000])
 def test_a_stopped_run_writes_what_is_found_so_far_within_the_limit(calls, limit):
     left = iter(range(calls - 1))
     given = {} if limit is None else {"max_bytes": limit}
     result = vectorize(DRAWING, areas="always", **given, stop=lambda: next(left, None) is None)
-    report = result.report
-    assert report["stop_reason"] == "interrupted"
-    assert report["svg_bytes"] <= (limit or np.inf)
-    if calls == 1 or limit is None:  # the first areas may be over the limit
-        assert bool(result.scene.areas) == (calls > 1)
+    assert result.report["stop_reason"] == "interrupted"
+    assert result.report["svg_bytes"] <= (limit or np.inf)
+    assert result.scene.areas or limit == 500  # these bytes are too few for the first areas
     assert rasterize(result.svg, 8, 8).shape == (8, 8, 3)
 
 
