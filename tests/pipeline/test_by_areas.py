@@ -89,7 +89,7 @@ def test_a_limit_of_bytes_is_kept_by_raising_the_price_of_a_byte(given):
     assert result.report["corrections"] > 0
 
 
-def test_a_limit_without_room_for_an_area_gives_the_ground_alone_or_a_refusal():
+def test_a_limit_below_the_bytes_of_the_ground_alone_is_refused():
     with pytest.raises(InputError, match=r"max_bytes must be at least \d+, the bytes of a file"):
         vectorize(DRAWING, areas="always", max_bytes=60)
 
