@@ -27,7 +27,7 @@ Pixels = NDArray[np.floating]
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES, COFFEE = ROOT / "benchmarks/pictures", ROOT / "examples/coffee.jpg"
-SIDE, UP = 256, 4  # px of a picture that an SVG is rasterised to, and its enlargement
+SIDE = 256  # px of a picture that an SVG is rasterised to
 _SHIPPED = ("logo", "coins", "horse", "text", "page")  # in the wheel of scikit-image: no download
 _OWN = ("icon", "face", "line-art", "buttons", "screenshot")
 _SETS = {
@@ -39,11 +39,17 @@ _SETS = {
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture (h, w, 3) in 0..1; `large` is four times as large, if it is of an SVG."""
+    """A picture (h, w, 3) in 0..1, and the SVG that it is of, if it is of one."""
 
     name: str
     pixels: Pixels = field(repr=False)
-    large: Pixels | None = field(default=None, repr=False)
+    source: str | None = field(default=None, repr=False)
+
+    def enlarged(self, up: int) -> Pixels:
+        """Return the SVG as a picture that is `up` times as large."""
+        assert self.source is not None
+        height, width = (up * side for side in self.pixels.shape[:2])
+        return rasterize(self.source, width, height)
 
 
 def pictures(names: list[str]) -> Iterator[Picture]:
@@ -51,8 +57,8 @@ def pictures(names: list[str]) -> Iterator[Picture]:
     for name in [one for given in names for one in _SETS.get(given, [given])]:
         path = Path(name)
         if path.suffix == ".svg":
-            small, large = (rasterize(path.read_text(), s, s) for s in (SIDE, UP * SIDE))
-            yield Picture(path.stem, small, large)
+            source = path.read_text()
+            yield Picture(path.stem, rasterize(source, SIDE, SIDE), source)
         else:
             pixels = over(load_image(path).pixels) if path.suffix else shipped(str(name))
             yield Picture(path.stem, pixels)

@@ -10,8 +10,8 @@
 
 A PICTURE is a file, the name of a picture of scikit-image, or a set: `drawings` (ten, without a
 vector source), `faces` (two) and `sources` (26 SVGs). No two may have the same name. An SVG is
-rasterised at 256 px and fitted, and its file is compared with it at four times that size as well,
-in the column `enlarged`.
+rasterised at 256 px and fitted, and its file is compared with it at four and at eight times that
+size as well, in the columns `enlarged` and `enlarged8`.
 
 Each --set has options of the command. A --family has some sets of rising limits, targets or counts,
 to each of which --also adds options; a single one needs "=", as in --also=--count-gzipped. Every
@@ -21,8 +21,9 @@ finished runs are not run again. Beside them stand the picture enlarged by Lancz
 vtracer's files of at most as many bytes as a set has in --max-bytes: each column has the best value
 of all these files, those but PSNR and `enlarged` the best value of the six closest.
 
---columns takes psnr, enlarged, ssim, ssimulacra2, flip, flat, hue, hue_999 and the numbers of a
-report by short names: bytes, gzipped, shapes, cpu_s, s, fit_cpu_s, model, roundtrip, rollbacks.
+--columns takes psnr, enlarged, enlarged8, ssim, ssimulacra2, flip, flat, hue, hue_999 and the
+numbers of a report by short names: bytes, gzipped, shapes, areas, lines, nodes, cpu_s, s,
+fit_cpu_s, model, roundtrip, rollbacks.
 
 The script prints a line for each picture and set, means over the pictures, and for each family how
 often more is worse: a step is down if a file is more than .1 dB worse, up to 50 dB, than the best
@@ -52,7 +53,6 @@ from typing import Any
 
 import numpy as np
 from common import (
-    UP,
     Picture,
     Pixels,
     drawn,
@@ -88,17 +88,29 @@ ENLARGED_STEP, SEEN_UP_TO = 0.3, 41.0  # dB, of vector sources (docs/decisions/e
 
 @dataclass(frozen=True)
 class File:
-    """What a file shows, at its own size and enlarged, and what is known of it besides."""
+    """What a file shows, at its own size and at others, and what is known of it besides."""
 
     raster: Pixels = field(repr=False)
-    large: Callable[[], Pixels] | None = field(default=None, repr=False)
+    at_size: Callable[[int, int], Pixels] | None = field(default=None, repr=False)
     report: dict[str, Any] = field(default_factory=dict, repr=False)
+
+
+def enlarged_psnr(up: int) -> Callable[[File, Picture], float]:
+    """Return a score: the PSNR of a file against the source of its picture, `up` times as large."""
+
+    def psnr(file: File, picture: Picture) -> float:
+        large = picture.enlarged(up)
+        assert file.at_size is not None
+        return metrics.psnr(file.at_size(*large.shape[:2]), large)
+
+    return psnr
 
 
 # Each score of a file, and which of several files is the best one.
 SCORES = {
     "psnr": (lambda file, picture: metrics.psnr(file.raster, picture.pixels), max),
-    "enlarged": (lambda file, picture: metrics.psnr(file.large(), picture.large), max),
+    "enlarged": (enlarged_psnr(4), max),
+    "enlarged8": (enlarged_psnr(8), max),
     "ssim": (lambda file, picture: metrics.ssim(file.raster, picture.pixels), max),
     "ssimulacra2": (
         lambda file, picture: perceptual.ssimulacra2(file.raster, picture.pixels), max,
@@ -111,19 +123,21 @@ SCORES = {
 FOR_ALL, SCORED = ("psnr", "enlarged"), 6  # other scores take longer, and are of the best by PSNR
 # Each number of a run, by its name in the report.
 NUMBERS = {
-    "bytes": "svg_bytes", "gzipped": "svgz_bytes", "shapes": "gaussians", "cpu_s": "cpu_s",
-    "s": "s", "fit_cpu_s": "fit_cpu_s", "model": "psnr_model", "roundtrip": "psnr_roundtrip",
+    "bytes": "svg_bytes", "gzipped": "svgz_bytes", "shapes": "gaussians", "areas": "area_count",
+    "lines": "line_count", "nodes": "node_count", "cpu_s": "cpu_s", "s": "s",
+    "fit_cpu_s": "fit_cpu_s", "model": "psnr_model", "roundtrip": "psnr_roundtrip",
     "rollbacks": "rollbacks",
 }  # fmt: skip
-_WHOLE = dict.fromkeys(("bytes", "gzipped", "shapes", "rollbacks"), 0)
+_WHOLE = dict.fromkeys(
+    ("bytes", "gzipped", "shapes", "areas", "lines", "nodes", "rollbacks"), 0
+)  # fmt: skip
 DECIMALS = _WHOLE | {"cpu_s": 1, "s": 1, "ssim": 3, "flip": 4}
 
 
 def svg_file(svg: str, picture: Picture, report: dict[str, Any]) -> File:
     """Return an SVG, rasterised at the size of its picture and of its enlarged source."""
     sizes = {"svg_bytes": len(svg.encode()), "svgz_bytes": len(file_bytes(svg, gzipped=True))}
-    large = None if picture.large is None else partial(drawn, svg, *picture.large.shape[:2])
-    return File(drawn(svg, *picture.pixels.shape[:2]), large, report | sizes)
+    return File(drawn(svg, *picture.pixels.shape[:2]), partial(drawn, svg), report | sizes)
 
 
 def run(tree: str, words: list[str], png: Path, stem: Path) -> None:
@@ -163,9 +177,7 @@ def beside(tool: str, limit: int, picture: Picture, folder: Path) -> list[File]:
     """Return the files of another tool of at most `limit` bytes, the best by PSNR first."""
     pixels = picture.pixels
     if tool == "lanczos":
-        height, width = (UP * side for side in pixels.shape[:2])
-        large = partial(resized, pixels, height, width, Image.Resampling.LANCZOS)
-        return [File(pixels, large)]
+        return [File(pixels, partial(resized, pixels, how=Image.Resampling.LANCZOS))]
     if tool == "webp":
         files = [File(shown) for shown in webps(pixels, limit)]
     else:
@@ -182,7 +194,8 @@ def value(column: str, files: list[File], picture: Picture) -> float:
     if column in NUMBERS:
         number = files[0].report.get(NUMBERS[column]) if files else None
         return math.nan if number is None else float(number)
-    if not files or (column == "enlarged" and (picture.large is None or files[0].large is None)):
+    has_both = files and picture.source is not None and files[0].at_size is not None
+    if not files or (column.startswith("enlarged") and not has_both):
         return math.nan
     score, best = SCORES[column]
     scored = files if column in FOR_ALL else files[:SCORED]
@@ -239,8 +252,9 @@ def files_of(
     for label, tree in trees.items():  # compile before any clock runs
         (folder / label).mkdir(exist_ok=True)
         warm = folder / label / "warm.png"
-        eight_bits(np.zeros((9, 9, 3))).save(warm)
+        eight_bits(np.pad(np.ones((16, 16, 3)), ((8, 8), (8, 8), (0, 0)))).save(warm)
         run(tree, ["--gaussians", "9"], warm, warm.with_suffix(""))
+        run(tree, ["--areas", "always"], warm, warm.with_suffix(".areas"))
     with ThreadPoolExecutor(given.workers) as pool:
         jobs = []
         for picture, options in product(chosen, sets):

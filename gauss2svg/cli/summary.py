@@ -9,8 +9,10 @@ from typing import Any
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure import ON_REQUEST, TARGETS, decibels
 from gauss2svg.measure.paint import HEAVY_MS
+from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.progress_display import columns
 from gauss2svg.pipeline.run import COMPILED_S
+from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.svg import MINIMAL, RESPONSIVE
 
 # Text that the summary prints after the number of shapes, for each stop_reason of a report.
@@ -50,7 +52,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
     at = "" if measured == (r["width"], r["height"]) else f", at {measured[0]}x{measured[1]} px"
     rows = {
         "file": f"{output}, {r['width']}x{r['height']} px{_shown_width(r)}, {_size(r)}",
-        "shapes": f"{r['gaussians']:,}: {_stop_text(r)}",
+        "shapes": f"{_shapes(r)}: {_stop_text(r)}",
         "match": f"{_match(r, _SCALE if r['inks'] is None else _SCALE_OF_INKS)}{_hue(r)}{at}",
         "focus": _focus(r),
         "transparency": _transparency(r),
@@ -139,6 +141,14 @@ def _scores(report: dict[str, Any]) -> str:
     return "; ".join(filter(None, [text, *report["scores_missing"]]))
 
 
+def _shapes(report: dict[str, Any]) -> str:
+    """Return text on how many areas, lines and shapes the file has."""
+    counts = AreaCounts(report["area_count"], report["line_count"], report["node_count"])
+    if not any(counts) and report["areas"] != ALWAYS:
+        return f"{report['gaussians']:,}"
+    return f"{counts}, {report['gaussians']:,} shapes" if report["gaussians"] else str(counts)
+
+
 def _stop_text(report: dict[str, Any]) -> str:
     """Return text on why the file does not have more shapes."""
     reason, limit = report["stop_reason"], report["max_bytes"]
@@ -147,6 +157,8 @@ def _stop_text(report: dict[str, Any]) -> str:
         has_space = report["svgz_bytes" if gzipped else "svg_bytes"] < 0.97 * limit
         why = "one more would not fit" if report["gaussians"] < _FEW else "more would not be closer"
         return f"limited by {limit:,} {'gzipped ' * gzipped}bytes{f'; {why}' * has_space}"
+    if reason == "gain" and report["areas"] == ALWAYS:
+        return "more would improve it too little for their bytes"
     without_preset = _NOTHING_TO_GAIN if report["quality"] is None else {}
     return without_preset.get(reason, _STOPPED[reason]).format(**report)
 

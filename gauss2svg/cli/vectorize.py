@@ -150,10 +150,8 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
             print_summary(result.report, written_to)
         if interruption.signal is not None:
             steps = result.report["iterations"]
-            lines.append(
-                f"interrupted after {steps} optimiser steps. "
-                f"The best picture so far is in {written_to}"
-            )
+            after = f" after {steps} optimiser steps" if steps else ""
+            lines.append(f"interrupted{after}. The best picture so far is in {written_to}")
         for line in lines:
             say(line)
     return 0 if interruption.signal is None else status_of(interruption.signal)

@@ -44,6 +44,7 @@ _PIXEL_BYTES = (12, 31, 57), (28, 70, 151)
 BASE = 205e6  # bytes that a run takes even with a photo of a few pixels
 SHAPE = 3000  # bytes per Gaussian
 FIT = 75  # bytes per pixel that a fit takes
+FIT_AREAS = 330  # bytes per pixel that the search for areas takes in a drawing
 FIT_SSIM = 130  # bytes per pixel that a fit takes if its loss includes SSIM
 # Bytes per pixel that a fit in inks takes in addition to FIT, because it needs a target besides the
 # photo.
@@ -111,7 +112,8 @@ class Load:
         fit, kept = math.prod(self.fit), math.prod(self.measured)
         held, _, measured = _PIXEL_BYTES[self.photo.has_alpha]
         inked = INKS * plan.in_inks
-        fitting = held * kept + ((FIT_SSIM if has_ssim(options.fit.loss) else FIT) + inked) * fit
+        each = FIT_AREAS if plan.in_areas else FIT_SSIM if has_ssim(options.fit.loss) else FIT
+        fitting = held * kept + (each + inked) * fit
         if plan.goal.byte_limit is not None and max(self.photo.size) <= LARGEST_ENLARGED:
             fitting += ENLARGED * min(16 * fit, LARGEST)
         measured = max(measured, held + (target.pixel_bytes if target is not None else 0))

@@ -19,6 +19,7 @@ from gauss2svg.scene import OVER
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION, Document, Form, StopCount
 
 AUTO = "auto"
+ALWAYS, NEVER = "always", "never"
 # Largest target in dB. At this PSNR, a picture is almost exact: fewer than one value in 100,000 is
 # wrong, and only by one level of 255.
 _MOST_DECIBELS = 100.0
@@ -110,6 +111,10 @@ class SvgOptions(OptionGroup):
     """editable: named layers, for editors. minimal: only what draws, in fewer bytes. auto:
     editable. With --max-bytes, auto takes the markup that is closer to the picture. For a drawing
     that both match with 41 dB or more, it takes the one that is closer when enlarged."""
+
+    areas: Literal["always", "never"] = "never"
+    """always: draw areas with crisp edges as paths, and thin lines as strokes, in place of shapes.
+    This is for flat drawings, logos and icons."""
 
     palette: Annotated[int | None, Interval(ge=0, le=2**24)] = None
     """Maximum number of gradients in the file. Fewer make it smaller, and 0 sets no limit. The
@@ -251,11 +256,13 @@ OPTIONS = {field.name: key for key, group in GROUPS.items() for field in fields_
 class Progress:
     """The phase in which a run of `vectorize` is, and the state of the fit.
 
-    phase  "read", "compile", "additive" (only with the option portable), "fit", "write", "correct"
-           or "measure". "correct" and then "write" come again for each correction of the number of
-           Gaussians. "measure" comes at the end. If there is a target, it also comes after each
-           "write"
-    fit    state of the fit during "additive", "fit" and "correct", otherwise None
+    phase  "read", "compile", "areas" (only with areas), "additive" (only with the option portable),
+           "fit", "write", "correct" or "measure". "correct" and then "write" come again for each
+           correction of the number of Gaussians, and so do "areas" and "write" for each file that
+           is over the limit of bytes. "measure" comes at the end. If there is a target, it also
+           comes after each "write"
+    fit    state of the fit during "areas", "additive", "fit" and "correct", otherwise None. It is
+           also None in "areas" before any are found
     """
 
     phase: str

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg import Document, SvgFormat
+
+if TYPE_CHECKING:
+    from gauss2svg.areas.find import FoundAreas
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +115,7 @@ class Outcome:
     format       format of the file
     corrections  number of times that the number of Gaussians was changed after the fit
     enlarged     enlarged drawing, if files are also compared with one, otherwise None
+    found        areas on the working canvas, with the costs of finding them. None without areas
     aim_score    value of the aim's score for the file, NaN if it is not measured
     """
 
@@ -124,6 +128,7 @@ class Outcome:
     measured: RoundTrip
     corrections: int
     enlarged: NDArray[np.float32] | None = None
+    found: FoundAreas | None = None
     aim_score: float = math.nan
 
     @property

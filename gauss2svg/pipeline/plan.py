@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, RendererError, quoted, refusal
 from gauss2svg.fit import DEFAULT_LOSS, MOST_GAUSSIANS, PSNR, DensifyOptions, FitConfig, Tune
-from gauss2svg.measure import Score, Search, require_packages
+from gauss2svg.measure import TARGETS, Score, Search, require_packages
 from gauss2svg.measure.roundtrip import score_of
 from gauss2svg.pipeline.drawings import has_edges
-from gauss2svg.pipeline.options import AUTO, Goal, Options
+from gauss2svg.pipeline.options import ALWAYS, AUTO, OPTIONS, Goal, Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import inks_of
@@ -193,6 +193,10 @@ class Plan:
         check_together(self.options)
         if (strength := self.options.fit.focus_strength) is not None and not self.has_focus:
             raise refusal("focus_strength", "given with a mask", f"{strength:g}", "without it")
+        for name in ["start"] * self.starts + ["focus"] * self.has_focus:
+            if self.in_areas:
+                rule = f"not be given with areas {ALWAYS}, whose file has no Gaussians"
+                raise InputError(f"{name} must {rule}. Try without it")
         _ = self.fit_config
 
     @property
@@ -204,6 +208,11 @@ class Plan:
     def in_inks(self) -> bool:
         """Whether the shapes are opaque ellipses in a few inks."""
         return self.options.fit.inks is not None
+
+    @property
+    def in_areas(self) -> bool:
+        """Whether the file has areas and lines, and no Gaussians."""
+        return self.options.svg.areas == ALWAYS
 
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
         """Return the plan with the decisions that depend on the photo.
@@ -344,14 +353,15 @@ class Plan:
     def searches(self) -> list[Plan]:
         """Return the plans of the searches to run. The run writes the closest of their files.
 
-        Without a limit of bytes there is one search. With a limit of bytes there may be several: by
-        bytes or by count, and for minimal or editable markup. If there is also a target, only the
-        first search aims at it. The others run if the first one misses the target.
+        Without a limit of bytes there is one search, and so there is for areas. With a limit of
+        bytes there may be several: by bytes or by count, and for minimal or editable markup. If
+        there is also a target, only the first search aims at it. The others run if the first one
+        misses the target.
         With a time limit there is time for one search only.
         """
         limit, asked = self.uncompressed_limit, self.options.svg.markup
         is_timed = self.goal.time_limit is not None
-        if limit is None:
+        if limit is None or self.in_areas:
             return [self]
         if self.aim is not None:
             options = self.options.changed(**{self.aim.of.option: None})
@@ -475,9 +485,26 @@ def _layered(options: Options) -> list[str]:
     return [*[f"form {form}"] * (form != GRADIENT), *options.document.layered]
 
 
+def _of_gaussians(options: Options) -> Iterator[tuple[str, object]]:
+    """Yield the names and values of given options that a file without Gaussians cannot have."""
+    defaults = Options().flat()
+    for name, value in options.flat().items():
+        others = ("form", "palette", "stops", "portable", "animate", "fragments")
+        if value != defaults[name] and (OPTIONS[name] in ("fit", "densify") or name in others):
+            yield name, value
+
+
 def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:
     """Yield for each conflict the name of an option, the rule it breaks, its value, and advice."""
     goal, fit, svg, layered = options.goal, options.fit, options.svg, _layered(options)
+    if svg.areas == ALWAYS:
+        for name in ("gaussians", "time_limit", *(score.option for score in TARGETS)):
+            if (value := getattr(goal, name)) is not None:
+                rule = f"not be given with areas {ALWAYS}, which only a number of bytes limits"
+                yield name, rule, f"{value:g}", "--max-bytes 10k"
+        for name, value in _of_gaussians(options):
+            rule = f"not be given with areas {ALWAYS}, whose file has no Gaussians"
+            yield name, rule, value, "without it"
     if svg.portable and fit.blend != ADD:
         rule = f"be given with blend {ADD}, whose files it converts"
         yield "portable", rule, f"blend {fit.blend}", "without --portable"

@@ -21,6 +21,7 @@ from gauss2svg.pipeline.options import Progress, ProgressCallback
 _PHASES = {
     "read": "reading the photo",
     "compile": "loading the program, which the first run compiles",
+    "areas": "finding areas",
     "fit": "fitting",
     "write": "writing the SVG",
     "measure": "rasterising and measuring the SVG",
@@ -156,8 +157,10 @@ def _text_and_share(progress: Progress) -> tuple[str, float | None]:
     if now is None:
         return _PHASES[progress.phase], None
     text = _FITS.get(progress.phase, f"fitting, round {now.round}")
+    if progress.phase == "areas":
+        text = "refining areas"
     return f"{text}, {now.remaining_s:.0f} s left: {_figures(now)}", now.done
 
 
 def _figures(now: FitProgress) -> str:
-    return f"{now.gaussians} shapes, {now.psnr:.2f} dB"
+    return f"{now.areas or f'{now.gaussians} shapes'}, {now.psnr:.2f} dB"

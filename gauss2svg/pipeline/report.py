@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.measure import SCORES, Scores
 from gauss2svg.measure.metrics import psnr
@@ -21,6 +22,8 @@ from gauss2svg.pipeline.budgets import measured_size
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
+from gauss2svg.scene import Scene
+from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import used_inks
 from gauss2svg.svg import MINIMAL
 from gauss2svg.svg.file import bytes_by_part
@@ -38,6 +41,7 @@ def run_report(
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
     total_s, count = time.perf_counter() - run.started, len(outcome.scene)
     shown, scored = shown_width(document, outcome.scene), vars(measured) | _by_focus(outcome)
+    counts, found = AreaCounts.of(outcome.scene.areas), outcome.found
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
     return {
         **options.flat(),
@@ -47,6 +51,7 @@ def run_report(
         **_sides("fit_", subject.size),
         **_sides("measured_", measured.raster.shape[1::-1]),
         "gaussians": count,
+        **dict(zip(("area_count", "line_count", "node_count"), counts, strict=True)),
         "iterations": fitted.iterations,
         "falloff": chosen.fit_config.fit.shaped,
         "markup": chosen.markup,
@@ -61,13 +66,16 @@ def run_report(
         "rounds": fitted.rounds,
         "corrections": outcome.corrections,
         "rollbacks": fitted.rollbacks,
-        "colors": len(np.unique(np.round(outcome.scene.color * 255), axis=0)),
-        "gradients": outcome.svg.count("<radialGradient"),
+        "colors": len(np.unique(np.round(_colors(outcome.scene) * 255), axis=0)),
+        "gradients": outcome.svg.count("<radialGradient") + outcome.svg.count("<linearGradient"),
+        "area_share": 0.0 if found is None else found.explained,
         "stop_reason": fitted.stop_reason,
         "unreached": [*unreached(plan, outcome, total_s - run.first_s)],
         "compile_s": run.compile_s,
         "fit_s": fitted.wall_s,
         "fit_cpu_s": fitted.cpu_s,
+        "area_find_s": 0.0 if found is None else found.find_s,
+        "area_refine_s": 0.0 if found is None else found.refine_s,
         "pixel_pairs": fitted.pixel_pairs,
         # The PSNR of equal images is infinite. It becomes None, because JSON has no infinity.
         **{k: None if v == math.inf else v for k, v in scored.items() if k != "raster"},
@@ -80,6 +88,12 @@ def run_report(
         "versions": dict(_versions()),
         "total_s": total_s,
     }
+
+
+def _colors(scene: Scene) -> NDArray[np.float64]:
+    """Return the colours (n, 3) of the Gaussians, and of the areas without gradients."""
+    flat = [area.paint for area in scene.areas if isinstance(area.paint, tuple)]
+    return np.concatenate([scene.color, np.reshape(flat, (-1, 3))])
 
 
 def _sides(prefix: str, size: tuple[int, ...]) -> dict[str, int]:
@@ -109,7 +123,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
         yield f"measured at {photo.width}x{photo.height} px to meet the time limit"
     # If the bytes suffice for no shape, `unreached` reports it.
     is_clear = photo.alpha is not None and photo.alpha.any()
-    if is_clear and not count and outcome.fitted.stop_reason != "max_bytes":
+    is_empty = not count and not outcome.scene.areas
+    if is_clear and is_empty and outcome.fitted.stop_reason != "max_bytes":
         yield "the SVG is empty, because the photo is too transparent to be visible"
     if chosen.markup == MINIMAL != plan.options.svg.markup:
         yield (
@@ -144,7 +159,7 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
         sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
         target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
         yield f"target of {target} not reached: {sign * outcome.aim_score:.2f}{unit}{ended}"
-    if reason == "max_bytes" and not len(outcome.scene):
+    if reason == "max_bytes" and not len(outcome.scene) and not outcome.scene.areas:
         none = f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none"
         yield f"{none}. Try a larger --max-bytes"
     if limit is not None and seconds > 1.1 * limit + 0.1:

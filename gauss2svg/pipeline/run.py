@@ -105,9 +105,11 @@ class Run:
         return load_image(image, max_pixels=self._max_pixels, matte=matte, needed=needed)
 
     @contextmanager
-    def compiled(self, blend: str = OVER) -> Iterator[None]:
-        """Compile the kernels for this blend, and let numba use the run's threads in the block.
+    def compiled(self, blend: str = OVER, areas: bool = False) -> Iterator[None]:
+        """Compile the kernels of the run, and let numba use its threads in the block.
 
+        blend  blend mode of the Gaussians
+        areas  whether the run finds areas
         Only one thread of a process can be in such a with block. If other threads have runs too,
         they wait here until it has left the block.
         """
@@ -118,6 +120,8 @@ class Run:
                 self.notify("compile")
                 begun = time.perf_counter()
                 compile_kernels(blend)
+                if areas:
+                    compile_areas()
                 self.compile_s += time.perf_counter() - begun
                 yield
             finally:
@@ -167,3 +171,18 @@ def compile_kernels(blend: str = OVER) -> None:
         from gauss2svg.svg.write import write_svg
 
         write_svg(scene)
+
+
+@cache
+def compile_areas() -> None:
+    """Compile every kernel that a run needs to find and to draw areas and lines."""
+    # These are imported here because few runs have areas.
+    from gauss2svg.areas.find import find_areas
+    from gauss2svg.render import render
+
+    # A disc and a line that leaves the picture, with antialiased edges and in colours that mix.
+    y, x = np.mgrid[:24, :24] + 0.5
+    disc = np.clip(6.5 - np.hypot(x - 9, y - 9), 0, 1)
+    line = np.clip(1.5 - np.abs(x - y - 9), 0, 1)
+    picture = np.ones((24, 24, 3)) - disc[..., None] * [0.9, 0.2, 0.1] - 0.8 * line[..., None]
+    render(Scene(24, 24, areas=find_areas(np.clip(picture, 0, 1).astype(np.float32)).areas))

@@ -28,13 +28,21 @@ from gauss2svg.pipeline.budgets import (
     size_that_fits,
 )
 from gauss2svg.pipeline.drawings import is_drawing
-from gauss2svg.pipeline.options import Goal, Options, ProgressCallback, RunOptions, SvgOptions
+from gauss2svg.pipeline.options import (
+    ALWAYS,
+    Goal,
+    Options,
+    ProgressCallback,
+    RunOptions,
+    SvgOptions,
+)
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, without_gaussians
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.run import Run, watched
 from gauss2svg.processes import held_bytes
 from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import used_inks
 from gauss2svg.svg import Document
 from gauss2svg.svg.element import LARGEST_NUMBER
@@ -47,7 +55,7 @@ class Result:
     """A vectorised photo. Notebooks show it as a picture.
 
     svg       text of the file
-    scene     fitted Gaussians on the photo's canvas, in the order of the file
+    scene     areas and fitted Gaussians on the photo's canvas, in the order of the file
     report    options and results of the run, ready for JSON (docs/reference/report.md)
     raster    rasterised SVG, (h, w, 3) float32 in 0..1. It may be smaller than the canvas. For a
               transparent photo it is (h, w, 4) with straight alpha
@@ -106,7 +114,9 @@ class Result:
 
     def __repr__(self) -> str:
         r = self.report
-        shapes = f"{r['width']}x{r['height']}, {r['gaussians']} Gaussians"
+        areas = f"{AreaCounts.of(self.scene.areas)}, " if self.scene.areas else ""
+        gaussians = f"{r['gaussians']} Gaussians, " if r["gaussians"] or not areas else ""
+        shapes = f"{r['width']}x{r['height']}, {areas}{gaussians}".removesuffix(", ")
         closeness, size = decibels(r["psnr_svg"]), r["svg_bytes"]
         return f"<gauss2svg.Result {shapes}, {closeness}, {size} bytes>"
 
@@ -187,6 +197,9 @@ def vectorize_by(
     if start is not None and ADD in (required(start, "start", Scene).blend, options.fit.blend):
         got = f"a scene of {start.blend} for a file of {options.fit.blend}"
         raise refusal("start", "alpha-composited, like the file", got, "--blend over for both")
+    if start is not None and start.areas:
+        got, advice = AreaCounts.of(start.areas), "the scene of a run with --areas never"
+        raise refusal("start", "a scene without areas", str(got), advice)
     photo, load = _read(plan, run, image, may_reduce)
     strength, max_pixels = options.fit.focus_strength, options.run.max_pixels
     mask = None if focus is None else load_focus(focus, strength, photo, max_pixels)
@@ -199,7 +212,7 @@ def vectorize_by(
     del photo  # frees the photo's pixels, which may be many
     side = max(load.fit) / elongation(*load.fit)
     plan = dataclasses.replace(plan, fit_side=side).for_picture(pixels)
-    with run.compiled(plan.options.fit.blend):
+    with run.compiled(plan.options.fit.blend, plan.in_areas):
         outcome = best_of(_outcomes(plan, run, subject), plan)
     subject.release()
     # Every search prunes its file until it is within the limit. So this one has no shapes left.
@@ -254,8 +267,10 @@ def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
         pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
         run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps, renderer)
     for one in plan.searches():
-        # Few runs need both classes, so each is imported only when it is needed.
-        if one.by_bytes:
+        # Few runs need several of these classes, so each is imported only when it is needed.
+        if one.in_areas:
+            from gauss2svg.pipeline.by_areas import ByAreas as OneSearch
+        elif one.by_bytes:
             from gauss2svg.pipeline.by_bytes import ByBytes as OneSearch
         else:
             from gauss2svg.pipeline.by_count import ByCount as OneSearch
@@ -282,4 +297,7 @@ def warm_up(given: Mapping[str, Any]) -> Result:
     given  options of the run by name
     """
     noise = np.random.default_rng(0).random((32, 32, 3))
-    return vectorize_by(Options.from_flat({**given, "iterations": 2}), noise)
+    options = Options.from_flat(given)
+    if options.svg.areas != ALWAYS:  # areas are found without steps
+        options = options.changed(iterations=2)
+    return vectorize_by(options, noise)

@@ -31,7 +31,9 @@ from gauss2svg.svg.write import write_svg
 
 MASK = "focus.png"  # name of the mask's file in the folder of a job
 # Attributes of a fit's progress that are written to progress.json.
-_FIT_ATTRIBUTES = ("round", "iteration", "done", "gaussians", "psnr", "elapsed_s", "remaining_s")
+_FIT_ATTRIBUTES = (
+    "round", "iteration", "done", "gaussians", "areas", "psnr", "elapsed_s", "remaining_s",
+)  # fmt: skip
 
 
 class _CanceledError(Exception):
@@ -127,6 +129,8 @@ def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
     # The page also offers the SVG in the markup that was not asked for. Some options do not allow
     # that markup. The block then raises an error, and no file is written.
     with suppress(Gauss2SvgError):
-        form = Plan(options.changed(markup=other, focus_strength=None)).format_at()
+        changed = {"precision": result.report["precision"]} if result.scene.areas else {}
+        options = options.changed(markup=other, focus_strength=None, **changed)
+        form = Plan(options).format_at()
         yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
     yield "scene.npz", saved(result.scene.save)

@@ -176,8 +176,9 @@ def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
     if sides or document.is_responsive:
         root[CANVAS] = " ".join(canvas)
     root.update({"role": "img", **drawing.root})
-    areas = f"{drawing.areas} areas and " if drawing.areas else ""
-    usual = f"{areas}{drawing.gaussians} Gaussians, fitted and written by gauss2svg {__version__}"
+    counts = [f"{drawing.areas} areas"] * (drawing.areas > 0)
+    counts += [f"{drawing.gaussians} Gaussians"] * (drawing.gaussians > 0 or not drawing.areas)
+    usual = f"{' and '.join(counts)}, fitted and written by gauss2svg {__version__}"
     root.set_desc(title=document.title, desc=document.alt or usual)
     head, _, end = root.tostring().partition("<defs />")
     inside = [Element("defs", drawing.definitions or None)]

@@ -27,7 +27,7 @@ CHANGED = {
     "stops": 8, "precision": 0.1, "matte": "#fa0", "portable": True, "gzip": True,
     "count_gzipped": True, "title": "A 'quoted' title", "alt": "-starts like an option",
     "size": "120mm", "aspect": "xMidYMid slice", "animate": 2.5, "fragments": True,
-    "renderer": "cairo", "scores": True, "max_size": 200, "full_size": True,
+    "renderer": "cairo", "scores": True, "max_size": 200, "full_size": True, "areas": "always",
 }  # fmt: skip
 # Options that those exclude.
 OTHERS = {

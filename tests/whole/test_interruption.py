@@ -96,6 +96,17 @@ def test_an_interrupted_search_keeps_its_limit_and_makes_no_corrections(goal, co
     assert "--max-bytes" not in goal or report["svg_bytes"] <= 3000
 
 
+@in_turn(1, "write")
+def test_first_signal_ends_the_search_for_areas(number, moment, command, at, capfd):
+    at(number, moment)
+    assert (
+        main(["photo.png", "-o", "out.svg", "--areas", "always", *command[-3:]]) == STATUS[number]
+    )
+    assert "interrupted. The best picture so far is in out.svg" in capfd.readouterr().err
+    reason = report_of_the_file()["stop_reason"]
+    assert reason == ("interrupted" if moment == 1 else "gain")
+
+
 @in_turn(4, "write", "measure")
 def test_second_signal_ends_everything_and_leaves_the_old_file(number, moment, command, at, capfd):
     at(number, moment, moment)

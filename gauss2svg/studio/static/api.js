@@ -12,7 +12,7 @@
 /** @typedef {Record<string, number | null> & { width: number, height: number, gaussians: number, svg_bytes: number,
  *   svgz_bytes: number, total_s: number, psnr_svg: number | null } & { unreached: string[], notes: string[] }} Report */
 /** @typedef {{ phase?: string, round?: number, iteration?: number, done?: number, frame?: number, gaussians?: number,
- *   psnr?: number | null, bytes_estimate?: number, elapsed_s?: number, remaining_s?: number }} Progress */
+ *   areas?: string, psnr?: number | null, bytes_estimate?: number, elapsed_s?: number, remaining_s?: number }} Progress */
 /** @typedef {{ id: string, state: string, place: number, progress: Progress | null, report: Report, error: string,
  *   width: number | null, height: number | null, lines: Record<string, string> }} State state of a job; the report is null until there is an SVG */
 

@@ -8,7 +8,7 @@ import { Goal } from "./goal.js";
 import { listen, showSamples } from "./intake.js";
 import { hasPicture, isActive, isDone, RunQueue } from "./job.js";
 import { More } from "./more.js";
-import { decibels, seconds, size, whole } from "./numbers.js";
+import { decibels, drawn, seconds, size, whole } from "./numbers.js";
 import { figuresOf, showProgress, Strip } from "./progress.js";
 import { Picture } from "./rounds.js";
 import { named, Trade } from "./trade.js";
@@ -365,7 +365,7 @@ const roundsOf = (run) =>
 
 /** @param {DoneRun} run */
 const costOf = ({ report }) =>
-  `${seconds(report.total_s)}: ${whole(report.gaussians)} shapes, ${size(report.svg_bytes)}, ${decibels(report.psnr_svg)}`;
+  `${seconds(report.total_s)}: ${drawn(report)}, ${size(report.svg_bytes)}, ${decibels(report.psnr_svg)}`;
 
 /** @param {number | null} zoom @param {number} shown */
 function tellZoom(zoom, shown) {

@@ -25,6 +25,12 @@ export function size(count) {
     if (count >= 0.9995 * unit) return threeDigits(count / unit) + SPACE + name;
   return `${Math.round(count)}${SPACE}B`;
 }
+/** @param {import("./api.js").Report} report @returns {string} "12 areas, 3 lines", or "100 shapes" */
+export function drawn({ area_count: areas, line_count: lines, gaussians }) {
+  const counts = /** @type {[number | null, string][]} */ ([[areas, "areas"], [lines, "lines"], [gaussians, "shapes"]]);
+  const some = counts.filter(([count]) => count);
+  return (some.length ? some : counts.slice(2)).map(([count, name]) => `${whole(count)} ${name}`).join(", ");
+}
 /** @param {Some} value */
 export function seconds(value) {
   return isNumber(value) ? threeDigits(value) + SPACE + "s" : NONE;

@@ -2,13 +2,13 @@
 
 import { make } from "./dom.js";
 import { isActive, isDone } from "./job.js";
-import { decibels, seconds, size, whole } from "./numbers.js";
+import { decibels, drawn, seconds, size, whole } from "./numbers.js";
 
 /** @import { Photo, Run } from "./job.js" */
 
 const PHASES = /** @type {Record<string, string>} */ ({
   read: "Reading the photo", compile: "Compiling, in the first run only", write: "Writing the SVG",
-  measure: "Measuring the SVG", correct: "Correcting colours",
+  measure: "Measuring the SVG", areas: "Finding areas", correct: "Correcting colours",
 });
 /** @param {number} place */
 const ahead = (place) => (place === 1 ? "one before it" : `${place} before it`);
@@ -39,8 +39,8 @@ export function showProgress(run) {
   else bar.value = now.done ?? 0;
   const has = figures.gaussians !== undefined;
   for (const [id, text] of [
-    ["now-shapes", has ? whole(figures.gaussians) : ""], ["now-psnr", has ? decibels(figures.psnr) : ""],
-    ["now-size", has ? `about ${size(figures.bytes_estimate)}` : ""], ["now-time", has ? seconds(figures.elapsed_s) : ""],
+    ["now-shapes", has ? figures.areas || whole(figures.gaussians) : ""], ["now-psnr", has ? decibels(figures.psnr) : ""],
+    ["now-size", has && figures.bytes_estimate ? `about ${size(figures.bytes_estimate)}` : ""], ["now-time", has ? seconds(figures.elapsed_s) : ""],
     ["now-left", has && isFitting && Number(now.remaining_s) > 0 ? seconds(now.remaining_s) : ""],
   ]) {
     by(id).textContent = text;
@@ -51,7 +51,7 @@ export function showProgress(run) {
 
 /** @param {{ report: import("./api.js").Report }} run */
 export function figuresOf({ report }) {
-  const parts = [`${whole(report.gaussians)} shapes`, decibels(report.psnr_svg)];
+  const parts = [drawn(report), decibels(report.psnr_svg)];
   if (report.ssim_svg !== null && report.ssim_svg !== undefined) parts.push(`SSIM ${report.ssim_svg.toFixed(3)}`);
   if (report.focus_strength) parts.push(`${decibels(report.psnr_svg_inside)} in the focus, ${decibels(report.psnr_svg_outside)} outside`);
   parts.push(`${size(report.svg_bytes)} (${size(report.svgz_bytes)} gzipped)`, seconds(report.total_s));
