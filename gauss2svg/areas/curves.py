@@ -128,21 +128,31 @@ def _fit_cubic(points, weight, first, last, noise, p, t):
 
 
 @inner
+def _copy(source, target):
+    """Copy a segment (4, 2)."""
+    for i in range(4):
+        for c in range(2):
+            target[i, c] = source[i, c]
+
+
+@inner
+def _straighten(p):
+    """Make a segment (4, 2) the straight line between its ends."""
+    for c in range(2):
+        p[1, c], p[2, c] = p[0, c], p[3, c]
+
+
+@inner
 def _best(points, weight, first, last, unit, rate, noise, only_curves, p, t):
     """Write the cheaper of a line and a cubic for points first..last. Return its kind and costs."""
-    n = len(points)
     error = _fit_cubic(points, weight, first, last, noise, p, t)
     size = _segment_bytes(p, True, unit)
     if only_curves:
         return True, error, size
-    line = np.empty((4, 2))
-    for c in range(2):
-        line[0, c] = line[1, c] = points[first % n, c]
-        line[2, c] = line[3, c] = points[last % n, c]
     line_error = _line_error(points, weight, first, last, noise)
-    line_size = _segment_bytes(line, False, unit)
+    line_size = _segment_bytes(p, False, unit)
     if line_error + rate * line_size < error + rate * size:
-        p[:] = line
+        _straighten(p)
         return False, line_error, line_size
     return True, error, size
 
@@ -154,97 +164,89 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
     points, weight  (n, 2) points and (n,) weights, already multiplied by the length that a point
                     stands for
     start     (m + 1,) index of the first point of each piece, and of the last point of the last
-              one. Indices of a closed path may exceed n. Changed to those of the pieces left
-    segment, curved  (m, 4, 2) and (m,) segments of the pieces. Changed
+              one. The last index of a closed path is start[0] + n
+    segment, curved  (m, 4, 2) and (m,) segments of the pieces. Those that are left come first
     is_fitted  whether the segments are those of the pieces at the beginning, without error. If
               not, they are fitted first
     unit      user unit of path data in px
     rate      squared error that a byte must save
+    noise     mean squared distance in px by which points are off. Smaller distances cost little
     """
-    n, count = len(points), len(start) - 1
-    error, size = np.zeros(count), np.zeros(count)
-    t = np.empty(2 * n + 2)
-    merged, is_curve = np.empty((count, 4, 2)), np.empty(count, np.bool_)
-    merged_error, merged_size = np.empty(count), np.empty(count)
-    gain = np.empty(count)
-    p = np.empty((4, 2))
+    count = len(start) - 1
+    steps, following = np.empty(count, np.int64), np.empty(count, np.int64)
+    error, size, gain = np.zeros(count), np.zeros(count), np.zeros(count)
+    pair, pair_curved = np.empty((count, 4, 2)), np.empty(count, np.bool_)
+    pair_error, pair_size = np.empty(count), np.empty(count)
+    t, p = np.empty(2 * len(points) + 2), np.empty((4, 2))
     for i in range(count):
-        if is_fitted:
-            error[i], size[i] = 0.0, _segment_bytes(segment[i], True, unit)
-        else:
-            curved[i], error[i], size[i] = _best(
-                points, weight, start[i], start[i + 1], unit, rate, noise, True, segment[i], t
-            )
-    least = 2 if closed else 1
+        steps[i], following[i] = start[i + 1] - start[i], i + 1
+    following[count - 1] = 0 if closed else -1
+    first, left, least = 0, count, 2 if closed else 1
     # A smooth run becomes few curves only if lines do not compete while it is merged: two short
     # lines have fewer bytes than the curve that replaces them.
-    for only_curves in (True, False):
-        if not only_curves:
-            for i in range(count):
-                kind, line_error, line_size = _best(
-                    points, weight, start[i], start[i + 1], unit, rate, noise, False, p, t
+    for stage in range(2):
+        i = first
+        for _ in range(left):
+            if stage == 0 and is_fitted:
+                size[i] = _segment_bytes(segment[i], True, unit)
+            else:
+                end = start[i] + steps[i]
+                kind, new_error, new_size = _best(
+                    points, weight, start[i], end, unit, rate, noise, stage == 0, p, t
                 )
-                if not kind and line_error + rate * line_size < error[i] + rate * size[i]:
-                    segment[i], curved[i], error[i], size[i] = p, False, line_error, line_size
+                if stage == 0 or (
+                    not kind and new_error + rate * new_size < error[i] + rate * size[i]
+                ):
+                    _copy(p, segment[i])
+                    curved[i], error[i], size[i] = kind, new_error, new_size
                 elif not curved[i]:
                     size[i] = _segment_bytes(segment[i], False, unit)
-        gain[:] = np.nan
-        while count > least:
-            pairs = count if closed and count > 2 else count - 1
+            gain[i] = np.nan
+            i = following[i]
+        while left > least:
             best, at = 0.0, -1
-            for i in range(pairs):
+            i = first
+            for _ in range(left if closed else left - 1):
+                j = following[i]
                 if gain[i] != gain[i]:
-                    j = (i + 1) % count
-                    end = start[j + 1] + (n if j == 0 and i > 0 else 0)
-                    is_curve[i], merged_error[i], merged_size[i] = _best(
-                        points, weight, start[i], end, unit, rate, noise, only_curves, merged[i], t
+                    end = start[i] + steps[i] + steps[j]
+                    pair_curved[i], pair_error[i], pair_size[i] = _best(
+                        points, weight, start[i], end, unit, rate, noise, stage == 0, pair[i], t
                     )
-                    cost = merged_error[i] - error[i] - error[j]
-                    gain[i] = rate * (size[i] + size[j] - merged_size[i]) - cost
+                    cost = pair_error[i] - error[i] - error[j]
+                    gain[i] = rate * (size[i] + size[j] - pair_size[i]) - cost
                 if gain[i] > best:
                     best, at = gain[i], i
+                i = j
             if at < 0:
                 break
-            i, j = at, (at + 1) % count
-            segment[i], curved[i] = merged[i], is_curve[i]
-            error[i], size[i] = merged_error[i], merged_size[i]
-            if j == 0:  # the first piece becomes part of the last one
-                for k in range(count - 1):
-                    start[k] = start[k + 1]
-                    segment[k], curved[k] = segment[k + 1], curved[k + 1]
-                    error[k], size[k] = error[k + 1], size[k + 1]
-                    gain[k], is_curve[k] = gain[k + 1], is_curve[k + 1]
-                    merged[k], merged_error[k], merged_size[k] = (
-                        merged[k + 1],
-                        merged_error[k + 1],
-                        merged_size[k + 1],
-                    )
-                start[count - 1] = start[0] + n
-                i -= 1
-            else:
-                for k in range(j, count - 1):
-                    start[k] = start[k + 1]
-                    segment[k], curved[k] = segment[k + 1], curved[k + 1]
-                    error[k], size[k] = error[k + 1], size[k + 1]
-                    gain[k], is_curve[k] = gain[k + 1], is_curve[k + 1]
-                    merged[k], merged_error[k], merged_size[k] = (
-                        merged[k + 1],
-                        merged_error[k + 1],
-                        merged_size[k + 1],
-                    )
-                start[count - 1] = start[count]
-            count -= 1
-            gain[i] = np.nan
-            gain[(i - 1) % count] = np.nan
-            # The pair of the last and the first piece depends on both ends.
-            if count <= 2 or i == count - 1 or i == 0:
-                gain[count - 1] = np.nan
+            j = following[at]
+            _copy(pair[at], segment[at])
+            curved[at], error[at], size[at] = pair_curved[at], pair_error[at], pair_size[at]
+            steps[at] += steps[j]
+            following[at] = following[j]
+            if j == first:
+                first = at
+            left -= 1
+            gain[at] = np.nan
+            i = first
+            for _ in range(left):  # the pair of the piece before ends elsewhere now
+                if following[i] == at:
+                    gain[i] = np.nan
+                i = following[i]
     # Neighbours share their nodes exactly.
-    for i in range(count):
-        if i > 0:
-            segment[i, 0] = segment[i - 1, 3]
-        elif closed:
-            segment[0, 0] = segment[count - 1, 3]
-        if not curved[i]:
-            segment[i, 1], segment[i, 2] = segment[i, 0], segment[i, 3]
-    return count
+    i = first
+    for k in range(left):
+        _copy(segment[i], pair[k])
+        pair_curved[k] = curved[i]
+        i = following[i]
+    for k in range(left):
+        _copy(pair[k], segment[k])
+        curved[k] = pair_curved[k]
+    for k in range(left):
+        if k > 0 or closed:
+            for c in range(2):
+                segment[k, 0, c] = segment[k - 1 if k > 0 else left - 1, 3, c]
+        if not curved[k]:
+            _straighten(segment[k])
+    return left

@@ -40,6 +40,43 @@ def shade_index(form, place, x, y):
 
 
 @inner
+def _root(labels, i):
+    """Return the smallest index of the component of a pixel, and shorten the way to it."""
+    while labels[i] != i:
+        labels[i] = labels[labels[i]]
+        i = labels[i]
+    return i
+
+
+@kernel
+def join_alike(pixels, core, most, labels):
+    """Write the components of pixels of cores whose neighbours differ by at most `most`.
+
+    labels  (h * w,) output: the smallest index of a pixel of the component, -1 outside the cores
+    """
+    h, w, channels = pixels.shape
+    for y in range(h):
+        for x in range(w):
+            i = y * w + x
+            labels[i] = i if core[y, x] else -1
+            if not core[y, x]:
+                continue
+            for side in range(2):
+                v, u = y - side, x - 1 + side
+                if v < 0 or u < 0 or not core[v, u]:
+                    continue
+                difference = 0.0
+                for c in range(channels):
+                    difference = max(difference, abs(pixels[y, x, c] - pixels[v, u, c]))
+                if difference <= most:
+                    a, b = _root(labels, i), _root(labels, v * w + u)
+                    labels[max(a, b)] = min(a, b)
+    for i in range(h * w):
+        if labels[i] >= 0:
+            labels[i] = labels[labels[i]]
+
+
+@inner
 def _push(key, place, count, new_key, new_place):
     i = count
     while i > 0:

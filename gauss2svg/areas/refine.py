@@ -369,10 +369,12 @@ def solve(
             damp[i + c] = damping[i + c] * 0.5 * (diagonal[i + c] + mean) + base
     for i in range(widths, size):
         damp[i] = damping[i] * diagonal[i] + base
-    x, r = np.zeros(size), -grad
-    z = r / (diagonal + damp)
-    p, product = z.copy(), np.empty(size)
-    rz = (r * z).sum()
+    r, p, product = np.empty(size), np.empty(size), np.empty(size)
+    rz = 0.0
+    for i in range(size):
+        step[i], r[i] = 0.0, -grad[i]
+        p[i] = r[i] / (diagonal[i] + damp[i])
+        rz += r[i] * p[i]
     first = rz
     for _ in range(steps):
         if rz < 1e-8 * first or rz < 1e-18:
@@ -389,15 +391,18 @@ def solve(
                 image[place[e], c] += move * weights[e, c]
         _transposed(place, owner, jacobian, weights, points, widths, layer_of, image, full)
         _reduce(full, same, handle, node, master, ratio, product)
-        product += damp * p
-        a = rz / (p * product).sum()
-        x += a * p
-        r -= a * product
-        z = r / (diagonal + damp)
-        new = (r * z).sum()
-        p = z + new / rz * p
+        curvature = 0.0
+        for i in range(size):
+            product[i] += damp[i] * p[i]
+            curvature += p[i] * product[i]
+        new = 0.0
+        for i in range(size):
+            step[i] += rz / curvature * p[i]
+            r[i] -= rz / curvature * product[i]
+            new += r[i] * r[i] / (diagonal[i] + damp[i])
+        for i in range(size):
+            p[i] = r[i] / (diagonal[i] + damp[i]) + new / rz * p[i]
         rz = new
-    step[:] = x
 
 
 class Drawing:

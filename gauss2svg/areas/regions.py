@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from gauss2svg.areas.kernels import explain, grow_labels
+from gauss2svg.areas.kernels import explain, grow_labels, join_alike
 
 LEVEL = 1 / 255
 FLAT = 4 * LEVEL  # largest difference of values in a block of pixels of one colour
@@ -43,16 +41,9 @@ def cores_of(pixels: NDArray[np.float64]) -> tuple[NDArray[np.int64], int]:
     core[:-1] |= block[1:]
     core[:, :-1] |= block[:, 1:]
     core[:-1, :-1] |= block[1:, 1:]
-    index = np.arange(h * w).reshape(h, w)
-    pairs = []
-    for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-        alike = np.abs(pixels[first] - pixels[second]).max(axis=-1) <= max(FLAT, STEEP)
-        alike &= core[first] & core[second]
-        pairs.append(np.stack([index[first][alike], index[second][alike]]))
-    rows, columns = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(len(rows), bool), (rows, columns)), shape=(h * w, h * w))
-    component = connected_components(graph, directed=False)[1].reshape(h, w)
-    component = np.where(core, component, -1).astype(np.int32)
+    component = np.empty(h * w, np.int32)
+    join_alike(pixels, core, max(FLAT, STEEP), component)
+    component = component.reshape(h, w)
     names, counts = np.unique(component[core], return_counts=True)
     kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= LEAST_CORE)]
     return renamed(component, kept), len(kept)
