@@ -405,6 +405,27 @@ def solve(
         rz = new
 
 
+class Buffers:
+    """Memory that drawings of one picture share, because new memory takes longer to fill.
+
+    cover, visible, below  (m,), (m,) and (m, c) for the pixels of all layers' boxes
+    sums                   (h, w + 2) for the coverage of one layer
+    """
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        self._channels = shape[2]
+        self.sums = np.empty((shape[0], shape[1] + 2))
+        self.cover = np.empty(0, np.float32)
+
+    def reserve(self, count: int) -> None:
+        """Make room for this number of pixels."""
+        if len(self.cover) < count:
+            room = count + count // 16
+            self.cover = self.visible = self.below = np.empty(0, np.float32)  # frees the old ones
+            self.cover, self.visible = np.empty(room, np.float32), np.empty(room, np.float32)
+            self.below = np.empty((room, self._channels), np.float32)
+
+
 class Drawing:
     """Layers over a ground, as arrays, and the picture to which they are fitted.
 
@@ -419,6 +440,7 @@ class Drawing:
         paints: list[Paint],
         layers: list[Layer],
         is_tied: bool = True,
+        buffers: Buffers | None = None,
     ) -> None:
         self.pixels = pixels.astype(np.float32, copy=False)
         self.ground, self.paints = ground, paints
@@ -469,9 +491,7 @@ class Drawing:
         palette = Palette([paints[k] for k in self._paint]) if layers else None
         self._palette = palette
         y, x = np.indices(self.shape[:2])
-        self._cover = self._visible = np.empty(0, np.float32)
-        self._below = np.empty((0, self.shape[2]), np.float32)
-        self._sums = np.empty((self.shape[0], self.shape[1] + 2))
+        self._buffers = buffers or Buffers(self.shape)
         self._canvas = ground.at(x, y) if ground.is_shaded else None
         self.sign = self._turns()[self.layer_of]
         self.ties = self._tied() if is_tied else self._untied()
@@ -479,7 +499,7 @@ class Drawing:
 
     def with_layers(self, layers: list[Layer], is_tied: bool = True) -> Drawing:
         """Return a drawing of the same picture with other layers."""
-        return Drawing(self.pixels, self.ground, self.paints, layers, is_tied)
+        return Drawing(self.pixels, self.ground, self.paints, layers, is_tied, self._buffers)
 
     def color_in_box(self, l: int) -> Floats:
         """Return the colours (h, w, c) of a layer in its box."""
@@ -526,16 +546,13 @@ class Drawing:
         sizes = self.box[:, 2] * self.box[:, 3]
         self.offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         total = int(sizes.sum())
-        if len(self._cover) < total:  # memory that is used again needs no new pages
-            room = total + total // 8
-            self._cover, self._visible = np.empty((2, room), np.float32)
-            self._below = np.empty((room, self.shape[2]), np.float32)
-        self.cover, self.below = self._cover[:total], self._below[:total]
+        self._buffers.reserve(total)
+        self.cover, self.below = self._buffers.cover[:total], self._buffers.below[:total]
         self._set_colors()
         compose(
             self.point[self.segment], self.curved, self.path_start, self.closed, self.layer_start,
             self.width, self.cap, self._palette.form, self._palette.place, self._palette.table, self.box,
-            self.offset, self._sums, canvas, self.cover, self.below,
+            self.offset, self._buffers.sums, canvas, self.cover, self.below,
         )  # fmt: skip
         return canvas
 
@@ -547,7 +564,7 @@ class Drawing:
     def weigh(self) -> None:
         """Compute `visible` (m,) and the derivatives `weight` (m, c), after `draw`."""
         self.above = np.ones(self.shape[:2], np.float32)
-        self.visible = self._visible[: len(self.cover)]
+        self.visible = self._buffers.visible[: len(self.cover)]
         weigh(
             self.width, self._palette.form, self._palette.place, self._palette.table, self.box, self.offset,
             self.cover, self.below, self.above, self.visible,
