@@ -258,7 +258,7 @@ class Area:
 
 
 class AreaCounts(NamedTuple):
-    """How many areas, lines and nodes there are. As text: 12 areas and 3 lines of 140 nodes."""
+    """Numbers of areas, of lines and of nodes. As text: 12 areas and 3 lines of 140 nodes."""
 
     areas: int
     lines: int

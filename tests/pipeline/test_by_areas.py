@@ -89,6 +89,21 @@ def test_a_limit_of_bytes_is_kept_by_raising_the_price_of_a_byte(given):
     assert result.report["corrections"] > 0
 
 
+@pytest.mark.parametrize("limit", [None, 150])
+@pytest.mark.parametrize(
+    "picture",
+    [np.full((20, 20, 3), 0.2), np.zeros((1, 1, 3)), np.zeros((9, 9, 4)), np.eye(40)[..., None],
+     np.random.default_rng(0).random((20, 20, 3))],
+    ids=["blank", "one pixel", "clear", "thin", "noise"],
+)  # fmt: skip
+def test_a_picture_without_areas_becomes_its_ground(picture, limit):
+    given = {} if limit is None else {"max_bytes": limit}
+    result = vectorize(picture, areas="always", **given)
+    assert AreaCounts.of(result.scene.areas).areas == 0
+    assert result.report["svg_bytes"] <= (limit or 1000)
+    assert result.scene.transparent == (picture.shape[2] == 4)
+
+
 def test_a_limit_below_the_bytes_of_the_ground_alone_is_refused():
     with pytest.raises(InputError, match=r"max_bytes must be at least \d+, the bytes of a file"):
         vectorize(DRAWING, areas="always", max_bytes=60)
