@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from skimage.measure import find_contours
 from gauss2svg.areas.curves import merge_pieces
 
 Floats = NDArray[np.float64]
+Weights = Callable[[Floats], Floats]
 STEP = 0.5  # px between points of a contour
 PIECE = 6  # points of the pieces into which a contour is cut at first
 LEAST_AREA = 1.0  # px^2; smaller contours are noise
@@ -60,16 +62,22 @@ def resampled(points: Floats, step: float = STEP, closed: bool = True) -> Floats
     return np.stack([np.interp(at, place, line[:, i]) for i in (0, 1)], axis=1)
 
 
-def corners_of(points: Floats) -> NDArray[np.intp]:
-    """Return the indices of the corners of a closed polyline (n, 2), points STEP px apart."""
+def turns_of(points: Floats, least_rad: float, closed: bool = True) -> NDArray[np.intp]:
+    """Return the indices of the corners of a polyline (n, 2), whose points are evenly spaced.
+
+    A corner turns by at least `least_rad` between the chords to the points ARM points before and
+    after it, and by more than any other point that near.
+    """
     n = len(points)
     if n < 4 * ARM:
         return np.arange(0)
     before, after = points - np.roll(points, ARM, axis=0), np.roll(points, -ARM, axis=0) - points
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     turn = np.abs(np.arctan2(cross, (before * after).sum(axis=1)))
+    if not closed:
+        turn[:ARM] = turn[-ARM:] = 0
     around = np.stack([np.roll(turn, k) for k in range(-ARM, ARM + 1)])
-    corners = np.flatnonzero((turn >= CORNER_RAD) & (turn == around.max(axis=0)))
+    corners = np.flatnonzero((turn >= least_rad) & (turn == around.max(axis=0)))
     return corners[np.diff(corners, prepend=-n) > ARM // 2]
 
 
@@ -84,7 +92,7 @@ def first_path(points: Floats, weight_at, unit: float, rate: float) -> Path:
     weight_at  function from points to the weight of a squared distance of 1 px along 1 px
     """
     points = resampled(points)
-    n, corners = len(points), corners_of(points)
+    n, corners = len(points), turns_of(points, CORNER_RAD)
     keep, moved = np.ones(n, bool), points.copy()
     gaps = np.diff(corners, append=corners[:1] + n)
     for i, corner in enumerate(corners):

@@ -16,12 +16,14 @@ from skimage.morphology import skeletonize
 
 from gauss2svg.areas.centrelines import centred, chains_of, width_along
 from gauss2svg.areas.outlines import (
+    Weights,
     Path,
     contours_of,
     first_path,
     fitted_path,
     path_bytes,
     resampled,
+    turns_of,
 )
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import FAR, LEVEL, Palette, Shares, grown, widened
@@ -34,11 +36,22 @@ MOST_COUNTED = 0.02  # a pixel's squared error counts at most this, because outl
 EXPLAINED = 0.6  # a colour must lower the error of a part to this share of it
 ROUNDS = 3
 PRICE_OF_COLOR = 1e-4  # squared error for each pixel by which a new colour must be better
+# Photos have thousands of parts. The strongest parts, and the colours nearest to a part, decide.
+MOST_PARTS, MOST_COLORS = 200, 24
+SAME_COLOR = 6 * LEVEL  # largest difference of a thin part's colour from one that it takes
 THICK = 2.4  # px; a disc of this radius fits into no thin part
 WIDEST = 3.6  # px; the largest width of a line
 SEEN = 0.12  # least share of a pixel in a part
+MARGIN = 3  # px of a part's box around it
 LEAST_SHARE, LEAST_LENGTH = 4.0, 2.5  # px^2 of a line, and its length in widths
 ALIKE_WIDTHS = 0.15  # px, and a twentieth of the width: lines of one colour become equally wide
+POINT_STEP = 0.6  # px between points of a centreline
+TURN_RAD = np.radians(38)  # least turn at a corner of a centreline
+COMPARED_STEPS = 6  # of the refinement by which a stroke and outlines of one part are compared
+BYTES_OF_LINE, BYTES_OF_AREA = 12.0, 10.0  # of tags, as far as a part does not share them
+# Outlines may be closer than a stroke only because they follow the errors of antialiasing. So they
+# must cost less by this factor.
+LINE_PRIOR = 1.5
 _BLOCK = np.ones((3, 3), bool)
 
 
@@ -66,7 +79,7 @@ def add_thin_regions(
         boxes = ndimage.find_objects(part)
         power = ndimage.sum_labels(shares.error, part, np.arange(1, count + 1))
         added = False
-        for q in np.argsort(-power):
+        for q in np.argsort(-power)[:MOST_PARTS]:
             ys, xs = np.nonzero(part[boxes[q]] == q + 1)
             ys, xs = ys + boxes[q][0].start, xs + boxes[q][1].start
             before = shares.error[ys, xs]
@@ -103,7 +116,7 @@ def _paint_of_part(pixels, labels, ys, xs, before, paints, palette, name):
     values = pixels[ys, xs]
     order = np.argsort(-before)
     some, more = order[: max(3, len(ys) // 20)], order[: max(3, len(ys) // 8)]
-    known = {id(p): p for p in paints if not p.is_shaded}
+    known = list({id(p): p for p in paints if not p.is_shaded}.values())
 
     def cost(color: Floats) -> float:
         error = palette.explain(pixels, labels, ys, xs, FAR, FAR, -1.0, color, name)[2]
@@ -111,50 +124,147 @@ def _paint_of_part(pixels, labels, ys, xs, before, paints, palette, name):
 
     colors = values[order[0]], np.median(values[some], axis=0), np.median(values[more], axis=0)
     tried = [(cost(c) + PRICE_OF_COLOR * len(ys), Paint(c)) for c in colors]
-    tried += [(cost(p.color), p) for p in known.values()]
+    known.sort(key=lambda p: np.abs(p.color - colors[0]).max())
+    tried += [(cost(p.color), p) for p in known[:MOST_COLORS]]
     best, paint = min(tried, key=lambda one: one[0])
     return paint, best
 
 
-def _share_paints(paints: list[Paint], regions: int, near: float = 6 * LEVEL) -> None:
+def _share_paints(paints: list[Paint], regions: int) -> None:
     """Let thin regions have the paint of an earlier region of nearly their colour."""
     for k in range(regions, len(paints)):
         for paint in paints[:k]:
-            if not paint.is_shaded and np.abs(paint.color - paints[k].color).max() <= near:
+            if not paint.is_shaded and np.abs(paint.color - paints[k].color).max() <= SAME_COLOR:
                 paints[k] = paint
                 break
 
 
-def _strokes(share: Floats, left: int, top: int, widest: float, thick, weight_at, unit, rate):
-    """Return the paths and widths of strokes along a thin part, or none if it is no line.
+class Part(NamedTuple):
+    """A connected thin part of the regions of one paint, in a box with a margin.
 
-    share  (h, w) of the part; thick (height, width) where the same colour is thick
+    names      regions
+    share      (h, w) of the pixels
+    thick      (h, w) where regions of this paint are thick
+    left, top  of the box, in px
     """
-    seen = share[share > 0.05]
-    level = min(0.35, 0.4 * float(np.percentile(seen, 85))) if len(seen) else 1.0
-    chains = chains_of(skeletonize(share > level), share)
+
+    names: list[int]
+    share: Floats
+    thick: NDArray[np.bool_]
+    left: int
+    top: int
+
+
+def take_lines(
+    pixels: Floats,
+    shares: Shares,
+    paints: list[Paint],
+    weight_at: Weights,
+    unit: float,
+    rate: float,
+) -> list[Line]:
+    """Return the lines of a picture, and give their shares to what lies beside or under them."""
+    parts = thin_parts(shares, paints)
+    lines, gone = list[Line](), list[Part]()
+    for part in sorted(parts, key=lambda part: -part.share.sum())[:MOST_PARTS]:
+        strokes = _chosen(pixels, part, paints[part.names[0]], weight_at, unit, rate)
+        if strokes:
+            lines += [Line(part.names[0], *stroke) for stroke in strokes]
+            gone.append(part)
+    largest, is_gone = shares.largest, np.zeros(pixels.shape[:2], bool)
+    places = []
+    for part in gone:
+        ys, xs = np.nonzero(part.share)
+        places.append((ys + part.top, xs + part.left))
+        is_gone[places[-1]] = True
+    for part, (ys, xs) in zip(gone, places, strict=True):
+        left_out = is_gone | np.isin(largest, part.names)
+        _release(shares, ys, xs, part.names, _nearest(largest, left_out, ys, xs))
+    return lines
+
+
+def thin_parts(shares: Shares, paints: list[Paint]) -> list[Part]:
+    """Return the thin parts of regions that have one colour."""
+    disc = np.hypot(*np.mgrid[-2:3, -2:3]) < THICK
+    classes: dict[int, list[int]] = {}
+    for k, paint in enumerate(paints):
+        if not paint.is_shaded:
+            classes.setdefault(id(paint), []).append(k)
+    parts = []
+    for names in classes.values():
+        share = shares.of(np.array(names))
+        opened = ndimage.binary_opening(np.pad(share > 0.5, 3, mode="edge"), disc)[3:-3, 3:-3]
+        thick = ndimage.binary_dilation(opened, _BLOCK)
+        thin = np.where(thick, 0, share)
+        label, _ = ndimage.label(thin > SEEN, _BLOCK)
+        for q, found in enumerate(ndimage.find_objects(label)):
+            box = widened(found, MARGIN, share.shape)
+            own = np.where(label[box] == q + 1, thin[box], 0)
+            if own.sum() >= LEAST_SHARE:
+                parts.append(Part(names, own, thick[box], box[1].start, box[0].start))
+    return parts
+
+
+def _chosen(
+    pixels: Floats, part: Part, paint: Paint, weight_at: Weights, unit: float, rate: float
+) -> list[tuple[Path, float]]:
+    """Return the strokes of a part, or none if its outlines are closer for their bytes."""
+    strokes = _strokes(part, weight_at, unit, rate)
+    if not strokes:
+        return []
+    h, w = part.share.shape
+    values = pixels[part.top : part.top + h, part.left : part.left + w]
+    around = ndimage.binary_dilation(part.share > SEEN, _BLOCK, iterations=2)
+    around &= part.share <= 0.02
+    ground = np.median(values[around], axis=0) if around.any() else values.mean(axis=(0, 1))
+    contrast = float(((paint.color - ground) ** 2).sum())
+    widths = dict.fromkeys(width for _, width in strokes)
+    as_lines = [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
+    contours = contours_of(part.share, part.left, part.top, pixels.shape[:2])
+    as_areas = [Layer(0, [first_path(c, weight_at, unit, rate)]) for c in contours]
+    line, line_error = _fitted(as_lines, part)
+    _, area_error = _fitted(as_areas, part)
+    line_cost, area_cost = (
+        contrast * error + rate * (more + sum(path_bytes(p, unit) for one in layers for p in one.paths))
+        for layers, error, more in (
+            (as_lines, line_error, BYTES_OF_LINE), (as_areas, area_error, BYTES_OF_AREA)
+        )
+    )  # fmt: skip
+    if line_cost >= LINE_PRIOR * area_cost:
+        return []
+    offset = np.array([part.left, part.top])
+    return [
+        (path._replace(segments=path.segments + offset), layer.width)
+        for layer in line.current()
+        for path in layer.paths
+    ]
+
+
+def _strokes(part: Part, weight_at: Weights, unit: float, rate: float) -> list[tuple[Path, float]]:
+    """Return the paths and widths of strokes along a thin part, or none if it is no line."""
+    seen = part.share[part.share > 0.05]
+    level = min(0.35, 0.4 * float(np.percentile(seen, 85)))
+    chains = chains_of(skeletonize(part.share > level), part.share)
     length = sum(np.hypot(*np.diff(chain, axis=0).T).sum() + 0.7 for chain in chains)
-    width = share.sum() / max(length, 1e-9)
-    if width > widest or length < max(LEAST_SHARE, LEAST_LENGTH * width):
+    width = part.share.sum() / max(length, 1e-9)
+    if width > WIDEST or length < max(LEAST_SHARE, LEAST_LENGTH * width):
         return []
     strokes = []
     for chain in chains:
         is_loop = len(chain) > 6 and bool((chain[0] == chain[-1]).all())
-        points = centred(chain[:-1] if is_loop else chain, share, is_loop)
-        wide = width_along(points, share, is_loop)
-        if wide >= 1.2 * widest:
+        points = centred(chain[:-1] if is_loop else chain, part.share, is_loop)
+        wide = width_along(points, part.share, is_loop)
+        if wide >= 1.2 * WIDEST:
             continue
-        points = points + [left, top]
         if not is_loop:
-            points = _extended(points, thick)
-        points = resampled(points, 0.6, is_loop)
-        corners = _turns_of(points, is_loop)
-        path = fitted_path(points, corners, weight_at, unit, rate, is_loop)
-        strokes.append((path, wide))
+            points = _extended(points, part.thick)
+        points = resampled(points, POINT_STEP, is_loop) + [part.left, part.top]
+        corners = turns_of(points, TURN_RAD, is_loop)
+        strokes.append((fitted_path(points, corners, weight_at, unit, rate, is_loop), wide))
     return strokes
 
 
-def _extended(points: Floats, thick) -> Floats:
+def _extended(points: Floats, thick: NDArray[np.bool_]) -> Floats:
     """Return a polyline whose ends reach to the end of the share, or under a thick part."""
     points = points.copy()
     h, w = thick.shape
@@ -163,128 +273,25 @@ def _extended(points: Floats, thick) -> Floats:
         way = way / max(np.hypot(*way), 1e-9)
         x, y = points[end] + 2 * way
         is_thick = thick[int(np.clip(y, 0, h - 1)), int(np.clip(x, 0, w - 1))]
-        points[end] = points[end] + (2.0 if is_thick else 0.4) * way
+        points[end] += (2.0 if is_thick else 0.4) * way
     return points
 
 
-def _turns_of(points: Floats, closed: bool, arm: int = 5, least: float = np.radians(38)):
-    """Return the indices of corners of a polyline whose points are about .6 px apart."""
-    n = len(points)
-    if n <= 2 * arm + 1:
-        return np.arange(0)
-    before, after = points - np.roll(points, arm, axis=0), np.roll(points, -arm, axis=0) - points
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    turn = np.abs(np.arctan2(cross, (before * after).sum(axis=1)))
-    if not closed:
-        turn[:arm] = turn[-arm:] = 0
-    around = np.stack([np.roll(turn, k) for k in range(-arm, arm + 1)])
-    corners = np.flatnonzero((turn >= least) & (turn == around.max(axis=0)))
-    return corners[np.diff(corners, prepend=-n) > arm]
-
-
-def take_lines(pixels, shares: Shares, paints, weight_at, unit, rate) -> list[Line]:
-    """Return the lines of a picture, and give their shares to what lies beside or under them."""
-    h, w, _ = pixels.shape
-    lines = []
-    disc = np.hypot(*np.mgrid[-2:3, -2:3]) < THICK
-    classes: dict[int, list[int]] = {}
-    for k, paint in enumerate(paints):
-        if not paint.is_shaded:
-            classes.setdefault(id(paint), []).append(k)
-    gone = []
-    for names in classes.values():
-        share = shares.of(np.array(names))
-        if share.sum() < 6:
-            continue
-        opened = ndimage.binary_opening(np.pad(share > 0.5, 3, mode="edge"), disc)[3:-3, 3:-3]
-        thick = ndimage.binary_dilation(opened, _BLOCK)
-        thin = np.where(thick, 0, share)
-        parts, _ = ndimage.label(thin > SEEN, _BLOCK)
-        for q, box in enumerate(ndimage.find_objects(parts)):
-            part = np.where(parts[box] == q + 1, thin[box], 0)
-            if part.sum() < LEAST_SHARE:
-                continue
-            left, top = box[1].start, box[0].start
-            strokes = _chosen(
-                pixels, part, left, top, WIDEST, thick, paints[names[0]], weight_at, unit, rate
-            )
-            if not strokes:
-                continue
-            lines += [Line(names[0], *stroke) for stroke in strokes]
-            ys, xs = np.nonzero(part > 0)
-            gone.append((ys + top, xs + left, names))
-    is_gone = np.zeros((h, w), bool)
-    for ys, xs, _ in gone:
-        is_gone[ys, xs] = True
-    largest = shares.largest
-    for ys, xs, names in gone:
-        others = is_gone | np.isin(largest, names)
-        _release(shares, ys, xs, names, _nearest(largest, others, ys, xs))
-    return lines
-
-
-STEPS = 6  # of the refinement by which a stroke and outlines of one part are compared
-
-
-def _chosen(pixels, part, left, top, widest, thick, paint, weight_at, unit, rate):
-    """Return the strokes of a part, or none if its outlines are closer for their bytes."""
-    strokes = _strokes(part, left, top, widest, thick, weight_at, unit, rate)
-    if not strokes:
-        return []
-    h, w = part.shape
-    seen = ndimage.binary_dilation(part > SEEN, _BLOCK, iterations=2)
-    values = pixels[top : top + h, left : left + w]
-    around = (part <= 0.02) & seen
-    ground = np.median(values[around], axis=0) if around.any() else values.mean(axis=(0, 1))
-    contrast = ((paint.color - ground) ** 2).sum()
-    outlines = [
-        first_path(c, weight_at, unit, rate) for c in contours_of(part, left, top, thick.shape)
-    ]
-    groups = {width: [path for path, other in strokes if other == width] for _, width in strokes}
-    as_lines = [Layer(0, paths, width) for width, paths in groups.items()]
-    as_areas = [Layer(0, [path]) for path in outlines]
-    is_open = ~thick[top : top + h, left : left + w]
-    costs = []
-    for layers, more in ((as_lines, BYTES_OF_LINE), (as_areas, BYTES_OF_AREA)):
-        drawing, error = _fitted(layers, part, is_open, left, top)
-        size = sum(path_bytes(path, unit) for layer in layers for path in layer.paths) + more
-        costs.append((contrast * error + rate * size, drawing))
-    (line_cost, drawing), (area_cost, _) = costs
-    if line_cost >= LINE_PRIOR * area_cost:
-        return []
-    offset = np.array([left - MARGIN, top - MARGIN])
-    return [
-        (path._replace(segments=path.segments + offset), layer.width)
-        for layer in drawing.current()
-        for path in layer.paths
-    ]
-
-
-MARGIN = 3
-# Outlines may be closer than a stroke only because they follow the errors of antialiasing. So they
-# must cost less by this factor.
-LINE_PRIOR = 1.5
-BYTES_OF_LINE, BYTES_OF_AREA = 12.0, 10.0  # of tags, as far as a part does not share them
-
-
-def _fitted(layers: list[Layer], part: Floats, is_open, left: int, top: int):
-    """Return a drawing of a part's share with these layers, and its squared error where it is open.
+def _fitted(layers: list[Layer], part: Part) -> tuple[Drawing, float]:
+    """Return a drawing of a part's share, refined a little, and its squared error.
 
     Where the same colour is thick, what the layers draw does not matter.
     """
-    offset = np.array([left - MARGIN, top - MARGIN])
+    offset = np.array([part.left, part.top])
     moved = [
-        Layer(
-            0, [path._replace(segments=path.segments - offset) for path in layer.paths], layer.width
-        )
+        layer.replace([path._replace(segments=path.segments - offset) for path in layer.paths])
         for layer in layers
     ]
-    target, mask = np.pad(part, MARGIN)[..., None], np.pad(is_open, MARGIN, constant_values=True)
+    target, is_open = part.share[..., None].astype(np.float32), ~part.thick[..., None]
     drawing = Drawing(target, Paint(np.zeros(1)), [Paint(np.ones(1))], moved, False)
-    first = drawing.draw()
-    drawing.pixels = np.where(mask[..., None], target, first)
-    drawing.refine(STEPS, colors=False)
-    return drawing, float((((drawing.draw() - target)[..., 0] ** 2)[mask]).sum())
+    drawing.pixels = np.where(is_open, target, drawing.draw())
+    drawing.refine(COMPARED_STEPS, colors=False)
+    return drawing, float(((drawing.draw() - target)[is_open] ** 2).sum())
 
 
 def _nearest(labels, is_left_out, ys, xs):
