@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,14 @@ from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline
 
 Floats = NDArray[np.float64]
-RATE = 0.0015  # squared error that a byte of an area must save
-UNIT = 1 / 24  # px of path data
+RATE = 0.0012  # squared error that a byte of an area must save
+UNIT = 1 / 32  # px of path data
 STEPS, LATER_STEPS = 20, 15  # of the refinement before and after nodes are merged
 MERGES = 2
 REACH = 2
 FIRST_RATE = 0.01  # squared error for a byte below which a layer is not even refined
 EXPLAINED = 0.01  # squared error up to which a pixel counts as explained by areas
+LEAST_ERROR = 1e-12  # mean squared error of an exact picture, for its PSNR
 LEAST_OPACITY = 1 / 255  # of a colour; what is more transparent is not drawn
 
 
@@ -37,48 +39,89 @@ class FoundAreas:
     areas       from the lowest to the highest one, in px of the picture
     background  (3,) sRGB colour below them, or None if the picture is transparent there
     explained   share of the pixels whose colour the areas draw
+    psnr        PSNR in dB of their exact raster against the picture
     find_s, refine_s  seconds in which they were found, and in which they were refined
+    drawing     the same areas as arrays, from which `coarser` goes on
     """
 
     areas: tuple[Area, ...]
     background: tuple[float, float, float] | None
     explained: float
+    psnr: float
     find_s: float
     refine_s: float
+    drawing: Drawing | None = field(default=None, repr=False, compare=False)
+
+
+# Function that is called at every step, with the share of the steps that are done, and a function
+# that returns the areas as they are. It is None until the first areas are found. An exception ends
+# the search.
+Progress = Callable[[float, Callable[[], FoundAreas] | None], None]
 
 
 def find_areas(
     picture: NDArray[np.float32],
     rate: float = RATE,
     unit: float = UNIT,
-    progress: Callable[[str, FoundAreas | None], None] | None = None,
+    progress: Progress | None = None,
 ) -> FoundAreas:
     """Return the areas and lines that draw a picture (h, w, 3), or (h, w, 4) with straight alpha.
 
-    rate      squared error, summed over the pixels and channels, that each byte must save
-    unit      user unit in px of the file for which nodes are counted
-    progress  function that is called with "find" or "refine" and the areas so far. An exception
-              that it raises ends the search
+    rate  squared error, summed over the pixels and channels, that each byte must save
+    unit  user unit in px of the file for which nodes are counted
     """
     started = time.perf_counter()
-    report = progress or (lambda phase, areas: None)
-    report("find", None)
-    pixels = channels_of(picture)
-    drawing = first_drawing(pixels, unit, rate)
-    found = time.perf_counter()
+    if progress is not None:
+        progress(0.0, None)
+    drawing = first_drawing(channels_of(picture), unit, rate)
+    find_s = time.perf_counter() - started
+    return _refined(drawing, STEPS, rate, unit, find_s, 0.0, progress)
+
+
+def coarser(
+    found: FoundAreas, rate: float, unit: float = UNIT, progress: Progress | None = None
+) -> FoundAreas:
+    """Return fewer areas and nodes than `found` has, for a higher rate than it was found for."""
+    assert found.drawing is not None
+    return _refined(found.drawing, 0, rate, unit, found.find_s, found.refine_s, progress)
+
+
+def _refined(
+    drawing: Drawing,
+    steps: int,
+    rate: float,
+    unit: float,
+    find_s: float,
+    refine_s: float,
+    progress: Progress | None,
+) -> FoundAreas:
+    """Refine a drawing, merge its nodes, and leave out what does not pay. Return its areas.
+
+    steps  of the refinement before nodes are merged
+    """
+    started = time.perf_counter()
+    whole, done = steps + (MERGES + 1) * LATER_STEPS, 0
 
     def so_far() -> FoundAreas:
-        return areas_of(drawing, found - started, time.perf_counter() - found)
+        return areas_of(drawing, find_s, refine_s + time.perf_counter() - started)
 
-    report("refine", so_far())
-    drawing.refine(STEPS)
+    def refine(count: int) -> None:
+        nonlocal done
+
+        def on_step(k: int) -> None:
+            if progress is not None:
+                progress((done + k) / whole, so_far)
+
+        drawing.refine(count, on_step=on_step)
+        done += count
+
+    refine(steps)
     for _ in range(MERGES):
-        report("refine", so_far())
         drawing = drawing.with_layers(merged(drawing, unit, rate))
-        drawing.refine(LATER_STEPS)
+        refine(LATER_STEPS)
     drawing = drawing.with_layers(without_cheap(drawing, unit, rate))
     drawing = drawing.with_layers(with_caps(drawing, rate))
-    drawing.refine(LATER_STEPS)
+    refine(LATER_STEPS)
     return so_far()
 
 
@@ -136,7 +179,7 @@ def ground_of(labels, paints: list[Paint], opacity: Floats) -> Paint:
     return paints[int(np.bincount(labels.ravel()).argmax())]
 
 
-def areas_of(drawing: Drawing, find_s: float = 0.0, refine_s: float = 0.0) -> FoundAreas:
+def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
     """Return the areas of a drawing as they are now."""
     h, w, channels = drawing.shape
     areas = []
@@ -154,6 +197,7 @@ def areas_of(drawing: Drawing, find_s: float = 0.0, refine_s: float = 0.0) -> Fo
         if drawing.ground.gradient is not None:
             page = Outline(((0, 0), (w, 0), (w, h), (0, h)), (False,) * 4)
             areas.insert(0, Area((page,), drawing.ground.gradient))
-    error = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1) * 3 / channels
-    explained = float((error <= EXPLAINED).mean())
-    return FoundAreas(tuple(areas), background, explained, find_s, refine_s)
+    error = ((drawing.draw() - drawing.pixels) ** 2).mean(axis=-1)
+    explained = float((3 * error <= EXPLAINED).mean())
+    psnr = -10 * math.log10(max(float(error.mean()), LEAST_ERROR))
+    return FoundAreas(tuple(areas), background, explained, psnr, find_s, refine_s, drawing)

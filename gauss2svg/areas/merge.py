@@ -12,6 +12,7 @@ SAMPLES = 2.5  # points for each px of a segment
 # Nodes may move by this share of the distance by which outlines seem to be off.
 NOISE_SHARE = 0.7
 BYTES_OF_AREA, BYTES_OF_LINE = 20.0, 50.0  # of the tag of a layer
+MOST_LAYERS = 300  # because a photo would have thousands
 
 
 def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
@@ -63,19 +64,22 @@ def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
 
 
 def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
-    """Return the layers that lower the squared error by at least `rate` for each of their bytes."""
+    """Return the layers that lower the squared error by at least `rate` for each of their bytes.
+
+    At most MOST_LAYERS are kept, those that lower it most.
+    """
     if not drawing.layers:
         return []
     error = drawing.draw() - drawing.pixels
     below = drawing.below.copy()
     drawing.weigh()
-    kept = []
-    for l, layer in enumerate(drawing.current()):
+    layers = drawing.current()
+    gains = np.zeros(len(layers))
+    for l, layer in enumerate(layers):
         own, shows = error[drawing.slices(l)], drawing.part(drawing.visible, l)[..., None]
-        paint = drawing.color_in_box(l)
-        without = own - (paint - drawing.part(below, l)) * shows
+        without = own - (drawing.color_in_box(l) - drawing.part(below, l)) * shows
         size = BYTES_OF_LINE if layer.width else BYTES_OF_AREA
         size += sum(path_bytes(path, unit) for path in layer.paths)
-        if (without**2).sum() - (own**2).sum() >= rate * size:
-            kept.append(layer)
-    return kept
+        gains[l] = (without**2).sum() - (own**2).sum() - rate * size
+    least = max(0.0, np.sort(gains)[-min(MOST_LAYERS, len(gains))])
+    return [layer for layer, gain in zip(layers, gains, strict=True) if gain >= least]

@@ -19,7 +19,7 @@ GOOD = 1.2 * LEVEL  # root mean square error at which a gradient gets no more st
 # A gradient must halve the error of one colour, and a radial one must be better than a linear one.
 GAIN, ROUND_GAIN = 0.5, 0.8
 ALIKE = 2.6 * LEVEL  # largest difference of two colours that become one
-BINS = 40
+BINS, STOP_BINS = 40, 200  # places along a gradient at which colours are averaged
 PART = 4 * LEVEL  # largest difference of a pixel from a gradient that draws it
 MOST_OFF = 0.05  # largest share of a part that differs more
 NEAR = 3  # px between parts of one gradient
@@ -156,13 +156,22 @@ def _radial(pixels: Floats, ys, xs, colors):
     ), error
 
 
-def _spread(place: Floats, colors: Floats) -> float:
-    """Return the squared error of colours (n, 3) that depend only on their place (n,), in bins."""
+def _binned(place: Floats, colors: Floats, count: int):
+    """Return mean places, mean colours (k, 3) and sizes (k,) of bins, and the error within them."""
     low, high = place.min(), place.max()
-    bins = np.clip(((place - low) / max(high - low, 1e-9) * BINS).astype(int), 0, BINS - 1)
-    count = np.maximum(np.bincount(bins, minlength=BINS), 1)
-    sums = np.stack([np.bincount(bins, c, BINS) for c in colors.T], axis=1)
-    return float(((colors - (sums / count[:, None])[bins]) ** 2).sum())
+    bins = ((place - low) / max(high - low, 1e-9) * count).astype(np.int64)
+    bins = np.minimum(bins, count - 1)
+    size = np.bincount(bins, minlength=count)
+    columns = [np.bincount(bins, values, count) for values in (place, *colors.T)]
+    mean = np.stack(columns, axis=1) / np.maximum(size, 1)[:, None]
+    within = float((colors**2).sum() - (size[:, None] * mean[:, 1:] ** 2).sum())
+    used = size > 0
+    return mean[used, 0], mean[used, 1:], size[used], max(within, 0.0)
+
+
+def _spread(place: Floats, colors: Floats) -> float:
+    """Return the squared error of colours (n, 3) that depend only on their place (n,)."""
+    return _binned(place, colors, BINS)[3]
 
 
 def _stops(place: Floats, colors: Floats):
@@ -170,13 +179,16 @@ def _stops(place: Floats, colors: Floats):
 
     Stops are added one by one, each where it lowers the error most.
     """
+    low, high = place.min(), place.max()
+    at, mean, size, within = _binned(place, colors, STOP_BINS)
+    weight = np.sqrt(size)[:, None]
 
     def fitted(knots: Floats):
-        weights = np.stack([np.interp(place, knots, row) for row in np.eye(len(knots))], axis=1)
-        stops = np.linalg.lstsq(weights, colors, rcond=None)[0]
-        return np.sqrt(np.mean((colors - weights @ stops) ** 2)), stops
+        basis = np.stack([np.interp(at, knots, row) for row in np.eye(len(knots))], axis=1)
+        stops = np.linalg.lstsq(basis * weight, mean * weight, rcond=None)[0]
+        error = ((mean - basis @ stops) ** 2 * weight**2).sum() + within
+        return np.sqrt(error / colors.size), stops
 
-    low, high = place.min(), place.max()
     knots = np.array([low, high])
     error, stops = fitted(knots)
     while error > GOOD and len(knots) < MOST_STOPS:

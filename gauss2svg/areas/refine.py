@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,12 @@ CG_STEPS = 40
 COLOR_STEPS = (3, 11)  # steps of the refinement before which colours are solved again
 BASE = 0.01  # damping of every parameter, in squared error for a px^2
 MOST_STEP, MOST_WIDENING = 0.7, 0.3  # px in one step
-FIRST_DAMPING = 0.03
+# Damping of a path, as a share of the diagonal of the normal equations, and that of widths.
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING, WIDTH_DAMPING = 0.03, 1e-3, 1e5, 0.1
+# A step is tried again if the paths that became worse lost more than this share of the whole gain.
+MOST_RISE = 0.2
+# The refinement ends after MOST_QUIET steps that lower the error by less than this share.
+LEAST_GAIN, MOST_QUIET = 1e-3, 3
 LEAST_WIDTH = 0.1  # px
 
 
@@ -638,92 +644,103 @@ class Drawing:
         for paint, color in zip(flat, new, strict=True):
             paint.color = np.clip(color, 0, 1)
 
-    def refine(self, steps: int, stop: float = 1e-3, colors: bool = True) -> float:
-        """Move outlines, widths and colours for at most `steps` steps. Return the squared error."""
+    def refine(
+        self, steps: int, colors: bool = True, on_step: Callable[[int], None] | None = None
+    ) -> None:
+        """Move outlines and widths for at most `steps` steps, and solve colours again.
+
+        on_step  function that is called after each step with the number of steps
+        """
         if not self.layers:
-            return 0.0
-        paths, h, w = len(self.closed), *self.shape[:2]
+            return
         error = self.draw() - self.pixels
-        loss, quiet = squared(error), 0
-        damping = np.full(paths, FIRST_DAMPING)
-        ties, widths = self.ties, self.point.size
-        same = ties.same
+        damping, quiet = np.full(len(self.closed), FIRST_DAMPING), 0
         for n in range(steps):
+            before = squared(error)
             self.weigh()
             if colors and n in COLOR_STEPS:
-                kept = [paint.color for paint in self.paints]
-                self.solve_colors()
-                new = self.draw() - self.pixels
-                new_loss = squared(new)
-                if new_loss <= loss:
-                    error, loss = new, new_loss
-                else:
-                    for paint, color in zip(self.paints, kept, strict=True):
-                        paint.color = color
-                    self.draw()
+                error = self._with_new_colors(error)
                 self.weigh()
-            pixel, owner, jacobian, weights = self.samples()
-            places, place = np.unique(pixel, return_inverse=True)
-            residual = error.reshape(h * w, -1)[places].astype(np.float64)
-            damp = np.concatenate(
-                [np.repeat(damping[self.point_path], 2), np.full(len(self.width), 0.1)]
-            )
-            step = np.empty(len(damp))
-            solve(
-                place, owner, jacobian, weights, self.segment, widths, self.layer_of, residual,
-                damp, BASE, CG_STEPS, same, ties.handle, ties.node, ties.master, ties.ratio, step,
-            )  # fmt: skip
-            move = step[:widths].reshape(-1, 2)
-            move *= np.minimum(1, MOST_STEP / np.maximum(np.hypot(*move.T), 1e-9))[:, None]
-            widen = np.where(
-                self.width > 0, np.clip(step[widths:], -MOST_WIDENING, MOST_WIDENING), 0
-            )
-            old_point, old_width = self.point, self.width
-            pairs = np.unique(self.path_of[owner] * len(places) + place)
-            own_path, own_place = pairs // len(places), places[pairs % len(places)]
-
-            def local(difference):
-                squares = (difference.reshape(h * w, -1)[own_place].astype(np.float64) ** 2).sum(
-                    axis=1
-                )
-                return np.bincount(own_path, squares, paths)
-
-            before, moves = local(error), np.ones(paths, bool)
-            for attempt in range(2):
-                self.point = self._moved(old_point, move * moves[self.point_path][:, None])
-                still = np.bincount(self.path_layer, ~moves, len(self.width)) > 0
-                self.width = np.where(
-                    old_width > 0, np.maximum(old_width + np.where(still, 0, widen), LEAST_WIDTH), 0
-                )
-                new = self.draw() - self.pixels
-                new_loss, rise = squared(new), local(new) - before
-                worse = rise > 1e-6 * before
-                if attempt == 0:
-                    damping = np.clip(np.where(worse, damping * 6, damping / 3), 1e-3, 1e5)
-                if new_loss < loss and not (
-                    attempt == 0 and rise[worse].sum() > 0.2 * (loss - new_loss)
-                ):
-                    break
-                moves &= ~worse
-            if new_loss < loss:
-                quiet = quiet + 1 if new_loss > loss * (1 - stop) else 0
-                error, loss = new, new_loss
-            else:
-                self.point, self.width = old_point, old_width
-                self.draw()
-                damping = np.minimum(damping * 4, 1e5)
-                quiet += 1
-            if quiet >= 3:
+            error, damping = self._stepped(error, damping)
+            quiet = quiet + 1 if squared(error) > before * (1 - LEAST_GAIN) else 0
+            if on_step is not None:
+                on_step(n + 1)
+            if quiet >= MOST_QUIET:
                 break
+
+    def _with_new_colors(self, error: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Solve the colours again, and return the new error, unless it is larger than `error`."""
+        kept = [paint.color for paint in self.paints]
+        self.solve_colors()
+        new = self.draw() - self.pixels
+        if squared(new) <= squared(error):
+            return new
+        for paint, color in zip(self.paints, kept, strict=True):
+            paint.color = color
+        self.draw()
+        return error
+
+    def _stepped(
+        self, error: NDArray[np.float32], damping: Floats
+    ) -> tuple[NDArray[np.float32], Floats]:
+        """Make a step, and return the error after it, and the damping (p,) of paths for the next.
+
+        A step that does not lower the error is undone. It is tried once more without the paths
+        whose own pixels became worse.
+        """
+        pixel, owner, jacobian, weights = self.samples()
+        places, place = np.unique(pixel, return_inverse=True)
+        rows = error.reshape(-1, self.shape[2])
+        move, widen = self._solved(place, owner, jacobian, weights, rows[places], damping)
+        loss = squared(error)
+        # Each entry has the pixels through which the outlines of a path run.
+        pairs = np.unique(self.path_of[owner] * len(places) + place)
+        path, own = pairs // len(places), places[pairs % len(places)]
+        before = self._path_errors(error, path, own)
         # Each sample stands for 1 / RATE px of an outline.
-        total = 0.0
-        lengths = (
-            np.abs(jacobian[:, [0, 2, 4, 6]].sum(axis=1)),
-            np.abs(jacobian[:, [1, 3, 5, 7]].sum(axis=1)),
-        )
-        total = ((weights**2).sum(axis=1) * np.hypot(*lengths)).sum()
-        self.noise = loss / max(total, 1e-9)
-        return loss
+        lengths = (np.abs(jacobian[:, c:8:2].sum(axis=1)) for c in (0, 1))
+        seen = float(((weights**2).sum(axis=1) * np.hypot(*lengths)).sum())
+        self.noise = loss / max(seen, 1e-9)
+        point, width, moves = self.point, self.width, np.ones(len(self.closed), bool)
+        for attempt in range(2):
+            self.point = self._moved(point, move * moves[self.point_path][:, None])
+            still = np.bincount(self.path_layer, ~moves, len(width)) > 0
+            wider = np.maximum(width + np.where(still, 0, widen), LEAST_WIDTH)
+            self.width = np.where(width > 0, wider, 0)
+            new = self.draw() - self.pixels
+            gain, rise = loss - squared(new), self._path_errors(new, path, own) - before
+            worse = rise > 1e-6 * before
+            if attempt == 0:
+                damping = np.where(worse, damping * 6, damping / 3)
+                damping = np.clip(damping, LEAST_DAMPING, MOST_DAMPING)
+            if gain > 0 and (attempt == 1 or rise[worse].sum() <= MOST_RISE * gain):
+                return new, damping
+            moves &= ~worse
+        if gain > 0:
+            return new, damping
+        self.point, self.width = point, width
+        self.draw()
+        return error, np.minimum(damping * 4, MOST_DAMPING)
+
+    def _solved(self, place, owner, jacobian, weights, rows, damping: Floats):
+        """Return the moves (n, 2) of points and the changes (l,) of widths of a step."""
+        ties, widths = self.ties, self.point.size
+        damp = np.repeat(damping[self.point_path], 2)
+        damp = np.concatenate([damp, np.full(len(self.width), WIDTH_DAMPING)])
+        step = np.empty(len(damp))
+        solve(
+            place, owner, jacobian, weights, self.segment, widths, self.layer_of,
+            rows.astype(np.float64), damp, BASE, CG_STEPS, ties.same, ties.handle, ties.node,
+            ties.master, ties.ratio, step,
+        )  # fmt: skip
+        move = step[:widths].reshape(-1, 2)
+        move *= np.minimum(1, MOST_STEP / np.maximum(np.hypot(*move.T), 1e-9))[:, None]
+        return move, np.clip(step[widths:], -MOST_WIDENING, MOST_WIDENING)
+
+    def _path_errors(self, error: NDArray[np.float32], path, pixel) -> Floats:
+        """Return the squared error (p,) of the pixels of each path."""
+        rows = error.reshape(-1, self.shape[2])[pixel].astype(np.float64)
+        return np.bincount(path, (rows**2).sum(axis=1), len(self.closed))
 
     def _moved(self, point: Floats, move: Floats) -> Floats:
         """Return points that moved, with the ties kept."""

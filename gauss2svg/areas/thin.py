@@ -51,7 +51,7 @@ COMPARED_STEPS = 6  # of the refinement by which a stroke and outlines of one pa
 BYTES_OF_LINE, BYTES_OF_AREA = 12.0, 10.0  # of tags, as far as a part does not share them
 # Outlines may be closer than a stroke only because they follow the errors of antialiasing. So they
 # must cost less by this factor.
-LINE_PRIOR = 1.5
+LINE_PRIOR = 1.1
 _BLOCK = np.ones((3, 3), bool)
 
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from collections.abc import Callable
 
 import numpy as np
 
-from gauss2svg.areas.find import RATE, UNIT, FoundAreas, find_areas
+from gauss2svg.areas.find import RATE, UNIT, FoundAreas, coarser, find_areas
 from gauss2svg.fit import FitProgress, FitResult
-from gauss2svg.measure.roundtrip import model_psnr, round_trip
+from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.pixels import has_alpha
 from gauss2svg.pipeline.export import Export, Exporter
 from gauss2svg.pipeline.outcome import Outcome, Subject
@@ -24,12 +25,12 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION
 
-TRIES = 7  # largest number of rates that are tried for a limit of bytes
+TRIES = 10  # largest number of rates that are tried for a limit of bytes
 FULL = 0.95  # no more rates are tried if a file uses at least this share of the limit
 # If a file is k times as large as the limit, the rate is multiplied by k ** STEEPNESS, but by at
 # least LEAST_RAISE and at most MOST_RAISE.
-STEEPNESS, LEAST_RAISE, MOST_RAISE = 8.0, 4.0, 1000.0
-DONE = (0.0, 0.25, 0.5, 0.75)  # progress in 0..1 at each report of `find_areas`
+STEEPNESS, LEAST_RAISE, MOST_RAISE = 8.0, 3.0, 300.0
+BETWEEN = 0.2  # share of a search between two reports of its progress
 
 
 class _StoppedError(Exception):
@@ -72,41 +73,51 @@ class ByAreas:
         nothing = self._nothing()
         best = nothing, self._exporter.export(self._scene(nothing))
         low, high, rate, raised = 0.0, math.inf, RATE, 1.0
+        finest = None  # the areas of the highest rate whose file is too large
         while best[1].size <= limit and self._tries < TRIES and not self._run.ended:
-            found = self._found(rate)
+            found = self._found(rate, finest)
             export = self._exporter.export(self._scene(found))
             if export.size <= limit:
                 best, high = (found, export), rate
                 if not low or export.size >= FULL * limit:
                     break
             else:
-                low, raised = rate, (export.size / limit) ** STEEPNESS
+                low, finest, raised = rate, found, (export.size / limit) ** STEEPNESS
             raised = min(max(raised, LEAST_RAISE), MOST_RAISE)
             rate = low * raised if high == math.inf else math.sqrt(low * high)
         return best
 
-    def _found(self, rate: float) -> FoundAreas:
-        """Find areas at a rate. If the run is stopped, return those that are found so far."""
-        run, subject, shares = self._run, self._subject, iter(DONE)
-        newest, begun = self._nothing(), time.perf_counter()
+    def _found(self, rate: float, finer: FoundAreas | None) -> FoundAreas:
+        """Return the areas at a rate. If the run is stopped, return those that are found so far.
 
-        def progress(_: str, found: FoundAreas | None) -> None:
-            nonlocal newest
-            done, seconds, now = next(shares, DONE[-1]), time.perf_counter() - begun, None
-            if found is not None:
-                newest, scene = found, self._scene(found)
-                psnr = model_psnr(scene, subject.working)
-                left_s = seconds / done * (1 - done)
-                counts = str(AreaCounts.of(found.areas))
+        finer  areas of a lower rate, whose nodes are merged. None to find areas in the picture
+        """
+        run, newest, begun = self._run, finer or self._nothing(), time.perf_counter()
+        due = 0.0
+
+        def progress(done: float, so_far: Callable[[], FoundAreas] | None) -> None:
+            nonlocal newest, due
+            # Until the first areas are found, there is nothing that a stopped run could write.
+            ends = so_far is not None and run.stop()
+            if done < due and not ends:
+                return
+            due, now = done + BETWEEN, None
+            if so_far is not None:
+                newest = so_far()
+                scene, seconds = self._scene(newest), time.perf_counter() - begun
+                left_s, counts = seconds / done * (1 - done), str(AreaCounts.of(newest.areas))
+                psnr = newest.psnr
                 now = FitProgress(1, 0, done, 0, psnr, seconds, left_s, lambda: scene, counts)
             run.notify("areas", now)
-            # Until the first areas are found, there is nothing that a stopped run could write.
-            if found is not None and run.stop():
+            if ends:
                 raise _StoppedError
 
         self._tries += 1
         try:
-            newest = find_areas(subject.working, rate, self._unit, progress)
+            if finer is None:
+                newest = find_areas(self._subject.working, rate, self._unit, progress)
+            else:
+                newest = coarser(finer, rate, self._unit, progress)
         except _StoppedError:
             return newest
         run.notify("write")
@@ -116,7 +127,7 @@ class ByAreas:
         """Return no areas, on the mean colour of the picture."""
         picture = self._subject.working
         background = None if has_alpha(picture) else tuple(picture.mean(axis=(0, 1)).tolist())
-        return FoundAreas((), background, 0.0, 0.0, 0.0)
+        return FoundAreas((), background, 0.0, 0.0, 0.0, 0.0)
 
     def _scene(self, found: FoundAreas) -> Scene:
         """Return a scene of the areas on the working canvas."""
