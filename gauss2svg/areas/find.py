@@ -87,14 +87,9 @@ def coarser(
 
 
 def _refined(
-    drawing: Drawing,
-    steps: int,
-    rate: float,
-    unit: float,
-    find_s: float,
-    refine_s: float,
+    drawing: Drawing, steps: int, rate: float, unit: float, find_s: float, refine_s: float,
     progress: Progress | None,
-) -> FoundAreas:
+) -> FoundAreas:  # fmt: skip
     """Refine a drawing, merge its nodes, and leave out what does not pay. Return its areas.
 
     steps  of the refinement before nodes are merged

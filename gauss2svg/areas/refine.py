@@ -111,23 +111,9 @@ def _reduce(full, same, handle, node, master, ratio, free):
 
 @kernel
 def compose(
-    segment,
-    curved,
-    path_start,
-    closed,
-    layer_start,
-    width,
-    cap,
-    form,
-    place,
-    table,
-    box,
-    offset,
-    sums,
-    canvas,
-    cover,
-    below,
-):
+    segment, curved, path_start, closed, layer_start, width, cap, form, place, table, box, offset,
+    sums, canvas, cover, below,
+):  # fmt: skip
     """Draw layers over `canvas` (h, w, c), and keep their coverage and what lies below them.
 
     segment, curved  (k, 4, 2) and (k,) of all paths
@@ -148,15 +134,9 @@ def compose(
             a, b = path_start[p], path_start[p + 1]
             if width[l] > 0:
                 add_stroke(
-                    part,
-                    segment[a:b],
-                    curved[a:b],
-                    closed[p],
-                    width[l],
-                    cap[l],
-                    float(x0),
+                    part, segment[a:b], curved[a:b], closed[p], width[l], cap[l], float(x0),
                     float(y0),
-                )
+                )  # fmt: skip
             else:
                 add_outline(part, segment[a:b], curved[a:b], float(x0), float(y0))
         at = offset[l]
@@ -202,22 +182,9 @@ def weigh(opacity, form, place, table, box, offset, cover, below, above, visible
 
 @kernel
 def list_samples(
-    segment,
-    curved,
-    first_of,
-    last_of,
-    layer_of,
-    sign,
-    width,
-    box,
-    offset,
-    weight,
-    columns,
-    pixel,
-    owner,
-    jacobian,
-    weights,
-):
+    segment, curved, first_of, last_of, layer_of, sign, width, box, offset, weight, columns, pixel,
+    owner, jacobian, weights,
+):  # fmt: skip
     """List what a move of outlines changes, one entry for each pixel that a segment runs through.
 
     first_of, last_of  (k,) whether a segment begins or ends an open path
@@ -317,24 +284,9 @@ def _transposed(place, owner, jacobian, weights, points, widths, layer_of, image
 
 @kernel
 def solve(
-    place,
-    owner,
-    jacobian,
-    weights,
-    points,
-    widths,
-    layer_of,
-    residual,
-    damping,
-    base,
-    steps,
-    same,
-    handle,
-    node,
-    master,
-    ratio,
-    step,
-):
+    place, owner, jacobian, weights, points, widths, layer_of, residual, damping, base, steps, same,
+    handle, node, master, ratio, step,
+):  # fmt: skip
     """Solve (J'J + D) step = -J' residual by preconditioned conjugate gradients.
 
     place     (n,) row of each entry's pixel in `residual` (m, c)
@@ -440,14 +392,9 @@ class Drawing:
     """
 
     def __init__(
-        self,
-        pixels: Floats,
-        ground: Paint,
-        paints: list[Paint],
-        layers: list[Layer],
-        is_tied: bool = True,
-        buffers: Buffers | None = None,
-    ) -> None:
+        self, pixels: Floats, ground: Paint, paints: list[Paint], layers: list[Layer], is_tied: bool
+        = True, buffers: Buffers | None = None,
+    ) -> None:  # fmt: skip
         self.pixels = pixels.astype(np.float32, copy=False)
         self.ground, self.paints = ground, paints
         self.layers = layers

@@ -16,15 +16,8 @@ from skimage.morphology import skeletonize
 
 from gauss2svg.areas.centrelines import centred, chains_of, width_along
 from gauss2svg.areas.outlines import (
-    Weights,
-    Path,
-    contours_of,
-    first_path,
-    fitted_path,
-    path_bytes,
-    resampled,
-    turns_of,
-)
+    Weights, Path, contours_of, first_path, fitted_path, path_bytes, resampled, turns_of,
+)  # fmt: skip
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import FAR, LEVEL, Palette, Shares, grown, widened
 from gauss2svg.areas.refine import Drawing, Layer
