@@ -14,11 +14,11 @@ from gauss2svg.areas.caps import with_caps
 from gauss2svg.areas.layers import masks_of
 from gauss2svg.areas.merge import merged, without_cheap
 from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
-from gauss2svg.areas.paint import Paint, paints_of, join_parts_of_gradients
+from gauss2svg.areas.paint import Paint, join_parts_of_gradients, paints_of
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Palette, cores_of, grown, shares_of, without_edge_shades
 from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
-from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline
+from gauss2svg.scene.areas import CAPS, Area, Outline
 
 Floats = NDArray[np.float64]
 RATE = 0.0012  # squared error that a byte of an area must save

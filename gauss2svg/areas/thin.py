@@ -16,11 +16,18 @@ from skimage.morphology import skeletonize
 
 from gauss2svg.areas.centrelines import centred, chains_of, width_along
 from gauss2svg.areas.outlines import (
-    Weights, Path, contours_of, first_path, fitted_path, path_bytes, resampled, turns_of,
+    Path,
+    Weights,
+    contours_of,
+    first_path,
+    fitted_path,
+    path_bytes,
+    resampled,
+    turns_of,
 )  # fmt: skip
 from gauss2svg.areas.paint import Paint
-from gauss2svg.areas.regions import FAR, LEVEL, Palette, Shares, grown, widened
 from gauss2svg.areas.refine import Drawing, Layer
+from gauss2svg.areas.regions import FAR, LEVEL, Palette, Shares, widened
 
 Floats = NDArray[np.float64]
 UNEXPLAINED = 0.0015  # squared error of a pixel that is not explained

@@ -158,7 +158,8 @@ def test_a_higher_price_of_bytes_gives_fewer_nodes():
     nodes = [
         sum(a.nodes for a in find_areas(picture, rate).areas) for rate in (0.0005, 0.005, 0.05)
     ]
-    assert nodes == sorted(nodes, reverse=True) and nodes[-1] < nodes[0]
+    assert nodes == sorted(nodes, reverse=True)
+    assert nodes[-1] < nodes[0]
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (3, 2), (40, 1), (96, 96)])
@@ -167,7 +168,8 @@ def test_noise_and_small_pictures_end_in_few_areas(size):
     found = find_areas(noise)
     assert len(found.areas) <= 3
     even = find_areas(np.full((*size, 3), 0.25, np.float32))
-    assert even.areas == () and even.background == pytest.approx((0.25,) * 3, abs=0.002)
+    assert even.areas == ()
+    assert even.background == pytest.approx((0.25,) * 3, abs=0.002)
 
 
 def test_the_same_picture_gives_the_same_areas():

@@ -81,7 +81,8 @@ def test_ties_keep_smooth_joins_smooth_and_level_lines_level():
     drawing = Drawing(target, Paint(np.zeros(1)), [Paint(np.ones(1))], [Layer(0, [path])])
     drawing.refine(10, colors=False)
     p = drawing.current()[0].paths[0].segments
-    assert p[0, 0, 1] == p[0, 3, 1] and p[2, 0, 0] == p[2, 3, 0]
+    assert p[0, 0, 1] == p[0, 3, 1]
+    assert p[2, 0, 0] == p[2, 3, 0]
     for before, after in (
         (p[0, 3] - p[0, 0], p[1, 1] - p[1, 0]),
         (p[1, 3] - p[1, 2], p[2, 3] - p[2, 0]),
