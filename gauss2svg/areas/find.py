@@ -86,6 +86,13 @@ def coarser(
     return _refined(found.drawing, 0, rate, unit, found.find_s, found.refine_s, progress)
 
 
+def refined(
+    drawing: Drawing, rate: float, unit: float, progress: Progress | None = None
+) -> FoundAreas:
+    """Return the areas of a drawing whose outlines have not been refined yet."""
+    return _refined(drawing, STEPS, rate, unit, 0.0, 0.0, progress)
+
+
 def _refined(
     drawing: Drawing, steps: int, rate: float, unit: float, find_s: float, refine_s: float,
     progress: Progress | None,
@@ -166,11 +173,16 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
 
+def transparent_paint() -> Paint:
+    """Return the paint of pixels that are transparent: black over black, and white over white."""
+    return Paint(np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))
+
+
 def ground_of(labels, paints: list[Paint], opacity: Floats) -> Paint:
     """Return the paint below all layers: that of the largest region, or a transparent one."""
     if len(paints[0].color) == 6:
-        clear = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
-        return next((paints[k] for k in np.flatnonzero(opacity < LEAST_OPACITY)), Paint(clear))
+        clear = (paints[k] for k in np.flatnonzero(opacity < LEAST_OPACITY))
+        return next(clear, transparent_paint())
     return paints[int(np.bincount(labels.ravel()).argmax())]
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gauss2svg.areas.find import RATE, UNIT, FoundAreas, coarser, find_areas
+from gauss2svg.areas.find import RATE, UNIT, FoundAreas, Progress, coarser, find_areas
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.pixels import has_alpha
@@ -114,14 +114,25 @@ class ByAreas:
 
         self._tries += 1
         try:
-            if finer is None:
-                newest = find_areas(self._subject.working, rate, self._unit, progress)
-            else:
-                newest = coarser(finer, rate, self._unit, progress)
+            newest = self._searched(rate, finer, progress)
         except _StoppedError:
             return newest
         run.notify("write")
         return newest
+
+    def _searched(self, rate: float, finer: FoundAreas | None, progress: Progress) -> FoundAreas:
+        """Return areas of a rate: fewer than `finer` has, those of the start, or new ones."""
+        subject, unit = self._subject, self._unit
+        if finer is not None:
+            return coarser(finer, rate, unit, progress)
+        if (start := subject.start) is None:
+            return find_areas(subject.working, rate, unit, progress)
+        # Imported here because few runs have a start.
+        from gauss2svg.areas.start import refined_areas
+
+        width, height = subject.size
+        areas = start.scaled(width / start.width, height / start.height).areas
+        return refined_areas(subject.working, areas, start.background, rate, unit, progress)
 
     def _nothing(self) -> FoundAreas:
         """Return no areas, on the mean colour of the picture."""

@@ -193,10 +193,9 @@ class Plan:
         check_together(self.options)
         if (strength := self.options.fit.focus_strength) is not None and not self.has_focus:
             raise refusal("focus_strength", "given with a mask", f"{strength:g}", "without it")
-        for name in ["start"] * self.starts + ["focus"] * self.has_focus:
-            if self.in_areas:
-                rule = f"not be given with areas {ALWAYS}, whose file has no Gaussians"
-                raise InputError(f"{name} must {rule}. Try without it")
+        if self.has_focus and self.in_areas:
+            rule = f"not be given with areas {ALWAYS}, whose file has no Gaussians"
+            raise InputError(f"focus must {rule}. Try without it")
         _ = self.fit_config
 
     @property

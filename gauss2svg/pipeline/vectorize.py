@@ -197,9 +197,12 @@ def vectorize_by(
     if start is not None and ADD in (required(start, "start", Scene).blend, options.fit.blend):
         got = f"a scene of {start.blend} for a file of {options.fit.blend}"
         raise refusal("start", "alpha-composited, like the file", got, "--blend over for both")
-    if start is not None and start.areas:
-        got, advice = AreaCounts.of(start.areas), "the scene of a run with --areas never"
-        raise refusal("start", "a scene without areas", str(got), advice)
+    if start is not None and start.areas and not plan.in_areas:
+        got = str(AreaCounts.of(start.areas))
+        raise refusal("start", "a scene without areas", got, "--areas always")
+    if start is not None and plan.in_areas and (len(start) or not start.areas):
+        got = f"{AreaCounts.of(start.areas)} and {len(start)} Gaussians"
+        raise refusal("start", "a scene of areas alone", got, "without --areas always")
     photo, load = _read(plan, run, image, may_reduce)
     strength, max_pixels = options.fit.focus_strength, options.run.max_pixels
     mask = None if focus is None else load_focus(focus, strength, photo, max_pixels)

@@ -1,5 +1,6 @@
 """Properties of runs with areas: the file has them, the report tells of them, limits are kept."""
 
+import dataclasses
 import itertools
 import os
 import subprocess
@@ -16,7 +17,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.raster import rasterize, rasterize_rgba
-from gauss2svg.scene.areas import AreaCounts
+from gauss2svg.scene.areas import AreaCounts, Outline
 from gauss2svg.svg.file import file_bytes
 
 SIDE = 128
@@ -147,7 +148,27 @@ def test_the_command_writes_a_file_that_check_and_other_commands_read(tmp_path, 
     assert (tmp_path / "many/drawing.svg").read_text() == svg.read_text()
 
 
-def test_scenes_with_areas_are_no_start_yet(tmp_path, refusal):
+def test_the_areas_of_a_start_are_refined_and_not_found_again():
+    result = vectorize(DRAWING, areas="always")
+    moved = result.scene.replace(
+        areas=[
+            dataclasses.replace(area, outlines=[shifted(o, 0.4) for o in area.outlines])
+            for area in result.scene.areas
+        ]
+    )
+    again = vectorize(DRAWING, areas="always", start=moved)
+    counts, new = AreaCounts.of(result.scene.areas), AreaCounts.of(again.scene.areas)
+    assert (new.areas, new.lines) == (counts.areas, counts.lines)
+    assert again.report["psnr_svg"] > result.report["psnr_svg"] - 1
+    larger = result.scene.scaled(2)
+    assert vectorize(DRAWING, areas="always", start=larger).report["psnr_svg"] > 40
+
+
+def shifted(outline: Outline, by: float) -> Outline:
+    return dataclasses.replace(outline, points=[(x + by, y) for x, y in outline.points])
+
+
+def test_a_start_has_areas_if_and_only_if_the_file_is_drawn_by_areas(tmp_path, refusal):
     result = vectorize(DRAWING, areas="always")
     with pytest.raises(InputError, match=r"start must be a scene without areas; got .* nodes"):
         vectorize(DRAWING, start=result.scene)
@@ -156,7 +177,8 @@ def test_scenes_with_areas_are_no_start_yet(tmp_path, refusal):
     start.write_text(result.svg)
     command = [str(photo), "-o", str(tmp_path / "out.svg"), "--start", str(start)]
     assert "--start must be a scene without areas" in refusal(*command)
-    assert "--start must not be given with --areas always" in refusal(*command, "--areas=always")
+    start.write_text(vectorize(DRAWING, gaussians=3).svg)
+    assert "start must be a scene of areas alone" in refusal(*command, "--areas=always")
 
 
 @pytest.mark.process
