@@ -145,7 +145,7 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     paints = paints_of(pixels, cores, count)
     join_parts_of_gradients(pixels, cores, paints)
     labels = grown(pixels, cores)
-    palette = Palette(paints)
+    palette = Palette.of(paints)
     shares = shares_of(pixels, cores, labels, palette)
     add_thin_regions(pixels, cores, labels, shares, paints, palette)
     weight_at = contrast_of(pixels)

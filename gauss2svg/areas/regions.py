@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from gauss2svg.areas.kernels import explain, grow_labels, join_alike
+from gauss2svg.areas.kernels import Floats, Ints, explain, grow_labels, join_alike
+
+if TYPE_CHECKING:
+    from gauss2svg.areas.paint import Paint
 
 LEVEL = 1 / 255
 FLAT = 4 * LEVEL  # largest difference of values in a block of pixels of one colour
@@ -68,7 +73,7 @@ def renamed(labels: NDArray[np.int64], names: NDArray[np.int64]) -> NDArray[np.i
 def grown(pixels: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the labels with pixels between the cores joined to those beside them."""
     labels = labels.copy()
-    grow_labels(pixels, labels, np.empty(labels.shape, np.int32))
+    grow_labels(pixels, labels, np.arange(labels.size, dtype=np.int32).reshape(labels.shape))
     return labels
 
 
@@ -100,13 +105,20 @@ class Shares:
         return np.take_along_axis(self.label, at, axis=-1)[..., 0]
 
 
-class Palette:
-    """The paints of regions, as the kernels read them: form, place and table (shade_index)."""
+class Palette(NamedTuple):
+    """The paints of regions, as the kernels read them (shade_index).
 
-    def __init__(self, paints) -> None:
-        self.form = np.array([paint.form for paint in paints])
-        self.place = np.array([paint.place for paint in paints])
-        self.table = np.array([paint.table for paint in paints])
+    form, place, table  (k,), (k, 4) and (k, SHADES, c)
+    """
+
+    form: Ints
+    place: Floats
+    table: Floats
+
+    @classmethod
+    def of(cls, paints: Sequence[Paint]) -> Palette:
+        """Return the palette of some paints."""
+        return cls(*(np.array([getattr(p, name) for p in paints]) for name in cls._fields))
 
     def explain(self, pixels, labels, ys, xs, near, far, enough, extra=None, name=-1):
         """Return the labels (n, 3), shares (n, 3) and squared errors (n,) of mixtures at pixels."""
@@ -115,8 +127,7 @@ class Palette:
         share, error = np.empty((n, 3), np.float32), np.empty(n, np.float32)
         extra = np.zeros(pixels.shape[2]) if extra is None else np.asarray(extra, np.float64)
         explain(
-            pixels, labels, self.form, self.place, self.table, ys, xs, near, far, enough,
-            extra, name, label, share, error,
+            pixels, labels, *self, ys, xs, near, far, enough, extra, name, label, share, error
         )  # fmt: skip
         return label, share, error
 
