@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from gauss2svg.areas.composition import compose, weigh
 from gauss2svg.areas.kernels import Floats, Ints
 from gauss2svg.areas.newton import ACROSS, gradient, list_samples, solve
-from gauss2svg.areas.outlines import Path
+from gauss2svg.areas.outlines import Path, lengths_of
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import Palette
 from gauss2svg.areas.ties import Ties, tied
@@ -62,7 +62,13 @@ class Layer:
     cap: int = 0
     is_opaque: bool = True
 
+    @property
+    def is_line(self) -> bool:
+        """Whether the paths are drawn as strokes."""
+        return self.width > 0
+
     def replace(self, paths: list[Path]) -> Layer:
+        """Return the layer with other paths."""
         return dataclasses.replace(self, paths=paths)
 
 
@@ -222,8 +228,7 @@ class Drawing:
         `weigh` comes first.
         """
         p = self.point[self.segment]
-        length = np.hypot(*np.diff(p, axis=1).transpose(2, 0, 1)).sum(axis=1)
-        count = np.maximum((RATE * length).astype(np.int64), 4)
+        count = np.maximum((RATE * lengths_of(p)).astype(np.int64), 4)
         most = int((2 * count + 2 * ACROSS).sum())
         pixel, owner = np.empty(most, np.int64), np.empty(most, np.int64)
         jacobian, weights = np.empty((most, 9)), np.empty((most, self.shape[2]))

@@ -21,7 +21,6 @@ from gauss2svg.areas.outlines import (
     contours_of,
     first_path,
     fitted_path,
-    path_bytes,
     resampled,
     turns_of,
 )  # fmt: skip
@@ -225,7 +224,7 @@ def _chosen(
     line, line_error = _fitted(as_lines, part)
     _, area_error = _fitted(as_areas, part)
     line_cost, area_cost = (
-        contrast * error + rate * (more + sum(path_bytes(p, unit) for one in layers for p in one.paths))
+        contrast * error + rate * (more + sum(p.bytes(unit) for one in layers for p in one.paths))
         for layers, error, more in (
             (as_lines, line_error, BYTES_OF_LINE), (as_areas, area_error, BYTES_OF_AREA)
         )
