@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.caps import with_caps
+from gauss2svg.areas.kernels import Floats, Ints
 from gauss2svg.areas.layers import masks_of
 from gauss2svg.areas.merge import merged, without_cheap
 from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
@@ -20,16 +21,14 @@ from gauss2svg.areas.regions import Palette, cores_of, grown, shares_of, without
 from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
-Floats = NDArray[np.float64]
 RATE = 0.0012  # squared error that a byte of an area must save
 UNIT = 1 / 32  # px of path data
-STEPS, LATER_STEPS = 20, 15  # of the refinement before and after nodes are merged
+STEPS, LATER_STEPS = 20, 15  # steps of refinement before and after nodes are merged
 MERGES = 2
-REACH = 2
 FIRST_RATE = 0.01  # squared error for a byte below which a layer is not even refined
 EXPLAINED = 0.01  # squared error up to which a pixel counts as explained by areas
 LEAST_ERROR = 1e-12  # mean squared error of an exact picture, for its PSNR
-LEAST_OPACITY = 1 / 255  # of a colour; what is more transparent is not drawn
+LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,6 @@ def opacity_of(color: Floats) -> float:
 
 def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     """Return a drawing of a picture, whose outlines have not been refined yet."""
-    h, w, channels = pixels.shape
     cores, count = cores_of(pixels)
     cores, count = without_edge_shades(pixels, cores, count)
     if not count:  # no two pixels are alike
@@ -156,8 +154,8 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     is_ground = np.array([paint is ground for paint in paints]) | (opacity < LEAST_OPACITY)
     is_opaque = opacity > 1 - 2 * LEAST_OPACITY
     layers = []
-    for mask in masks_of(labels, shares, paints, is_ground, ~is_opaque, REACH):
-        contours = contours_of(mask.share, mask.left, mask.top, (h, w))
+    for mask in masks_of(labels, shares, len(paints), is_ground, ~is_opaque):
+        contours = contours_of(mask.share, mask.box, pixels.shape)
         paths = [first_path(c, weight_at, unit, rate) for c in contours]
         if paths:
             layers.append(Layer(mask.region, paths, is_opaque=bool(is_opaque[mask.region])))
@@ -166,7 +164,7 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
 
-def ground_of(labels, paints: list[Paint], opacity: Floats) -> Paint:
+def ground_of(labels: Ints, paints: list[Paint], opacity: Floats) -> Paint:
     """Return the paint below all layers: that of the largest region, or a transparent one."""
     if len(paints[0].color) == 6:
         clear = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,16 @@ from numpy.typing import NDArray
 
 from gauss2svg.kernel_cache import cached
 
-Floats = NDArray[np.floating[Any]]
-Ints = NDArray[np.integer[Any]]
+# The precision is not part of the types, because kernels are compiled for each.
+Floats = NDArray[Any]
+Ints = NDArray[Any]
 Bools = NDArray[np.bool_]
 
-_OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 kernel = cached(**_OPTIONS)  # decorator of a kernel that Python calls; it may allocate arrays
-inner = njit(**_OPTIONS, no_cpython_wrapper=True)  # decorator of a function that kernels call
+inner: Callable[..., Any] = njit(
+    **_OPTIONS, no_cpython_wrapper=True
+)  # decorator of a function that kernels call
 FLAT, LINEAR, RADIAL = range(3)  # forms of paints
 SHADES = 1024  # colours of a gradient's table
 MOST_NEAR = 12  # largest number of labels around a pixel that are tried in mixtures
@@ -33,8 +36,8 @@ def shade_index(form, place, x, y):
     """Return the row of a paint's table (SHADES, c) that has its colour at a point.
 
     form   FLAT, LINEAR or RADIAL
-    place  (4,) of a gradient. The position along a linear one is place[0] x + place[1] y + place[2].
-           That of a radial one is the length of (place[2] (x - place[0]), place[3] (y - place[1]))
+    place  (4,) of a gradient. The position in a linear one is place[0] x + place[1] y + place[2].
+           That in a radial one is the length of (place[2] (x - place[0]), place[3] (y - place[1]))
     """
     if form == FLAT:
         return 0

@@ -11,6 +11,7 @@ from skimage.measure import find_contours
 
 from gauss2svg.areas.curves import merge_pieces, path_bytes
 from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.areas.regions import Box
 
 # Function from points (n, 2) to the weight of a squared distance of 1 px along 1 px of an outline
 Weights = Callable[[Floats], Floats]
@@ -34,6 +35,10 @@ class Path(NamedTuple):
     segments: Floats
     curved: Bools
     closed: bool = True
+
+    def moved(self, by: Floats) -> Path:
+        """Return the path moved by a vector (2,)."""
+        return self._replace(segments=self.segments + by)
 
     def bytes(self, unit: float) -> float:
         """Return about how many bytes of path data the path has."""
@@ -69,16 +74,20 @@ def contrast_of(pixels: Floats) -> Weights:
     return weights_by(np.maximum(across, down), 0, 0, pixels.shape)
 
 
-def contours_of(share: Floats, left: int, top: int, shape: tuple[int, int]) -> list[Floats]:
+def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]:
     """Return the closed contours (n, 2) of a mask at half share, in px of the picture.
+
+    share  (h, w) in a box of a picture of this shape
 
     A mask that touches the border of the picture is continued beyond it, so that its contour
     leaves the picture.
     """
-    h, w = share.shape
-    pad = [(int(top == 0), int(top + h == shape[0])), (int(left == 0), int(left + w == shape[1]))]
+    pad = [
+        (int(side.start == 0), int(side.stop == most))
+        for side, most in zip(box, shape, strict=False)
+    ]
     padded = np.pad(np.pad(share, pad, mode="edge"), 1)
-    corner = np.array([left - pad[1][0], top - pad[0][0]]) - 0.5
+    corner = np.array([box[1].start - pad[1][0], box[0].start - pad[0][0]]) - 0.5
     contours = []
     for line in find_contours(padded, 0.5):
         points = line[:-1, ::-1] + corner

@@ -171,7 +171,7 @@ class Drawing:
         h, w, _ = self.shape
         p = self.point[self.segment]
         first = self.path_start[self.layer_start[:-1]]
-        half = 2.0 * self.width[:, None]  # as far as a mitre may reach
+        half = 2.0 * self.width[:, None]  # a mitre reaches so far
         low = np.minimum.reduceat(p.min(axis=1), first) - half
         high = np.maximum.reduceat(p.max(axis=1), first) + half
         start = np.clip(np.floor(low).astype(np.int64) - 1, 0, [w - 1, h - 1])
