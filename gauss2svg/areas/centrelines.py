@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg.areas.kernels import Bools, Floats, inner, kernel
+from gauss2svg.areas.regions import parts_of
 
 SPUR = 3  # pixels; shorter branches are noise of the skeleton
 STRAIGHT = -0.7  # largest cosine between two branches that go on as one line
@@ -63,6 +64,7 @@ def trace_branches(on, degree, is_left, branch, start):
                         is_left[y, x] = 0
                         if degree[y, x] != 2 or (y == y0 and x == x0):
                             break
+                        v, u = y, x
                         for k in range(8):
                             v, u = y + down[k], x + across[k]
                             if _are_linked(on, y, x, v, u) and (v != before_y or u != before_x):
@@ -82,7 +84,7 @@ def chains_of(skeleton: Bools, share: Floats) -> list[Floats]:
     degree, size = np.zeros_like(on), int(on.sum())
     pixels, start = np.empty((6 * size + 16, 2), np.int64), np.empty(4 * size + 8, np.int64)
     count = trace_branches(on, degree, np.zeros_like(on), pixels, start)
-    junction, _ = ndimage.label(degree > 2, np.ones((3, 3)))
+    junction, _ = parts_of(degree > 2)
     branches: list[Floats] = []
     junctions: dict[int, list[End]] = {}
     for a, b in itertools.pairwise(start[: count + 1]):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,9 +18,8 @@ Bools = NDArray[np.bool_]
 
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 kernel = cached(**_OPTIONS)  # decorator of a kernel that Python calls; it may allocate arrays
-inner: Callable[..., Any] = njit(
-    **_OPTIONS, no_cpython_wrapper=True
-)  # decorator of a function that kernels call
+_OPTIONS["no_cpython_wrapper"] = True
+inner = njit(**_OPTIONS)  # decorator of a function that kernels call
 FLAT, LINEAR, RADIAL = range(3)  # forms of paints
 SHADES = 1024  # colours of a gradient's table
 MOST_NEAR = 12  # largest number of labels around a pixel that are tried in mixtures

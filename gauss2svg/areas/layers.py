@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.regions import Box, Shares, distance_to, widened
+from gauss2svg.areas.regions import Box, Shares, dilated, distance_to, widened
 
 REACH = 2  # px by which a region reaches under its neighbours
 
@@ -56,11 +56,11 @@ def masks_of(
         body, share = near == k, shares.of(k, box)
         above = [j for j in np.unique(near) if rank[j] > rank[k] and not is_open[j]]
         held = [j for j in above if whole[near == j].all()]
-        beside = np.unique(near[ndimage.binary_dilation(body)])
+        beside = np.unique(near[dilated(body, 1, None)])
         others = [j for j in above if j in beside and j not in held]
         if held or others:
             over, under = shares.of(np.array(held + others), box), np.isin(near, held)
-            under |= ndimage.binary_dilation(body, iterations=REACH) & np.isin(near, others)
+            under |= dilated(body, REACH, None) & np.isin(near, others)
             partly = (share > 0) & ~under
             opening = is_open[near]
             if opening.any():

@@ -1,8 +1,8 @@
 """Kernels of a step of Gauss-Newton: its Jacobian as samples, and conjugate gradients.
 
 The parameters are the coordinates of all points, x and y in turns, and then the widths of layers. A
-sample is a piece of an outline in one pixel. It has nine derivatives, by the coordinates of the four
-control points of its segment, and by the width of its layer.
+sample is a piece of an outline in one pixel. It has nine derivatives: by the coordinates of the
+four control points of its segment, and by the width of its layer.
 """
 
 from __future__ import annotations

@@ -140,7 +140,7 @@ class Drawing:
         self._paint = [paints[layer.paint] for layer in layers]
         self._palette = Palette.of(self._paint)
         self._buffers = buffers or Buffers(self.shape)
-        y, x = np.indices(self.shape[:2])
+        y, x = np.mgrid[: self.shape[0], : self.shape[1]]
         self._shade = ground.at(x, y) if ground.is_shaded else None
         # The outer outlines of a layer run one way, so the sign of its whole area is theirs.
         p = self.point[self.segment]
@@ -327,6 +327,7 @@ class Drawing:
         seen = float(((weights**2).sum(axis=1) * np.hypot(*lengths)).sum())
         self.noise = loss / max(seen, 1e-9)
         point, width, moves = self.point, self.width, np.ones(len(self.closed), bool)
+        new, gain = error, 0.0
         for attempt in range(2):
             self.point = self.ties.kept(point + move * moves[self.point_path][:, None])
             still = np.bincount(self.path_layer, ~moves, len(width)) > 0

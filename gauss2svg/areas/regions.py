@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -143,9 +144,15 @@ def shares_of(pixels: Floats, cores: Ints, labels: Ints, palette: Palette) -> Sh
     label = np.full((h, w, 3), -1, np.int32)
     share, error = np.zeros((h, w, 3), np.float32), np.zeros((h, w), np.float32)
     label[..., 0], share[..., 0] = labels, 1.0
-    at = np.nonzero(cores < 0)
+    ys, xs = np.nonzero(cores < 0)
+    at = ys, xs
     label[at], share[at], error[at] = palette.explain(pixels, labels, at, NEAR, FAR, ENOUGH)
     return Shares(label, share, error)
+
+
+MOST_MEDIAN = 1000  # px; larger regions have a mean, because a median takes long
+LEAST_BESIDE = 0.12  # share of the ring around a core; a region with less is not beside it
+SAME = 0.1  # largest difference of the colours of regions that count as one ground
 
 
 def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints, int]:
@@ -154,16 +161,14 @@ def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints,
     Such a core is at most two pixels wide, and its colour lies between that of the one region
     beside it and that of a pixel or of another region nearby.
     """
-    labels, flat = labels.copy(), labels[labels >= 0]
+    labels = labels.copy()
+    order = np.argsort(labels, axis=None, kind="stable")
+    ends = np.cumsum(np.bincount(labels.ravel() + 1, minlength=count + 1))
+    values = pixels.reshape(labels.size, -1)[order]
     median = np.zeros((count, pixels.shape[2]))
-    order = np.argsort(flat, kind="stable")
-    values, ends = pixels[labels >= 0][order], np.cumsum(np.bincount(flat, minlength=count))
-    for k, (start, end) in enumerate(zip([0, *ends[:-1]], ends)):
-        median[k] = (
-            np.median(values[start:end], axis=0)
-            if end - start < 1000
-            else values[start:end].mean(axis=0)
-        )
+    for k, (start, end) in enumerate(itertools.pairwise(ends)):
+        middle = np.median if end - start < MOST_MEDIAN else np.mean
+        median[k] = middle(values[start:end], axis=0)
     for k, box in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
         if box is None:
             continue
@@ -171,10 +176,10 @@ def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints,
         inside = labels[near] == k
         if ndimage.binary_erosion(inside, BLOCK, border_value=1).any():
             continue
-        ring = ndimage.binary_dilation(inside, BLOCK, iterations=2) & ~inside
+        ring = dilated(inside, 2) & ~inside
         beside, counts = np.unique(labels[near][ring & (labels[near] >= 0)], return_counts=True)
-        beside = beside[counts > 0.12 * counts.sum()]
-        if not len(beside) or np.abs(median[beside] - median[beside[0]]).max() > 0.1:
+        beside = beside[counts > LEAST_BESIDE * counts.sum()]
+        if not len(beside) or np.abs(median[beside] - median[beside[0]]).max() > SAME:
             continue
         ground, shade = median[beside[0]], median[k] - median[beside[0]]
         wide = labels[widened(box, 27, labels.shape)]
@@ -194,6 +199,12 @@ def parts_of(mask: Bools) -> tuple[Ints, list[Box]]:
     """Return the labels (h, w) of the connected parts of a mask, from 1 on, and their boxes."""
     labels: Any = ndimage.label(mask, BLOCK)
     return labels[0], ndimage.find_objects(labels[0])
+
+
+def dilated(mask: Bools, iterations: int = 1, block: Bools | None = BLOCK) -> Bools:
+    """Return a mask with the neighbours of its pixels. With None, these are four for each."""
+    result: Any = ndimage.binary_dilation(mask, block, iterations)
+    return result
 
 
 def pixels_of(mask: Bools, box: Box) -> tuple[Ints, Ints]:

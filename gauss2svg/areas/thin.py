@@ -7,7 +7,7 @@ than outlines.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -27,12 +27,12 @@ from gauss2svg.areas.outlines import (
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import (
-    BLOCK,
     FAR,
     LEVEL,
     Box,
     Palette,
     Shares,
+    dilated,
     distance_to,
     parts_of,
     pixels_of,
@@ -53,7 +53,7 @@ THICK = 2.4  # px; a disc of this radius fits into no thin part
 WIDEST = 3.6  # px; the largest width of a line
 SEEN = 0.12  # least share of a pixel in a part
 MARGIN = 3  # px of a part's box around it
-UNDER = 11  # px around a line within which the region that lies under it is looked for
+UNDER = 8  # px around a line within which the region that lies under it is looked for
 LEAST_LEFT = 0.02  # share of a pixel below which other regions do not take the share of a line
 LEAST_SHARE, LEAST_LENGTH = 4.0, 2.5  # px^2 of a part, and length of a line in widths
 ALIKE_WIDTHS, ALIKE_SHARE = 0.15, 0.05  # px, and share of a width, by which equal widths differ
@@ -97,7 +97,7 @@ def add_thin_regions(
             name = len(paints)
             paints.append(paint)
             box = widened(boxes[q], 2, labels.shape)
-            grown_part = ndimage.binary_dilation(part[box] == q + 1, BLOCK) & (cores[box] < 0)
+            grown_part = dilated(part[box] == q + 1) & (cores[box] < 0)
             at = pixels_of(grown_part, box)
             label, share, error = palette.explain(
                 pixels, labels, at, FAR, FAR, -1.0, paint.color, name
@@ -205,8 +205,8 @@ def thin_parts(shares: Shares, paints: list[Paint]) -> list[Part]:
     parts = []
     for names in classes.values():
         share = shares.of(np.array(names))
-        opened = ndimage.binary_opening(np.pad(share > 0.5, 3, mode="edge"), disc)[3:-3, 3:-3]
-        thick = ndimage.binary_dilation(opened, BLOCK)
+        opened: Any = ndimage.binary_opening(np.pad(share > 0.5, 3, mode="edge"), disc)[3:-3, 3:-3]
+        thick = dilated(opened)
         thin = np.where(thick, 0, share)
         label, boxes = parts_of(thin > SEEN)
         for q, tight in enumerate(boxes, 1):
@@ -225,7 +225,7 @@ def _chosen(
     if not strokes:
         return []
     values = pixels[part.box]
-    around = ndimage.binary_dilation(part.share > SEEN, BLOCK, iterations=2) & (part.share <= 0.02)
+    around = dilated(part.share > SEEN, 2) & (part.share <= 0.02)
     ground = np.median(values[around], axis=0) if around.any() else values.mean(axis=(0, 1))
     contrast = float(((paint.color - ground) ** 2).sum())
     widths = dict.fromkeys(width for _, width in strokes)
@@ -297,7 +297,7 @@ def _fitted(layers: list[Layer], part: Part) -> tuple[Drawing, float]:
 
 
 def _release(shares: Shares, at: tuple[Ints, Ints], names: list[int], under: Ints) -> None:
-    """Give the shares of regions at pixels (n,) to the others there, or to those under them (n,)."""
+    """Give the shares of regions at pixels (n,) to the others there, or to those `under` them."""
     label, share = shares.label[at], shares.share[at]
     own = np.isin(label, names)
     share[own], label[own] = 0, -1
@@ -330,8 +330,5 @@ def grouped(lines: list[Line], paints: list[Paint], is_opaque: Bools) -> list[La
 
 def _mean_width(lines: list[Line]) -> float:
     """Return the mean width of lines, weighted by their numbers of segments."""
-    return float(
-        np.average(
-            [line.width for line in lines], weights=[len(line.path.curved) for line in lines]
-        )
-    )
+    sizes = [len(line.path.curved) for line in lines]
+    return float(np.average([line.width for line in lines], weights=sizes))

@@ -105,4 +105,4 @@ def _upright(point: Floats, line: Ints) -> Ints:
             small, large = size[c], size[1 - c]
             if small < UPRIGHT * large or (small < LEVEL and large > 1):
                 same[root(2 * last + c)] = root(2 * first + c)
-    return np.array([root(i) for i in same], np.int64)
+    return np.array([root(i) for i in range(len(same))], np.int64)
