@@ -138,7 +138,7 @@ def _push_neighbors(pixels, labels, origin, y, x, least, key, place, count):
 
 
 @kernel
-def grow_labels(pixels, labels, origin):
+def grow_labels(pixels, labels, origin, key, place):
     """Give each pixel without a label that of a neighbour, the nearest colours first.
 
     A pixel is compared with the pixel of a core from which its neighbour got its label.
@@ -146,10 +146,9 @@ def grow_labels(pixels, labels, origin):
     labels  (h, w) labels, -1 for none. They are replaced
     origin  (h, w) index of each pixel. It is changed to that of the pixel of the core from which a
             pixel got its label
+    key, place  (n,) buffers for a heap with up to four entries for each pixel without a label
     """
     h, w, _ = pixels.shape
-    most = 4 * np.count_nonzero(labels < 0) + 4
-    key, place = np.empty(most), np.empty(most, np.int64)
     count = 0
     for y in range(h):
         for x in range(w):

@@ -74,8 +74,9 @@ def renamed(labels: Ints, names: Ints) -> Ints:
 
 def grown(pixels: Floats, labels: Ints) -> Ints:
     """Return the labels with pixels between the cores joined to those beside them."""
-    labels = labels.copy()
-    grow_labels(pixels, labels, np.arange(labels.size, dtype=np.int32).reshape(labels.shape))
+    labels, most = labels.copy(), 4 * np.count_nonzero(labels < 0)
+    origin = np.arange(labels.size, dtype=np.int32).reshape(labels.shape)
+    grow_labels(pixels, labels, origin, np.empty(most), np.empty(most, np.int64))
     return labels
 
 
