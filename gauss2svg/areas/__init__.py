@@ -1,6 +1,6 @@
 """Areas and lines of a drawing: closed paths with one paint, and strokes.
 
-    pixels -> regions -> paints -> thin parts -> layers -> outlines -> refined -> fewer nodes -> areas
+    pixels -> regions -> paints -> thin parts -> layers -> outlines -> refined -> merged -> areas
 
 `find_areas` of gauss2svg.areas.find runs the steps in this order. Each step is a module, and takes
 and returns arrays. A picture is an array (h, w, c). An opaque picture has three channels, its sRGB

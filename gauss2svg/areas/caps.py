@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gauss2svg.areas.kernels import Bools
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.refine import Drawing, Layer
 
 # A round end covers as much as a butt end that is longer by this share of the width: pi / 8.
 ROUND_LENGTH = 0.39
-BYTES_OF_ROUND = 44.0  # of the attributes that make ends and joins round
+BYTES_OF_ROUND = 44.0  # size of the attributes that make ends and joins round
 NEAR = 1.5  # px beyond the width in which the errors of an end are counted
 
 
@@ -60,7 +60,7 @@ def _shortened(path: Path, by: float) -> Path:
     return path._replace(segments=segments)
 
 
-def _near_ends(layer: Layer, shape) -> NDArray[np.bool_]:
+def _near_ends(layer: Layer, shape: tuple[int, ...]) -> Bools:
     """Return the pixels (h, w) near the ends of a line."""
     mask = np.zeros(shape[:2], bool)
     reach = layer.width + NEAR

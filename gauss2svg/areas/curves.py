@@ -1,7 +1,7 @@
 """Curves through points: cubics by least squares, and neighbours that are merged into one.
 
 A piece is a run of points that one segment draws, a straight line or a cubic. Its cost is the
-weighted squared distance of the points from the segment, plus `rate` for each byte of its path data.
+weighted squared distance of the points from the segment, and `rate` for each byte of path data.
 """
 
 from __future__ import annotations
@@ -11,13 +11,19 @@ import math
 import numpy as np
 
 from gauss2svg.areas.kernels import inner, kernel
+from gauss2svg.render.coverage import point_at
 
 ROUNDS = 6  # how often the places of points along a cubic are improved
+# A weak pull to the straight line, and a least weight of points, make the equations regular.
+PULL, LEAST_WEIGHT = 1e-7, 1e-5
 BYTES_OF_CURVE, BYTES_OF_LINE = 5.5, 2.3  # signs and separators of a segment in path data
+BYTES_OF_UPRIGHT = 1.0  # signs and separators of a level or an upright line
+BYTES_OF_PATH = 7.0  # the first node of a path, and its end
 
 
 @inner
 def _digits(value, unit):
+    """Return the number of digits of a coordinate in user units."""
     v = abs(round(value / unit))
     count = 1
     while v >= 10:
@@ -32,12 +38,36 @@ def _segment_bytes(p, is_curve, unit):
     if not is_curve:
         across, down = p[3, 0] - p[0, 0], p[3, 1] - p[0, 1]
         total = _digits(across, unit) + _digits(down, unit) + BYTES_OF_LINE
-        is_even = round(across / unit) == 0 or round(down / unit) == 0
-        return total - (1.3 if is_even else 0.0)
+        if round(across / unit) == 0 or round(down / unit) == 0:
+            total += BYTES_OF_UPRIGHT - BYTES_OF_LINE
+        return total
     total = BYTES_OF_CURVE
     for i in range(1, 4):
         total += _digits(p[i, 0] - p[0, 0], unit) + _digits(p[i, 1] - p[0, 1], unit)
     return total
+
+
+@kernel
+def path_bytes(segment, curved, unit):
+    """Return about how many bytes of relative path data the segments (k, 4, 2) of a path have."""
+    total = BYTES_OF_PATH
+    for s in range(len(segment)):
+        total += _segment_bytes(segment[s], curved[s], unit)
+    return total
+
+
+@kernel
+def sample_path(segment, curved, count, points):
+    """Write points (n, 2) at equal steps along the segments (k, 4, 2) of a path.
+
+    count  (k,) number of points of each segment. Its end is left out
+    """
+    n = 0
+    for s in range(len(segment)):
+        for i in range(count[s]):
+            x, y, _, _ = point_at(segment[s], curved[s], i / count[s])
+            points[n, 0], points[n, 1] = x, y
+            n += 1
 
 
 @inner
@@ -77,8 +107,7 @@ def _fit_cubic(points, weight, first, last, noise, p, t):
         t[i] /= length
     error = 0.0
     for round_ in range(ROUNDS):
-        # A weak pull to the straight line makes the equations regular.
-        a = c = 1e-7 * length
+        a = c = PULL * length
         b = 0.0
         rx = a * (2 * p[0, 0] + p[3, 0]) / 3
         ry = a * (2 * p[0, 1] + p[3, 1]) / 3
@@ -88,7 +117,7 @@ def _fit_cubic(points, weight, first, last, noise, p, t):
             u = 1.0 - t[i]
             b0, b1, b2, b3 = u * u * u, 3 * u * u * t[i], 3 * u * t[i] * t[i], t[i] * t[i] * t[i]
             q = (first + i) % n
-            g = weight[q] + 1e-5
+            g = weight[q] + LEAST_WEIGHT
             dx = points[q, 0] - b0 * p[0, 0] - b3 * p[3, 0]
             dy = points[q, 1] - b0 * p[0, 1] - b3 * p[3, 1]
             a += g * b1 * b1
@@ -103,27 +132,14 @@ def _fit_cubic(points, weight, first, last, noise, p, t):
         p[2, 0], p[2, 1] = (a * sx - b * rx) / det, (a * sy - b * ry) / det
         error = 0.0
         for i in range(count):
-            v, u = t[i], 1.0 - t[i]
+            x, y, dx, dy = point_at(p, True, t[i])
             q = (first + i) % n
-            b0, b1, b2, b3 = u * u * u, 3 * u * u * v, 3 * u * v * v, v * v * v
-            x = b0 * p[0, 0] + b1 * p[1, 0] + b2 * p[2, 0] + b3 * p[3, 0] - points[q, 0]
-            y = b0 * p[0, 1] + b1 * p[1, 1] + b2 * p[2, 1] + b3 * p[3, 1] - points[q, 1]
+            x, y = x - points[q, 0], y - points[q, 1]
             d = x * x + y * y
             error += weight[q] * d * d / (d + noise)
-            if round_ < ROUNDS - 1 and 0 < i < count - 1:
-                dx = 3 * (
-                    u * u * (p[1, 0] - p[0, 0])
-                    + 2 * u * v * (p[2, 0] - p[1, 0])
-                    + v * v * (p[3, 0] - p[2, 0])
-                )
-                dy = 3 * (
-                    u * u * (p[1, 1] - p[0, 1])
-                    + 2 * u * v * (p[2, 1] - p[1, 1])
-                    + v * v * (p[3, 1] - p[2, 1])
-                )
-                square = dx * dx + dy * dy
-                if square > 1e-9:
-                    t[i] = min(max(v - (x * dx + y * dy) / square, 0.0), 1.0)
+            square = dx * dx + dy * dy
+            if round_ < ROUNDS - 1 and 0 < i < count - 1 and square > 1e-9:
+                t[i] = min(max(t[i] - (x * dx + y * dy) / square, 0.0), 1.0)
     return error
 
 
@@ -230,7 +246,7 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
             left -= 1
             gain[at] = np.nan
             i = first
-            for _ in range(left):  # the pair of the piece before ends elsewhere now
+            for _ in range(left):  # the piece before `at` has another pair now
                 if following[i] == at:
                     gain[i] = np.nan
                 i = following[i]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.caps import with_caps
+from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.layers import masks_of
 from gauss2svg.areas.merge import merged, without_cheap
 from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
@@ -20,16 +21,14 @@ from gauss2svg.areas.regions import Palette, cores_of, grown, shares_of, without
 from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
-Floats = NDArray[np.float64]
 RATE = 0.0012  # squared error that a byte of an area must save
 UNIT = 1 / 32  # px of path data
-STEPS, LATER_STEPS = 20, 15  # of the refinement before and after nodes are merged
+STEPS, LATER_STEPS = 20, 15  # steps of refinement before and after nodes are merged
 MERGES = 2
-REACH = 2
-FIRST_RATE = 0.01  # squared error for a byte below which a layer is not even refined
+FIRST_RATE = 0.004  # squared error for a byte below which a layer is not even refined
 EXPLAINED = 0.01  # squared error up to which a pixel counts as explained by areas
 LEAST_ERROR = 1e-12  # mean squared error of an exact picture, for its PSNR
-LEAST_OPACITY = 1 / 255  # of a colour; what is more transparent is not drawn
+LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
 
 
 @dataclass(frozen=True)
@@ -144,7 +143,6 @@ def opacity_of(color: Floats) -> float:
 
 def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     """Return a drawing of a picture, whose outlines have not been refined yet."""
-    h, w, channels = pixels.shape
     cores, count = cores_of(pixels)
     cores, count = without_edge_shades(pixels, cores, count)
     if not count:  # no two pixels are alike
@@ -152,7 +150,7 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     paints = paints_of(pixels, cores, count)
     join_parts_of_gradients(pixels, cores, paints)
     labels = grown(pixels, cores)
-    palette = Palette(paints)
+    palette = Palette.of(paints)
     shares = shares_of(pixels, cores, labels, palette)
     add_thin_regions(pixels, cores, labels, shares, paints, palette)
     weight_at = contrast_of(pixels)
@@ -163,12 +161,13 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     is_ground = np.array([paint is ground for paint in paints]) | (opacity < LEAST_OPACITY)
     is_opaque = opacity > 1 - 2 * LEAST_OPACITY
     layers = []
-    for mask in masks_of(labels, shares, paints, is_ground, ~is_opaque, REACH):
-        contours = contours_of(mask.share, mask.left, mask.top, (h, w))
+    for mask in masks_of(labels, shares, len(paints), is_ground, ~is_opaque):
+        contours = contours_of(mask.share, mask.box, pixels.shape)
         paths = [first_path(c, weight_at, unit, rate) for c in contours]
         if paths:
-            layers.append(Layer(mask.region, paths, is_opaque=bool(is_opaque[mask.region])))
-    layers += grouped(lines, paints, is_opaque)
+            layers.append(Layer(mask.region, paths))
+    layers += grouped(lines, paints)
+    paints = with_opacity(paints, opacity, is_opaque)
     drawing = Drawing(pixels, ground, paints, layers, is_tied=False)
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
@@ -178,12 +177,33 @@ def transparent_paint() -> Paint:
     return Paint(np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))
 
 
-def ground_of(labels, paints: list[Paint], opacity: Floats) -> Paint:
-    """Return the paint below all layers: that of the largest region, or a transparent one."""
+def ground_of(labels: Ints, paints: list[Paint], opacity: Floats) -> Paint:
+    """Return the paint below all layers.
+
+    It is that of the region along most of the picture's border, if this is more than half of the
+    border, or else that of the largest region. A picture with alpha has a transparent one.
+    """
     if len(paints[0].color) == 6:
         clear = (paints[k] for k in np.flatnonzero(opacity < LEAST_OPACITY))
         return next(clear, transparent_paint())
+    border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    along = np.bincount(border)
+    if along.max() > 0.5 * len(border):
+        return paints[int(along.argmax())]
     return paints[int(np.bincount(labels.ravel()).argmax())]
+
+
+def with_opacity(paints: list[Paint], opacity: Floats, is_opaque: Bools) -> list[Paint]:
+    """Return paints in which partly transparent colours are multiplied by their opacity.
+
+    Until here, a colour is what shows over black and over white. Paints that are shared stay so.
+    """
+    new: dict[int, Paint] = {}
+    for paint, alpha, hides in zip(paints, opacity, is_opaque, strict=True):
+        if not hides and id(paint) not in new:
+            over_black = np.tile(paint.color[:3], 2)
+            new[id(paint)] = Paint(over_black, opacity=max(float(alpha), LEAST_OPACITY))
+    return [new.get(id(paint), paint) for paint in paints]
 
 
 def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
@@ -192,9 +212,8 @@ def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
     areas = []
     for layer in drawing.current():
         paint = drawing.paints[layer.paint]
-        opacity = 1.0 if layer.is_opaque else round(opacity_of(paint.color), 2)
-        color = paint.color.reshape(-1, 3).mean(axis=0) if layer.is_opaque else paint.color[:3]
-        color = np.clip(color / max(opacity, LEAST_OPACITY), 0, 1)
+        opacity = round(paint.opacity, 2)
+        color = np.clip(paint.color.reshape(-1, 3).mean(axis=0) / paint.opacity, 0, 1)
         shown = paint.gradient or tuple(np.round(color * 255) / 255)
         outlines = tuple(Outline.of_segments(p.segments, p.curved, p.closed) for p in layer.paths)
         areas.append(Area(outlines, shown, opacity, layer.width, CAPS[layer.cap]))

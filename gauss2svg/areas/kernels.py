@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from gauss2svg.kernel_cache import cached
 
-_OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+# The precision is not part of the types, because kernels are compiled for each.
+Floats = NDArray[Any]
+Ints = NDArray[Any]
+Bools = NDArray[np.bool_]
+
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 kernel = cached(**_OPTIONS)  # decorator of a kernel that Python calls; it may allocate arrays
-inner = njit(**_OPTIONS, no_cpython_wrapper=True)  # decorator of a function that kernels call
+_OPTIONS["no_cpython_wrapper"] = True
+inner = njit(**_OPTIONS)  # decorator of a function that kernels call
 FLAT, LINEAR, RADIAL = range(3)  # forms of paints
 SHADES = 1024  # colours of a gradient's table
 MOST_NEAR = 12  # largest number of labels around a pixel that are tried in mixtures
@@ -26,8 +34,8 @@ def shade_index(form, place, x, y):
     """Return the row of a paint's table (SHADES, c) that has its colour at a point.
 
     form   FLAT, LINEAR or RADIAL
-    place  (4,) of a linear gradient, the position is place[0] x + place[1] y + place[2]. Of a radial
-           one it is the length of (place[2] (x - place[0]), place[3] (y - place[1]))
+    place  (4,) of a gradient. The position in a linear one is place[0] x + place[1] y + place[2].
+           That in a radial one is the length of (place[2] (x - place[0]), place[3] (y - place[1]))
     """
     if form == FLAT:
         return 0
@@ -78,6 +86,7 @@ def join_alike(pixels, core, most, labels):
 
 @inner
 def _push(key, place, count, new_key, new_place):
+    """Add an entry to a binary heap, whose smallest key comes first, and return the new count."""
     i = count
     while i > 0:
         parent = (i - 1) // 2
@@ -109,52 +118,61 @@ def _pop(key, place, count):
     return count
 
 
+@inner
+def _push_neighbors(pixels, labels, origin, y, x, least, key, place, count):
+    """Push the neighbours of a pixel that have no label, and return the new count.
+
+    An entry is a pixel and the side from which it is reached. Its key is the squared difference of
+    its colour, but at least `least`.
+    """
+    h, w, channels = pixels.shape
+    oy, ox = origin[y, x] // w, origin[y, x] % w
+    for side in range(4):
+        v, u = y + (side == 0) - (side == 1), x + (side == 2) - (side == 3)
+        if 0 <= v < h and 0 <= u < w and labels[v, u] < 0:
+            error = 0.0
+            for c in range(channels):
+                error += (pixels[v, u, c] - pixels[oy, ox, c]) ** 2
+            count = _push(key, place, count, max(error, least), (v * w + u) * 4 + side)
+    return count
+
+
 @kernel
-def grow_labels(pixels, labels, origin):
+def grow_labels(pixels, labels, origin, key, place):
     """Give each pixel without a label that of a neighbour, the nearest colours first.
 
     A pixel is compared with the pixel of a core from which its neighbour got its label.
 
     labels  (h, w) labels, -1 for none. They are replaced
-    origin  (h, w) output: index of the pixel of the core from which a pixel got its label
+    origin  (h, w) index of each pixel. It is changed to that of the pixel of the core from which a
+            pixel got its label
+    key, place  (n,) buffers for a heap with up to four entries for each pixel without a label
     """
-    h, w, channels = pixels.shape
-    room = 4 * np.count_nonzero(labels < 0) + 4
-    key, place = np.empty(room), np.empty(room, np.int64)
+    h, w, _ = pixels.shape
     count = 0
     for y in range(h):
         for x in range(w):
-            origin[y, x] = y * w + x
-    # An entry of the heap is a pixel and the side from which it is reached.
-    for y in range(h):
-        for x in range(w):
-            if labels[y, x] < 0:
-                continue
-            for side in range(4):
-                v, u = y + (side == 0) - (side == 1), x + (side == 2) - (side == 3)
-                if 0 <= v < h and 0 <= u < w and labels[v, u] < 0:
-                    error = 0.0
-                    for c in range(channels):
-                        error += (pixels[v, u, c] - pixels[y, x, c]) ** 2
-                    count = _push(key, place, count, error, (v * w + u) * 4 + side)
+            if labels[y, x] >= 0:
+                count = _push_neighbors(pixels, labels, origin, y, x, 0.0, key, place, count)
     while count > 0:
         error, entry = key[0], place[0]
         count = _pop(key, place, count)
         side = entry % 4
         y, x = entry // 4 // w, entry // 4 % w
-        if labels[y, x] >= 0:
-            continue
-        v, u = y - (side == 0) + (side == 1), x - (side == 2) + (side == 3)
-        labels[y, x] = labels[v, u]
-        origin[y, x] = origin[v, u]
-        oy, ox = origin[y, x] // w, origin[y, x] % w
-        for side in range(4):
-            v, u = y + (side == 0) - (side == 1), x + (side == 2) - (side == 3)
-            if 0 <= v < h and 0 <= u < w and labels[v, u] < 0:
-                new = 0.0
-                for c in range(channels):
-                    new += (pixels[v, u, c] - pixels[oy, ox, c]) ** 2
-                count = _push(key, place, count, max(new, 0.5 * error), (v * w + u) * 4 + side)
+        if labels[y, x] < 0:
+            v, u = y - (side == 0) + (side == 1), x - (side == 2) + (side == 3)
+            labels[y, x], origin[y, x] = labels[v, u], origin[v, u]
+            count = _push_neighbors(pixels, labels, origin, y, x, 0.5 * error, key, place, count)
+
+
+@inner
+def _mixture_error(pixel, color, i, j, k, s, t):
+    """Return the squared distance of a pixel from s, t and 1 - s - t parts of three colours."""
+    error = 0.0
+    for c in range(len(pixel)):
+        mixed = s * color[i, c] + t * color[j, c] + (1.0 - s - t) * color[k, c]
+        error += (pixel[c] - mixed) ** 2
+    return error
 
 
 @inner
@@ -162,14 +180,11 @@ def _mix(pixel, color, count, names, label, share):
     """Write the best mixture of at most three of the colours, and return its squared error.
 
     color, names  (MOST_NEAR + 1, c) colours and their labels, of which the first `count` are tried
-    label, share  (3,) output: labels of the mixture, -1 for none, and their shares
+    label, share  (3,) outputs: labels of the mixture, -1 for none, and their shares
     """
-    channels = len(pixel)
     best = 1e9
     for i in range(count):
-        error = 0.0
-        for c in range(channels):
-            error += (pixel[c] - color[i, c]) ** 2
+        error = _mixture_error(pixel, color, i, i, i, 1.0, 0.0)
         if error < best:
             best = error
             label[0], label[1], label[2] = names[i], -1, -1
@@ -177,16 +192,14 @@ def _mix(pixel, color, count, names, label, share):
     for i in range(count):
         for j in range(i + 1, count):
             square = along = 0.0
-            for c in range(channels):
+            for c in range(len(pixel)):
                 v = color[i, c] - color[j, c]
                 square += v * v
                 along += (pixel[c] - color[j, c]) * v
             if square < LEAST_CONTRAST:
                 continue
             s = min(max(along / square, 0.0), 1.0)
-            error = PRICE_OF_TWO
-            for c in range(channels):
-                error += (pixel[c] - color[j, c] - s * (color[i, c] - color[j, c])) ** 2
+            error = PRICE_OF_TWO + _mixture_error(pixel, color, i, j, j, s, 1.0 - s)
             if error < best:
                 best = error
                 label[0], label[1], label[2] = names[i], names[j], -1
@@ -197,7 +210,7 @@ def _mix(pixel, color, count, names, label, share):
         for j in range(i + 1, count):
             for k in range(j + 1, count):
                 aa = ab = bb = ap = bp = 0.0
-                for c in range(channels):
+                for c in range(len(pixel)):
                     a, b = color[i, c] - color[k, c], color[j, c] - color[k, c]
                     p = pixel[c] - color[k, c]
                     aa += a * a
@@ -212,16 +225,12 @@ def _mix(pixel, color, count, names, label, share):
                 if min(s, min(t, 1.0 - s - t)) < -0.05:
                     continue
                 s, t, r = max(s, 0.0), max(t, 0.0), max(1.0 - s - t, 0.0)
-                total = s + t + r
-                s, t, r = s / total, t / total, r / total
-                error = PRICE_OF_THREE
-                for c in range(channels):
-                    mixed = s * color[i, c] + t * color[j, c] + r * color[k, c]
-                    error += (pixel[c] - mixed) ** 2
+                s, t = s / (s + t + r), t / (s + t + r)
+                error = PRICE_OF_THREE + _mixture_error(pixel, color, i, j, k, s, t)
                 if error < best:
                     best = error
                     label[0], label[1], label[2] = names[i], names[j], names[k]
-                    share[0], share[1], share[2] = s, t, r
+                    share[0], share[1], share[2] = s, t, max(1.0 - s - t, 0.0)
     return best
 
 

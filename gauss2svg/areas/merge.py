@@ -4,63 +4,60 @@ from __future__ import annotations
 
 import numpy as np
 
-from gauss2svg.areas.curves import merge_pieces
-from gauss2svg.areas.outlines import BEYOND, HIDDEN, Path, path_bytes
+from gauss2svg.areas.curves import merge_pieces, sample_path
+from gauss2svg.areas.outlines import Path, Weights, lengths_of, weights_by
 from gauss2svg.areas.refine import Drawing, Layer
 
-SAMPLES = 2.5  # points for each px of a segment
+SAMPLES, LEAST_SAMPLES = 2.5, 5  # points for each px of a segment, and at least for a segment
 # Nodes may move by this share of the distance by which outlines seem to be off.
 NOISE_SHARE = 0.7
-BYTES_OF_AREA, BYTES_OF_LINE = 20.0, 50.0  # of the tag of a layer
+LEAST_NOISE = 1e-8  # px^2, so that no division is by 0
+BYTES_OF_AREA, BYTES_OF_LINE = 20.0, 50.0  # size of the tag of a layer
 MOST_LAYERS = 300  # because a photo would have thousands
 
 
 def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
-    """Return the layers of a drawing with fewer nodes, given the squared error that a byte saves."""
+    """Return the layers of a drawing with fewer nodes.
+
+    unit  user unit of path data in px
+    rate  squared error that a byte must save
+    """
     if not drawing.layers:
         return []
     drawing.draw()
     drawing.weigh()
-    h, w, _ = drawing.shape
-    noise = NOISE_SHARE**2 * drawing.noise + 1e-8
+    noise = NOISE_SHARE**2 * drawing.noise + LEAST_NOISE
     layers = []
-    for l, layer in enumerate(drawing.current()):
-        contrast = (drawing.part(drawing.weight, l) ** 2).sum(axis=-1)
-        contrast = np.maximum(contrast * (2 if layer.width else 1), HIDDEN)
-        x, y, across, down = drawing.box[l]
-        paths = []
-        for path in layer.paths:
-            points, start, weight = [], [0], []
-            for p, is_curve in zip(path.segments, path.curved, strict=True):
-                length = np.hypot(*np.diff(p, axis=0).T).sum()
-                count = max(int(length * SAMPLES), 5)
-                t = (np.arange(count) / count)[:, None]
-                u = 1 - t
-                if is_curve:
-                    at = u**3 * p[0] + 3 * u * u * t * p[1] + 3 * u * t * t * p[2] + t**3 * p[3]
-                else:
-                    at = u * p[0] + t * p[3]
-                points.append(at)
-                weight.append(np.full(count, length / count))
-                start.append(start[-1] + count)
-            if not path.closed:
-                points.append(path.segments[-1:, 3])
-                weight.append(weight[-1][-1:])
-            at, length = np.concatenate(points), np.concatenate(weight)
-            column = np.clip(np.floor(at[:, 0]).astype(int) - x, 0, across - 1)
-            row = np.clip(np.floor(at[:, 1]).astype(int) - y, 0, down - 1)
-            beyond = (at < 0).any(axis=1) | (at > [w, h]).any(axis=1)
-            value = np.where(beyond, BEYOND, contrast[row, column]) * length
-            segment, curved = path.segments.copy(), path.curved.copy()
-            count = merge_pieces(
-                at, value, np.array(start), path.closed, segment, curved, True, unit, rate, noise
-            )
-            if path.closed and count == 2 and not curved[:2].any():
-                continue
-            paths.append(Path(segment[:count], curved[:count], path.closed))
+    for index, layer in enumerate(drawing.current()):
+        contrast = (drawing.part(drawing.weight, index) ** 2).sum(axis=-1)
+        if layer.is_line:
+            contrast *= 2  # it has two sides
+        left, top = drawing.box[index, :2]
+        weight_at = weights_by(contrast, left, top, drawing.shape)
+        paths = [_merged_path(path, weight_at, unit, rate, noise) for path in layer.paths]
+        # Two lines to a point and back draw nothing.
+        paths = [p for p in paths if not p.closed or len(p.curved) > 2 or p.curved.any()]
         if paths:
             layers.append(layer.replace(paths))
     return layers
+
+
+def _merged_path(path: Path, weight_at: Weights, unit: float, rate: float, noise: float) -> Path:
+    """Return a path with fewer nodes. `noise` is the mean squared distance by which it is off."""
+    length = lengths_of(path.segments)
+    count = np.maximum((length * SAMPLES).astype(np.int64), LEAST_SAMPLES)
+    start = np.append(0, np.cumsum(count))
+    points = np.empty((start[-1], 2))
+    sample_path(path.segments, path.curved, count, points)
+    step = np.repeat(length / count, count)
+    if not path.closed:
+        points, step = np.vstack([points, path.segments[-1, 3]]), np.append(step, step[-1])
+    segment, curved = path.segments.copy(), path.curved.copy()
+    left = merge_pieces(
+        points, weight_at(points) * step, start, path.closed, segment, curved, True, unit, rate,
+        noise,
+    )  # fmt: skip
+    return Path(segment[:left], curved[:left], path.closed)
 
 
 def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
@@ -75,11 +72,12 @@ def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     drawing.weigh()
     layers = drawing.current()
     gains = np.zeros(len(layers))
-    for l, layer in enumerate(layers):
-        own, shows = error[drawing.slices(l)], drawing.part(drawing.visible, l)[..., None]
-        without = own - (drawing.color_in_box(l) - drawing.part(below, l)) * shows
-        size = BYTES_OF_LINE if layer.width else BYTES_OF_AREA
-        size += sum(path_bytes(path, unit) for path in layer.paths)
-        gains[l] = (without**2).sum() - (own**2).sum() - rate * size
+    for index, layer in enumerate(layers):
+        own, shows = error[drawing.slices(index)], drawing.part(drawing.visible, index)[..., None]
+        under = drawing.paints[layer.paint].opacity * drawing.part(below, index)
+        without = own - (drawing.color_in_box(index) - under) * shows
+        size = BYTES_OF_LINE if layer.is_line else BYTES_OF_AREA
+        size += sum(path.bytes(unit) for path in layer.paths)
+        gains[index] = (without**2).sum() - (own**2).sum() - rate * size
     least = max(0.0, np.sort(gains)[-min(MOST_LAYERS, len(gains))])
     return [layer for layer, gain in zip(layers, gains, strict=True) if gain >= least]

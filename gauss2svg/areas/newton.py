@@ -1,6 +1,8 @@
 """Kernels of a step of Gauss-Newton: its Jacobian as samples, and conjugate gradients.
 
-The parameters are the coordinates of all points, x and y in turns, and then the widths of layers.
+The parameters are the coordinates of all points, x and y in turns, and then the widths of layers. A
+sample is a piece of an outline in one pixel. It has nine derivatives: by the coordinates of the
+four control points of its segment, and by the width of its layer.
 """
 
 from __future__ import annotations
@@ -9,219 +11,150 @@ import math
 
 import numpy as np
 
-from gauss2svg.areas.kernels import inner, kernel
+from gauss2svg.areas.kernels import kernel
 from gauss2svg.render.coverage import point_at
 
-RATE = 4.0  # samples for each px of an outline
-ACROSS = 6  # samples along the end of a stroke
+ACROSS = 6  # places along the end of a stroke at which it is sampled
 
 
 @kernel
 def list_samples(
-    segment, curved, first_of, last_of, layer_of, sign, width, box, offset, weight, columns, pixel,
-    owner, jacobian, weights,
+    segment, curved, count, is_first, is_last, layer_of, sign, width, box, offset, weight, columns,
+    pixel, owner, jacobian, weights,
 ):  # fmt: skip
-    """List what a move of outlines changes, one entry for each pixel that a segment runs through.
+    """List what a move of outlines changes, one sample for each pixel that a segment runs through.
 
-    first_of, last_of  (k,) whether a segment begins or ends an open path
-    layer_of, sign  (k,) layer of a segment, and 1 or -1 for the side on which its area lies
+    count    (k,) number of places along each segment (4, 2) at which it is sampled
+    is_first, is_last  (k,) whether a segment begins or ends an open path
+    layer_of  (k,) layer of each segment
+    sign     (l,) 1 or -1 for the side of its outlines on which a layer lies
+    box, offset, weight  (l, 4), (l,) and (m, c) of the layers, as `weigh` writes them
     pixel, owner  (n,) outputs: pixel y * columns + x, and segment
-    jacobian  (n, 9) output: derivatives of its coverage by the segment's four control points, and
-              by the width
-    weights   (n, c) output: derivative of the pixel by its coverage
-    Return the number of entries.
+    jacobian (n, 9) output: derivatives of the pixel's coverage
+    weights  (n, c) output: derivative of the pixel by its coverage
+    Return the number of samples.
     """
     n = 0
-    channels = weight.shape[1]
-    basis = np.empty(4)
     for s in range(len(segment)):
-        p, l = segment[s], layer_of[s]
-        length = math.hypot(p[3, 0] - p[0, 0], p[3, 1] - p[0, 1])
-        if curved[s]:
-            length = 0.0
-            for i in range(3):
-                length += math.hypot(p[i + 1, 0] - p[i, 0], p[i + 1, 1] - p[i, 1])
-        count = max(int(RATE * length), 4)
-        is_stroke = width[l] > 0
+        layer = layer_of[s]
+        left, top, across, down = box[layer]
+        is_stroke = width[layer] > 0.0
+        # An area has one side. A stroke has two sides and, if it is open, two ends.
         for side in range(4 if is_stroke else 1):
-            if (side == 2 and not first_of[s]) or (side == 3 and not last_of[s]):
+            if (side == 2 and not is_first[s]) or (side == 3 and not is_last[s]):
                 continue
-            steps = ACROSS if side >= 2 else count
-            last = -1
+            steps = ACROSS if side >= 2 else count[s]
+            before = -1
             for i in range(steps):
-                t = (i + 0.5) / steps
-                if side >= 2:
-                    t = float(side - 2)
-                u = 1.0 - t
-                if curved[s]:
-                    basis[0], basis[1], basis[2], basis[3] = (
-                        u * u * u,
-                        3 * u * u * t,
-                        3 * u * t * t,
-                        t * t * t,
-                    )
-                else:
-                    basis[0], basis[1], basis[2], basis[3] = u, 0.0, 0.0, t
-                x, y, tx, ty = point_at(p, curved[s], t)
+                place = (i + 0.5) / steps
+                t = place if side < 2 else side - 2.0
+                x, y, along_x, along_y = point_at(segment[s], curved[s], t)
+                speed = math.hypot(along_x, along_y) + 1e-12
                 wider = 0.0
-                if not is_stroke:
-                    nx, ny = sign[s] * ty / count, -sign[s] * tx / count
+                if side < 2:
+                    e = (1.0 - 2.0 * side if is_stroke else sign[layer]) / steps
+                    beside = e * steps * 0.5 * width[layer]
+                    nx, ny = e * along_y, -e * along_x
+                    if is_stroke:
+                        wider = 0.5 * speed / steps
                 else:
-                    speed = math.hypot(tx, ty) + 1e-12
-                    if side < 2:
-                        e = 1.0 if side == 0 else -1.0
-                        x += e * 0.5 * width[l] * ty / speed
-                        y -= e * 0.5 * width[l] * tx / speed
-                        nx, ny = e * ty / count, -e * tx / count
-                        wider = 0.5 * speed / count
-                    else:
-                        off = ((i + 0.5) / steps - 0.5) * width[l]
-                        x += off * ty / speed
-                        y -= off * tx / speed
-                        e = (-1.0 if side == 2 else 1.0) * width[l] / steps / speed
-                        nx, ny = e * tx, e * ty
-                px, py = int(math.floor(x)), int(math.floor(y))
-                if not (
-                    box[l, 0] <= px < box[l, 0] + box[l, 2]
-                    and box[l, 1] <= py < box[l, 1] + box[l, 3]
-                ):
-                    last = -1
+                    e = (2.0 * side - 5.0) * width[layer] / steps / speed
+                    beside = (place - 0.5) * width[layer]
+                    nx, ny = e * along_x, e * along_y
+                u = math.floor(x + beside * along_y / speed)
+                v = math.floor(y - beside * along_x / speed)
+                if not (left <= u < left + across and top <= v < top + down):
+                    before = -1
                     continue
-                if py * columns + px != last:
-                    last = py * columns + px
-                    at = offset[l] + (py - box[l, 1]) * box[l, 2] + px - box[l, 0]
-                    pixel[n], owner[n] = last, s
-                    jacobian[n, :] = 0.0
-                    for c in range(channels):
-                        weights[n, c] = weight[at, c]
+                if v * columns + u != before:
+                    before = v * columns + u
+                    pixel[n], owner[n] = before, s
+                    for k in range(9):
+                        jacobian[n, k] = 0.0
+                    for c in range(weight.shape[1]):
+                        weights[n, c] = weight[offset[layer] + (v - top) * across + u - left, c]
                     n += 1
-                for k in range(4):
-                    jacobian[n - 1, 2 * k] += basis[k] * nx
-                    jacobian[n - 1, 2 * k + 1] += basis[k] * ny
+                w = 1.0 - t
+                if curved[s]:
+                    b0, b1, b2, b3 = w * w * w, 3 * w * w * t, 3 * w * t * t, t * t * t
+                else:
+                    b0, b1, b2, b3 = w, 0.0, 0.0, t
+                for k, b in enumerate((b0, b1, b2, b3)):
+                    jacobian[n - 1, 2 * k] += b * nx
+                    jacobian[n - 1, 2 * k + 1] += b * ny
                 jacobian[n - 1, 8] += wider
     return n
 
 
-@inner
-def _expand(free, same, handle, node, master, ratio, full):
-    for i in range(len(same)):
-        full[i] = free[same[i]]
-    for i in range(len(same), len(free)):
-        full[i] = free[i]
-    for t in range(len(handle)):
-        for c in range(2):
-            n, m = full[2 * node[t] + c], full[2 * master[t] + c]
-            full[2 * handle[t] + c] = n + ratio[t] * (n - m)
+@kernel
+def gradient(place, owner, jacobian, weights, column, ties, image, result):
+    """Write the gradient (u,) by all parameters of a gradient by pixels, image (m, c).
 
-
-@inner
-def _reduce(full, same, handle, node, master, ratio, free):
-    """Write the gradient by free parameters, and 0 for the others. `full` is changed."""
-    for t in range(len(handle)):
-        for c in range(2):
-            g = full[2 * handle[t] + c]
-            full[2 * handle[t] + c] = 0.0
-            full[2 * node[t] + c] += (1.0 + ratio[t]) * g
-            full[2 * master[t] + c] -= ratio[t] * g
-    free[:] = 0.0
-    for i in range(len(same)):
-        free[same[i]] += full[i]
-    for i in range(len(same), len(free)):
-        free[i] = full[i]
-
-
-@inner
-def _transposed(place, owner, jacobian, weights, points, widths, layer_of, image, full):
-    """Write the gradient by all parameters of a gradient by pixels, image (pixels, c)."""
-    full[:] = 0.0
+    place   (n,) row of each sample's pixel in `image`
+    column  (k, 9) parameters by which the derivatives of a segment's samples are
+    ties    parameter, node, master (t,) and their two factors (t,): a parameter is the sum of the
+            node and the master, times these. The gradient by it becomes a part of theirs
+    """
+    for i in range(len(result)):
+        result[i] = 0.0
     for r in range(len(place)):
-        s = owner[r]
         g = 0.0
         for c in range(weights.shape[1]):
             g += image[place[r], c] * weights[r, c]
-        full[widths + layer_of[s]] += g * jacobian[r, 8]
-        for k in range(4):
-            q = 2 * points[s, k]
-            full[q] += g * jacobian[r, 2 * k]
-            full[q + 1] += g * jacobian[r, 2 * k + 1]
+        for k in range(9):
+            result[column[owner[r], k]] += g * jacobian[r, k]
+    parameter, node, master, of_node, of_master = ties
+    for i in range(len(parameter)):
+        g = result[parameter[i]]
+        result[parameter[i]] = 0.0
+        result[node[i]] += of_node[i] * g
+        result[master[i]] += of_master[i] * g
 
 
 @kernel
-def solve(
-    place, owner, jacobian, weights, points, widths, layer_of, residual, damping, base, steps, same,
-    handle, node, master, ratio, step,
-):  # fmt: skip
-    """Solve (J'J + D) step = -J' residual by preconditioned conjugate gradients.
+def solve(place, owner, jacobian, weights, column, ties, image, r, diagonal, damping, steps, step):
+    """Solve (J'J + D) step = r by conjugate gradients, preconditioned by the diagonal.
 
-    place     (n,) row of each entry's pixel in `residual` (m, c)
-    points    (k, 4) points of segments
-    widths    index of the first width among the parameters, after the coordinates of all points
-    damping   (u,) D as a share of the diagonal of J'J, to which `base` is added
-    step      (u,) output, for all parameters; those that follow from others are set as well
+    image     (m, c) buffer
+    r         (u,) right side, which is changed
+    diagonal  (u,) of J'J + D, all of it positive
+    damping   (u,) D
+    step      (u,) output. Parameters that follow from others have the step 0
     """
-    size = len(step)
-    full, grad, diagonal = np.zeros(size), np.zeros(size), np.zeros(size)
-    image = np.zeros(residual.shape)
-    channels = weights.shape[1]
-    _transposed(place, owner, jacobian, weights, points, widths, layer_of, residual, full)
-    _reduce(full, same, handle, node, master, ratio, grad)
-    full[:] = 0.0
-    for r in range(len(place)):
-        square = 0.0
-        for c in range(channels):
-            square += weights[r, c] ** 2
-        s = owner[r]
-        full[widths + layer_of[s]] += square * jacobian[r, 8] ** 2
-        for k in range(4):
-            q = 2 * points[s, k]
-            full[q] += square * jacobian[r, 2 * k] ** 2
-            full[q + 1] += square * jacobian[r, 2 * k + 1] ** 2
-    for t in range(len(handle)):
-        for c in range(2):
-            d = full[2 * handle[t] + c]
-            full[2 * node[t] + c] += (1.0 + ratio[t]) ** 2 * d
-            full[2 * master[t] + c] += ratio[t] ** 2 * d
-            full[2 * handle[t] + c] = 0.0
-    for i in range(size):
-        diagonal[same[i] if i < widths else i] += full[i]
-    damp = np.empty(size)
-    for i in range(0, widths, 2):
-        mean = 0.5 * (diagonal[i] + diagonal[i + 1])
-        for c in range(2):
-            damp[i + c] = damping[i + c] * 0.5 * (diagonal[i + c] + mean) + base
-    for i in range(widths, size):
-        damp[i] = damping[i] * diagonal[i] + base
-    r, p, product = np.empty(size), np.empty(size), np.empty(size)
+    p, product, full = np.empty(len(r)), np.empty(len(r)), np.empty(len(r))
     rz = 0.0
-    for i in range(size):
-        step[i], r[i] = 0.0, -grad[i]
-        p[i] = r[i] / (diagonal[i] + damp[i])
+    for i in range(len(r)):
+        step[i], p[i] = 0.0, r[i] / diagonal[i]
         rz += r[i] * p[i]
     first = rz
     for _ in range(steps):
+        # So no division is by 0: D is positive, and p is not 0 if rz is not.
         if rz < 1e-8 * first or rz < 1e-18:
             break
-        _expand(p, same, handle, node, master, ratio, full)
-        image[:] = 0.0
-        for e in range(len(place)):
-            s = owner[e]
-            move = jacobian[e, 8] * full[widths + layer_of[s]]
-            for k in range(4):
-                q = 2 * points[s, k]
-                move += jacobian[e, 2 * k] * full[q] + jacobian[e, 2 * k + 1] * full[q + 1]
-            for c in range(channels):
-                image[place[e], c] += move * weights[e, c]
-        _transposed(place, owner, jacobian, weights, points, widths, layer_of, image, full)
-        _reduce(full, same, handle, node, master, ratio, product)
+        parameter, node, master, of_node, of_master = ties
+        for i in range(len(p)):
+            full[i] = p[i]
+        for i in range(len(parameter)):
+            full[parameter[i]] = of_node[i] * p[node[i]] + of_master[i] * p[master[i]]
+        for m in range(image.shape[0]):
+            for c in range(image.shape[1]):
+                image[m, c] = 0.0
+        for n in range(len(place)):
+            move = 0.0
+            for k in range(9):
+                move += jacobian[n, k] * full[column[owner[n], k]]
+            for c in range(image.shape[1]):
+                image[place[n], c] += move * weights[n, c]
+        gradient(place, owner, jacobian, weights, column, ties, image, product)
         curvature = 0.0
-        for i in range(size):
-            product[i] += damp[i] * p[i]
+        for i in range(len(p)):
+            product[i] += damping[i] * p[i]
             curvature += p[i] * product[i]
         new = 0.0
-        for i in range(size):
+        for i in range(len(p)):
             step[i] += rz / curvature * p[i]
             r[i] -= rz / curvature * product[i]
-            new += r[i] * r[i] / (diagonal[i] + damp[i])
-        for i in range(size):
-            p[i] = r[i] / (diagonal[i] + damp[i]) + new / rz * p[i]
+            new += r[i] * r[i] / diagonal[i]
+        for i in range(len(p)):
+            p[i] = r[i] / diagonal[i] + new / rz * p[i]
         rz = new

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from skimage.measure import find_contours
 
-from gauss2svg.areas.curves import merge_pieces
+from gauss2svg.areas.curves import merge_pieces, path_bytes
+from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.areas.regions import Box
 
-Floats = NDArray[np.float64]
+# Function from points (n, 2) to the weight of a squared distance of 1 px along 1 px of an outline
 Weights = Callable[[Floats], Floats]
 STEP = 0.5  # px between points of a contour
 PIECE = 6  # points of the pieces into which a contour is cut at first
@@ -20,29 +22,72 @@ LEAST_AREA = 1.0  # px^2; smaller contours are noise
 # it. The antialiasing has rounded it, so it is put where lines through the points from CUT to LOOK
 # points away meet, if that is at most MOST_MOVE px away.
 ARM, CORNER_RAD, CUT, LOOK, MOST_MOVE = 5, np.radians(35), 2, 8, 2.0
-
-
+LEAST_SINE = 0.15  # sine of the angle of two lines that meet at a corner
 NOISE = 0.05  # px by which points of a contour are off
+# Least weight, and that beyond the picture. Without them, hidden outlines would have no shape, and
+# would show at the next step.
+HIDDEN, BEYOND = 0.015, 0.003
 
 
 class Path(NamedTuple):
     """Segments (k, 4, 2) of a path, and whether each is curved. A line repeats its ends."""
 
     segments: Floats
-    curved: NDArray[np.bool_]
+    curved: Bools
     closed: bool = True
 
+    def moved(self, by: Floats) -> Path:
+        """Return the path moved by a vector (2,)."""
+        return self._replace(segments=self.segments + by)
 
-def contours_of(share: Floats, left: int, top: int, shape: tuple[int, int]) -> list[Floats]:
+    def bytes(self, unit: float) -> float:
+        """Return about how many bytes of path data the path has."""
+        return path_bytes(self.segments, self.curved, unit)
+
+
+def lengths_of(segments: Floats) -> Floats:
+    """Return the lengths (k,) in px of the polygons of control points (k, 4, 2)."""
+    return np.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1)
+
+
+def weights_by(contrast: Floats, left: int, top: int, shape: tuple[int, ...]) -> Weights:
+    """Return the function that gives points the contrast (h, w) of a box, whose corner is here.
+
+    shape  rows and columns of the picture
+    """
+    h, w = contrast.shape
+
+    def weight_at(points: Floats) -> Floats:
+        x, y = np.floor(points).astype(np.int64).T
+        beyond = (points < 0).any(axis=1) | (points > [shape[1], shape[0]]).any(axis=1)
+        at = np.clip(y - top, 0, h - 1), np.clip(x - left, 0, w - 1)
+        return np.where(beyond, BEYOND, np.maximum(contrast[at], HIDDEN))
+
+    return weight_at
+
+
+def contrast_of(pixels: Floats) -> Weights:
+    """Return the weights of first outlines: squared differences of colours across an edge."""
+    padded = np.pad(pixels, ((2, 2), (2, 2), (0, 0)), mode="edge")
+    across = ((padded[2:-2, 4:] - padded[2:-2, :-4]) ** 2).sum(axis=-1)
+    down = ((padded[4:, 2:-2] - padded[:-4, 2:-2]) ** 2).sum(axis=-1)
+    return weights_by(np.maximum(across, down), 0, 0, pixels.shape)
+
+
+def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]:
     """Return the closed contours (n, 2) of a mask at half share, in px of the picture.
+
+    share  (h, w) in a box of a picture of this shape
 
     A mask that touches the border of the picture is continued beyond it, so that its contour
     leaves the picture.
     """
-    h, w = share.shape
-    pad = [(int(top == 0), int(top + h == shape[0])), (int(left == 0), int(left + w == shape[1]))]
+    pad = [
+        (int(side.start == 0), int(side.stop == most))
+        for side, most in zip(box, shape, strict=False)
+    ]
     padded = np.pad(np.pad(share, pad, mode="edge"), 1)
-    corner = np.array([left - pad[1][0], top - pad[0][0]]) - 0.5
+    corner = np.array([box[1].start - pad[1][0], box[0].start - pad[0][0]]) - 0.5
     contours = []
     for line in find_contours(padded, 0.5):
         points = line[:-1, ::-1] + corner
@@ -62,7 +107,7 @@ def resampled(points: Floats, step: float = STEP, closed: bool = True) -> Floats
     return np.stack([np.interp(at, place, line[:, i]) for i in (0, 1)], axis=1)
 
 
-def turns_of(points: Floats, least_rad: float, closed: bool = True) -> NDArray[np.intp]:
+def turns_of(points: Floats, least_rad: float, closed: bool = True) -> Ints:
     """Return the indices of the corners of a polyline (n, 2), whose points are evenly spaced.
 
     A corner turns by at least `least_rad` between the chords to the points ARM points before and
@@ -82,91 +127,57 @@ def turns_of(points: Floats, least_rad: float, closed: bool = True) -> NDArray[n
 
 
 def _line_through(points: Floats) -> tuple[Floats, Floats]:
+    """Return the middle of points (n, 2), and the direction of the line through them."""
     middle = points.mean(axis=0)
     return middle, np.linalg.svd(points - middle)[2][0]
 
 
-def first_path(points: Floats, weight_at, unit: float, rate: float) -> Path:
-    """Return the first curves through a closed contour (n, 2).
-
-    weight_at  function from points to the weight of a squared distance of 1 px along 1 px
-    """
+def first_path(points: Floats, weight_at: Weights, unit: float, rate: float) -> Path:
+    """Return the first curves through a closed contour (n, 2)."""
     points = resampled(points)
     n, corners = len(points), turns_of(points, CORNER_RAD)
     keep, moved = np.ones(n, bool), points.copy()
     gaps = np.diff(corners, append=corners[:1] + n)
     for i, corner in enumerate(corners):
         reach = [min(LOOK, gap - CUT - 1) for gap in (gaps[i - 1], gaps[i])]
-        away = np.arange(1, CUT)
         if min(reach) >= CUT + 2:
             p, u = _line_through(points[(corner - np.arange(CUT, reach[0] + 1)) % n])
             q, v = _line_through(points[(corner + np.arange(CUT, reach[1] + 1)) % n])
             det = u[1] * v[0] - u[0] * v[1]
-            if abs(det) > 0.15:
+            if abs(det) > LEAST_SINE:
                 meeting = p + ((q - p)[1] * v[0] - (q - p)[0] * v[1]) / det * u
                 if np.hypot(*(meeting - points[corner])) < MOST_MOVE:
                     moved[corner] = meeting
+        away = np.arange(1, CUT)
         keep[(corner - away) % n] = keep[(corner + away) % n] = False
     keep[corners] = True
     index = np.cumsum(keep) - 1
-    points = moved[keep]
-    return fitted_path(points, index[corners], weight_at, unit, rate, True)
+    return fitted_path(moved[keep], index[corners], weight_at, unit, rate, True)
 
 
-def fitted_path(points: Floats, corners, weight_at, unit, rate, closed: bool) -> Path:
+def fitted_path(
+    points: Floats, corners: Ints, weight_at: Weights, unit: float, rate: float, closed: bool
+) -> Path:
     """Return the curves through points (n, 2), with possible corners at these indices."""
     n = len(points)
-    ends = np.concatenate([corners, corners[:1] + n]) if closed and len(corners) else None
-    if ends is None:
-        ends = np.array([0, n]) if closed else np.unique(np.concatenate([[0], corners, [n - 1]]))
+    if not closed:
+        ends = np.unique([0, *corners, n - 1])
+    else:
+        ends = np.append(corners, corners[0] + n) if len(corners) else np.array([0, n])
     starts = [
         np.linspace(a, b, max(round((b - a) / PIECE), 1), endpoint=False).astype(np.int64)
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
+        for a, b in itertools.pairwise(ends)
     ]
     start = np.append(np.unique(np.concatenate(starts)), ends[-1])
     if closed and len(start) < 3:
         start = np.array([start[0], (start[0] + start[-1]) // 2, start[-1]])
-    line = np.vstack([points, points[:1]]) if closed else points
-    length = np.hypot(*np.diff(line, axis=0).T)
-    length = (
-        0.5 * (length + np.roll(length, 1))
-        if closed
-        else 0.5 * (np.append(length, 0) + np.insert(length, 0, 0))
-    )
-    weight = weight_at(points) * length
+    gap = np.hypot(*np.diff(points, axis=0, append=points[:1]).T)
+    if not closed:
+        gap[-1] = 0.0
+    weight = weight_at(points) * 0.5 * (gap + np.roll(gap, 1))
     count = len(start) - 1
     segment, curved = np.empty((count, 4, 2)), np.empty(count, bool)
     count = merge_pieces(
         points, weight, start, closed, segment, curved, False, unit, rate, NOISE**2
     )
     return Path(segment[:count], curved[:count], closed)
-
-
-# Least weight of a squared distance of 1 px along 1 px of an outline, and that beyond the picture.
-# Without them, hidden outlines would have no shape, and would show at the next step.
-HIDDEN, BEYOND = 0.015, 0.003
-
-
-def contrast_of(pixels: Floats):
-    """Return a function from points (n, 2) to the squared difference of colours across an edge."""
-    h, w, _ = pixels.shape
-    padded = np.pad(pixels, ((2, 2), (2, 2), (0, 0)), mode="edge")
-    across = ((padded[2:-2, 4:] - padded[2:-2, :-4]) ** 2).sum(axis=-1)
-    down = ((padded[4:, 2:-2] - padded[:-4, 2:-2]) ** 2).sum(axis=-1)
-    contrast = np.maximum(np.maximum(across, down), HIDDEN)
-
-    def weight_at(points: Floats) -> Floats:
-        column = np.clip(np.floor(points[:, 0]).astype(int), 0, w - 1)
-        row = np.clip(np.floor(points[:, 1]).astype(int), 0, h - 1)
-        beyond = (points < 0).any(axis=1) | (points > [w, h]).any(axis=1)
-        return np.where(beyond, BEYOND, contrast[row, column])
-
-    return weight_at
-
-
-def path_bytes(path: Path, unit: float) -> float:
-    """Return about how many bytes of path data a path has."""
-    d = np.abs(np.round((path.segments[:, 1:] - path.segments[:, :1]) / unit))
-    digits = np.floor(np.log10(np.maximum(d, 1))) + 1
-    each = np.where(path.curved, digits.sum(axis=(1, 2)) + 5.5, digits[:, 2].sum(axis=1) + 2.3)
-    return float(each.sum()) + 7

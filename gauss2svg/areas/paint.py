@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
-from gauss2svg.areas.kernels import FLAT, LINEAR, RADIAL, SHADES
-from gauss2svg.areas.regions import LEVEL
+from gauss2svg.areas.kernels import FLAT, LINEAR, RADIAL, SHADES, Floats, Ints
+from gauss2svg.areas.regions import LEVEL, Box, pixels_of
 from gauss2svg.scene.areas import LinearGradient, RadialGradient
 
-Floats = NDArray[np.float64]
 EVEN = 2 * LEVEL  # largest difference from the median within a region of one colour
 LEAST_SHADED, LEAST_ROUND = 60, 200  # px; smaller regions have one colour, or no radial gradient
 MOST_SAMPLES = 2500  # px of a region to which gradients are fitted
@@ -26,16 +24,23 @@ NEAR = 3  # px between parts of one gradient
 PRIOR, PRIOR_PER_PX = 0.5, 0.3  # weight of a colour's first value, and more for each pixel of it
 
 
+Gradient = LinearGradient | RadialGradient
+
+
 class Paint:
     """The paint of regions. Regions of the same colour share one object.
 
-    color     (c,) channels of the colour
+    color     (c,) channels of the colour. That of a layer is multiplied by its opacity
+    opacity   in 0..1
     gradient  gradient in px, or None
     prior     weight of `color` when colours are solved again
     """
 
-    def __init__(self, color: Floats, gradient=None) -> None:
-        self.color, self.gradient, self.prior = np.asarray(color, np.float64), gradient, PRIOR
+    def __init__(
+        self, color: Floats, gradient: Gradient | None = None, opacity: float = 1.0
+    ) -> None:
+        self.color, self.gradient = np.asarray(color, np.float64), gradient
+        self.opacity, self.prior = opacity, PRIOR
         self.form, self.place = FLAT, np.zeros(4)
         if isinstance(gradient, LinearGradient):
             axis = np.subtract(gradient.end, gradient.start)
@@ -47,17 +52,18 @@ class Paint:
 
     @property
     def is_shaded(self) -> bool:
+        """Whether the paint is a gradient."""
         return self.gradient is not None
 
     @property
-    def table(self) -> NDArray[np.float32]:
+    def table(self) -> Floats:
         """Colours (SHADES, c) at equal steps along the gradient. One colour is in all rows."""
         if self.gradient is None:
             return np.broadcast_to(self.color.astype(np.float32), (SHADES, len(self.color)))
         shades = self.gradient.colors_at(np.linspace(0, 1, SHADES))
         return np.concatenate([shades] * (len(self.color) // 3), axis=1).astype(np.float32)
 
-    def at(self, xs: NDArray[np.intp], ys: NDArray[np.intp]) -> NDArray[np.float32]:
+    def at(self, xs: Ints, ys: Ints) -> Floats:
         """Return the colours (.., c) at the centres of pixels."""
         if self.gradient is None:
             return np.broadcast_to(self.color.astype(np.float32), (*np.shape(xs), len(self.color)))
@@ -65,11 +71,11 @@ class Paint:
         return np.concatenate([shades] * (len(self.color) // 3), axis=-1)
 
 
-def paint_of(pixels: Floats, ys: NDArray[np.intp], xs: NDArray[np.intp]) -> Paint:
+def paint_of(pixels: Floats, ys: Ints, xs: Ints) -> Paint:
     """Return the paint of the region at these pixels (n,)."""
     values = pixels[ys, xs].astype(np.float64)
     paint = Paint(np.median(values, axis=0))
-    opaque = values.shape[1] == 3 or np.ptp(values[:, :3] - values[:, 3:]) <= EVEN
+    opaque = values.shape[1] == 3 or np.abs(values[:, :3] - values[:, 3:]).max() <= EVEN
     if np.abs(values - paint.color).max() <= EVEN or len(ys) < LEAST_SHADED or not opaque:
         return paint
     chosen = np.arange(len(ys))
@@ -202,7 +208,7 @@ def _stops(place: Floats, colors: Floats):
     return knots, np.clip(stops, 0, 1), error
 
 
-def paints_of(pixels: Floats, labels: NDArray[np.int64], count: int) -> list[Paint]:
+def paints_of(pixels: Floats, labels: Ints, count: int) -> list[Paint]:
     """Return the paint of each region. Regions of nearly the same colour share a paint."""
     order = np.argsort(labels, axis=None, kind="stable")
     sizes = np.bincount(labels[labels >= 0], minlength=count)
@@ -225,7 +231,7 @@ def paints_of(pixels: Floats, labels: NDArray[np.int64], count: int) -> list[Pai
     return paints
 
 
-def join_parts_of_gradients(pixels: Floats, labels: NDArray[np.int32], paints: list[Paint]) -> None:
+def join_parts_of_gradients(pixels: Floats, labels: Ints, paints: list[Paint]) -> None:
     """Join regions to a larger one whose gradient draws them. `labels` and `paints` are changed.
 
     Where a gradient bends or is steep, as around the middle of a radial one, its pixels are not one
@@ -239,8 +245,7 @@ def join_parts_of_gradients(pixels: Floats, labels: NDArray[np.int32], paints: l
         for j in range(k + 1, len(paints)):
             if boxes[j] is None or not _overlap(boxes[k], boxes[j]):
                 continue
-            ys, xs = np.nonzero(labels[boxes[j]] == j)
-            ys, xs = ys + boxes[j][0].start, xs + boxes[j][1].start
+            ys, xs = pixels_of(labels[boxes[j]] == j, boxes[j])
             off = np.abs(pixels[ys, xs] - paint.at(xs, ys)).max(axis=1) > PART
             if np.count_nonzero(off) <= MOST_OFF * len(ys):
                 labels[ys, xs] = k
@@ -249,7 +254,7 @@ def join_parts_of_gradients(pixels: Floats, labels: NDArray[np.int32], paints: l
             paints[k] = paint_of(pixels, *np.nonzero(labels == k))
 
 
-def _overlap(first: tuple[slice, slice], second: tuple[slice, slice]) -> bool:
+def _overlap(first: Box, second: Box) -> bool:
     """Return whether two boxes have less than NEAR px between them."""
     pairs = zip(first, second, strict=True)
     return all(a.start < b.stop + NEAR and b.start < a.stop + NEAR for a, b in pairs)

@@ -12,6 +12,7 @@ Handles at smooth joins and ends of upright lines are no free parameters (Ties).
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -19,13 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.composition import compose, weigh
-from gauss2svg.areas.newton import RATE, list_samples, solve
-from gauss2svg.areas.outlines import Path
+from gauss2svg.areas.kernels import Floats, Ints
+from gauss2svg.areas.newton import ACROSS, gradient, list_samples, solve
+from gauss2svg.areas.outlines import Path, lengths_of
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import Palette
 from gauss2svg.areas.ties import Ties, tied
 
-Floats = NDArray[np.float64]
+RATE = 4.0  # samples for each px of an outline
 CG_STEPS = 40
 COLOR_STEPS = (3, 11)  # steps of the refinement before which colours are solved again
 BASE = 0.01  # damping of every parameter, in squared error for a px^2
@@ -37,6 +39,7 @@ MOST_RISE = 0.2
 # The refinement ends after MOST_QUIET steps that lower the error by less than this share.
 LEAST_GAIN, MOST_QUIET = 1e-3, 3
 LEAST_WIDTH = 0.1  # px
+LEAST_SHOWN = 1e-4  # share of a pixel below which a layer does not count for colours
 
 
 def squared(error: NDArray[np.float32]) -> float:
@@ -50,16 +53,20 @@ class Layer:
 
     paint  index into the paints of a drawing
     cap    index into CAPS
-    is_opaque  whether it hides what is below it. If not, its paint is what shows over the ground
     """
 
     paint: int
     paths: list[Path]
     width: float = 0.0
     cap: int = 0
-    is_opaque: bool = True
+
+    @property
+    def is_line(self) -> bool:
+        """Whether the paths are drawn as strokes."""
+        return self.width > 0
 
     def replace(self, paths: list[Path]) -> Layer:
+        """Return the layer with other paths."""
         return dataclasses.replace(self, paths=paths)
 
 
@@ -100,86 +107,70 @@ class Drawing:
         self.layers = layers
         self.noise = 0.0  # mean squared distance in px by which outlines seem to be off
         self.shape = pixels.shape
-        point: list[Floats] = []
-        segment, first_of, last_of = [], [], []
-        self.path_layer, path_start, layer_start, closed = [], [0], [0], []
-        for l, layer in enumerate(layers):
-            for path in layer.paths:
-                start = len(point)
-                point.append(path.segments[0, 0])
-                node = start
-                for i, (p, is_curve) in enumerate(zip(path.segments, path.curved, strict=True)):
-                    is_last = i + 1 == len(path.segments)
-                    handles = node, node
-                    if is_curve:
-                        handles = len(point), len(point) + 1
-                        point += [p[1], p[2]]
-                    end = start
-                    if not (is_last and path.closed):
-                        end = len(point)
-                        point.append(p[3])
-                    segment.append((node, *(handles if is_curve else (node, end)), end))
-                    first_of.append(i == 0 and not path.closed)
-                    last_of.append(is_last and not path.closed)
-                    node = end
-                self.path_layer.append(l)
-                closed.append(path.closed)
-                path_start.append(len(segment))
-            layer_start.append(len(closed))
-        self.point = np.array(point, np.float64).reshape(-1, 2)
-        self.segment = np.array(segment, np.int64).reshape(-1, 4)
-        self.curved = np.array(
-            [c for layer in layers for path in layer.paths for c in path.curved], bool
-        )
-        self.first_of, self.last_of = np.array(first_of, bool), np.array(last_of, bool)
-        self.path_start, self.layer_start = np.array(path_start), np.array(layer_start)
-        self.closed, self.path_layer = np.array(closed, bool), np.array(self.path_layer, np.int64)
-        self.path_of = np.repeat(np.arange(len(closed)), np.diff(self.path_start))
+        paths = [path for layer in layers for path in layer.paths]
+        segments = np.concatenate([np.empty((0, 4, 2)), *(path.segments for path in paths)])
+        self.curved = np.concatenate([np.empty(0, bool), *(path.curved for path in paths)])
+        self.closed = np.array([path.closed for path in paths], bool)
+        self.path_start = np.cumsum([0, *(len(path.curved) for path in paths)])
+        self.layer_start = np.cumsum([0, *(len(layer.paths) for layer in layers)])
+        self.path_layer = np.repeat(np.arange(len(layers)), np.diff(self.layer_start))
+        self.path_of = np.repeat(np.arange(len(paths)), np.diff(self.path_start))
         self.layer_of = self.path_layer[self.path_of]
+        # A path has a point for its start, and for each segment its handles and its end. The end
+        # of a closed path is its start.
+        is_first, is_last = (
+            np.diff(self.path_of, prepend=-1) > 0,
+            np.diff(self.path_of, append=-1) != 0,
+        )
+        is_loop = self.closed[self.path_of]
+        has = np.stack([is_first, self.curved, self.curved, ~(is_last & is_loop)], axis=1)
+        self.point = segments[has]
+        index = np.cumsum(has).reshape(-1, 4) - 1
+        end = np.where(has[:, 3], index[:, 3], index[self.path_start[self.path_of], 0])
+        node = np.where(is_first, index[:, 0], np.roll(end, 1))
+        handles = np.where(self.curved, index[:, 1:3].T, [node, end])
+        self.segment = np.stack([node, *handles, end], axis=1)
+        self.is_first, self.is_last = is_first & ~is_loop, is_last & ~is_loop
         self.width = np.array([layer.width for layer in layers])
         self.cap = np.array([layer.cap for layer in layers], np.int64)
         self.point_path = np.zeros(len(self.point), np.int64)
         self.point_path[self.segment] = self.path_of[:, None]
-        self._paint = np.array([layer.paint for layer in layers], np.int64)
-        palette = Palette([paints[k] for k in self._paint]) if layers else None
-        self._palette = palette
-        y, x = np.indices(self.shape[:2])
+        self._paint = [paints[layer.paint] for layer in layers]
+        self._palette = Palette.of(self._paint)
+        self._opacity = np.array([paint.opacity for paint in self._paint])
         self._buffers = buffers or Buffers(self.shape)
-        self._canvas = ground.at(x, y) if ground.is_shaded else None
-        self.sign = self._turns()[self.layer_of]
-        self.ties = self._tied() if is_tied else self._untied()
-        self.point = self._moved(self.point, 0.0)
+        y, x = np.mgrid[: self.shape[0], : self.shape[1]]
+        self._shade = ground.at(x, y) if ground.is_shaded else None
+        # The outer outlines of a layer run one way, so the sign of its whole area is theirs.
+        p = self.point[self.segment]
+        area = (p[:, :-1, 0] * p[:, 1:, 1] - p[:, :-1, 1] * p[:, 1:, 0]).sum(axis=1)
+        self.sign = np.where(np.bincount(self.layer_of, area, len(layers)) > 0, 1.0, -1.0)
+        self.ties = Ties.none(self.point.size)
+        if is_tied:
+            self.point, self.ties = tied(
+                self.point, self.segment, self.curved, self.path_start, self.closed
+            )
+        # Parameters of the nine derivatives of each segment
+        coordinates = 2 * self.segment[:, :, None] + np.arange(2)
+        column = self.ties.same[coordinates].reshape(-1, 8)
+        self._column = np.column_stack([column, self.point.size + self.layer_of])
 
     def with_layers(self, layers: list[Layer], is_tied: bool = True) -> Drawing:
         """Return a drawing of the same picture with other layers."""
         return Drawing(self.pixels, self.ground, self.paints, layers, is_tied, self._buffers)
 
-    def color_in_box(self, l: int) -> Floats:
+    def color_in_box(self, layer: int) -> Floats:
         """Return the colours (h, w, c) of a layer in its box."""
-        x, y, w, h = self.box[l]
+        x, y, w, h = self.box[layer]
         rows, columns = np.indices((h, w))
-        return self.paints[self._paint[l]].at(columns + x, rows + y)
+        return self._paint[layer].at(columns + x, rows + y)
 
-    def _turns(self) -> Floats:
-        """Return for each layer 1 or -1, the way in which its outer outlines run."""
-        p = self.point[self.segment]
-        area = (p[:, :-1, 0] * p[:, 1:, 1] - p[:, :-1, 1] * p[:, 1:, 0]).sum(axis=1)
-        return np.where(np.bincount(self.layer_of, area, len(self.layers)) > 0, 1.0, -1.0)
-
-    def _untied(self):
-        none = np.zeros(0, np.int64)
-        return Ties(np.arange(self.point.size), none, none, none, np.zeros(0))
-
-    def _tied(self) -> Ties:
-        """Return the ties of smooth joins and of upright lines."""
-        return tied(self.point, self.segment, self.curved, self.path_start, self.closed)
-
-    def boxes(self):
+    def boxes(self) -> Ints:
         """Return the boxes (l, 4) of the layers, left, top, width and height in px."""
         h, w, _ = self.shape
         p = self.point[self.segment]
         first = self.path_start[self.layer_start[:-1]]
-        half = 2.0 * self.width[:, None]  # as far as a mitre may reach
+        half = 2.0 * self.width[:, None]  # a mitre reaches so far
         low = np.minimum.reduceat(p.min(axis=1), first) - half
         high = np.maximum.reduceat(p.max(axis=1), first) + half
         start = np.clip(np.floor(low).astype(np.int64) - 1, 0, [w - 1, h - 1])
@@ -188,106 +179,93 @@ class Drawing:
 
     def draw(self) -> NDArray[np.float32]:
         """Return the raster (h, w, c), and keep the coverage of each layer and what is below it."""
-        if self._canvas is None:
-            canvas = np.empty(self.shape, np.float32)
-            canvas[:] = self.ground.color
-        else:
-            canvas = self._canvas.copy()
+        canvas = np.empty(self.shape, np.float32)
+        canvas[:] = self.ground.color if self._shade is None else self._shade
         if not self.layers:
             return canvas
         self.box = self.boxes()
-        sizes = self.box[:, 2] * self.box[:, 3]
-        self.offset = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        total = int(sizes.sum())
-        self._buffers.reserve(total)
-        self.cover, self.below = self._buffers.cover[:total], self._buffers.below[:total]
-        self._set_colors()
+        end = np.cumsum(self.box[:, 2] * self.box[:, 3])
+        self.offset = np.append(0, end[:-1])
+        self._buffers.reserve(end[-1])
+        self.cover, self.below = self._buffers.cover[: end[-1]], self._buffers.below[: end[-1]]
+        form, place, table = self._palette
+        for layer, paint in enumerate(self._paint):
+            if not paint.is_shaded:
+                table[layer, 0] = paint.color
         compose(
             self.point[self.segment], self.curved, self.path_start, self.closed, self.layer_start,
-            self.width, self.cap, self._palette.form, self._palette.place, self._palette.table, self.box,
-            self.offset, self._buffers.sums, canvas, self.cover, self.below,
+            self.width, self.cap, self._opacity, form, place, table, self.box, self.offset,
+            self._buffers.sums, canvas, self.cover, self.below,
         )  # fmt: skip
         return canvas
 
-    def _set_colors(self) -> None:
-        for l, k in enumerate(self._paint):
-            if not self.paints[k].is_shaded:
-                self._palette.table[l, 0] = self.paints[k].color
-
     def weigh(self) -> None:
-        """Compute `visible` (m,) and the derivatives `weight` (m, c), after `draw`."""
+        """Write what shows of layers, `visible` (m,), and the derivatives `weight` (m, c).
+
+        `draw` comes first. Its `below` is replaced by `weight`.
+        """
         self.above = np.ones(self.shape[:2], np.float32)
-        self.visible = self._buffers.visible[: len(self.cover)]
+        self.visible, self.weight = self._buffers.visible[: len(self.cover)], self.below
         weigh(
-            self.width, self._palette.form, self._palette.place, self._palette.table, self.box, self.offset,
-            self.cover, self.below, self.above, self.visible,
+            self._opacity, *self._palette, self.box, self.offset, self.cover, self.below,
+            self.above, self.visible,
         )  # fmt: skip
-        self.weight = self.below
 
-    def part(self, values, l: int):
+    def part(self, values: Floats, layer: int) -> Floats:
         """Return the values (h, w, ..) of a layer in its box."""
-        _, _, w, h = self.box[l]
-        return values[self.offset[l] : self.offset[l] + w * h].reshape(h, w, *values.shape[1:])
+        _, _, w, h = self.box[layer]
+        start = self.offset[layer]
+        return values[start : start + w * h].reshape(h, w, *values.shape[1:])
 
-    def slices(self, l: int):
-        x, y, w, h = self.box[l]
-        return np.s_[y : y + h, x : x + w]
+    def slices(self, layer: int) -> tuple[slice, slice]:
+        """Return the rows and the columns of a layer's box."""
+        x, y, w, h = self.box[layer]
+        return slice(y, y + h), slice(x, x + w)
 
-    def samples(self):
-        """List the samples of all outlines, after `weigh`."""
+    def samples(self) -> tuple[Ints, Ints, Floats, Floats]:
+        """Return pixels (n,), segments (n,), Jacobian (n, 9) and weights (n, c) of all outlines.
+
+        `weigh` comes first.
+        """
         p = self.point[self.segment]
-        length = np.hypot(*np.diff(p, axis=1).transpose(2, 0, 1)).sum(axis=1)
-        room = int((2 * RATE * length + 60).sum())
-        pixel, owner = np.empty(room, np.int64), np.empty(room, np.int64)
-        jacobian, weights = np.empty((room, 9)), np.empty((room, self.shape[2]))
+        count = np.maximum((RATE * lengths_of(p)).astype(np.int64), 4)
+        most = int((2 * count + 2 * ACROSS).sum())
+        pixel, owner = np.empty(most, np.int64), np.empty(most, np.int64)
+        jacobian, weights = np.empty((most, 9)), np.empty((most, self.shape[2]))
         n = list_samples(
-            p, self.curved, self.first_of, self.last_of, self.layer_of, self.sign, self.width,
-            self.box, self.offset, self.weight, self.shape[1], pixel, owner, jacobian, weights,
+            p, self.curved, count, self.is_first, self.is_last, self.layer_of, self.sign,
+            self.width, self.box, self.offset, self.weight, self.shape[1], pixel, owner, jacobian,
+            weights,
         )  # fmt: skip
         return pixel[:n], owner[:n], jacobian[:n], weights[:n]
 
     def solve_colors(self) -> None:
-        """Set flat colours by least squares, given what shows of each, after `weigh`."""
+        """Set flat colours by least squares, given what shows of each. `weigh` comes first."""
         from scipy.sparse import csr_array
 
-        shaded = np.array([paint.is_shaded for paint in self.paints])
-        h, w, channels = self.shape
-        groups: dict[int, int] = {}
-        flat: list[Paint] = []
-        for paint in [self.ground, *(self.paints[k] for k in self._paint)]:
-            if not paint.is_shaded and id(paint) not in groups:
-                groups[id(paint)] = len(flat)
-                flat.append(paint)
-        rest = self.pixels.reshape(-1, channels)
-        ground = self.above.ravel()
+        h, w, _ = self.shape
+        shows = [self.above, *(self.part(self.visible, k) for k in range(len(self.layers)))]
+        corners = np.vstack([[0, 0], self.box[:, :2]])
+        flat: dict[Paint, int] = {}
+        rest = self.pixels.reshape(h * w, -1).copy()
         rows, columns, values = [], [], []
-        fixed = np.zeros_like(rest)
-
-        def add(paint: Paint, at, shows):
+        for paint, share, (x, y) in zip([self.ground, *self._paint], shows, corners, strict=True):
+            ys, xs = np.nonzero(share > LEAST_SHOWN)
+            at, seen = (ys + y) * w + xs + x, share[ys, xs]
             if paint.is_shaded:
-                fixed[at] += shows[:, None] * paint.at(at % w, at // w)
+                rest[at] -= seen[:, None] * paint.at(xs + x, ys + y)
             else:
-                rows.append(np.full(len(at), groups[id(paint)]))
+                rows.append(np.full(len(at), flat.setdefault(paint, len(flat))))
                 columns.append(at)
-                values.append(shows)
-
-        at = np.flatnonzero(ground > 1e-4)
-        add(self.ground, at, ground[at])
-        for l, k in enumerate(self._paint):
-            shows = self.part(self.visible, l)
-            ys, xs = np.nonzero(shows > 1e-4)
-            x, y = self.box[l, :2]
-            add(self.paints[k], (ys + y) * w + xs + x, shows[ys, xs])
+                values.append(seen)
         if not flat:
             return
-        matrix = csr_array(
-            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
-            shape=(len(flat), h * w),
-        )
-        old = np.array([paint.color for paint in flat])
+        places = np.concatenate(rows), np.concatenate(columns)
+        matrix = csr_array((np.concatenate(values), places), shape=(len(flat), h * w))
         prior = np.diag([paint.prior for paint in flat])
         gram = (matrix @ matrix.T).toarray() + prior
-        new = np.linalg.solve(gram, matrix @ (rest - fixed) + prior @ old)
+        old = np.array([paint.color for paint in flat])
+        new = np.linalg.solve(gram, matrix @ rest + prior @ old)
         for paint, color in zip(flat, new, strict=True):
             paint.color = np.clip(color, 0, 1)
 
@@ -349,8 +327,9 @@ class Drawing:
         seen = float(((weights**2).sum(axis=1) * np.hypot(*lengths)).sum())
         self.noise = loss / max(seen, 1e-9)
         point, width, moves = self.point, self.width, np.ones(len(self.closed), bool)
+        new, gain = error, 0.0
         for attempt in range(2):
-            self.point = self._moved(point, move * moves[self.point_path][:, None])
+            self.point = self.ties.kept(point + move * moves[self.point_path][:, None])
             still = np.bincount(self.path_layer, ~moves, len(width)) > 0
             wider = np.maximum(width + np.where(still, 0, widen), LEAST_WIDTH)
             self.width = np.where(width > 0, wider, 0)
@@ -369,44 +348,54 @@ class Drawing:
         self.draw()
         return error, np.minimum(damping * 4, MOST_DAMPING)
 
-    def _solved(self, place, owner, jacobian, weights, rows, damping: Floats):
-        """Return the moves (n, 2) of points and the changes (l,) of widths of a step."""
-        ties, widths = self.ties, self.point.size
-        damp = np.repeat(damping[self.point_path], 2)
-        damp = np.concatenate([damp, np.full(len(self.width), WIDTH_DAMPING)])
-        step = np.empty(len(damp))
+    def _solved(
+        self, place: Ints, owner: Ints, jacobian: Floats, weights: Floats, rows: Floats,
+        damping: Floats,
+    ) -> tuple[Floats, Floats]:  # fmt: skip
+        """Return the moves (n, 2) of points and the changes (l,) of widths of a step.
+
+        rows     (m, c) error of the pixels to which `place` leads
+        damping  (p,) of the paths
+        """
+        widths = self.point.size
+        r, diagonal, step = np.empty((3, widths + len(self.width)))
+        ties, squared_ties = self.ties[1:], (*self.ties[1:4], self.ties[4] ** 2, self.ties[5] ** 2)
+        rows = rows.astype(np.float64)
+        gradient(place, owner, jacobian, weights, self._column, ties, -rows, r)
+        gradient(
+            place, owner, jacobian**2, weights**2, self._column, squared_ties,
+            np.ones_like(rows), diagonal,
+        )  # fmt: skip
+        # Both coordinates of a point are damped, even if its outline runs along one of them.
+        by_point = diagonal[:widths].reshape(-1, 2)
+        by_point = 0.5 * (by_point + by_point.mean(axis=1, keepdims=True))
+        damp = np.append(
+            damping[self.point_path][:, None] * by_point, WIDTH_DAMPING * diagonal[widths:]
+        )
+        damp += BASE
         solve(
-            place, owner, jacobian, weights, self.segment, widths, self.layer_of,
-            rows.astype(np.float64), damp, BASE, CG_STEPS, ties.same, ties.handle, ties.node,
-            ties.master, ties.ratio, step,
+            place, owner, jacobian, weights, self._column, ties, np.empty_like(rows), r,
+            diagonal + damp, damp, CG_STEPS, step,
         )  # fmt: skip
         move = step[:widths].reshape(-1, 2)
         move *= np.minimum(1, MOST_STEP / np.maximum(np.hypot(*move.T), 1e-9))[:, None]
         return move, np.clip(step[widths:], -MOST_WIDENING, MOST_WIDENING)
 
-    def _path_errors(self, error: NDArray[np.float32], path, pixel) -> Floats:
+    def _path_errors(self, error: NDArray[np.float32], path: Ints, pixel: Ints) -> Floats:
         """Return the squared error (p,) of the pixels of each path."""
         rows = error.reshape(-1, self.shape[2])[pixel].astype(np.float64)
         return np.bincount(path, (rows**2).sum(axis=1), len(self.closed))
 
-    def _moved(self, point: Floats, move: Floats) -> Floats:
-        """Return points that moved, with the ties kept."""
-        ties = self.ties
-        free = (point + move).ravel()
-        moved = free[ties.same].reshape(-1, 2)
-        node, master = moved[ties.node], moved[ties.master]
-        moved[ties.handle] = node + ties.ratio[:, None] * (node - master)
-        return moved
-
     def current(self) -> list[Layer]:
         """Return the layers as they are now."""
-        layers = []
-        for l, layer in enumerate(self.layers):
-            paths = []
-            for p in range(self.layer_start[l], self.layer_start[l + 1]):
-                part = slice(self.path_start[p], self.path_start[p + 1])
-                paths.append(
-                    Path(self.point[self.segment[part]], self.curved[part], bool(self.closed[p]))
-                )
-            layers.append(dataclasses.replace(layer, paths=paths, width=float(self.width[l])))
-        return layers
+        parts = [slice(*ends) for ends in itertools.pairwise(self.path_start)]
+        paths = [
+            Path(self.point[self.segment[part]], self.curved[part], bool(closed))
+            for part, closed in zip(parts, self.closed, strict=True)
+        ]
+        return [
+            dataclasses.replace(layer, paths=paths[start:end], width=float(width))
+            for layer, width, (start, end) in zip(
+                self.layers, self.width, itertools.pairwise(self.layer_start), strict=True
+            )
+        ]

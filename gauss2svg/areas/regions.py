@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from gauss2svg.areas.kernels import explain, grow_labels, join_alike
+from gauss2svg.areas.kernels import Bools, Floats, Ints, explain, grow_labels, join_alike
+
+if TYPE_CHECKING:
+    from gauss2svg.areas.paint import Paint
 
 LEVEL = 1 / 255
 FLAT = 4 * LEVEL  # largest difference of values in a block of pixels of one colour
@@ -17,10 +22,12 @@ STEEP = 0.03  # largest difference of neighbouring values that are evenly shaded
 LEAST_CORE = 4  # px; smaller cores are no regions
 NEAR, FAR = 1, 2  # px; distances within which the colours of a pixel's mixture lie
 ENOUGH = 0.0006  # squared error at which colours farther away are not tried
-_BLOCK = np.ones((3, 3), bool)
+BLOCK = np.ones((3, 3), bool)  # neighbours of a pixel with the diagonal ones
+
+Box = tuple[slice, slice]  # rows and columns of a picture
 
 
-def cores_of(pixels: NDArray[np.float64]) -> tuple[NDArray[np.int64], int]:
+def cores_of(pixels: Floats) -> tuple[Ints, int]:
     """Return the labels (h, w) of evenly coloured or shaded pixels, and their number.
 
     A pixel belongs to a core if it is part of a block of 2 x 2 pixels whose values are equal within
@@ -49,7 +56,7 @@ def cores_of(pixels: NDArray[np.float64]) -> tuple[NDArray[np.int64], int]:
     return renamed(component, kept), len(kept)
 
 
-def _over_blocks(values, combine):
+def _over_blocks(values: Floats, combine: np.ufunc) -> Floats:
     """Return the maximum or minimum over the block of 2 x 2 pixels that ends at each pixel."""
     result = values.copy()
     combine(result[1:], values[:-1], out=result[1:])
@@ -58,17 +65,18 @@ def _over_blocks(values, combine):
     return result
 
 
-def renamed(labels: NDArray[np.int64], names: NDArray[np.int64]) -> NDArray[np.int64]:
+def renamed(labels: Ints, names: Ints) -> Ints:
     """Return labels in which names[k] is k, and all other labels are -1."""
     table = np.full(max(labels.max(), names.max(initial=0)) + 2, -1, np.int32)
     table[names] = np.arange(len(names))
     return table[labels]
 
 
-def grown(pixels: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.int64]:
+def grown(pixels: Floats, labels: Ints) -> Ints:
     """Return the labels with pixels between the cores joined to those beside them."""
-    labels = labels.copy()
-    grow_labels(pixels, labels, np.empty(labels.shape, np.int32))
+    labels, most = labels.copy(), 4 * np.count_nonzero(labels < 0)
+    origin = np.arange(labels.size, dtype=np.int32).reshape(labels.shape)
+    grow_labels(pixels, labels, origin, np.empty(most), np.empty(most, np.int64))
     return labels
 
 
@@ -81,86 +89,98 @@ class Shares:
     error  (h, w) squared distance of the pixel from this mixture
     """
 
-    label: NDArray[np.int64]
-    share: NDArray[np.float64]
-    error: NDArray[np.float64]
+    label: Ints
+    share: Floats
+    error: Floats
 
-    def of(
-        self, names: NDArray[np.int64] | int, box: tuple[slice, slice] = np.s_[:, :]
-    ) -> NDArray[np.float64]:
+    def of(self, names: Ints | int, box: Box = np.s_[:, :]) -> Floats:
         """Return the share of these regions together in each pixel of a box."""
         label = self.label[box]
         is_one = label == names if np.ndim(names) == 0 else np.isin(label, names)
         return np.where(is_one, self.share[box], 0).sum(axis=-1)
 
     @property
-    def largest(self) -> NDArray[np.int64]:
+    def largest(self) -> Ints:
         """The region (h, w) with the largest share of each pixel."""
         at = self.share.argmax(axis=-1)[..., None]
         return np.take_along_axis(self.label, at, axis=-1)[..., 0]
 
 
-class Palette:
-    """The paints of regions, as the kernels read them: form, place and table (shade_index)."""
+class Palette(NamedTuple):
+    """The paints of regions, as the kernels read them (shade_index).
 
-    def __init__(self, paints) -> None:
-        self.form = np.array([paint.form for paint in paints])
-        self.place = np.array([paint.place for paint in paints])
-        self.table = np.array([paint.table for paint in paints])
+    form, place, table  (k,), (k, 4) and (k, SHADES, c)
+    """
 
-    def explain(self, pixels, labels, ys, xs, near, far, enough, extra=None, name=-1):
-        """Return the labels (n, 3), shares (n, 3) and squared errors (n,) of mixtures at pixels."""
-        n = len(ys)
+    form: Ints
+    place: Floats
+    table: Floats
+
+    @classmethod
+    def of(cls, paints: Sequence[Paint]) -> Palette:
+        """Return the palette of some paints."""
+        return cls(*(np.array([getattr(p, name) for p in paints]) for name in cls._fields))
+
+    def explain(
+        self, pixels: Floats, labels: Ints, at: tuple[Ints, Ints], near: int, far: int,
+        enough: float, extra: Floats | None = None, name: int = -1,
+    ) -> tuple[Ints, Floats, Floats]:  # fmt: skip
+        """Return the labels (n, 3), shares (n, 3) and squared errors (n,) of mixtures at pixels.
+
+        The parameters are those of the kernel.
+        """
+        n = len(at[0])
         label = np.empty((n, 3), np.int32)
         share, error = np.empty((n, 3), np.float32), np.empty(n, np.float32)
-        extra = np.zeros(pixels.shape[2]) if extra is None else np.asarray(extra, np.float64)
+        color = np.zeros(pixels.shape[2]) if extra is None else np.asarray(extra, np.float64)
         explain(
-            pixels, labels, self.form, self.place, self.table, ys, xs, near, far, enough,
-            extra, name, label, share, error,
+            pixels, labels, *self, *at, near, far, enough, color, name, label, share, error
         )  # fmt: skip
         return label, share, error
 
 
-def shares_of(pixels, cores, labels, palette) -> Shares:
+def shares_of(pixels: Floats, cores: Ints, labels: Ints, palette: Palette) -> Shares:
     """Return the shares of regions. A pixel of a core belongs to its region alone."""
     h, w, _ = pixels.shape
     label = np.full((h, w, 3), -1, np.int32)
     share, error = np.zeros((h, w, 3), np.float32), np.zeros((h, w), np.float32)
     label[..., 0], share[..., 0] = labels, 1.0
     ys, xs = np.nonzero(cores < 0)
-    label[ys, xs], share[ys, xs], error[ys, xs] = palette.explain(
-        pixels, labels, ys, xs, NEAR, FAR, ENOUGH
-    )
+    at = ys, xs
+    label[at], share[at], error[at] = palette.explain(pixels, labels, at, NEAR, FAR, ENOUGH)
     return Shares(label, share, error)
 
 
-def without_edge_shades(pixels, labels, count) -> tuple[NDArray[np.int64], int]:
+MOST_MEDIAN = 1000  # px; larger regions have a mean, because a median takes long
+LEAST_BESIDE = 0.12  # share of the ring around a core; a region with less is not beside it
+SAME = 0.1  # largest difference of the colours of regions that count as one ground
+
+
+def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints, int]:
     """Return the cores without those that are shades of an edge or of a thin line.
 
     Such a core is at most two pixels wide, and its colour lies between that of the one region
     beside it and that of a pixel or of another region nearby.
     """
-    labels, flat = labels.copy(), labels[labels >= 0]
+    labels = labels.copy()
+    order = np.argsort(labels, axis=None, kind="stable")
+    ends = np.cumsum(np.bincount(labels.ravel() + 1, minlength=count + 1))
+    values = pixels.reshape(labels.size, -1)[order]
     median = np.zeros((count, pixels.shape[2]))
-    order = np.argsort(flat, kind="stable")
-    values, ends = pixels[labels >= 0][order], np.cumsum(np.bincount(flat, minlength=count))
-    for k, (start, end) in enumerate(zip([0, *ends[:-1]], ends)):
-        median[k] = (
-            np.median(values[start:end], axis=0)
-            if end - start < 1000
-            else values[start:end].mean(axis=0)
-        )
+    for k, (start, end) in enumerate(itertools.pairwise(ends)):
+        middle = np.median if end - start < MOST_MEDIAN else np.mean
+        median[k] = middle(values[start:end], axis=0)
     for k, box in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
         if box is None:
             continue
         near = widened(box, 3, labels.shape)
         inside = labels[near] == k
-        if ndimage.binary_erosion(inside, _BLOCK, border_value=1).any():
+        if ndimage.binary_erosion(inside, BLOCK, border_value=1).any():
             continue
-        ring = ndimage.binary_dilation(inside, _BLOCK, iterations=2) & ~inside
+        ring = dilated(inside, 2) & ~inside
         beside, counts = np.unique(labels[near][ring & (labels[near] >= 0)], return_counts=True)
-        beside = beside[counts > 0.12 * counts.sum()]
-        if not len(beside) or np.abs(median[beside] - median[beside[0]]).max() > 0.1:
+        beside = beside[counts > LEAST_BESIDE * counts.sum()]
+        if not len(beside) or np.abs(median[beside] - median[beside[0]]).max() > SAME:
             continue
         ground, shade = median[beside[0]], median[k] - median[beside[0]]
         wide = labels[widened(box, 27, labels.shape)]
@@ -176,7 +196,31 @@ def without_edge_shades(pixels, labels, count) -> tuple[NDArray[np.int64], int]:
     return renamed(labels, names), len(names)
 
 
-def widened(box: tuple[slice, slice], by: int, shape: tuple[int, ...]) -> tuple[slice, slice]:
+def parts_of(mask: Bools) -> tuple[Ints, list[Box]]:
+    """Return the labels (h, w) of the connected parts of a mask, from 1 on, and their boxes."""
+    labels: Any = ndimage.label(mask, BLOCK)
+    return labels[0], ndimage.find_objects(labels[0])
+
+
+def dilated(mask: Bools, iterations: int = 1, block: Bools | None = BLOCK) -> Bools:
+    """Return a mask with the neighbours of its pixels. With None, these are four for each."""
+    result: Any = ndimage.binary_dilation(mask, block, iterations)
+    return result
+
+
+def pixels_of(mask: Bools, box: Box) -> tuple[Ints, Ints]:
+    """Return the rows and columns in the picture of the pixels of a mask (h, w) of a box."""
+    ys, xs = np.nonzero(mask)
+    return ys + box[0].start, xs + box[1].start
+
+
+def distance_to(mask: Bools) -> tuple[Floats, Ints]:
+    """Return the distance (h, w) to the nearest pixel of a mask, and its place (2, h, w)."""
+    result: Any = ndimage.distance_transform_edt(~mask, return_indices=True)
+    return result
+
+
+def widened(box: Box, by: int, shape: tuple[int, ...]) -> Box:
     """Return a box with a margin of `by` px, within a picture of this shape."""
     first, second = (
         slice(max(side.start - by, 0), min(side.stop + by, most))

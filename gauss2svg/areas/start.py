@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.find import (
+    LEAST_OPACITY,
     RATE,
     UNIT,
     FoundAreas,
@@ -44,8 +45,7 @@ def refined_areas(
     paints: dict[object, int] = {}
     table, layers = list[Paint](), list[Layer]()
     for area in areas:
-        is_opaque = area.opacity == 1
-        if not is_opaque and channels == 3:
+        if area.opacity < 1 and channels == 3:
             got = f"an area of opacity {area.opacity:g} on an opaque photo"
             raise refusal("start", "opaque, as the photo is", got, "without --start")
         key = area.paint, area.opacity
@@ -57,17 +57,15 @@ def refined_areas(
             for outline in area.outlines
         ]
         cap = CAPS.index(area.cap)
-        layers.append(Layer(paints[key], paths, area.width, cap, is_opaque))
+        layers.append(Layer(paints[key], paths, area.width, cap))
     ground = Paint(np.array(background)) if channels == 3 else transparent_paint()
     return refined(Drawing(pixels, ground, table, layers), rate, unit, progress)
 
 
 def _paint(area: Area, channels: int) -> Paint:
-    """Return the paint of an area as it looks over the ground."""
+    """Return the paint of an area, whose colour is multiplied by its opacity."""
     if not isinstance(area.paint, tuple):
         color = np.mean(area.paint.colors, axis=0)
         return Paint(np.tile(color, channels // 3), area.paint)
-    over_black = area.opacity * np.array(area.paint)
-    if channels == 3:
-        return Paint(over_black)
-    return Paint(np.concatenate([over_black, over_black + 1 - area.opacity]))
+    opacity = max(area.opacity, LEAST_OPACITY)
+    return Paint(np.tile(opacity * np.array(area.paint), channels // 3), opacity=opacity)

@@ -7,31 +7,41 @@ than outlines.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.morphology import skeletonize
 
 from gauss2svg.areas.centrelines import centred, chains_of, width_along
+from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.outlines import (
     Path,
     Weights,
     contours_of,
     first_path,
     fitted_path,
-    path_bytes,
     resampled,
     turns_of,
-)  # fmt: skip
+)
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer
-from gauss2svg.areas.regions import FAR, LEVEL, Palette, Shares, widened
+from gauss2svg.areas.regions import (
+    FAR,
+    LEVEL,
+    Box,
+    Palette,
+    Shares,
+    dilated,
+    distance_to,
+    parts_of,
+    pixels_of,
+    widened,
+)
 
-Floats = NDArray[np.float64]
 UNEXPLAINED = 0.0015  # squared error of a pixel that is not explained
-LEAST_PIXELS, LEAST_ERROR = 3, 0.02  # of a part that gets a colour of its own
+LEAST_PIXELS, LEAST_ERROR = 3, 0.02  # px and squared error of a part that gets its own colour
+LEAST_GAIN = 1e-4  # squared error of a pixel by which a new colour must be better to be taken
 MOST_COUNTED = 0.02  # a pixel's squared error counts at most this, because outliers do not decide
 EXPLAINED = 0.6  # a colour must lower the error of a part to this share of it
 ROUNDS = 3
@@ -43,16 +53,17 @@ THICK = 2.4  # px; a disc of this radius fits into no thin part
 WIDEST = 3.6  # px; the largest width of a line
 SEEN = 0.12  # least share of a pixel in a part
 MARGIN = 3  # px of a part's box around it
-LEAST_SHARE, LEAST_LENGTH = 4.0, 2.5  # px^2 of a line, and its length in widths
-ALIKE_WIDTHS = 0.15  # px, and a twentieth of the width: lines of one colour become equally wide
+UNDER = 8  # px around a line within which the region that lies under it is looked for
+LEAST_LEFT = 0.02  # share of a pixel below which other regions do not take the share of a line
+LEAST_SHARE, LEAST_LENGTH = 4.0, 2.5  # px^2 of a part, and length of a line in widths
+ALIKE_WIDTHS, ALIKE_SHARE = 0.15, 0.05  # px, and share of a width, by which equal widths differ
 POINT_STEP = 0.6  # px between points of a centreline
 TURN_RAD = np.radians(38)  # least turn at a corner of a centreline
-COMPARED_STEPS = 6  # of the refinement by which a stroke and outlines of one part are compared
-BYTES_OF_LINE, BYTES_OF_AREA = 12.0, 10.0  # of tags, as far as a part does not share them
+COMPARED_STEPS = 6  # steps of refinement before a stroke and outlines of a part are compared
+BYTES_OF_LINE, BYTES_OF_AREA = 12.0, 10.0  # size of tags, as far as parts do not share them
 # Outlines may be closer than a stroke only because they follow the errors of antialiasing. So they
 # must cost less by this factor.
-LINE_PRIOR = 1.1
-_BLOCK = np.ones((3, 3), bool)
+LINE_PRIOR = 1.5
 
 
 class Line(NamedTuple):
@@ -64,70 +75,65 @@ class Line(NamedTuple):
 
 
 def add_thin_regions(
-    pixels, cores, labels, shares: Shares, paints: list[Paint], palette: Palette
-) -> list[int]:
-    """Give parts that nothing explains a colour. Change `shares` and `paints`; return new labels.
+    pixels: Floats, cores: Ints, labels: Ints, shares: Shares, paints: list[Paint], palette: Palette
+) -> None:
+    """Give parts that nothing explains a colour. `shares` and `paints` are changed.
 
     The strongest part comes first, because its colour may explain the weaker ones.
     """
-    new: list[int] = []
     regions = len(paints)
     for _ in range(ROUNDS):
-        part, count = ndimage.label(shares.error > UNEXPLAINED, _BLOCK)
-        if not count:
-            break
-        boxes = ndimage.find_objects(part)
-        power = ndimage.sum_labels(shares.error, part, np.arange(1, count + 1))
-        added = False
+        part, boxes = parts_of(shares.error > UNEXPLAINED)
+        before = len(paints)
+        power = ndimage.sum_labels(shares.error, part, np.arange(1, len(boxes) + 1))
         for q in np.argsort(-power)[:MOST_PARTS]:
-            ys, xs = np.nonzero(part[boxes[q]] == q + 1)
-            ys, xs = ys + boxes[q][0].start, xs + boxes[q][1].start
-            before = shares.error[ys, xs]
-            if len(ys) < LEAST_PIXELS or before.sum() < LEAST_ERROR:
+            at = pixels_of(part[boxes[q]] == q + 1, boxes[q])
+            old = shares.error[at]
+            if len(old) < LEAST_PIXELS or old.sum() < LEAST_ERROR:
                 continue
-            paint, cost = _paint_of_part(
-                pixels, labels, ys, xs, before, paints, palette, len(paints)
-            )
-            if cost > EXPLAINED * np.minimum(before, MOST_COUNTED).sum():
+            paint, cost = _paint_of_part(pixels, labels, at, old, paints, palette)
+            if cost > EXPLAINED * np.minimum(old, MOST_COUNTED).sum():
                 continue
             name = len(paints)
             paints.append(paint)
-            new.append(name)
-            added = True
             box = widened(boxes[q], 2, labels.shape)
-            grown_part = ndimage.binary_dilation(part[box] == q + 1, _BLOCK) & (cores[box] < 0)
-            ys, xs = np.nonzero(grown_part)
-            ys, xs = ys + box[0].start, xs + box[1].start
+            grown_part = dilated(part[box] == q + 1) & (cores[box] < 0)
+            at = pixels_of(grown_part, box)
             label, share, error = palette.explain(
-                pixels, labels, ys, xs, FAR, FAR, -1.0, paint.color, name
+                pixels, labels, at, FAR, FAR, -1.0, paint.color, name
             )
-            better = (error < shares.error[ys, xs] - 1e-4) & (label == name).any(axis=1)
-            at = ys[better], xs[better]
+            better = (error < shares.error[at] - LEAST_GAIN) & (label == name).any(axis=1)
+            at = at[0][better], at[1][better]
             shares.label[at], shares.share[at] = label[better], share[better]
             shares.error[at] = error[better]
-        if not added:
+        if len(paints) == before:
             break
     _share_paints(paints, regions)
-    return new
 
 
-def _paint_of_part(pixels, labels, ys, xs, before, paints, palette, name):
-    """Return the paint that explains a part best, and its cost."""
-    values = pixels[ys, xs]
-    order = np.argsort(-before)
-    some, more = order[: max(3, len(ys) // 20)], order[: max(3, len(ys) // 8)]
-    known = list({id(p): p for p in paints if not p.is_shaded}.values())
+def _paint_of_part(
+    pixels: Floats, labels: Ints, at: tuple[Ints, Ints], error: Floats, paints: list[Paint],
+    palette: Palette,
+) -> tuple[Paint, float]:  # fmt: skip
+    """Return the paint that explains the pixels of a part best, and its cost.
+
+    error  (n,) squared error of the pixels without it
+    """
+    values = pixels[at][np.argsort(-error)]
+    count = len(error)
 
     def cost(color: Floats) -> float:
-        error = palette.explain(pixels, labels, ys, xs, FAR, FAR, -1.0, color, name)[2]
+        error = palette.explain(pixels, labels, at, FAR, FAR, -1.0, color, len(paints))[2]
         return float(np.minimum(error, MOST_COUNTED).sum())
 
-    colors = values[order[0]], np.median(values[some], axis=0), np.median(values[more], axis=0)
-    tried = [(cost(c) + PRICE_OF_COLOR * len(ys), Paint(c)) for c in colors]
-    known.sort(key=lambda p: np.abs(p.color - colors[0]).max())
-    tried += [(cost(p.color), p) for p in known[:MOST_COLORS]]
-    best, paint = min(tried, key=lambda one: one[0])
-    return paint, best
+    # The pixels that are explained worst may have the pure colour.
+    shares = (values[:n] for n in (1, max(3, count // 20), max(3, count // 8)))
+    colors = [np.median(some, axis=0) for some in shares]
+    known = list(dict.fromkeys(paint for paint in paints if not paint.is_shaded))
+    known.sort(key=lambda paint: np.abs(paint.color - colors[0]).max())
+    tried = [(Paint(c), cost(c) + PRICE_OF_COLOR * count) for c in colors]
+    tried += [(paint, cost(paint.color)) for paint in known[:MOST_COLORS]]
+    return min(tried, key=lambda one: one[1])
 
 
 def _share_paints(paints: list[Paint], regions: int) -> None:
@@ -145,24 +151,24 @@ class Part(NamedTuple):
     names      regions
     share      (h, w) of the pixels
     thick      (h, w) where regions of this paint are thick
-    left, top  of the box, in px
+    box        rows and columns of the picture
     """
 
     names: list[int]
     share: Floats
-    thick: NDArray[np.bool_]
-    left: int
-    top: int
+    thick: Bools
+    box: Box
+
+    @property
+    def corner(self) -> Floats:
+        """Left and top of the box, in px."""
+        return np.array([self.box[1].start, self.box[0].start])
 
 
 def take_lines(
-    pixels: Floats,
-    shares: Shares,
-    paints: list[Paint],
-    weight_at: Weights,
-    unit: float,
+    pixels: Floats, shares: Shares, paints: list[Paint], weight_at: Weights, unit: float,
     rate: float,
-) -> list[Line]:
+) -> list[Line]:  # fmt: skip
     """Return the lines of a picture, and give their shares to what lies beside or under them."""
     parts = thin_parts(shares, paints)
     lines, gone = list[Line](), list[Part]()
@@ -172,36 +178,42 @@ def take_lines(
             lines += [Line(part.names[0], *stroke) for stroke in strokes]
             gone.append(part)
     largest, is_gone = shares.largest, np.zeros(pixels.shape[:2], bool)
-    places = []
     for part in gone:
-        ys, xs = np.nonzero(part.share)
-        places.append((ys + part.top, xs + part.left))
-        is_gone[places[-1]] = True
-    for part, (ys, xs) in zip(gone, places, strict=True):
-        left_out = is_gone | np.isin(largest, part.names)
-        _release(shares, ys, xs, part.names, _nearest(largest, left_out, ys, xs))
+        is_gone[part.box] |= part.share > 0
+    for part in gone:
+        box = widened(part.box, UNDER - MARGIN, is_gone.shape)
+        near = largest[box]
+        is_left_out = is_gone[box] | np.isin(near, part.names)
+        if not is_left_out.all():
+            _, nearest = distance_to(~is_left_out)
+            near = near[tuple(nearest)]
+        inner = tuple(
+            slice(a.start - b.start, a.stop - b.start) for a, b in zip(part.box, box, strict=True)
+        )
+        is_part = part.share > 0
+        _release(shares, pixels_of(is_part, part.box), part.names, near[inner][is_part])
     return lines
 
 
 def thin_parts(shares: Shares, paints: list[Paint]) -> list[Part]:
     """Return the thin parts of regions that have one colour."""
     disc = np.hypot(*np.mgrid[-2:3, -2:3]) < THICK
-    classes: dict[int, list[int]] = {}
+    classes: dict[Paint, list[int]] = {}
     for k, paint in enumerate(paints):
         if not paint.is_shaded:
-            classes.setdefault(id(paint), []).append(k)
+            classes.setdefault(paint, []).append(k)
     parts = []
     for names in classes.values():
         share = shares.of(np.array(names))
-        opened = ndimage.binary_opening(np.pad(share > 0.5, 3, mode="edge"), disc)[3:-3, 3:-3]
-        thick = ndimage.binary_dilation(opened, _BLOCK)
+        opened: Any = ndimage.binary_opening(np.pad(share > 0.5, 3, mode="edge"), disc)[3:-3, 3:-3]
+        thick = dilated(opened)
         thin = np.where(thick, 0, share)
-        label, _ = ndimage.label(thin > SEEN, _BLOCK)
-        for q, found in enumerate(ndimage.find_objects(label)):
-            box = widened(found, MARGIN, share.shape)
-            own = np.where(label[box] == q + 1, thin[box], 0)
+        label, boxes = parts_of(thin > SEEN)
+        for q, tight in enumerate(boxes, 1):
+            box = widened(tight, MARGIN, share.shape)
+            own = np.where(label[box] == q, thin[box], 0)
             if own.sum() >= LEAST_SHARE:
-                parts.append(Part(names, own, thick[box], box[1].start, box[0].start))
+                parts.append(Part(names, own, thick[box], box))
     return parts
 
 
@@ -212,31 +224,25 @@ def _chosen(
     strokes = _strokes(part, weight_at, unit, rate)
     if not strokes:
         return []
-    h, w = part.share.shape
-    values = pixels[part.top : part.top + h, part.left : part.left + w]
-    around = ndimage.binary_dilation(part.share > SEEN, _BLOCK, iterations=2)
-    around &= part.share <= 0.02
+    values = pixels[part.box]
+    around = dilated(part.share > SEEN, 2) & (part.share <= 0.02)
     ground = np.median(values[around], axis=0) if around.any() else values.mean(axis=(0, 1))
     contrast = float(((paint.color - ground) ** 2).sum())
     widths = dict.fromkeys(width for _, width in strokes)
     as_lines = [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
-    contours = contours_of(part.share, part.left, part.top, pixels.shape[:2])
+    contours = contours_of(part.share, part.box, pixels.shape)
     as_areas = [Layer(0, [first_path(c, weight_at, unit, rate)]) for c in contours]
-    line, line_error = _fitted(as_lines, part)
-    _, area_error = _fitted(as_areas, part)
-    line_cost, area_cost = (
-        contrast * error + rate * (more + sum(path_bytes(p, unit) for one in layers for p in one.paths))
-        for layers, error, more in (
-            (as_lines, line_error, BYTES_OF_LINE), (as_areas, area_error, BYTES_OF_AREA)
-        )
-    )  # fmt: skip
-    if line_cost >= LINE_PRIOR * area_cost:
+
+    def fitted_and_cost(layers: list[Layer], tag: float) -> tuple[Drawing, float]:
+        drawing, error = _fitted(layers, part)
+        size = tag + sum(path.bytes(unit) for layer in layers for path in layer.paths)
+        return drawing, contrast * error + rate * size
+
+    lines, cost = fitted_and_cost(as_lines, BYTES_OF_LINE)
+    if cost >= LINE_PRIOR * fitted_and_cost(as_areas, BYTES_OF_AREA)[1]:
         return []
-    offset = np.array([part.left, part.top])
     return [
-        (path._replace(segments=path.segments + offset), layer.width)
-        for layer in line.current()
-        for path in layer.paths
+        (path.moved(part.corner), layer.width) for layer in lines.current() for path in layer.paths
     ]
 
 
@@ -258,13 +264,13 @@ def _strokes(part: Part, weight_at: Weights, unit: float, rate: float) -> list[t
             continue
         if not is_loop:
             points = _extended(points, part.thick)
-        points = resampled(points, POINT_STEP, is_loop) + [part.left, part.top]
+        points = resampled(points, POINT_STEP, is_loop) + part.corner
         corners = turns_of(points, TURN_RAD, is_loop)
         strokes.append((fitted_path(points, corners, weight_at, unit, rate, is_loop), wide))
     return strokes
 
 
-def _extended(points: Floats, thick: NDArray[np.bool_]) -> Floats:
+def _extended(points: Floats, thick: Bools) -> Floats:
     """Return a polyline whose ends reach to the end of the share, or under a thick part."""
     points = points.copy()
     h, w = thick.shape
@@ -282,11 +288,7 @@ def _fitted(layers: list[Layer], part: Part) -> tuple[Drawing, float]:
 
     Where the same colour is thick, what the layers draw does not matter.
     """
-    offset = np.array([part.left, part.top])
-    moved = [
-        layer.replace([path._replace(segments=path.segments - offset) for path in layer.paths])
-        for layer in layers
-    ]
+    moved = [layer.replace([p.moved(-part.corner) for p in layer.paths]) for layer in layers]
     target, is_open = part.share[..., None].astype(np.float32), ~part.thick[..., None]
     drawing = Drawing(target, Paint(np.zeros(1)), [Paint(np.ones(1))], moved, False)
     drawing.pixels = np.where(is_open, target, drawing.draw())
@@ -294,42 +296,38 @@ def _fitted(layers: list[Layer], part: Part) -> tuple[Drawing, float]:
     return drawing, float(((drawing.draw() - target)[is_open] ** 2).sum())
 
 
-def _nearest(labels, is_left_out, ys, xs):
-    """Return the labels (n,) of the pixels nearest to these that are not left out."""
-    box = widened((slice(ys.min(), ys.max() + 1), slice(xs.min(), xs.max() + 1)), 8, labels.shape)
-    if is_left_out[box].all():
-        return labels[ys, xs]
-    rows, columns = ndimage.distance_transform_edt(
-        is_left_out[box], return_distances=False, return_indices=True
-    )
-    at = ys - box[0].start, xs - box[1].start
-    return labels[box][rows[at], columns[at]]
-
-
-def _release(shares: Shares, ys, xs, names, under) -> None:
-    """Give the shares of regions at pixels to the others there, or to those that lie under them."""
-    label, share = shares.label[ys, xs], shares.share[ys, xs]
+def _release(shares: Shares, at: tuple[Ints, Ints], names: list[int], under: Ints) -> None:
+    """Give the shares of regions at pixels (n,) to the others there, or to those `under` them."""
+    label, share = shares.label[at], shares.share[at]
     own = np.isin(label, names)
     share[own], label[own] = 0, -1
     total = share.sum(axis=1)
-    none = total < 0.02
+    none = total < LEAST_LEFT
     share /= np.maximum(total, 1e-6)[:, None]
     label[none], share[none] = -1, 0
     label[none, 0], share[none, 0] = under[none], 1
-    shares.label[ys, xs], shares.share[ys, xs] = label, share
+    shares.label[at], shares.share[at] = label, share
 
 
-def grouped(lines: list[Line], paints, is_opaque) -> list[Layer]:
+def grouped(lines: list[Line], paints: list[Paint]) -> list[Layer]:
     """Return a layer for lines of one colour and nearly one width, with their mean width."""
-    groups: list[tuple[int, list[Path], float, int]] = []
-    for region, path, width in sorted(lines, key=lambda line: -len(line.path.curved)):
-        for i, (other, paths, mean, weight) in enumerate(groups):
-            is_same = paints[other] is paints[region]
-            if is_same and abs(width - mean) < ALIKE_WIDTHS + 0.05 * mean:
-                size = len(path.curved)
-                mean = (mean * weight + width * size) / (weight + size)
-                groups[i] = other, [*paths, path], mean, weight + size
+    groups: list[list[Line]] = []
+    for line in sorted(lines, key=lambda line: -len(line.path.curved)):
+        for group in groups:
+            mean = _mean_width(group)
+            is_same = paints[group[0].region] is paints[line.region]
+            if is_same and abs(line.width - mean) < ALIKE_WIDTHS + ALIKE_SHARE * mean:
+                group.append(line)
                 break
         else:
-            groups.append((region, [path], width, len(path.curved)))
-    return [Layer(k, paths, mean, is_opaque=bool(is_opaque[k])) for k, paths, mean, _ in groups]
+            groups.append([line])
+    return [
+        Layer(group[0].region, [line.path for line in group], _mean_width(group))
+        for group in groups
+    ]
+
+
+def _mean_width(lines: list[Line]) -> float:
+    """Return the mean width of lines, weighted by their numbers of segments."""
+    sizes = [len(line.path.curved) for line in lines]
+    return float(np.average([line.width for line in lines], weights=sizes))

@@ -1,44 +1,97 @@
-"""Ties: parameters of outlines that follow from others while outlines are moved.
+"""Ties: coordinates of points that follow from others while outlines are moved.
 
 Smooth joins stay smooth, and level and upright lines stay so.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from gauss2svg.areas.kernels import Bools, Floats, Ints
+
 SMOOTH_RAD = np.radians(12)  # largest turn at a join that is smooth
+LEAST_ARM = 0.3  # px; shorter handles have no sure direction
 MIRROR = 1.5  # largest ratio of the handles of a smooth join that become equally long
-UPRIGHT = 0.02  # largest ratio of the sides of a line that becomes upright
+# A line becomes upright if the ratio of its sides is at most UPRIGHT, or if it is longer than 1 px
+# and at most LEVEL px off.
+UPRIGHT, LEVEL = 0.02, 0.03
 
 
-@dataclass
-class Ties:
-    """Parameters that follow from others.
+class Ties(NamedTuple):
+    """Coordinates, x and y of points in turns, that follow from others.
 
-    same    (2 n,) for each coordinate of n points, the coordinate to which it is equal
-    handle, node, master  (t,) handle = node + ratio (node - master), which are indices of points
-    ratio   (t,)
+    same      (2 n,) for each coordinate, the one to which it is equal
+    follower, node, master  (t,) coordinates: follower = of_node node + of_master master
+    of_node, of_master  (t,)
     """
 
-    same: NDArray[np.int64]
-    handle: NDArray[np.int64]
-    node: NDArray[np.int64]
-    master: NDArray[np.int64]
-    ratio: Floats
+    same: Ints
+    follower: Ints
+    node: Ints
+    master: Ints
+    of_node: Floats
+    of_master: Floats
+
+    @classmethod
+    def none(cls, count: int) -> Ties:
+        """Return the ties of coordinates that are all free."""
+        empty = np.zeros(0, np.int64)
+        return cls(np.arange(count), empty, empty, empty, np.zeros(0), np.zeros(0))
+
+    def kept(self, point: Floats) -> Floats:
+        """Return points (n, 2) whose coordinates follow from the free ones of `point`."""
+        value = point.ravel()[self.same]
+        value[self.follower] = self.of_node * value[self.node] + self.of_master * value[self.master]
+        return value.reshape(-1, 2)
 
 
-def tied(point: Floats, segment, curved, path_start, closed) -> Ties:
-    """Return the ties of a drawing.
+def tied(
+    point: Floats, segment: Ints, curved: Bools, path_start: Ints, closed: Bools
+) -> tuple[Floats, Ties]:
+    """Return the points (n, 2) of a drawing with ties, and the ties.
 
     The handles on both sides of a smooth join lie on a line through it. If they are about equally
-    long, they mirror each other, which a file writes in fewer bytes. A handle beside a straight line
-    lies in its direction. The ends of a nearly upright line have the same coordinate.
+    long, they mirror each other, which a file writes in fewer bytes. A handle beside a straight
+    line lies in its direction. The ends of a nearly upright line have the same coordinate.
     """
+    same = _upright(point, segment[~curved])
+    before = np.arange(len(segment)) - 1
+    before[path_start[:-1]] = np.where(closed, path_start[1:] - 1, -1)
+    was_curved = curved[before]
+    node = segment[:, 0]
+    one = np.where(was_curved, segment[before, 2], segment[before, 0])
+    other = np.where(curved, segment[:, 1], segment[:, 3])
+    u, v = point[node] - point[one], point[other] - point[node]
+    long_u, long_v = np.hypot(*u.T), np.hypot(*v.T)
+    turn = np.abs(np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))
+    is_smooth = (turn <= SMOOTH_RAD) & (np.minimum(long_u, long_v) >= LEAST_ARM)
+    at = np.flatnonzero(is_smooth & (before >= 0) & (was_curved | curved))
+    node, one, other, u, v, long_u, long_v = (
+        values[at] for values in (node, one, other, u, v, long_u, long_v)
+    )
+    # The handle of the longer arm leads, because its direction is more exact.
+    both, leads = (was_curved & curved)[at], curved[at]
+    leads &= ~both | (long_u >= long_v)
+    master, follower = np.where(leads, [one, other], [other, one])
+    ratio = np.where(leads, long_v / long_u, long_u / long_v)
+    ratio[both & (ratio >= 1 / MIRROR) & (ratio <= MIRROR)] = 1.0
+    # Two handles turn to their mean direction.
+    way = u / long_u[:, None] + v / long_v[:, None]
+    way *= (np.where(leads, -long_u, long_v) / np.hypot(*way.T))[:, None]
+    point = point.copy()
+    point[master[both]] = (point[node] + way)[both]
+    of_node = np.repeat(1.0 + ratio, 2)
+    follower, node, master = (
+        (2 * index[:, None] + [0, 1]).ravel() for index in (follower, node, master)
+    )
+    ties = Ties(same, follower, same[node], same[master], of_node, 1.0 - of_node)
+    return ties.kept(point), ties
+
+
+def _upright(point: Floats, line: Ints) -> Ints:
+    """Return for each coordinate (2 n,) the one to which lines (k, 4) make it equal."""
     same = np.arange(point.size)
 
     def root(i: int) -> int:
@@ -46,54 +99,10 @@ def tied(point: Floats, segment, curved, path_start, closed) -> Ties:
             i = same[i]
         return i
 
-    handle, node, master, ratio = [], [], [], []
-    used = set()
-    for p in range(len(closed)):
-        a, b = path_start[p], path_start[p + 1]
-        for s in range(a, b):
-            if not curved[s]:
-                first, last = segment[s, 0], segment[s, 3]
-                across, down = np.abs(point[last] - point[first])
-                for c, (small, large) in enumerate(((across, down), (down, across))):
-                    if small < UPRIGHT * large or (small < 0.03 and large > 1):
-                        same[root(2 * last + c)] = root(2 * first + c)
-        for s in range(a, b):
-            before = s - 1 if s > a else (b - 1 if closed[p] else -1)
-            if before < 0:
-                continue
-            at = segment[s, 0]
-            one, other = (
-                segment[before, 2 if curved[before] else 0],
-                segment[s, 1 if curved[s] else 3],
-            )
-            if not (curved[before] or curved[s]):
-                continue
-            u, v = point[at] - point[one], point[other] - point[at]
-            long_u, long_v = np.hypot(*u), np.hypot(*v)
-            if min(long_u, long_v) < 0.3:
-                continue
-            turn = abs(np.arctan2(u[0] * v[1] - u[1] * v[0], u @ v))
-            if turn > SMOOTH_RAD:
-                continue
-            # The handle of the longer arm leads, because its direction is more exact.
-            leads = one if (not curved[before] or (curved[s] and long_u >= long_v)) else other
-            follows = other if leads == one else one
-            if follows in used or (leads in used and curved[before] and curved[s]):
-                continue
-            r = long_v / long_u if leads == one else long_u / long_v
-            if curved[before] and curved[s]:
-                if 1 / MIRROR <= r <= MIRROR:
-                    r = 1.0
-                # Both handles turn to their mean direction.
-                way = u / long_u + v / long_v
-                way /= np.hypot(*way)
-                size = long_u if leads == one else long_v
-                point[leads] = point[at] + (-size if leads == one else size) * way
-            used |= {follows}
-            handle.append(follows)
-            node.append(at)
-            master.append(leads)
-            ratio.append(r)
-    same = np.array([root(i) for i in range(len(same))], np.int64)
-    columns = (np.array(values, np.int64) for values in (handle, node, master))
-    return Ties(same, *columns, np.array(ratio, np.float64))
+    for first, last in line[:, [0, 3]]:
+        size = np.abs(point[last] - point[first])
+        for c in (0, 1):
+            small, large = size[c], size[1 - c]
+            if small < UPRIGHT * large or (small < LEVEL and large > 1):
+                same[root(2 * last + c)] = root(2 * first + c)
+    return np.array([root(i) for i in range(len(same))], np.int64)

@@ -172,6 +172,31 @@ def test_noise_and_small_pictures_end_in_few_areas(size):
     assert even.background == pytest.approx((0.25,) * 3, abs=0.002)
 
 
+def extremes():
+    """Return pictures without pixels of pure colours, without margins, or without a colour."""
+    y, x = np.mgrid[:SIDE, :SIDE]
+    quarters = np.array([[RED, GREEN], [BLUE, BLACK]])[y // (SIDE // 2), x // (SIDE // 2)]
+    soft = np.clip((30 - np.hypot(x - 47.5, y - 47.5)) / 8, 0, 1)
+    return {
+        "squares of one pixel": (np.array([RED, BLUE])[(x + y) % 2], 0),
+        "areas at every border": (quarters, 3),
+        "a row of pixels": (np.where(y == 20, 0.0, 1.0)[..., None] * np.ones(3), 1),
+        "the last row of pixels": (np.where(y == SIDE - 1, 0.0, 1.0)[..., None] * np.ones(3), 1),
+        "all transparent": (np.zeros((SIDE, SIDE, 4)), 0),
+        "a soft edge of alpha": (np.dstack([quarters, soft]), 16),
+    }
+
+
+@pytest.mark.parametrize("name", extremes())
+def test_extreme_pictures_have_few_finite_areas(name):
+    picture, most = extremes()[name]
+    areas = find_areas(picture.astype(np.float32)).areas
+    assert len(areas) <= most
+    assert all(np.isfinite(o.points).all() for area in areas for o in area.outlines)
+    if name in {"areas at every border", "a row of pixels", "the last row of pixels"}:
+        assert np.abs(over(areas, 1.0) - picture).max() < 0.02 or len(areas) == 3
+
+
 def test_the_same_picture_gives_the_same_areas():
     picture = drawn(DRAWINGS["discs in discs"])
     assert find_areas(picture).areas == find_areas(picture).areas
