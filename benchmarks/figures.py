@@ -257,18 +257,19 @@ def printed() -> Figure:
 
 
 def traced() -> Figure:
-    """Return letters of a logo four times as large: by gauss2svg, by vtracer, and the truth."""
+    """Return letters of a logo four times as large: as shapes, as areas, by vtracer, the truth."""
     import vtracer  # pyright: ignore[reportMissingImports]
 
     source = (PICTURES / "badge.svg").read_text()
     logo, truth = (rasterize(source, side, side) for side in (512, 2048))
     png = encoded(logo, "PNG")
     theirs = vtracer.convert_raw_image_to_svg(png, img_format="png", path_precision=2)
-    svgs = {"gauss2svg": vectorize(logo).svg, "vtracer": theirs}
+    areas = vectorized(logo, areas="always").svg
+    svgs = {"by default": vectorize(logo).svg, "--areas always": areas, "vtracer": theirs}
     shown = [drawn(svg, 2048, 2048) for svg in svgs.values()]
     titles = [f"{name}: {len(svg) / 1000:.0f} kB" for name, svg in svgs.items()]
     crops = [part(one, 0.3, 0.34, 0.24) for one in (*shown, truth)]
-    return tiles(crops, [*titles, "the drawing"], columns=3)
+    return tiles(crops, [*titles, "the drawing"], columns=2)
 
 
 def plotters() -> Figure:

@@ -47,16 +47,16 @@ DRAWINGS = {
 }
 
 
-def over(areas, page: float):
-    """Return the picture (SIDE, SIDE, 3) of areas on a white or a black page."""
-    image = np.full((SIDE, SIDE, 3), page)
+def over(areas, page: float, side: int = SIDE):
+    """Return the picture (side, side, 3) of areas on a white or a black page."""
+    image = np.full((side, side, 3), page)
     draw_areas(areas, image)
     return image
 
 
-def drawn(areas, channels: int = 3):
+def drawn(areas, channels: int = 3, side: int = SIDE):
     """Return the picture of areas on a white or, with 4 channels, on a transparent page."""
-    black, white = over(areas, 0.0), over(areas, 1.0)
+    black, white = over(areas, 0.0, side), over(areas, 1.0, side)
     if channels == 3:
         return white.astype(np.float32)
     alpha = 1 - (white - black).mean(axis=-1, keepdims=True)

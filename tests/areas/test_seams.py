@@ -1,0 +1,96 @@
+"""The page does not show through between areas that touch, at any size of the file."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from test_find import BLACK, BLUE, GREEN, RED, SIDE, disc, drawn, polygon
+
+from gauss2svg.areas.find import find_areas
+from gauss2svg.raster import rasterize
+from gauss2svg.scene import Area, Scene
+from gauss2svg.svg import SvgFormat
+from gauss2svg.svg.write import write_svg
+
+YELLOW = (1.0, 0.8, 0.1)
+SQUARE = polygon((10, 12), (86, 12), (86, 84), (10, 84))
+DRAWINGS = {
+    "three side by side": [
+        Area((SQUARE,), RED),
+        Area((polygon((38, 12), (86, 12), (86, 84), (30, 84)),), GREEN),
+        Area((polygon((62, 12), (86, 12), (86, 84), (70, 84)),), BLUE),
+    ],
+    "junctions like a T": [
+        Area((SQUARE,), RED),
+        Area((polygon((10, 50), (86, 44), (86, 84), (10, 84)),), GREEN),
+        Area((polygon((46, 47.2), (86, 44), (86, 84), (52, 84)),), BLUE),
+    ],
+    "discs in discs": [
+        Area((disc(48, 48, 40),), GREEN),
+        Area((disc(44, 50, 28),), YELLOW),
+        Area((disc(40, 52, 14),), RED),
+        Area((disc(40, 52, 5),), BLACK),
+    ],
+    "discs that overlap": [
+        Area((disc(36, 36, 24),), RED),
+        Area((disc(60, 40, 24),), GREEN),
+        Area((disc(46, 60, 24),), BLUE),
+    ],
+}
+SCALES = (0.37, 1.3, 3.7)
+FAR = 2.0  # px of the picture from the page, and pixels of the raster, within which it may show
+MOST = 2.5 / 255  # of the page
+
+
+def share_of_page(areas, channels: int, markup, scale: float):
+    """Return the share (n, n) in which the page shows through a file without its background."""
+    found = find_areas(drawn(areas, channels))
+    page = np.ones(3) if found.background is None else np.array(found.background)
+    scene = Scene(
+        SIDE, SIDE, background=page, transparent=found.background is None, areas=found.areas
+    )
+    svg = write_svg(scene, SvgFormat(markup=markup, precision=1 / 24))
+    background = r'<rect [^>]*id="background"[^>]*/>|<path( fill="[^"]*")? d="M[^"]*"/>'
+    svg, count = re.subn(background, "", svg)
+    assert count == (found.background is not None)
+    drawings = []
+    for color in ("#000", "#f0f"):
+        below = f'<rect width="100%" height="100%" fill="{color}"/>'
+        on_color = re.sub("<svg[^>]*>", lambda root, below=below: root[0] + below, svg, count=1)
+        side = round(SIDE * scale)
+        drawings.append(rasterize(on_color, side, side))
+    return (drawings[1] - drawings[0])[..., [0, 2]].max(axis=-1)
+
+
+def covered(areas, scale: float):
+    """Return the opacity (n, n) of areas at pixels that lie far from where it changes, else NaN."""
+    fine = 4
+    alpha = drawn([area.scaled(fine, fine) for area in areas], 4, SIDE * fine)[..., 3]
+    changes = ndimage.maximum_filter(alpha, 3) - ndimage.minimum_filter(alpha, 3) > 0.02
+    far = ndimage.distance_transform_edt(~changes) / fine > max(FAR, FAR / scale)
+    side = round(SIDE * scale)
+    place = ((np.arange(side) + 0.5) / side * SIDE * fine).astype(int)
+    return np.where(far, alpha, np.nan)[np.ix_(place, place)]
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_no_page_shows_between_areas_that_touch(name, markup):
+    areas = DRAWINGS[name]
+    for channels, scale in [(3, scale) for scale in SCALES] + [(4, 1.3)]:
+        alpha = covered(areas, scale)
+        shown = share_of_page(areas, channels, markup, scale)
+        assert (alpha > 0.99).sum() > 100
+        assert shown[alpha > 0.99].max() < MOST, (channels, scale)
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_through_a_transparent_area_the_page_shows_by_its_opacity(markup):
+    areas = [Area((SQUARE,), RED, 0.5), Area((disc(40, 45, 18),), BLUE)]
+    for scale in SCALES:
+        alpha = covered(areas, scale)
+        shown = share_of_page(areas, 4, markup, scale)
+        known = ~np.isnan(alpha)
+        assert {round(float(a), 1) for a in alpha[known]} == {0.0, 0.5, 1.0}
+        np.testing.assert_allclose(shown[known], 1 - alpha[known], atol=MOST)
