@@ -7,7 +7,6 @@ from scipy.spatial import cKDTree
 
 from gauss2svg.areas.curves import merge_pieces
 
-
 ARC = np.array([[0, 0], [6, 4], [13, 5], [20, 0]])
 
 
