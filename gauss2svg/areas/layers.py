@@ -13,9 +13,9 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.regions import Box, Shares, dilated, distance_to, widened
+from gauss2svg.areas.regions import Box, Shares, dilated, distance_to, widened, without_holes
 
-REACH = 2  # px by which a region reaches under its neighbours
+REACH = 4  # px by which a region reaches under its neighbours (docs/decisions/areas.md)
 
 
 class Mask(NamedTuple):
@@ -34,11 +34,13 @@ def masks_of(
     is_ground  (count,) whether a region is part of the ground
     is_clear   (count,) whether a region lets shine through what is below it
     """
-    boxes = ndimage.find_objects(labels + 1, max_label=count)
-    filled, area = {}, np.zeros(count)
-    for k, box in enumerate(boxes):
-        if box is not None and not is_ground[k]:
-            filled[k] = ndimage.binary_fill_holes(labels[box] == k)
+    boxes: dict[int, Box] = {}
+    filled: dict[int, Bools] = {}
+    area = np.zeros(count)
+    for k, tight in enumerate(ndimage.find_objects(labels + 1, max_label=count)):
+        if tight is not None and not is_ground[k]:
+            box = widened(tight, 2 + REACH, labels.shape)
+            boxes[k], filled[k] = box, without_holes(labels[box] == k)
             area[k] = filled[k].sum()
     order = [int(k) for k in np.argsort(-area, kind="stable") if area[k]]
     rank = np.full(count, -1)
@@ -46,13 +48,8 @@ def masks_of(
     is_open = is_ground | is_clear
     masks = []
     for k in order:
-        box = widened(boxes[k], 2 + REACH, labels.shape)
+        box, whole = boxes[k], filled[k]
         near = labels[box]
-        whole = np.zeros(near.shape, bool)
-        inner = tuple(
-            slice(a.start - b.start, a.stop - b.start) for a, b in zip(boxes[k], box, strict=True)
-        )
-        whole[inner] = filled[k]
         body, share = near == k, shares.of(k, box)
         above = [j for j in np.unique(near) if rank[j] > rank[k] and not is_open[j]]
         held = [j for j in above if whole[near == j].all()]
@@ -64,8 +61,7 @@ def masks_of(
             partly = (share > 0) & ~under
             opening = is_open[near]
             if opening.any():
-                under_open = distance_to(body)[0] > distance_to(opening)[0]
-                under = under & ~under_open
+                under &= distance_to(body)[0] <= distance_to(opening)[0]
             # What shows the ground through what is above the region must not show the region.
             share = np.where(
                 under,

@@ -20,6 +20,8 @@ ALIKE = 2.6 * LEVEL  # largest difference of two colours that become one
 BINS, STOP_BINS = 40, 200  # places along a gradient at which colours are averaged
 PART = 4 * LEVEL  # largest difference of a pixel from a gradient that draws it
 MOST_OFF = 0.05  # largest share of a part that differs more
+MOST_SLOPE = 0.1  # change over 2 px; an edge beside the region has a steeper slope
+MOST_MOVES = 120  # iterations of the search for the centre of a radial gradient
 NEAR = 3  # px between parts of one gradient
 PRIOR, PRIOR_PER_PX = 0.5, 0.3  # weight of a colour's first value, and more for each pixel of it
 
@@ -91,7 +93,7 @@ def paint_of(pixels: Floats, ys: Ints, xs: Ints) -> Paint:
     return Paint(paint.color, gradient) if error < GAIN * even_error else paint
 
 
-def _linear(points: Floats, colors: Floats):
+def _linear(points: Floats, colors: Floats) -> tuple[LinearGradient, float]:
     """Return the linear gradient that is closest to colours (n, 3) at points (n, 2), and its error.
 
     Its direction is that of the steepest common slope, turned a little to where the colours vary
@@ -111,7 +113,9 @@ def _linear(points: Floats, colors: Floats):
     return LinearGradient(tuple(offsets), tuple(map(tuple, stops)), tuple(start), tuple(end)), error
 
 
-def _radial(pixels: Floats, ys, xs, colors):
+def _radial(
+    pixels: Floats, ys: Ints, xs: Ints, colors: Floats
+) -> tuple[RadialGradient | None, float]:
     """Return the radial gradient that is closest to colours (n, 3) at pixels (n,), and its error.
 
     The slopes of the colours meet at its centre. A search then moves the centre, and stretches the
@@ -127,31 +131,30 @@ def _radial(pixels: Floats, ys, xs, colors):
     )
     steep = np.abs(across) + np.abs(down)
     points = np.stack([xs, ys], axis=1) + 0.5
-    inner = steep.max(axis=1) < 0.1  # an edge beside the region has a steeper slope
+    inner = steep.max(axis=1) < MOST_SLOPE
     normal = np.stack([-down[inner], across[inner]], axis=-1).reshape(-1, 2)
     at = np.repeat(points[inner], 3, axis=0)
     matrix = normal.T @ normal
-    none = None, np.inf
     if len(at) < 150 or np.linalg.cond(matrix) > 1e4:
-        return none
+        return None, np.inf
     meeting = np.linalg.solve(matrix, normal.T @ (normal * at).sum(axis=1))
     scale = np.ptp(points, axis=0).max()
 
     def radius(v: Floats) -> Floats:
         return np.hypot(points[:, 0] - v[0] * scale, (points[:, 1] - v[1] * scale) * np.exp(v[2]))
 
-    best = None
     low, high = points.min(axis=0) - scale, points.max(axis=0) + scale
+    results = []
     for first in (np.clip(meeting, low, high), points.mean(axis=0)):
-        simplex = np.array([[*(first / scale), 0.0]] * 4) + np.vstack(
-            [np.zeros(3), 0.1 * np.eye(3)]
+        start = np.append(first / scale, 0.0)
+        simplex = np.vstack([start, start + 0.1 * np.eye(3)])
+        options = {"maxiter": MOST_MOVES, "initial_simplex": simplex}
+        results.append(
+            minimize(
+                lambda v: _spread(radius(v), colors), start, method="Nelder-Mead", options=options
+            )
         )
-        options = {"maxiter": 120, "initial_simplex": simplex}
-        one = minimize(
-            lambda v: _spread(radius(v), colors), simplex[0], method="Nelder-Mead", options=options
-        )
-        best = one if best is None or one.fun < best.fun else best
-    v = best.x
+    v = min(results, key=lambda result: result.fun).x
     v[2] = 0.0 if abs(v[2]) < 0.02 else v[2]
     places, stops, error = _stops(radius(v), colors)
     outer = places[-1]
@@ -162,7 +165,7 @@ def _radial(pixels: Floats, ys, xs, colors):
     ), error
 
 
-def _binned(place: Floats, colors: Floats, count: int):
+def _binned(place: Floats, colors: Floats, count: int) -> tuple[Floats, Floats, Ints, float]:
     """Return mean places, mean colours (k, 3) and sizes (k,) of bins, and the error within them."""
     low, high = place.min(), place.max()
     bins = ((place - low) / max(high - low, 1e-9) * count).astype(np.int64)
@@ -180,7 +183,7 @@ def _spread(place: Floats, colors: Floats) -> float:
     return _binned(place, colors, BINS)[3]
 
 
-def _stops(place: Floats, colors: Floats):
+def _stops(place: Floats, colors: Floats) -> tuple[Floats, Floats, float]:
     """Return places of stops, their colours (k, 3), and the root mean square error of colours.
 
     Stops are added one by one, each where it lowers the error most.
@@ -189,11 +192,11 @@ def _stops(place: Floats, colors: Floats):
     at, mean, size, within = _binned(place, colors, STOP_BINS)
     weight = np.sqrt(size)[:, None]
 
-    def fitted(knots: Floats):
+    def fitted(knots: Floats) -> tuple[float, Floats]:
         basis = np.stack([np.interp(at, knots, row) for row in np.eye(len(knots))], axis=1)
         stops = np.linalg.lstsq(basis * weight, mean * weight, rcond=None)[0]
         error = ((mean - basis @ stops) ** 2 * weight**2).sum() + within
-        return np.sqrt(error / colors.size), stops
+        return float(np.sqrt(error / colors.size)), stops
 
     knots = np.array([low, high])
     error, stops = fitted(knots)

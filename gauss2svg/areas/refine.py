@@ -327,7 +327,6 @@ class Drawing:
         seen = float(((weights**2).sum(axis=1) * np.hypot(*lengths)).sum())
         self.noise = loss / max(seen, 1e-9)
         point, width, moves = self.point, self.width, np.ones(len(self.closed), bool)
-        new, gain = error, 0.0
         for attempt in range(2):
             self.point = self.ties.kept(point + move * moves[self.point_path][:, None])
             still = np.bincount(self.path_layer, ~moves, len(width)) > 0
@@ -342,8 +341,6 @@ class Drawing:
             if gain > 0 and (attempt == 1 or rise[worse].sum() <= MOST_RISE * gain):
                 return new, damping
             moves &= ~worse
-        if gain > 0:
-            return new, damping
         self.point, self.width = point, width
         self.draw()
         return error, np.minimum(damping * 4, MOST_DAMPING)

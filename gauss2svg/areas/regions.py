@@ -208,6 +208,12 @@ def dilated(mask: Bools, iterations: int = 1, block: Bools | None = BLOCK) -> Bo
     return result
 
 
+def without_holes(mask: Bools) -> Bools:
+    """Return a mask with what it encloses."""
+    result: Any = ndimage.binary_fill_holes(mask)
+    return result
+
+
 def pixels_of(mask: Bools, box: Box) -> tuple[Ints, Ints]:
     """Return the rows and columns in the picture of the pixels of a mask (h, w) of a box."""
     ys, xs = np.nonzero(mask)

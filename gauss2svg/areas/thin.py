@@ -187,11 +187,8 @@ def take_lines(
         if not is_left_out.all():
             _, nearest = distance_to(~is_left_out)
             near = near[tuple(nearest)]
-        inner = tuple(
-            slice(a.start - b.start, a.stop - b.start) for a, b in zip(part.box, box, strict=True)
-        )
-        is_part = part.share > 0
-        _release(shares, pixels_of(is_part, part.box), part.names, near[inner][is_part])
+        ys, xs = pixels_of(part.share > 0, part.box)
+        _release(shares, (ys, xs), part.names, near[ys - box[0].start, xs - box[1].start])
     return lines
 
 
