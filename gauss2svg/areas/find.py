@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.areas.caps import with_caps
 from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.layers import masks_of
+from gauss2svg.areas.layers import join_touching, masks_of
 from gauss2svg.areas.merge import merged, without_cheap
 from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
 from gauss2svg.areas.paint import Paint, join_parts_of_gradients, paints_of
@@ -155,7 +155,7 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     add_thin_regions(pixels, cores, labels, shares, paints, palette)
     weight_at = contrast_of(pixels)
     lines = take_lines(pixels, shares, paints, weight_at, unit, rate)
-    labels = shares.largest
+    labels = join_touching(shares, paints)
     opacity = np.array([opacity_of(paint.color) for paint in paints])
     ground = ground_of(labels, paints, opacity)
     is_ground = np.array([paint is ground for paint in paints]) | (opacity < LEAST_OPACITY)

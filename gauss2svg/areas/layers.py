@@ -13,6 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import Box, Shares, dilated, distance_to, widened, without_holes
 
 REACH = 4  # px by which a region reaches under its neighbours (docs/decisions/areas.md)
@@ -24,6 +25,24 @@ class Mask(NamedTuple):
     region: int
     share: Floats
     box: Box
+
+
+def join_touching(shares: Shares, paints: list[Paint]) -> Ints:
+    """Join regions of one paint that touch, and return the largest region (h, w) of each pixel.
+
+    The cores along a thin part are often apart, although the part is one area. Names in `shares`
+    are changed.
+    """
+    labels = shares.largest
+    known: dict[int, int] = {}
+    paint = np.array([known.setdefault(id(one), len(known)) for one in paints])
+    root = np.arange(len(paints))
+    for first, second in ((labels[:, :-1], labels[:, 1:]), (labels[:-1], labels[1:])):
+        touching = (first != second) & (paint[first] == paint[second])
+        for a, b in np.unique(np.stack([first[touching], second[touching]]), axis=1).T:
+            root[root == root[b]] = root[a]
+    shares.label = np.where(shares.label >= 0, root[shares.label], -1)
+    return root[labels]
 
 
 def masks_of(

@@ -13,7 +13,7 @@ SAMPLES, LEAST_SAMPLES = 2.5, 5  # points for each px of a segment, and at least
 NOISE_SHARE = 0.7
 LEAST_NOISE = 1e-8  # px^2, so that no division is by 0
 BYTES_OF_AREA, BYTES_OF_LINE = 20.0, 50.0  # size of the tag of a layer
-MOST_LAYERS = 300  # because a photo would have thousands
+MOST_LAYERS = 2000  # because a photo would have thousands
 
 
 def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:

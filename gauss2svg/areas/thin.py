@@ -47,7 +47,7 @@ EXPLAINED = 0.6  # a colour must lower the error of a part to this share of it
 ROUNDS = 3
 PRICE_OF_COLOR = 1e-4  # squared error for each pixel by which a new colour must be better
 # Photos have thousands of parts. The strongest parts, and the colours nearest to a part, decide.
-MOST_PARTS, MOST_COLORS = 200, 24
+MOST_PARTS, MOST_COLORS = 1000, 24
 SAME_COLOR = 6 * LEVEL  # largest difference of a thin part's colour from one that it takes
 THICK = 2.4  # px; a disc of this radius fits into no thin part
 WIDEST = 3.6  # px; the largest width of a line
