@@ -15,6 +15,7 @@ from skimage.morphology import skeletonize
 
 from gauss2svg.areas.centrelines import centred, chains_of, width_along
 from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.areas.masks import LEVEL, Box, dilated, distance_to, parts_of, pixels_of, widened
 from gauss2svg.areas.outlines import (
     Path,
     Weights,
@@ -26,18 +27,7 @@ from gauss2svg.areas.outlines import (
 )
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer
-from gauss2svg.areas.regions import (
-    FAR,
-    LEVEL,
-    Box,
-    Palette,
-    Shares,
-    dilated,
-    distance_to,
-    parts_of,
-    pixels_of,
-    widened,
-)
+from gauss2svg.areas.regions import FAR, Palette, Shares
 
 UNEXPLAINED = 0.0015  # squared error of a pixel that is not explained
 LEAST_PIXELS, LEAST_ERROR = 3, 0.02  # px and squared error of a part that gets its own colour
