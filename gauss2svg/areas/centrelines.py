@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg.areas.kernels import Bools, Floats, inner, kernel
-from gauss2svg.areas.regions import parts_of
+from gauss2svg.areas.masks import parts_of
 
 SPUR = 3  # pixels; shorter branches are noise of the skeleton
 STRAIGHT = -0.7  # largest cosine between two branches that go on as one line

@@ -13,8 +13,9 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.areas.masks import Box, dilated, distance_to, widened, without_holes
 from gauss2svg.areas.paint import Paint
-from gauss2svg.areas.regions import Box, Shares, dilated, distance_to, widened, without_holes
+from gauss2svg.areas.regions import Shares
 
 REACH = 4  # px by which a region reaches under its neighbours (docs/decisions/areas.md)
 

@@ -11,7 +11,7 @@ from skimage.measure import find_contours
 
 from gauss2svg.areas.curves import merge_pieces, path_bytes
 from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.regions import Box
+from gauss2svg.areas.masks import Box
 
 # Function from points (n, 2) to the weight of a squared distance of 1 px along 1 px of an outline
 Weights = Callable[[Floats], Floats]

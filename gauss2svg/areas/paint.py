@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import find_objects
 
 from gauss2svg.areas.kernels import FLAT, LINEAR, RADIAL, SHADES, Floats, Ints
-from gauss2svg.areas.regions import LEVEL, Box, pixels_of
+from gauss2svg.areas.masks import LEVEL, Box, pixels_of
 from gauss2svg.scene.areas import LinearGradient, RadialGradient
 
 EVEN = 2 * LEVEL  # largest difference from the median within a region of one colour

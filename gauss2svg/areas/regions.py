@@ -5,26 +5,21 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
-from gauss2svg.areas.kernels import Bools, Floats, Ints, explain, grow_labels, join_alike
+from gauss2svg.areas.kernels import Floats, Ints, explain, grow_labels, join_alike
+from gauss2svg.areas.masks import BLOCK, LEVEL, Box, dilated, widened
+from gauss2svg.areas.paint import Paint
 
-if TYPE_CHECKING:
-    from gauss2svg.areas.paint import Paint
-
-LEVEL = 1 / 255
 FLAT = 4 * LEVEL  # largest difference of values in a block of pixels of one colour
 BEND = 2.1 * LEVEL  # largest second difference of values that are evenly shaded
 STEEP = 0.03  # largest difference of neighbouring values that are evenly shaded
 LEAST_CORE = 4  # px; smaller cores are no regions
 NEAR, FAR = 1, 2  # px; distances within which the colours of a pixel's mixture lie
 ENOUGH = 0.0006  # squared error at which colours farther away are not tried
-BLOCK = np.ones((3, 3), bool)  # neighbours of a pixel with the diagonal ones
-
-Box = tuple[slice, slice]  # rows and columns of a picture
 
 
 def cores_of(pixels: Floats) -> tuple[Ints, int]:
@@ -194,42 +189,3 @@ def without_edge_shades(pixels: Floats, labels: Ints, count: int) -> tuple[Ints,
                 break
     names = np.unique(labels[labels >= 0])
     return renamed(labels, names), len(names)
-
-
-def parts_of(mask: Bools) -> tuple[Ints, list[Box]]:
-    """Return the labels (h, w) of the connected parts of a mask, from 1 on, and their boxes."""
-    labels: Any = ndimage.label(mask, BLOCK)
-    return labels[0], ndimage.find_objects(labels[0])
-
-
-def dilated(mask: Bools, iterations: int = 1, block: Bools | None = BLOCK) -> Bools:
-    """Return a mask with the neighbours of its pixels. With None, these are four for each."""
-    result: Any = ndimage.binary_dilation(mask, block, iterations)
-    return result
-
-
-def without_holes(mask: Bools) -> Bools:
-    """Return a mask with what it encloses."""
-    result: Any = ndimage.binary_fill_holes(mask)
-    return result
-
-
-def pixels_of(mask: Bools, box: Box) -> tuple[Ints, Ints]:
-    """Return the rows and columns in the picture of the pixels of a mask (h, w) of a box."""
-    ys, xs = np.nonzero(mask)
-    return ys + box[0].start, xs + box[1].start
-
-
-def distance_to(mask: Bools) -> tuple[Floats, Ints]:
-    """Return the distance (h, w) to the nearest pixel of a mask, and its place (2, h, w)."""
-    result: Any = ndimage.distance_transform_edt(~mask, return_indices=True)
-    return result
-
-
-def widened(box: Box, by: int, shape: tuple[int, ...]) -> Box:
-    """Return a box with a margin of `by` px, within a picture of this shape."""
-    first, second = (
-        slice(max(side.start - by, 0), min(side.stop + by, most))
-        for side, most in zip(box, shape, strict=False)
-    )
-    return first, second

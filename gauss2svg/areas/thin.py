@@ -15,6 +15,7 @@ from skimage.morphology import skeletonize
 
 from gauss2svg.areas.centrelines import centred, chains_of, width_along
 from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.areas.masks import LEVEL, Box, dilated, distance_to, parts_of, pixels_of, widened
 from gauss2svg.areas.outlines import (
     Path,
     Weights,
@@ -26,18 +27,7 @@ from gauss2svg.areas.outlines import (
 )
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer
-from gauss2svg.areas.regions import (
-    FAR,
-    LEVEL,
-    Box,
-    Palette,
-    Shares,
-    dilated,
-    distance_to,
-    parts_of,
-    pixels_of,
-    widened,
-)
+from gauss2svg.areas.regions import FAR, Palette, Shares
 
 UNEXPLAINED = 0.0015  # squared error of a pixel that is not explained
 LEAST_PIXELS, LEAST_ERROR = 3, 0.02  # px and squared error of a part that gets its own colour
@@ -63,7 +53,7 @@ COMPARED_STEPS = 6  # steps of refinement before a stroke and outlines of a part
 BYTES_OF_LINE, BYTES_OF_AREA = 12.0, 10.0  # size of tags, as far as parts do not share them
 # Outlines may be closer than a stroke only because they follow the errors of antialiasing. So they
 # must cost less by this factor.
-LINE_PRIOR = 1.5
+LINE_PRIOR = 2.0
 
 
 class Line(NamedTuple):

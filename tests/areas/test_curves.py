@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from gauss2svg.areas.curves import merge_pieces
 
@@ -41,7 +41,7 @@ def test_a_cubic_is_nearly_as_close_as_the_best_of_scipy(seed):
     def distances(handles):
         nodes = points[[0, -1]]
         curve = cubic(np.insert(nodes, 1, np.reshape(handles, (2, 2)), axis=0), 2000)
-        return cKDTree(curve).query(points)[0]
+        return KDTree(curve).query(points)[0]
 
     (segment,), (is_curve,) = merged(points, [0, 59], 0.0)
     assert is_curve
@@ -52,7 +52,7 @@ def test_a_cubic_is_nearly_as_close_as_the_best_of_scipy(seed):
 def test_pieces_of_one_curve_become_one_and_corners_stay():
     segment, curved = merged(cubic(ARC, 61), range(0, 61, 6), 0.01)
     assert curved.tolist() == [True]
-    assert cKDTree(cubic(ARC, 2000)).query(cubic(segment[0], 99))[0].max() < 0.1
+    assert KDTree(cubic(ARC, 2000)).query(cubic(segment[0], 99))[0].max() < 0.1
     ends = np.linspace(0, 20, 41)
     bent = np.stack([np.minimum(ends, 10), np.maximum(ends - 10, 0)], axis=1)
     segment, curved = merged(bent, range(0, 41, 4), 0.01)

@@ -1,0 +1,54 @@
+"""Masks: which pixels of a box belong to something."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from gauss2svg.areas.kernels import Bools, Floats, Ints
+
+LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
+BLOCK = np.ones((3, 3), bool)  # neighbours of a pixel with the diagonal ones
+
+Box = tuple[slice, slice]  # rows and columns of a picture
+
+
+def parts_of(mask: Bools) -> tuple[Ints, list[Box]]:
+    """Return the labels (h, w) of the connected parts of a mask, from 1 on, and their boxes."""
+    labels: Any = ndimage.label(mask, BLOCK)
+    return labels[0], ndimage.find_objects(labels[0])
+
+
+def dilated(mask: Bools, iterations: int = 1, block: Bools | None = BLOCK) -> Bools:
+    """Return a mask with the neighbours of its pixels. With None, these are four for each."""
+    result: Any = ndimage.binary_dilation(mask, block, iterations)
+    return result
+
+
+def without_holes(mask: Bools) -> Bools:
+    """Return a mask with what it encloses."""
+    result: Any = ndimage.binary_fill_holes(mask)
+    return result
+
+
+def pixels_of(mask: Bools, box: Box) -> tuple[Ints, Ints]:
+    """Return the rows and columns in the picture of the pixels of a mask (h, w) of a box."""
+    ys, xs = np.nonzero(mask)
+    return ys + box[0].start, xs + box[1].start
+
+
+def distance_to(mask: Bools) -> tuple[Floats, Ints]:
+    """Return the distance (h, w) to the nearest pixel of a mask, and its place (2, h, w)."""
+    result: Any = ndimage.distance_transform_edt(~mask, return_indices=True)
+    return result
+
+
+def widened(box: Box, by: int, shape: tuple[int, ...]) -> Box:
+    """Return a box with a margin of `by` px, within a picture of this shape."""
+    first, second = (
+        slice(max(side.start - by, 0), min(side.stop + by, most))
+        for side, most in zip(box, shape, strict=False)
+    )
+    return first, second
