@@ -10,7 +10,7 @@ from gauss2svg.areas.refine import Drawing, Layer
 
 SAMPLES, LEAST_SAMPLES = 2.5, 5  # points for each px of a segment, and at least for a segment
 # Nodes may move by this share of the distance by which outlines seem to be off.
-NOISE_SHARE = 0.7
+NOISE_SHARE = 0.4
 LEAST_NOISE = 1e-8  # px^2, so that no division is by 0
 BYTES_OF_AREA, BYTES_OF_LINE = 20.0, 50.0  # size of the tag of a layer
 MOST_LAYERS = 2000  # because a photo would have thousands
@@ -68,14 +68,12 @@ def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     if not drawing.layers:
         return []
     error = drawing.draw() - drawing.pixels
-    below = drawing.below.copy()
     drawing.weigh()
     layers = drawing.current()
     gains = np.zeros(len(layers))
     for index, layer in enumerate(layers):
-        own, shows = error[drawing.slices(index)], drawing.part(drawing.visible, index)[..., None]
-        under = drawing.paints[layer.paint].opacity * drawing.part(below, index)
-        without = own - (drawing.color_in_box(index) - under) * shows
+        own, weight = error[drawing.slices(index)], drawing.part(drawing.weight, index)
+        without = own - weight * drawing.part(drawing.cover, index)[..., None]
         size = BYTES_OF_LINE if layer.is_line else BYTES_OF_AREA
         size += sum(path.bytes(unit) for path in layer.paths)
         gains[index] = (without**2).sum() - (own**2).sum() - rate * size

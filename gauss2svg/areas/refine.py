@@ -159,12 +159,6 @@ class Drawing:
         """Return a drawing of the same picture with other layers."""
         return Drawing(self.pixels, self.ground, self.paints, layers, is_tied, self._buffers)
 
-    def color_in_box(self, layer: int) -> Floats:
-        """Return the colours (h, w, c) of a layer in its box."""
-        x, y, w, h = self.box[layer]
-        rows, columns = np.indices((h, w))
-        return self._paint[layer].at(columns + x, rows + y)
-
     def boxes(self) -> Ints:
         """Return the boxes (l, 4) of the layers, left, top, width and height in px."""
         h, w, _ = self.shape

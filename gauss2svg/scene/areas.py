@@ -272,9 +272,14 @@ class AreaCounts(NamedTuple):
         return cls(len(areas) - lines, lines, sum(area.nodes for area in areas))
 
     def __str__(self) -> str:
-        counted = [(self.areas, "area"), (self.lines, "line")]
-        both = " and ".join(_several(*one) for one in counted if one[0])
+        both = counted_areas(self.areas, self.lines)
         return f"{both} of {_several(self.nodes, 'node')}" if both else "no areas"
+
+
+def counted_areas(areas: int, lines: int) -> str:
+    """Return the numbers of areas and lines as text, such as "12 areas and 1 line", or "" for 0."""
+    counts = (areas, "area"), (lines, "line")
+    return " and ".join(_several(*one) for one in counts if one[0])
 
 
 def _several(count: int, word: str) -> str:

@@ -48,6 +48,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.scene import Scene
+from gauss2svg.scene.areas import counted_areas
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg import INKS, Document, SvgFormat, round_id
 from gauss2svg.svg.areas import area_elements, box_centers
@@ -172,7 +173,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
 def area_layer(paths: Sequence[Element], **attributes: str) -> list[Element]:
     """Return the group of the areas and lines of a file, or [] if there are none."""
     lines = sum("stroke" in path.attributes for path in paths)
-    label = f"Areas: {len(paths) - lines} areas, {lines} lines"
+    label = "Areas: " + counted_areas(len(paths) - lines, lines)
     return [layer(label, paths, id="areas", **attributes)] if paths else []
 
 
