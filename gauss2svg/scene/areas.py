@@ -147,7 +147,7 @@ class LinearGradient(_Gradient):
         if self.start == self.end:
             raise SceneError(f"end of a gradient must differ from its start; got {self.end}")
 
-    def at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.float64]:
         """Return the colours (.., 3) at points in px."""
         across, down = np.subtract(self.end, self.start)
         along = (x - self.start[0]) * across + (y - self.start[1]) * down
@@ -182,7 +182,7 @@ class RadialGradient(_Gradient):
             point = _numbers(f"{name} of a gradient", getattr(self, name), (2,), least, most)
             object.__setattr__(self, name, point)
 
-    def at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.float64]:
         """Return the colours (.., 3) at points in px."""
         (cx, cy), (rx, ry) = self.center, self.radii
         return self.colors_at(np.hypot((x - cx) / rx, (y - cy) / ry))
