@@ -48,7 +48,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.scene import Scene
-from gauss2svg.scene.areas import counted_areas
+from gauss2svg.scene.areas import AreaCounts, counted_areas
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg import INKS, Document, SvgFormat, round_id
 from gauss2svg.svg.areas import area_elements, box_centers
@@ -96,7 +96,7 @@ class Drawing(NamedTuple):
     sheet        style sheet, or "" if there is none
     root         attributes of the root in addition to those that every file has
     size         width of the picture with its unit. None if the document sets the size
-    areas        number of areas and lines
+    areas        numbers of areas and lines as text, "" if there are none
     """
 
     view: tuple[str, str]
@@ -106,7 +106,7 @@ class Drawing(NamedTuple):
     sheet: str = ""
     root: Mapping[str, str] = MappingProxyType({})
     size: str | None = None
-    areas: int = 0
+    areas: str = ""
 
 
 def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
@@ -161,20 +161,25 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     radius[blurred] *= [1 + CLEAR * BLURS[k].deviation for k in blur[blurred]]
     written = [i for i, _ in shapes]
     half = radius[written, None] * scene.sigma[written]
-    below = [*_background(scene), *area_layer(areas.paths)]
+    below = [*_background(scene), *area_layer(areas.paths, scene)]
     mean, reach = box_centers(areas.boxes)
     mean = np.vstack([svg_format.precision * mean, scene.mean[written]])
     half = np.vstack([svg_format.precision * reach, half])
     body = clipped_layers([*below, *layers], scene, mean, half)
     definitions = [*areas.definitions, *definitions]
-    return Drawing(view, len(shapes), definitions, body, sheet, areas=len(areas.paths))
+    return Drawing(view, len(shapes), definitions, body, sheet, areas=counted(scene))
 
 
-def area_layer(paths: Sequence[Element], **attributes: str) -> list[Element]:
-    """Return the group of the areas and lines of a file, or [] if there are none."""
-    lines = sum("stroke" in path.attributes for path in paths)
-    label = "Areas: " + counted_areas(len(paths) - lines, lines)
+def area_layer(paths: Sequence[Element], scene: Scene, **attributes: str) -> list[Element]:
+    """Return the group of the areas and lines of a scene, or [] if there are none."""
+    label = f"Areas: {counted(scene)}"
     return [layer(label, paths, id="areas", **attributes)] if paths else []
+
+
+def counted(scene: Scene) -> str:
+    """Return the numbers of areas and lines of a scene as text, or "" if it has none."""
+    areas, lines, _ = AreaCounts.of(scene.areas)
+    return counted_areas(areas, lines)
 
 
 def rounds_of(drawn: Sequence[tuple[int, Element]], scene: Scene) -> list[Round]:

@@ -32,6 +32,7 @@ from gauss2svg.svg.encode import (
     Drawing,
     area_layer,
     clipped_layers,
+    counted,
     layer,
     round_layers,
     rounds_of,
@@ -69,11 +70,10 @@ def encode_outlines(
         areas = area_outlines(scene, stroke_width)
         mean, reach = box_centers(areas.boxes)
         mean = np.vstack([AREA_UNIT * mean, scene.mean[index]])
-        layers = area_layer(areas.paths, transform=f"scale({number(AREA_UNIT, 2)})")
+        layers = area_layer(areas.paths, scene, transform=f"scale({number(AREA_UNIT, 2)})")
         body = [*layers, *round_layers(rounds)]
         body = clipped_layers(body, scene, mean, np.vstack([AREA_UNIT * reach, half]))
-        count = len(areas.paths)
-        return Drawing(sides_of(scene), len(shapes), [], body, sheet, root, areas=count)
+        return Drawing(sides_of(scene), len(shapes), [], body, sheet, root, areas=counted(scene))
     if scene.areas:
         got = f"{len(scene.areas)} areas, which are not cut at the edges of the page"
         raise refusal("a scene with pens", "without areas", got, "outlines without pens")

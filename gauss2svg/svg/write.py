@@ -176,8 +176,9 @@ def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
     if sides or document.is_responsive:
         root[CANVAS] = " ".join(canvas)
     root.update({"role": "img", **drawing.root})
-    counts = [f"{drawing.areas} areas"] * (drawing.areas > 0)
-    counts += [f"{drawing.gaussians} Gaussians"] * (drawing.gaussians > 0 or not drawing.areas)
+    gaussians = f"{drawing.gaussians} Gaussians"
+    counts = [drawing.areas] * bool(drawing.areas)
+    counts += [gaussians] * (drawing.gaussians > 0 or not drawing.areas)
     usual = f"{' and '.join(counts)}, fitted and written by gauss2svg {__version__}"
     root.set_desc(title=document.title, desc=document.alt or usual)
     head, _, end = root.tostring().partition("<defs />")

@@ -47,7 +47,7 @@ def test_the_file_has_the_areas_and_nothing_else_and_the_report_counts_them(pict
     assert (len(again), again.transparent) == (0, is_clear)
     assert AreaCounts.of(again.areas) == counts
     assert repr(result).startswith(f"<gauss2svg.Result 128x128, {counts}, ")
-    assert ("areas, fitted and written by gauss2svg" in result.svg) == (markup == "editable")
+    assert ("and 1 line, fitted and written by gauss2svg" in result.svg) == (markup == "editable")
     assert report["psnr_svg"] > 40
     assert not is_clear or report["psnr_svg_black"] > 40
     assert (report["gaussians"], report["iterations"], report["stop_reason"]) == (0, 0, "gain")
