@@ -24,7 +24,7 @@ from gauss2svg.scene.areas import CAPS, Area, Outline
 RATE = 0.0012  # squared error that a byte of an area must save
 UNIT = 1 / 32  # px of path data
 STEPS, LATER_STEPS = 20, 20  # steps of refinement before and after nodes are merged
-USUAL_PIXELS, LEAST_STEPS = 512 * 512, 6  # pictures of more pixels are refined in fewer steps
+USUAL_PIXELS, LEAST_STEPS = 320 * 320, 6  # pictures of more pixels are refined in fewer steps
 MERGES = 2
 FIRST_RATE = 0.004  # squared error for a byte below which a layer is not even refined
 EXPLAINED = 0.01  # squared error up to which a pixel counts as explained by areas

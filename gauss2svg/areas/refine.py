@@ -75,12 +75,14 @@ class Buffers:
 
     cover, visible, below  (m,), (m,) and (m, c) for the pixels of all layers' boxes
     sums                   (h, w + 2) for the coverage of one layer
+    ground                 (h, w, c) colours of a ground that is a gradient, else None
     """
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
         self._channels = shape[2]
         self.sums = np.empty((shape[0], shape[1] + 2))
         self.cover = np.empty(0, np.float32)
+        self.ground: NDArray[np.float32] | None = None
 
     def reserve(self, count: int) -> None:
         """Make room for this number of pixels."""
@@ -89,6 +91,14 @@ class Buffers:
             self.cover = self.visible = self.below = np.empty(0, np.float32)  # frees the old ones
             self.cover, self.visible = np.empty(room, np.float32), np.empty(room, np.float32)
             self.below = np.empty((room, self._channels), np.float32)
+
+
+def _shaded(paint: Paint, shape: tuple[int, int, int]) -> NDArray[np.float32]:
+    """Return the colours (h, w, c) of a gradient. One row at a time needs little memory."""
+    colors, across = np.empty(shape, np.float32), np.arange(shape[1])
+    for y in range(shape[0]):
+        colors[y] = paint.at(across, np.full(shape[1], y))
+    return colors
 
 
 class Drawing:
@@ -139,8 +149,8 @@ class Drawing:
         self._palette = Palette.of(self._paint)
         self._opacity = np.array([paint.opacity for paint in self._paint])
         self._buffers = buffers or Buffers(self.shape)
-        y, x = np.mgrid[: self.shape[0], : self.shape[1]]
-        self._shade = ground.at(x, y) if ground.is_shaded else None
+        if ground.is_shaded and self._buffers.ground is None:
+            self._buffers.ground = _shaded(ground, self.shape)
         # The outer outlines of a layer run one way, so the sign of its whole area is theirs.
         p = self.point[self.segment]
         area = (p[:, :-1, 0] * p[:, 1:, 1] - p[:, :-1, 1] * p[:, 1:, 0]).sum(axis=1)
@@ -174,7 +184,7 @@ class Drawing:
     def draw(self) -> NDArray[np.float32]:
         """Return the raster (h, w, c), and keep the coverage of each layer and what is below it."""
         canvas = np.empty(self.shape, np.float32)
-        canvas[:] = self.ground.color if self._shade is None else self._shade
+        canvas[:] = self.ground.color if self._buffers.ground is None else self._buffers.ground
         if not self.layers:
             return canvas
         self.box = self.boxes()
