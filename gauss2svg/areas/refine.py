@@ -255,11 +255,13 @@ class Drawing:
         rows, columns, values = [], [], []
         for paint, share, (x, y) in zip([self.ground, *self._paint], shows, corners, strict=True):
             ys, xs = np.nonzero(share > LEAST_SHOWN)
-            at, seen = (ys + y) * w + xs + x, share[ys, xs]
-            if paint.is_shaded:
+            at, seen = ((ys + y) * w + xs + x).astype(np.int32), share[ys, xs]
+            if paint is self.ground and self._buffers.ground is not None:
+                rest[at] -= seen[:, None] * self._buffers.ground.reshape(h * w, -1)[at]
+            elif paint.is_shaded:
                 rest[at] -= seen[:, None] * paint.at(xs + x, ys + y)
             else:
-                rows.append(np.full(len(at), flat.setdefault(paint, len(flat))))
+                rows.append(np.full(len(at), flat.setdefault(paint, len(flat)), np.int32))
                 columns.append(at)
                 values.append(seen)
         if not flat:
