@@ -96,6 +96,9 @@ class Population:
             self.background = np.ones(3)
         elif self.inks is not None:
             self.background = self.inks.background(self.target)
+        self._ground = self._photo.ground
+        if self._ground is not None:
+            self.background = self._ground.background
 
     def __len__(self) -> int:
         return len(self.state)
@@ -111,7 +114,10 @@ class Population:
     def scene(self) -> Scene:
         """Return the Gaussians on the working canvas."""
         size = self.target.width, self.target.height
-        scene = self.state.scene(self.background, *size, self.config.fit.blend)
+        areas, ground = (), self._ground
+        if ground is not None:
+            areas = ground.scaled(size[0] / ground.width, size[1] / ground.height).areas
+        scene = self.state.scene(self.background, *size, self.config.fit.blend, areas)
         if self.target.is_transparent:
             scene = scene.replace(transparent=True)
         # All shapes of a fit to inks are opaque, but a logit always stands for an opacity slightly

@@ -37,6 +37,7 @@ from gauss2svg.render.cpu import (
     squared_error,
 )
 from gauss2svg.render.tiles import Visits
+from gauss2svg.scene import Scene
 from gauss2svg.without_scipy import smoothed
 
 # Bounds of the initial opacity of a Gaussian in a fit to a target with alpha.
@@ -64,11 +65,6 @@ class LossAndGradient(NamedTuple):
     rendered: tuple[NDArray[np.floating], ...]
 
 
-def _on_backdrop(splats: Splats, backdrop: float | None) -> Splats:
-    """Return the splats over the grey level `backdrop`, or unchanged if it is None."""
-    return splats if backdrop is None else splats._replace(background=np.full(3, backdrop))
-
-
 class Target:
     """An image to fit, with the weight of an error and the direction of edges at each pixel.
 
@@ -94,6 +90,7 @@ class Target:
         tune: str,
         alpha: NDArray[np.floating] | None = None,
         focus: Focus | None = None,
+        ground: Scene | None = None,
     ) -> None:
         self.height, self.width = color.shape[1:]
         self._alpha = alpha
@@ -114,6 +111,12 @@ class Target:
             self.focus = focus.weight(self.height, self.width).astype(color.dtype)
             self.weight = self.focus * weight
             self.weight *= weight.mean() / self.weight.mean()
+        self._grounds: dict[float | None, NDArray[np.floating]] = {}
+        if ground is not None:
+            from gauss2svg.render.areas import ground_of  # few fits need its kernels
+
+            size, real = (self.height, self.width), color.dtype.type
+            self._grounds = {b: ground_of(ground, *size, real, b) for _, b in self._views}
 
     @property
     def visible_weight(self) -> NDArray[np.floating] | None:
@@ -148,6 +151,12 @@ class Target:
         coherence = np.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
         return along.astype(np.float32), coherence.astype(np.float32)
 
+    def _over(self, splats: Splats, backdrop: float | None) -> Splats:
+        """Return the splats over the ground, if there is one, and over a grey level if given."""
+        if self._grounds:
+            return splats._replace(ground=self._grounds[backdrop])
+        return splats if backdrop is None else splats._replace(background=np.full(3, backdrop))
+
     def opacity_logits(self, mean: NDArray[np.float64], usual_logit: float) -> NDArray[np.float64]:
         """Return the logits (n,) of the initial opacities of Gaussians with means `mean` (n, 2).
 
@@ -168,7 +177,7 @@ class Target:
     def rendered(self, splats: Splats) -> NDArray[np.floating]:
         """Return the render of the Gaussians, an array of the shape of `planar`."""
         real, size = self.planar.dtype.type, (self.height, self.width)
-        return _join([render_planar(_on_backdrop(splats, b), *size, real) for _, b in self._views])
+        return _join([render_planar(self._over(splats, b), *size, real) for _, b in self._views])
 
     def error(self, splats: Splats) -> float:
         """Return the mean squared error of the Gaussians against the target."""
@@ -209,7 +218,7 @@ class Target:
         parts: list[LossAndGradient] = []
         views = zip(self._views, visits or repeat(None))  # noqa: B905 (repeat never ends)
         for (planar, backdrop), visit in views:
-            on_backdrop = _on_backdrop(splats, backdrop)
+            on_backdrop = self._over(splats, backdrop)
             image, squares, moments, rows = squared_error(on_backdrop, planar, self.weight, visit)
             if self.focus is not None:
                 squares = self._mean_square(image, planar) * planar.size
@@ -229,7 +238,7 @@ class Target:
         The moments are those of the gradient of half this sum.
         """
         parts = [
-            squared_error(_on_backdrop(splats, b), planar, self.weight) for planar, b in self._views
+            squared_error(self._over(splats, b), planar, self.weight) for planar, b in self._views
         ]
         rendered = _join([part[0] for part in parts])
         return self.weighted_squares(rendered), reduce(add, (part[2] for part in parts))
@@ -249,17 +258,21 @@ class Target:
         Gaussian, which gauss2svg.render.cpu.removal_cost defines.
         """
         parts = [
-            removal_cost(_on_backdrop(splats, b), planar, self.weight) for planar, b in self._views
+            removal_cost(self._over(splats, b), planar, self.weight) for planar, b in self._views
         ]
         return _join([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 
 def target_of(
-    pixels: NDArray[np.floating], dtype: Any, tune: str, focus: Focus | None = None
+    pixels: NDArray[np.floating],
+    dtype: Any,
+    tune: str,
+    focus: Focus | None = None,
+    ground: Scene | None = None,
 ) -> Target:
     """Return the target of an image (h, w, 3) or (h, w, 4)."""
     planar = np.ascontiguousarray(np.moveaxis(pixels, -1, 0), dtype)
-    return Target(planar[:3], tune, planar[3] if has_alpha(pixels) else None, focus)
+    return Target(planar[:3], tune, planar[3] if has_alpha(pixels) else None, focus, ground)
 
 
 def _join(images: list[NDArray[np.floating]]) -> NDArray[np.floating]:
@@ -291,6 +304,8 @@ class TargetPyramid:
                reduced image itself is fitted
     focus      mask of the parts of the image where detail matters most. If it is None, detail
                matters equally everywhere
+    ground     scene of areas, without Gaussians, that lies below the Gaussians. If it is None, only
+               a background lies below them
     """
 
     def __init__(
@@ -300,8 +315,9 @@ class TargetPyramid:
         dtype: Any = np.float32,
         transform: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None = None,
         focus: Focus | None = None,
+        ground: Scene | None = None,
     ) -> None:
-        self.pixels, self.focus = pixels, focus
+        self.pixels, self.focus, self.ground = pixels, focus, ground
         self._transform = transform
         self._dtype = dtype
         self._tune = tune
@@ -315,7 +331,9 @@ class TargetPyramid:
             small = shrunk(self.pixels, *size)
             if self._transform is not None:
                 small = self._transform(small)
-            self._targets[factor] = target_of(small, self._dtype, self._tune, self.focus)
+            self._targets[factor] = target_of(
+                small, self._dtype, self._tune, self.focus, self.ground
+            )
         return self._targets[factor]
 
 

@@ -50,23 +50,14 @@ def render(
     width, height = output_size(scene, width, height)
     scale = (width / scene.width, height / scene.height)
     splats = splats_of(scene, scale, covering)
-    if not scene.areas:
-        planar = render_planar(splats, height, width, dtype)
-        if scene.blend == ADD:
-            planar = np.clip(planar, 0, 1)
-        return np.ascontiguousarray(np.moveaxis(planar, 0, -1))
-    from gauss2svg.render.areas import draw_areas  # few scenes need its kernels
+    if scene.areas:
+        from gauss2svg.render.areas import ground_of  # few scenes need its kernels
 
-    image = np.full((height, width, 3), scene.background, dtype)
-    draw_areas(scene.areas, image, scale)
-    if len(scene):
-        # The Gaussians' own light, and the share of the light from below that they let through.
-        opaque = splats.opacity_color * [1, 0, 0, 0]
-        light = render_planar(splats._replace(background=np.zeros(3)), height, width, dtype)
-        through = splats._replace(background=np.ones(3), opacity_color=opaque)
-        image *= np.moveaxis(render_planar(through, height, width, dtype), 0, -1)
-        image += np.moveaxis(light, 0, -1)
-    return image
+        splats = splats._replace(ground=ground_of(scene, height, width, dtype))
+    planar = render_planar(splats, height, width, dtype)
+    if scene.blend == ADD:
+        planar = np.clip(planar, 0, 1)
+    return np.ascontiguousarray(np.moveaxis(planar, 0, -1))
 
 
 def render_rgba(

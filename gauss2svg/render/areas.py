@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.render.coverage import MITER_LIMIT, add_outline, add_stroke
+from gauss2svg.render.cpu import Real
 from gauss2svg.render.tiles import kernel
+from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import CAPS, Area
 
 _ROWS = 64  # number of rows that are drawn at once, which limits the memory of a large image
@@ -79,6 +81,19 @@ def coverage_of(
         )  # fmt: skip
     covered = np.cumsum(sums, axis=1, out=sums)[:, :-2]
     return np.minimum(np.abs(covered, out=covered), 1.0, out=covered)
+
+
+def ground_of(
+    scene: Scene, height: int, width: int, dtype: type[Real], backdrop: float | None = None
+) -> NDArray[Real]:
+    """Return what lies below the Gaussians of a scene, (3, height, width).
+
+    backdrop  grey level below the areas. If it is None, the scene's background is below them
+    """
+    image = np.empty((height, width, 3), dtype)
+    image[:] = scene.background if backdrop is None else backdrop
+    draw_areas(scene.areas, image, (width / scene.width, height / scene.height))
+    return np.ascontiguousarray(np.moveaxis(image, -1, 0))
 
 
 def draw_areas(

@@ -47,13 +47,14 @@ def tile_buffers(most_rows: int, dtype: Any, additive: bool) -> tuple[Any, ...]:
 
     alpha, transmittance, steep, logs  (most_rows * TILE_WIDTH,), see gauss2svg.render.kernels
     color, gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH), see gauss2svg.render.kernels
+    below      (3, TILE_HEIGHT, TILE_WIDTH) what lies below all Gaussians
     remaining  (TILE_HEIGHT, TILE_WIDTH) transmittance behind all Gaussians. It is 1 for additive
                blending
     inside     (TILE_WIDTH,) 1 for columns of the image, and 0 for columns beyond its right edge
     columns    (TILE_WIDTH,) float64: 0, 1, .., 15
     """
     alpha, transmittance, *powers = np.empty((4, most_rows * TILE_WIDTH), dtype)
-    tiles = np.empty((3, 3, TILE_HEIGHT, TILE_WIDTH), dtype)
+    tiles = np.empty((4, 3, TILE_HEIGHT, TILE_WIDTH), dtype)
     remaining, inside = np.ones((TILE_HEIGHT, TILE_WIDTH), dtype), np.empty(TILE_WIDTH, dtype)
     columns = np.arange(TILE_WIDTH, dtype=np.float64)
     return (alpha, None if additive else transmittance, *powers, *tiles, remaining, inside, columns)
@@ -61,7 +62,7 @@ def tile_buffers(most_rows: int, dtype: Any, additive: bool) -> tuple[Any, ...]:
 
 @njit(inline="always")
 def _errors_of_whole_rows(
-    mode, x0, y0, h, color, remaining, background, image, weight, out, gradient
+    mode, x0, y0, h, color, remaining, below, image, weight, out, gradient
 ):  # fmt: skip
     """Do the work of _errors_of_tile for a tile whose columns are all inside the image.
 
@@ -70,7 +71,6 @@ def _errors_of_whole_rows(
     squares = 0.0
     height, width = out.shape[1:]
     for channel in range(3):
-        ground = splat(background[channel], gradient)
         for y in range(TILE_HEIGHT):
             j = (channel * TILE_HEIGHT + y) * TILE_WIDTH
             if y >= h:
@@ -80,7 +80,7 @@ def _errors_of_whole_rows(
             if mode == GIVEN_GRADIENT:
                 store(gradient, j, load(image, at))
                 continue
-            value = load(color, j) + load(remaining, y * TILE_WIDTH) * ground
+            value = load(color, j) + load(remaining, y * TILE_WIDTH) * load(below, j)
             store(out, at, value)
             if mode in (SQUARED_ERROR, REMOVAL):
                 error = value - load(image, at)
@@ -93,7 +93,7 @@ def _errors_of_whole_rows(
 
 @njit(inline="always")
 def _errors_of_tile(
-    mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
+    mode, x0, y0, h, w, color, remaining, below, image, weight, out, gradient
 ):  # fmt: skip
     """Write the tile's part of `out` or `gradient` or both, depending on the mode.
 
@@ -104,17 +104,16 @@ def _errors_of_tile(
     """
     if w == TILE_WIDTH:
         return _errors_of_whole_rows(
-            mode, x0, y0, h, color, remaining, background, image, weight, out, gradient
+            mode, x0, y0, h, color, remaining, below, image, weight, out, gradient
         )
     squares = 0.0
     for channel in range(3):
-        ground = background[channel]
         for y in range(TILE_HEIGHT):
             for x in range(TILE_WIDTH):
                 if y >= h or x >= w:
                     gradient[channel, y, x] = 0.0
                     continue
-                value = color[channel, y, x] + remaining[y, x] * ground
+                value = color[channel, y, x] + remaining[y, x] * below[channel, y, x]
                 if mode == GIVEN_GRADIENT:
                     gradient[channel, y, x] = image[channel, y0 + y, x0 + x]
                 else:
@@ -138,8 +137,8 @@ def _weights_of_tile(x0, y0, h, w, weight, out):
 
 @kernel
 def walk_tiles(
-    mode, first_tile, end_tile, shape, opacity_color, background, image, weight,
-    gaussian, rows, start, order, alpha, transmittance, steep, logs, color, gradient, behind,
+    mode, first_tile, end_tile, shape, opacity_color, background, ground, image, weight,
+    gaussian, rows, start, order, alpha, transmittance, steep, logs, color, gradient, behind, below,
     remaining, inside, columns, quiet, pair_out, out, loss,
 ):  # fmt: skip
     """Do the work of a mode for the tiles from first_tile on and before end_tile.
@@ -149,6 +148,7 @@ def walk_tiles(
     mode    one of the modes of this module
     weight  (h, w) weights of the pixels. SQUARED_ERROR multiplies the gradient by them. REMOVAL
             multiplies the terms of costs and masses by them. Other modes do not read them
+    ground  (3, h, w) picture below the Gaussians. None if the colour `background` is below them
     gaussian, rows, start, order  fields of gauss2svg.render.tiles.Pairs
     alpha .. columns  buffers from tile_buffers
     quiet   (tiles,) whether the tile is left out
@@ -160,6 +160,10 @@ def walk_tiles(
     """
     height, width = out.shape[1:]
     tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
+    for channel in range(3):
+        for y in range(TILE_HEIGHT):
+            for x in range(TILE_WIDTH):
+                below[channel, y, x] = background[channel]
     for tile in range(first_tile, end_tile):
         if quiet[tile]:
             continue
@@ -169,21 +173,26 @@ def walk_tiles(
         w = min(TILE_WIDTH, width - x0)
         for x in range(TILE_WIDTH):
             inside[x] = 1.0 if x < w else 0.0
+        if ground is not None:
+            for channel in range(3):
+                for y in range(h):
+                    for x in range(w):
+                        below[channel, y, x] = ground[channel, y0 + y, x0 + x]
         first, end = start[tile], start[tile + 1]
         filled = compose_tile(
             order, first, end, x0, y0, columns, inside, shape, opacity_color, gaussian, rows,
             alpha, transmittance, steep, logs, color, remaining,
         )  # fmt: skip
         loss[tile] = _errors_of_tile(
-            mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
+            mode, x0, y0, h, w, color, remaining, below, image, weight, out, gradient
         )
         if mode in (SQUARED_ERROR, GIVEN_GRADIENT):
             for y in range(TILE_HEIGHT):
                 for x in range(TILE_WIDTH):
                     behind[0, y, x] = (
-                        gradient[0, y, x] * background[0]
-                        + gradient[1, y, x] * background[1]
-                        + gradient[2, y, x] * background[2]
+                        gradient[0, y, x] * below[0, y, x]
+                        + gradient[1, y, x] * below[1, y, x]
+                        + gradient[2, y, x] * below[2, y, x]
                     )
             backpropagate_tile(
                 order, first, end, x0, y0, columns, shape, opacity_color, gaussian, rows,
@@ -193,7 +202,7 @@ def walk_tiles(
             for channel in range(3):
                 for y in range(TILE_HEIGHT):
                     for x in range(TILE_WIDTH):
-                        behind[channel, y, x] = background[channel]
+                        behind[channel, y, x] = below[channel, y, x]
             # The buffer color[0] is free by now, so it takes the weights.
             _weights_of_tile(x0, y0, h, w, weight, color[0])
             removal_tile(
@@ -265,6 +274,8 @@ class Splats(NamedTuple):
     opacity_color  (n, 4) opacity, r, g, b
     background     (3,)
     additive       whether blending is additive. If it is, opacities and exponents are not read
+    ground         (3, h, w) picture below the Gaussians, of the size of the image. None if the
+                   background is below them
     """
 
     mean: NDArray[np.float64]
@@ -275,6 +286,7 @@ class Splats(NamedTuple):
     opacity_color: NDArray[np.float64]
     background: NDArray[np.float64]
     additive: bool = False
+    ground: NDArray[np.floating] | None = None
 
     @property
     def opacity(self) -> NDArray[np.float64]:
@@ -397,7 +409,9 @@ def _visit(
         work = np.append(0, np.cumsum(np.where(quiet, 0, np.diff(work))))
     row_count = int(work[-1] - TILE_HEIGHT * np.count_nonzero(~quiet))
     totals = np.zeros((len(splats.mean), pair_width))
-    background = splats.background.astype(image.dtype)
+    background, ground = splats.background.astype(image.dtype), splats.ground
+    if ground is not None:
+        ground = np.require(ground, image.dtype, ["C", "W"])
 
     def walk_share(share: int, shares: int) -> None:
         # A share is consecutive tiles, because neighbouring tiles write to the same lines of the
@@ -405,7 +419,7 @@ def _visit(
         bounds = np.arange(share, share + 2) * work[-1] / shares
         first, end = np.searchsorted(work, bounds).tolist()
         walk_tiles(
-            mode, first, end, splats.shape, splats.opacity_color, background, image, weight,
+            mode, first, end, splats.shape, splats.opacity_color, background, ground, image, weight,
             pairs.gaussian, pairs.rows, pairs.start, pairs.order,
             *tile_buffers(pairs.most_rows, image.dtype, splats.additive),
             quiet, pair_out, out, loss,
