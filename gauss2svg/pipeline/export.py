@@ -129,7 +129,11 @@ class Exporter:
     @cached_property
     def empty_bytes(self) -> int:
         """Number of bytes of a file without Gaussians."""
-        empty = Scene(*self._subject.canvas, transparent=has_alpha(self._subject.photo))
+        canvas, ground = self._subject.canvas, self._subject.ground
+        if ground is None:
+            empty = Scene(*canvas, transparent=has_alpha(self._subject.photo))
+        else:
+            empty = ground.scaled(canvas[0] / ground.width, canvas[1] / ground.height)
         return self._size(write_svg(empty, self._plan.format_at(), self._subject.document))
 
     def _size(self, svg: str) -> int:

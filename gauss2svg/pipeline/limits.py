@@ -42,10 +42,8 @@ from gauss2svg.measure import PSNR, Search
 from gauss2svg.pipeline.budgets import TimeBudget
 from gauss2svg.pipeline.export import Export, Exporter
 from gauss2svg.pipeline.plan import (
-    BYTES_IN_INKS,
     CAP_FOR_TARGET,
     GZIPPED_SHARE,
-    USUAL_BYTES,
     Aim,
     Plan,
 )
@@ -141,7 +139,7 @@ class Limits(DensificationPolicy):
     def __init__(self, plan: Plan, exporter: Exporter, budget: TimeBudget, pixels: int) -> None:
         self._plan, self._exporter, self._budget = plan, exporter, budget
         goal, aim = plan.goal, plan.aim
-        usual = BYTES_IN_INKS if plan.in_inks else USUAL_BYTES
+        usual = plan.shape_bytes
         self._bytes_each = usual * (GZIPPED_SHARE if plan.counts_gzipped else 1.0)
         each = LEAST_PIXELS_EACH_OF_BUDGET if plan.is_budget else LEAST_PIXELS_EACH
         cap = min(plan.preset.cap, max(1, pixels // each))
@@ -167,6 +165,8 @@ class Limits(DensificationPolicy):
         # target, a given count, a limit of bytes or a budget, because one of these alone then
         # decides the count.
         self.least_gain = 0.0 if aim or is_limited else plan.preset.gain * (usual / 1000)
+        # Above areas, a byte of a shape must save as much squared error as one of an area.
+        self._least_saved = 0.0 if aim or is_limited else plan.rate * usual / (3 * pixels)
         if plan.only_time_limits:
             self.expected = int(min(cap, budget.most_gaussians(0.0)))
             self._first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
@@ -195,6 +195,8 @@ class Limits(DensificationPolicy):
         elif now.late:
             in_time = max(now.count, 1)
         counts = self._counts(now, in_time, now.psnr)
+        if self._least_saved:
+            self.least_gain = 10 * math.log10(1 + self._least_saved * 10 ** (now.psnr / 10))
         last, self._last = self._last, now
         if last is not None:
             psnr += CONVERGES_AFTER_ROUND * max(psnr - CONVERGES_ABOVE, 0.0)

@@ -112,9 +112,9 @@ class SvgOptions(OptionGroup):
     editable. With --max-bytes, auto takes the markup that is closer to the picture. For a drawing
     that both match with 41 dB or more, it takes the one that is closer when enlarged."""
 
-    areas: Literal["always", "never"] = "never"
-    """always: draw areas with crisp edges as paths, and thin lines as strokes, in place of shapes.
-    This is for flat drawings, logos and icons."""
+    areas: Literal["auto", "always", "never"] = "auto"
+    """always: draw areas with crisp edges as paths, and thin lines as strokes, below the shapes.
+    auto: in drawings, logos and icons, but not in photos. never: draw shapes alone."""
 
     palette: Annotated[int | None, Interval(ge=0, le=2**24)] = None
     """Maximum number of gradients in the file. Fewer make it smaller, and 0 sets no limit. The

@@ -37,6 +37,7 @@ class Subject:
     document  document settings of the file
     focus     mask of the part of the photo where detail matters, None if the user gives no mask
     start     scene whose shapes a search by count refines. None: the search fits new shapes
+    ground    areas on the working canvas, below the shapes of the fits. None: there are none
     """
 
     photo: NDArray[np.float32]
@@ -45,6 +46,7 @@ class Subject:
     document: Document = Document()
     focus: Focus | None = None
     start: Scene | None = None
+    ground: Scene | None = None
     _targets: dict[Tune, TargetPyramid] = field(default_factory=dict, init=False)
 
     @classmethod
@@ -67,7 +69,9 @@ class Subject:
         return the same targets again.
         """
         if tune not in self._targets:
-            self._targets[tune] = TargetPyramid(self.working, tune, focus=self.focus)
+            self._targets[tune] = TargetPyramid(
+                self.working, tune, focus=self.focus, ground=self.ground
+            )
         return self._targets[tune]
 
     def weight(self, picture: NDArray[np.float32]) -> NDArray[np.float32] | None:
@@ -116,6 +120,7 @@ class Outcome:
     corrections  number of times that the number of Gaussians was changed after the fit
     enlarged     enlarged drawing, if files are also compared with one, otherwise None
     found        areas on the working canvas, with the costs of finding them. None without areas
+    is_cut       whether areas or parts of them were left out for the limit of bytes
     aim_score    value of the aim's score for the file, NaN if it is not measured
     """
 
@@ -129,6 +134,7 @@ class Outcome:
     corrections: int
     enlarged: NDArray[np.float32] | None = None
     found: FoundAreas | None = None
+    is_cut: bool = False
     aim_score: float = math.nan
 
     @property
@@ -160,7 +166,7 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
 
     The searches end early if an outcome meets the aim within the limit, or was interrupted. They
     also end if a search that has enlarged a drawing reaches SEEN_UP_TO dB, because only the shapes
-    of this search stay crisp when the file is enlarged.
+    of this search stay crisp when the file is enlarged, and if all areas are within the limit.
 
     searched  outcomes of the searches. Each search runs when its outcome is requested
     """
@@ -173,6 +179,7 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
         outcomes.append(last)
         is_met = aim is not None and aim.is_met_by(last.aim_score) and last.size <= limit
         is_close = last.enlarged is not None and last.psnr >= SEEN_UP_TO
+        is_close |= last.found is not None and not last.is_cut
         if is_met or is_close or last.fitted.stop_reason == "interrupted":
             break
     large = next((outcome.enlarged for outcome in outcomes if outcome.enlarged is not None), None)

@@ -15,11 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, RendererError, quoted, refusal
-from gauss2svg.fit import DEFAULT_LOSS, MOST_GAUSSIANS, PSNR, DensifyOptions, FitConfig, Tune
-from gauss2svg.measure import TARGETS, Score, Search, require_packages
+from gauss2svg.fit import (
+    DEFAULT_LOSS,
+    GAUSSIAN,
+    MOST_GAUSSIANS,
+    PSNR,
+    DensifyOptions,
+    FitConfig,
+    Tune,
+)
+from gauss2svg.measure import Score, Search, require_packages
 from gauss2svg.measure.roundtrip import score_of
-from gauss2svg.pipeline.drawings import has_edges
-from gauss2svg.pipeline.options import ALWAYS, AUTO, OPTIONS, Goal, Options
+from gauss2svg.pipeline.drawings import has_areas, has_edges
+from gauss2svg.pipeline.options import ALWAYS, AUTO, NEVER, Goal, Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import inks_of
@@ -38,6 +46,7 @@ LEAST_CAP = 150  # however small the limit of bytes or seconds is, so many Gauss
 # markup is named. The lower bounds LEAST_... decide the largest number of Gaussians of a budget.
 USUAL_BYTES = 120  # bytes of an ellipse and its share of the palette (docs/decisions/numbers.md)
 GZIPPED_SHARE = 0.17  # compressed size as a share of the original (docs/decisions/numbers.md)
+ABOVE_AREAS = 300  # bytes of an ellipse above areas. Few of these share a gradient
 BYTES_IN_LIMIT = 100  # bytes of an ellipse in a file that fills a limit (docs/decisions/time.md)
 LEAST_BYTES_IN_LIMIT = 60  # an ellipse in a file that fills a limit takes at least this many bytes
 BYTES_IN_INKS = 60  # bytes of an ellipse in a file with only a few inks (docs/decisions/inks.md)
@@ -177,6 +186,8 @@ class Plan:
     has_edges  whether the photo is a drawing with antialiased edges, False before it is read
     is_small   whether the photo's longest side is at most WHOLE_SIDE px, False before it is read
     starts     whether the run starts with a scene. No search by bytes can begin with one
+    has_areas  whether the photo is drawn by areas if the option is auto, False before it is read
+    rate       squared error that each byte of a shape above areas must save, else 0
     has_focus  whether the run has a mask. Without one, focus_strength is refused
     Raise InputError or RendererError if options exclude each other.
     """
@@ -187,15 +198,14 @@ class Plan:
     has_edges: bool = False
     is_small: bool = False
     starts: bool = False
+    has_areas: bool = False
+    rate: float = 0.0
     has_focus: bool = False
 
     def __post_init__(self) -> None:
         check_together(self.options)
         if (strength := self.options.fit.focus_strength) is not None and not self.has_focus:
             raise refusal("focus_strength", "given with a mask", f"{strength:g}", "without it")
-        if self.has_focus and self.in_areas:
-            rule = f"not be given with areas {ALWAYS}, whose file has no Gaussians"
-            raise InputError(f"focus must {rule}. Try without it")
         _ = self.fit_config
 
     @property
@@ -210,8 +220,14 @@ class Plan:
 
     @property
     def in_areas(self) -> bool:
-        """Whether the file has areas and lines, and no Gaussians."""
-        return self.options.svg.areas == ALWAYS
+        """Whether the file has areas and lines, below its Gaussians."""
+        asked = self.options.svg.areas
+        return asked == ALWAYS or (asked == AUTO and self.has_areas)
+
+    @property
+    def may_have_areas(self) -> bool:
+        """Whether the options allow areas. They do not if they ask for the method of the paper."""
+        return next(_without_areas(self.options), None) is None
 
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
         """Return the plan with the decisions that depend on the photo.
@@ -223,9 +239,19 @@ class Plan:
         if isinstance(fit.inks, int):
             options = self.options.changed(inks=inks_of(pixels, fit.inks))
             return dataclasses.replace(self, options=options)
+        if svg.areas == AUTO and self.may_have_areas and not self.starts and has_areas(pixels):
+            return dataclasses.replace(self, has_areas=True)
         usual = fit.learned_falloff and svg.form == GRADIENT and not svg.portable
+        usual = usual and not self.in_areas
         is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
         return dataclasses.replace(self, has_edges=usual and has_edges(pixels), is_small=is_small)
+
+    @property
+    def shape_bytes(self) -> float:
+        """Bytes that a shape usually takes in the file, before gzip."""
+        if self.in_areas:
+            return SHAPE_BYTES[0] if self.markup == MINIMAL else ABOVE_AREAS
+        return BYTES_IN_INKS if self.in_inks else USUAL_BYTES
 
     @property
     def covering(self) -> bool:
@@ -273,8 +299,9 @@ class Plan:
 
     @property
     def tune(self) -> Tune:
-        """Tune of the fits. In a search by bytes it is PSNR if the user gives none."""
-        return self.options.fit.tune or (PSNR if self.by_bytes else self.options.fit.tuned)
+        """Tune of the fits. By bytes and above areas it is PSNR if the user gives none."""
+        usual = PSNR if self.by_bytes or self.in_areas else self.options.fit.tuned
+        return self.options.fit.tune or usual
 
     @cached_property
     def aim(self) -> Aim | None:
@@ -291,7 +318,7 @@ class Plan:
         It is the value of the preset. With a limit of bytes it is at least INDISTINGUISHABLE,
         because the goal is then the best picture that fits.
         """
-        least = 0.0 if self.goal.byte_limit is None else INDISTINGUISHABLE
+        least = 0.0 if self.goal.byte_limit is None and not self.rate else INDISTINGUISHABLE
         return max(self.preset.stop_psnr, least)
 
     @cached_property
@@ -322,6 +349,9 @@ class Plan:
             steps = MOST_STEPS
             densify = dataclasses.replace(densify, round_iterations=STEPS_A_ROUND)
         falloff = options.fit.falloff if blend == options.written_blend else None
+        if self.in_areas:
+            # Areas have the crisp edges. Each further falloff takes a definition in the file.
+            falloff = falloff or GAUSSIAN
         return FitConfig(
             gaussians=0 if self.goal.count_adapts else self.goal.count or 0,
             iterations=options.fit.iterations or steps,
@@ -360,8 +390,13 @@ class Plan:
         """
         limit, asked = self.uncompressed_limit, self.options.svg.markup
         is_timed = self.goal.time_limit is not None
-        if limit is None or self.in_areas:
+        if limit is None:
             return [self]
+        if self.in_areas:
+            # If the limit leaves out areas, shapes alone may be closer.
+            options = self.options.changed(areas=NEVER)
+            alone = dataclasses.replace(self, options=options, has_areas=False, has_edges=True)
+            return [self, *(plan for plan in alone.searches()[:1] if plan.by_bytes)]
         if self.aim is not None:
             options = self.options.changed(**{self.aim.of.option: None})
             within = dataclasses.replace(self, options=options)
@@ -484,26 +519,31 @@ def _layered(options: Options) -> list[str]:
     return [*[f"form {form}"] * (form != GRADIENT), *options.document.layered]
 
 
-def _of_gaussians(options: Options) -> Iterator[tuple[str, object]]:
-    """Yield the names and values of given options that a file without Gaussians cannot have."""
-    defaults = Options().flat()
-    for name, value in options.flat().items():
-        others = ("form", "palette", "stops", "portable", "animate", "fragments")
-        if value != defaults[name] and (OPTIONS[name] in ("fit", "densify") or name in others):
-            yield name, value
+def _without_areas(options: Options) -> Iterator[tuple[str, object]]:
+    """Yield the names and values of given options with which a file has no areas.
+
+    They ask for the method of the paper, whose pictures are a given number of Gaussians, or for a
+    picture in inks.
+    """
+    goal, fit = options.goal, options.fit
+    if not goal.count_adapts:
+        yield "gaussians", goal.count
+    if fit.blend == ADD:
+        yield "blend", fit.blend
+    if fit.falloff == GAUSSIAN:
+        yield "falloff", fit.falloff
+    if fit.inks is not None:
+        yield "inks", fit.inks
 
 
 def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:
     """Yield for each conflict the name of an option, the rule it breaks, its value, and advice."""
     goal, fit, svg, layered = options.goal, options.fit, options.svg, _layered(options)
     if svg.areas == ALWAYS:
-        for name in ("gaussians", "time_limit", *(score.option for score in TARGETS)):
-            if (value := getattr(goal, name)) is not None:
-                rule = f"not be given with areas {ALWAYS}, which only a number of bytes limits"
-                yield name, rule, f"{value:g}", "--max-bytes 10k"
-        for name, value in _of_gaussians(options):
-            rule = f"not be given with areas {ALWAYS}, whose file has no Gaussians"
-            yield name, rule, value, "without it"
+        for name, value in _without_areas(options):
+            rule = f"not be given with areas {ALWAYS}, unless as a limit" * (name == "gaussians")
+            rule = rule or f"not be given with areas {ALWAYS}, which are not drawn so"
+            yield name, rule, value, "--areas auto"
     if svg.portable and fit.blend != ADD:
         rule = f"be given with blend {ADD}, whose files it converts"
         yield "portable", rule, f"blend {fit.blend}", "without --portable"

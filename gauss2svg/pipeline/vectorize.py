@@ -29,7 +29,6 @@ from gauss2svg.pipeline.budgets import (
 )
 from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.options import (
-    ALWAYS,
     Goal,
     Options,
     ProgressCallback,
@@ -191,18 +190,19 @@ def vectorize_by(
     may_reduce  whether the fit may run on a smaller image if there is too little memory. If not,
                 InputError is raised
     """
-    plan = Plan(options, starts=start is not None, has_focus=focus is not None)
+    has_areas = start is not None and bool(required(start, "start", Scene).areas)
+    plan = Plan(options, starts=start is not None, has_areas=has_areas, has_focus=focus is not None)
     plan.check_renderer()
     run = Run(options.run, progress, stop, started)
-    if start is not None and ADD in (required(start, "start", Scene).blend, options.fit.blend):
+    if start is not None and ADD in (start.blend, options.fit.blend):
         got = f"a scene of {start.blend} for a file of {options.fit.blend}"
         raise refusal("start", "alpha-composited, like the file", got, "--blend over for both")
-    if start is not None and start.areas and not plan.in_areas:
-        got = str(AreaCounts.of(start.areas))
-        raise refusal("start", "a scene without areas", got, "--areas always")
-    if start is not None and plan.in_areas and (len(start) or not start.areas):
-        got = f"{AreaCounts.of(start.areas)} and {len(start)} Gaussians"
-        raise refusal("start", "a scene of areas alone", got, "without --areas always")
+    if start is not None and start.areas and not (plan.in_areas and plan.may_have_areas):
+        got, rule = str(AreaCounts.of(start.areas)), "a scene without areas"
+        raise refusal("start", rule, got, "--areas auto, without options that exclude areas")
+    if start is not None and plan.in_areas and not start.areas:
+        got = f"{len(start)} Gaussians"
+        raise refusal("start", "a scene with areas", got, "--areas auto")
     photo, load = _read(plan, run, image, may_reduce)
     strength, max_pixels = options.fit.focus_strength, options.run.max_pixels
     mask = None if focus is None else load_focus(focus, strength, photo, max_pixels)
@@ -301,6 +301,5 @@ def warm_up(given: Mapping[str, Any]) -> Result:
     """
     noise = np.random.default_rng(0).random((32, 32, 3))
     options = Options.from_flat(given)
-    if options.svg.areas != ALWAYS:  # areas are found without steps
-        options = options.changed(iterations=2)
+    options = options.changed(iterations=2)
     return vectorize_by(options, noise)
