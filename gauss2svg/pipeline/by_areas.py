@@ -71,12 +71,12 @@ class ByAreas:
         If no such file is found, return no areas.
         """
         nothing = self._nothing()
-        best = nothing, self._exporter.export(self._scene(nothing))
+        best = nothing, self._exporter.unscored(self._scene(nothing))
         low, high, rate, raised = 0.0, math.inf, RATE, 1.0
         finest = None  # the areas of the highest rate whose file is too large
         while best[1].size <= limit and self._tries < TRIES and not self._run.ended:
             found = self._found(rate, finest)
-            export = self._exporter.export(self._scene(found))
+            export = self._exporter.unscored(self._scene(found))
             if export.size <= limit:
                 best, high = (found, export), rate
                 if not low or export.size >= FULL * limit:
