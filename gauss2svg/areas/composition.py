@@ -57,11 +57,10 @@ def compose(
 
 
 @kernel
-def weigh(opacity, form, place, table, box, offset, cover, below, above, visible):
-    """Turn `below` into the derivative of pixels by coverage, and write what shows of each layer.
+def weigh(opacity, form, place, table, box, offset, cover, below, above):
+    """Turn `cover` into what shows of layers, and `below` into derivatives of pixels by coverage.
 
-    above    (h, w) ones. Changed to the share of each pixel that no layer hides
-    visible  (m,) output
+    above  (h, w) ones. Changed to the share of each pixel that no layer hides
     """
     channels = below.shape[1]
     for layer in range(len(box) - 1, -1, -1):
@@ -74,6 +73,6 @@ def weigh(opacity, form, place, table, box, offset, cover, below, above, visible
                 for c in range(channels):
                     own = table[layer, row, c]
                     below[at, c] = (own - opacity[layer] * below[at, c]) * shows
-                visible[at] = shows * cover[at]
                 above[y, x] = shows * (1.0 - opacity[layer] * cover[at])
+                cover[at] = shows * cover[at]
                 at += 1

@@ -147,10 +147,18 @@ def opacity_of(color: Floats) -> float:
 
 def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
     """Return a drawing of a picture, whose outlines have not been refined yet."""
+    drawing = Drawing(pixels, *first_layers(pixels, unit, rate), is_tied=False)
+    return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
+
+
+def first_layers(
+    pixels: Floats, unit: float, rate: float
+) -> tuple[Paint, list[Paint], list[Layer]]:
+    """Return the ground of a picture, and the paints and the layers above it."""
     cores, count = cores_of(pixels)
     cores, count = without_edge_shades(pixels, cores, count)
     if not count:  # no two pixels are alike
-        return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [])
+        return Paint(np.median(pixels, axis=(0, 1))), [], []
     paints = paints_of(pixels, cores, count)
     join_parts_of_gradients(pixels, cores, paints)
     labels = grown(pixels, cores)
@@ -171,9 +179,7 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
         if paths:
             layers.append(Layer(mask.region, paths))
     layers += grouped(lines, paints)
-    paints = with_opacity(paints, opacity, is_opaque)
-    drawing = Drawing(pixels, ground, paints, layers, is_tied=False)
-    return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
+    return ground, with_opacity(paints, opacity, is_opaque), layers
 
 
 def transparent_paint() -> Paint:

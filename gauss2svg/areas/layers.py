@@ -7,6 +7,7 @@ under what it encloses. But the ground is no layer: where it shows, regions have
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -37,19 +38,19 @@ def join_touching(shares: Shares, paints: list[Paint]) -> Ints:
     labels = shares.largest
     known: dict[int, int] = {}
     paint = np.array([known.setdefault(id(one), len(known)) for one in paints])
-    root = np.arange(len(paints))
+    root = np.arange(len(paints), dtype=np.int32)
     for first, second in ((labels[:, :-1], labels[:, 1:]), (labels[:-1], labels[1:])):
         touching = (first != second) & (paint[first] == paint[second])
         for a, b in np.unique(np.stack([first[touching], second[touching]]), axis=1).T:
             root[root == root[b]] = root[a]
-    shares.label = np.where(shares.label >= 0, root[shares.label], -1)
+    shares.label = np.append(root, np.int32(-1))[shares.label]
     return root[labels]
 
 
 def masks_of(
     labels: Ints, shares: Shares, count: int, is_ground: Bools, is_clear: Bools
-) -> list[Mask]:
-    """Return the masks of all regions that are not the ground, the lowest one first.
+) -> Iterator[Mask]:
+    """Yield the masks of all regions that are not the ground, the lowest one first.
 
     is_ground  (count,) whether a region is part of the ground
     is_clear   (count,) whether a region lets shine through what is below it
@@ -66,7 +67,6 @@ def masks_of(
     rank = np.full(count, -1)
     rank[order] = np.arange(len(order))
     is_open = is_ground | is_clear
-    masks = []
     for k in order:
         box, whole = boxes[k], filled[k]
         near = labels[box]
@@ -88,5 +88,4 @@ def masks_of(
                 1.0 - shares.of(np.flatnonzero(is_open), box),
                 share + np.where(partly, over, 0),
             )
-        masks.append(Mask(k, np.clip(share, 0, 1), box))
-    return masks
+        yield Mask(k, np.clip(share, 0, 1), box)

@@ -68,12 +68,13 @@ def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     if not drawing.layers:
         return []
     error = drawing.draw() - drawing.pixels
+    cover = drawing.cover.copy()
     drawing.weigh()
     layers = drawing.current()
     gains = np.zeros(len(layers))
     for index, layer in enumerate(layers):
         own, weight = error[drawing.slices(index)], drawing.part(drawing.weight, index)
-        without = own - weight * drawing.part(drawing.cover, index)[..., None]
+        without = own - weight * drawing.part(cover, index)[..., None]
         size = BYTES_OF_LINE if layer.is_line else BYTES_OF_AREA
         size += sum(path.bytes(unit) for path in layer.paths)
         gains[index] = (without**2).sum() - (own**2).sum() - rate * size

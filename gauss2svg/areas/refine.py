@@ -73,9 +73,9 @@ class Layer:
 class Buffers:
     """Memory that drawings of one picture share, because new memory takes longer to fill.
 
-    cover, visible, below  (m,), (m,) and (m, c) for the pixels of all layers' boxes
-    sums                   (h, w + 2) for the coverage of one layer
-    ground                 (h, w, c) colours of a ground that is a gradient, else None
+    cover, below  (m,) and (m, c) for the pixels of all layers' boxes
+    sums          (h, w + 2) for the coverage of one layer
+    ground        (h, w, c) colours of a ground that is a gradient, else None
     """
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
@@ -88,8 +88,8 @@ class Buffers:
         """Make room for this number of pixels."""
         if len(self.cover) < count:
             room = count + count // 16
-            self.cover = self.visible = self.below = np.empty(0, np.float32)  # frees the old ones
-            self.cover, self.visible = np.empty(room, np.float32), np.empty(room, np.float32)
+            self.cover = self.below = np.empty(0, np.float32)  # frees the old ones
+            self.cover = np.empty(room, np.float32)
             self.below = np.empty((room, self._channels), np.float32)
 
 
@@ -206,13 +206,13 @@ class Drawing:
     def weigh(self) -> None:
         """Write what shows of layers, `visible` (m,), and the derivatives `weight` (m, c).
 
-        `draw` comes first. Its `below` is replaced by `weight`.
+        `draw` comes first. Its `cover` and `below` are replaced by them.
         """
         self.above = np.ones(self.shape[:2], np.float32)
-        self.visible, self.weight = self._buffers.visible[: len(self.cover)], self.below
+        self.visible, self.weight = self.cover, self.below
         weigh(
             self._opacity, *self._palette, self.box, self.offset, self.cover, self.below,
-            self.above, self.visible,
+            self.above,
         )  # fmt: skip
 
     def part(self, values: Floats, layer: int) -> Floats:
@@ -248,26 +248,33 @@ class Drawing:
         from scipy.sparse import csr_array
 
         h, w, _ = self.shape
-        shows = [self.above, *(self.part(self.visible, k) for k in range(len(self.layers)))]
-        corners = np.vstack([[0, 0], self.box[:, :2]])
-        flat: dict[Paint, int] = {}
+        parts = [
+            (paint, self.part(self.visible, k), self.box[k, :2])
+            for k, paint in enumerate(self._paint)
+        ]
         rest = self.pixels.reshape(h * w, -1).copy()
-        rows, columns, values = [], [], []
-        for paint, share, (x, y) in zip([self.ground, *self._paint], shows, corners, strict=True):
+        if self._buffers.ground is None:
+            parts.insert(0, (self.ground, self.above, np.zeros(2, np.int64)))
+        else:
+            seen = np.where(self.above > LEAST_SHOWN, self.above, 0).reshape(-1, 1)
+            rest -= seen * self._buffers.ground.reshape(h * w, -1)
+        # The pixels where each flat paint shows, and what shows of it there
+        flat: dict[Paint, list[tuple[Ints, Floats]]] = {}
+        for paint, share, (x, y) in parts:
             ys, xs = np.nonzero(share > LEAST_SHOWN)
             at, seen = ((ys + y) * w + xs + x).astype(np.int32), share[ys, xs]
-            if paint is self.ground and self._buffers.ground is not None:
-                rest[at] -= seen[:, None] * self._buffers.ground.reshape(h * w, -1)[at]
-            elif paint.is_shaded:
+            if paint.is_shaded:
                 rest[at] -= seen[:, None] * paint.at(xs + x, ys + y)
             else:
-                rows.append(np.full(len(at), flat.setdefault(paint, len(flat)), np.int32))
-                columns.append(at)
-                values.append(seen)
+                flat.setdefault(paint, []).append((at, seen))
         if not flat:
             return
-        places = np.concatenate(rows), np.concatenate(columns)
-        matrix = csr_array((np.concatenate(values), places), shape=(len(flat), h * w))
+        pieces = [piece for pieces in flat.values() for piece in pieces]
+        sizes = [sum(len(at) for at, _ in pieces) for pieces in flat.values()]
+        columns, values = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+        ends = np.append(0, np.cumsum(sizes)).astype(np.int32)
+        matrix = csr_array((values, columns, ends), shape=(len(flat), h * w))
+        matrix.sum_duplicates()
         prior = np.diag([paint.prior for paint in flat])
         gram = (matrix @ matrix.T).toarray() + prior
         old = np.array([paint.color for paint in flat])

@@ -92,7 +92,7 @@ class Shares:
         """Return the share of these regions together in each pixel of a box."""
         label = self.label[box]
         is_one = label == names if np.ndim(names) == 0 else np.isin(label, names)
-        return np.where(is_one, self.share[box], 0).sum(axis=-1)
+        return self.share[box].sum(axis=-1, where=is_one)
 
     @property
     def largest(self) -> Ints:

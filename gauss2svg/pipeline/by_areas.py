@@ -1,13 +1,17 @@
 """The search for areas, with Gaussians above them. It writes a file of both.
 
-    picture -> areas, if each byte saves enough squared error -> do a few Gaussians above them save
-    more? -> fewer areas and these Gaussians, as long as that is better -> a search by count that
-    fits Gaussians above the areas -> the closer one of the files with and without Gaussians
+    picture -> areas -> would a few Gaussians above them save more than they cost? -> fewer areas
+    and such Gaussians, as long as that is better -> a search by count that fits Gaussians above the
+    areas -> the closer one of the files with and without Gaussians
 
-The currency is squared error for bytes. Without a limit, each byte of an area or a Gaussian must
+The currency is squared error for bytes. Without a limit, each byte of an area or of a Gaussian must
 save the rate. With a limit of bytes, the areas are those with which the squared error is expected
 to be least once Gaussians have filled the limit. With a target, they are those of the highest rate
-that reaches it alone, if there are such.
+that reach it alone, if there are such.
+
+For example, a ball with a soft shadow on a plain ground becomes 12 areas, of which 9 are strips of
+the shadow. A trial of 24 Gaussians leaves a 20th of the squared error, so the picture is shaded.
+At 30 times the rate there are 3 areas, above which Gaussians draw the shadow in fewer bytes.
 """
 
 from __future__ import annotations
@@ -36,44 +40,49 @@ from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION
 
 TRIES = 6  # largest number of rates that are tried
-FULL = 0.9  # no rates between two others are tried if a file uses at least this share of the limit
+FULL = 0.9  # no rate between two others is tried if a file uses at least this share of the limit
 # If a file is k times as large as the limit, the rate is multiplied by k ** STEEPNESS, but by at
 # least LEAST_RAISE and at most MOST_RAISE.
 STEEPNESS, LEAST_RAISE, MOST_RAISE = 8.0, 3.0, 300.0
+COARSER = 30.0  # factor on the rate from one trial to the next, if nothing else decides it
 BETWEEN = 0.2  # share of a search between two reports of its progress
 # A trial fits this many Gaussians in so many steps, to a picture of at most so many px a side.
 TRIED, TRIAL_STEPS, TRIAL_SIDE = 24, 80, 256
-# If a trial leaves less than this share of the squared error, the picture has shading that no area
-# draws. Then fewer areas are tried too, because those that imitate the shading are not needed.
+# If a trial leaves less than this share of the squared error, the picture has shading that areas
+# only imitate.
 SHADED = 0.6
-COARSER = 30.0  # factor on the rate from one trial to the next
-# dB. A file with Gaussians is written if its raster is closer by this.
-LEAST_GAIN = 0.02
-# Shapes alone are tried if a trial of them leaves less than this multiple of the squared error.
+LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
+LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this number
+# Shapes alone are tried too if a trial of them leaves less than this multiple of the squared error
+# that areas leave which are cut to a limit.
 SHAPES_ALONE = 3.0
 
 
 class _StoppedError(Exception):
-    """The function `stop` of a run has ended the search for areas."""
+    """The run has to end, so the search for areas ends too."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """Areas, their file, and the squared error with and without a few Gaussians above them.
+    """Areas, their file, and what a few Gaussians above them are expected to save.
 
-    error  squared error that is expected once Gaussians are added, summed over pixels and channels
-    cost   the value by which trials are compared. Lower is better
+    alone   squared error of the areas, summed over pixels and channels of the working picture
+    saved   by how much the Gaussians lower it
+    cost    value by which trials are compared: the squared error that is expected of the best file
+            with these areas. Without a limit, the price of its bytes is added
+    is_met  whether the file reaches the target. False if there is none
     """
 
     found: FoundAreas
     export: Export
     alone: float
-    error: float
+    saved: float
     cost: float
+    is_met: bool
 
 
 class ByAreas:
-    """A search for the areas and lines of a picture, with Gaussians above them."""
+    """A search for the areas and lines of a picture, and for Gaussians above them."""
 
     def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
@@ -83,125 +92,122 @@ class ByAreas:
             plan = dataclasses.replace(plan, options=plan.options.changed(precision=precision))
         self._plan, self._subject, self._run = plan, subject, run
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
-        self._limit = plan.goal.byte_limit or math.inf
-        self._each = plan.shape_bytes
-        self._tries = 0
-        height, width = subject.working.shape[:2]
-        share = min(1.0, TRIAL_SIDE / max(height, width))
-        size = max(1, round(share * height)), max(1, round(share * width))
-        self._small = shrunk(subject.working, *size)
-        # Squared error at the size of the working picture, for one of the small picture.
-        self._times = height * width / (size[0] * size[1])
+        self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
+        self._is_cut = self._is_late = False
+        width, height = subject.size
+        share = min(1.0, TRIAL_SIDE / max(width, height))
+        small = max(1, round(share * height)), max(1, round(share * width))
+        self._small = shrunk(subject.working, *small)
+        self._price = RATE * plan.shape_bytes  # squared error that a Gaussian must save
 
     def run(self) -> Outcome:
         """Find areas, fit Gaussians above them, and return the file with its measurements."""
-        plan, subject, run = self._plan, self._subject, self._run
+        subject, run = self._subject, self._run
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         trial = self._best()
-        found, export = trial.found, trial.export
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-        reason = "interrupted" if run.ended else "max_bytes" if self._is_cut else "gain"
-        fitted = FitResult(self._scene(found), 0, 0, wall_s, cpu_s, 0, reason)
-        run.notify("measure")
-        raster = self._exporter.raster(export.svg)
-        renderer = plan.options.run.renderer
-        measured = round_trip(export.svg, export.scene, subject.photo, renderer, raster=raster)
-        alone = Outcome(
-            plan, subject, export.scene, export.svg, export.format, fitted, measured,
-            self._tries - 1, found=found, is_cut=self._is_cut and self._loses(trial),
-        )  # fmt: skip
-        if run.ended or not self._wants_shapes(trial, alone):
+        reason = "max_bytes" if self._is_cut else "gain"
+        reason = "interrupted" if run.ended else "time_limit" if self._is_late else reason
+        ground = self._scene(trial.found)
+        fitted = FitResult(ground, 0, 0, wall_s, cpu_s, 0, reason)
+        alone = self._outcome(trial, fitted)
+        if run.ended or self._is_late or not self._wants_gaussians(trial):
             return alone
         start = subject.start if subject.start is not None and len(subject.start) else None
-        ground = self._scene(found)
         above = dataclasses.replace(subject, ground=ground, start=start)
-        both = ByCount(dataclasses.replace(plan, rate=RATE), above, run).run()
-        both = dataclasses.replace(
-            both, is_cut=alone.is_cut, subject=subject, found=found, corrections=both.corrections + alone.corrections,
-            fitted=both.fitted.after(fitted, both.fitted.stop_reason),
-        )  # fmt: skip
+        both = ByCount(dataclasses.replace(self._plan, rate=RATE), above, run).run()
         above.release()
-        is_closer = both.psnr >= alone.psnr + LEAST_GAIN or alone.size > self._limit
-        return both if is_closer and len(both.scene) else alone
+        if alone.size <= self._limit and both.psnr < alone.psnr + LEAST_GAIN:
+            return alone
+        fitted = both.fitted.after(fitted, both.fitted.stop_reason)
+        corrections = both.corrections + alone.corrections
+        return dataclasses.replace(
+            both, subject=subject, found=trial.found, is_cut=alone.is_cut, fitted=fitted,
+            corrections=corrections,
+        )  # fmt: skip
 
-    def _wants_shapes(self, trial: _Trial, alone: Outcome) -> bool:
+    def _outcome(self, trial: _Trial, fitted: FitResult) -> Outcome:
+        """Return the outcome of the areas alone."""
+        plan, subject, export = self._plan, self._subject, trial.export
+        self._run.notify("measure")
+        renderer, raster = plan.options.run.renderer, self._exporter.raster(export.svg)
+        measured = round_trip(export.svg, export.scene, subject.photo, renderer, raster=raster)
+        is_cut = False
+        if self._is_cut and not self._run.ended:
+            shapes = self._trial(self._nothing(), int(self._limit / SHAPE_BYTES[2]))
+            is_cut = shapes.alone - shapes.saved < SHAPES_ALONE * trial.cost
+        return Outcome(
+            plan, subject, export.scene, export.svg, export.format, fitted, measured,
+            self._tries - 1, found=trial.found, is_cut=is_cut,
+        )  # fmt: skip
+
+    def _wants_gaussians(self, trial: _Trial) -> bool:
         """Return whether Gaussians are fitted above the areas of a trial."""
-        plan = self._plan
-        if (aim := plan.aim) is not None:
-            return not aim.is_met_by(aim.score(alone.measured.raster, self._subject.photo))
         if self._limit < math.inf:
-            return alone.size > self._limit or self._limit - alone.size > 2 * self._each
-        return self._pays(trial)
-
-    def _is_shaded(self, trial: _Trial) -> bool:
-        """Return whether a picture has shading that areas only imitate."""
-        return trial.error < SHADED * trial.alone and self._pays(trial)
-
-    def _loses(self, trial: _Trial) -> bool:
-        """Return whether shapes alone may be closer than areas that were cut to a limit."""
-        count = int(self._limit / SHAPE_BYTES[2])
-        return self._trial(self._nothing(), count).error < SHAPES_ALONE * trial.cost
+            room = self._limit - trial.export.size
+            return room < 0 or room >= LEAST_ROOM * self._plan.shape_bytes
+        return self._pays(trial) if self._plan.aim is None else not trial.is_met
 
     def _pays(self, trial: _Trial) -> bool:
-        return trial.alone - trial.error > RATE * TRIED * self._each
+        return trial.saved > TRIED * self._price
 
-    @property
-    def _is_cut(self) -> bool:
-        return self._low > 0
+    def _is_shaded(self, trial: _Trial) -> bool:
+        return self._pays(trial) and trial.alone - trial.saved < SHADED * trial.alone
 
     def _best(self) -> _Trial:
-        """Return the areas of the best rate, with which the search by count goes on."""
-        aim, limit = self._plan.aim, self._limit
-        self._low, high, rate, best, finer = 0.0, math.inf, RATE, None, None
-        while self._tries < TRIES and not self._run.ended:
-            found = self._found(rate, finer)
-            trial = self._trial(found)
+        """Return the trial whose areas the file gets."""
+        best, finer, rate = None, None, RATE
+        low, high = 0.0, math.inf  # highest rate of a file beyond the limit, lowest of one within
+        while self._tries < TRIES and not (self._run.ended or self._is_late):
+            trial = self._trial(found := self._found(rate, finer))
             size, is_shaded = trial.export.size, self._is_shaded(trial)
-            is_met = aim is not None and aim.is_met_by(
-                aim.score(self._exporter.raster(trial.export.svg), self._subject.photo)
-            )
-            if size > limit:
-                self._low, finer = rate, found
+            if size > self._limit:
+                low, finer = rate, found
                 least = COARSER if is_shaded else LEAST_RAISE
-                raised = min(max((size / limit) ** STEEPNESS, least), MOST_RAISE)
+                raised = min(max((size / self._limit) ** STEEPNESS, least), MOST_RAISE)
                 rate = rate * raised if high == math.inf else math.sqrt(rate * high)
                 continue
-            is_better = best is None or is_met or trial.cost < best.cost
-            best = trial if is_better else best
-            if self._low and is_better and size < FULL * limit and not is_shaded:
-                high, rate = rate, math.sqrt(self._low * rate)
-            elif is_better and (is_met or (aim is None and is_shaded and high == math.inf)):
+            is_better = best is None or trial.is_met or trial.cost < best.cost
+            is_first, best = best is None, trial if is_better else best
+            if not is_better:
+                break
+            if trial.is_met or (is_shaded and self._plan.aim is None and high == math.inf):
                 finer, rate = found, rate * COARSER
+            elif low and is_first and size < FULL * self._limit:
+                high, rate = rate, math.sqrt(low * rate)
             else:
                 break
-        return self._trial(self._nothing()) if best is None else best
+        self._is_cut = low > 0
+        return best or self._trial(self._nothing())
 
     def _trial(self, found: FoundAreas, count: int = TRIED) -> _Trial:
         """Return areas with what `count` Gaussians above them are expected to save."""
-        export, limit = self._exporter.export(scene := self._scene(found)), self._limit
-        count = min(count, self._small.shape[0] * self._small.shape[1] // 3)
+        plan, subject, scene = self._plan, self._subject, self._scene(found)
+        export, is_met = self._exporter.unscored(scene), False
+        if plan.aim is not None:
+            is_met = plan.aim.is_met_by(
+                plan.aim.score(self._exporter.raster(export.svg), subject.photo)
+            )
+        height, width = self._small.shape[:2]
+        count = min(count, height * width // 3)
+        config = FitConfig(
+            gaussians=count, iterations=TRIAL_STEPS, fit=FitOptions(tune=PSNR, falloff=GAUSSIAN)
+        )
         targets = TargetPyramid(self._small, PSNR, ground=scene)
-        options = FitOptions(tune=PSNR, falloff=GAUSSIAN)
-        session = FitSession(
-            self._small, FitConfig(gaussians=count, iterations=TRIAL_STEPS, fit=options),
-            stop=self._run.stop, targets=targets,
-        )  # fmt: skip
-        target = session.population.target
-        values = target.planar.size * self._times * 3 / len(target.planar)
-        alone = target.error(session.population.splats()) * values
-        if count:
-            session.fit()
-        error = min(alone, 10 ** (-session.population.psnr() / 10) * values)
-        saved, price = alone - error, RATE * count * self._each
-        if limit < math.inf:
-            share = min(max(limit - export.size, 0) / (count * self._each + 1), 1.0)
-            cost = alone - math.sqrt(share) * saved
+        session = FitSession(self._small, config, stop=self._run.stop, targets=targets)
+        values = 3 * math.prod(subject.size)
+        alone = values * 10 ** (-session.population.psnr() / 10)
+        session.fit()
+        saved = max(alone - values * 10 ** (-session.population.psnr() / 10), 0.0)
+        if self._limit < math.inf:
+            room = max(self._limit - export.size, 0) / plan.shape_bytes
+            cost = alone - math.sqrt(min(room / max(count, 1), 1.0)) * saved
         else:
-            cost = alone - max(saved - price, 0.0) + RATE * export.size
-        return _Trial(found, export, alone, error, cost)
+            cost = alone + RATE * export.size - max(saved - count * self._price, 0.0)
+        return _Trial(found, export, alone, saved, cost, is_met)
 
     def _found(self, rate: float, finer: FoundAreas | None) -> FoundAreas:
-        """Return the areas at a rate. If the run is stopped, return those that are found so far.
+        """Return the areas at a rate. If the run has to end, return those that are found so far.
 
         finer  areas of a lower rate, whose nodes are merged. None to find areas in the picture
         """
@@ -211,7 +217,9 @@ class ByAreas:
         def progress(done: float, so_far: Callable[[], FoundAreas] | None) -> None:
             nonlocal newest, due
             # Until the first areas are found, there is nothing that a stopped run could write.
-            ends = so_far is not None and run.stop()
+            deadline = run.budget.fit_ends()
+            self._is_late = deadline is not None and time.perf_counter() > deadline
+            ends = so_far is not None and (run.stop() or self._is_late)
             if done < due and not ends:
                 return
             due, now = done + BETWEEN, None

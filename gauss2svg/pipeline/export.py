@@ -71,7 +71,7 @@ class Exporter:
         scaled, weight = scaled.replace(width=width, height=height), None
         # With a mask or a perceptual fit, errors count more at some pixels than at others. The
         # palette is made with the same weights as the fit.
-        if plan.tune == PERCEPTUAL or subject.focus:
+        if len(scene) and (plan.tune == PERCEPTUAL or subject.focus):
             weight = subject.targets(plan.tune).reduced(1).visible_weight
         palette, color_error = plan.quantization(len(scene), error)
         return quantize(scaled, plan.options.svg.form, palette, color_error, weight)
@@ -139,17 +139,22 @@ class Exporter:
     def _size(self, svg: str) -> int:
         return len(file_bytes(svg, self._plan.counts_gzipped))
 
-    def export(self, scene: Scene) -> Export:
-        """Write a scene that is on the working canvas, and return the file with its score."""
+    def unscored(self, scene: Scene) -> Export:
+        """Write a scene that is on the working canvas. The score of the export is NaN."""
         written, document = self._plan.format_at(self._highest_psnr), self._subject.document
         # The fit has already given all shapes but the plain ellipses a colour of a palette. A shape
         # that was a plain ellipse at that time may be soft now, and its colour may not be in the
         # palette. So the scene is quantised once more.
         exact = in_file_order(self.quantized(scene, None), written, document)
         svg = ordered_svg(exact, written, document)
+        return Export(exact, svg, written, self._size(svg), math.nan)
+
+    def export(self, scene: Scene) -> Export:
+        """Write a scene that is on the working canvas, and return the file with its score."""
+        export = self.unscored(scene)
         # Shapes of a start may not be quantised yet, so their file may be worse than they are.
-        scored = scene if self._subject.start is None else exact
-        return Export(exact, svg, written, self._size(svg), self._score(scored, svg))
+        scored = scene if self._subject.start is None else export.scene
+        return dataclasses.replace(export, score=self._score(scored, export.svg))
 
     def _score(self, scene: Scene, svg: str) -> float:
         plan, subject = self._plan, self._subject

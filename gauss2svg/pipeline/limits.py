@@ -166,7 +166,8 @@ class Limits(DensificationPolicy):
         # decides the count.
         self.least_gain = 0.0 if aim or is_limited else plan.preset.gain * (usual / 1000)
         # Above areas, a byte of a shape must save as much squared error as one of an area.
-        self._least_saved = 0.0 if aim or is_limited else plan.rate * usual / (3 * pixels)
+        decides = aim or goal.byte_limit is not None or goal.count is not None
+        self._least_saved = 0.0 if decides else plan.rate * usual / (3 * pixels)
         if plan.only_time_limits:
             self.expected = int(min(cap, budget.most_gaussians(0.0)))
             self._first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))

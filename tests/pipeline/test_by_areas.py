@@ -5,6 +5,7 @@ import itertools
 import os
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -55,6 +56,19 @@ def test_the_file_has_the_areas_and_nothing_else_and_the_report_counts_them(pict
     assert min(report["area_find_s"], report["area_refine_s"]) > 0
     assert report["area_find_s"] + report["area_refine_s"] <= report["fit_s"] <= report["total_s"]
     assert report["colors"] >= 3 + is_clear - 1
+
+
+def test_memory_of_a_run_is_that_of_a_few_pictures():
+    side = 4 * SIDE
+    large = rasterize(FRAME.format(SHADES + SHAPES), side, side)
+    vectorize(SHADED, areas="always")  # what is loaded once is no part of it
+    tracemalloc.start()
+    try:
+        vectorize(large, areas="always")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 9.5 * large.nbytes
 
 
 def test_a_run_without_areas_reports_none(photo):
