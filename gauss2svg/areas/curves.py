@@ -173,6 +173,45 @@ def _best(points, weight, first, last, unit, rate, noise, only_curves, p, t):
     return True, error, size
 
 
+# Joins that turn by less than SMOOTH_RAD are moved by this number of points at once.
+SHIFTS, SMOOTH_RAD = (8, 4, 2, 1), 0.2
+FEW = 3  # curves of a closed path, whose places then count most (docs/decisions/areas.md)
+
+
+@inner
+def _move_joins(
+    points, weight, start, steps, following, first, left, unit, noise, segment, error, size, trial,
+    t,
+):  # fmt: skip
+    """Move the smooth joins of the curves of a closed path while that lowers the error.
+
+    Pieces are merged from where a contour happens to begin, so one curve of a disc can be much
+    longer than the others, and farther off.
+    """
+    for shift in SHIFTS:
+        i = first
+        for _ in range(left):
+            j = following[i]
+            ux, uy = segment[i, 3, 0] - segment[i, 2, 0], segment[i, 3, 1] - segment[i, 2, 1]
+            vx, vy = segment[j, 1, 0] - segment[j, 0, 0], segment[j, 1, 1] - segment[j, 0, 1]
+            turn = math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
+            for by in (-shift, shift):
+                while abs(turn) < SMOOTH_RAD and min(steps[i] + by, steps[j] - by) > 1:
+                    middle, end = start[i] + steps[i] + by, start[i] + steps[i] + steps[j]
+                    new_error = _fit_cubic(points, weight, start[i], middle, noise, trial[0], t)
+                    rest = _fit_cubic(points, weight, middle, end, noise, trial[1], t)
+                    if new_error + rest >= error[i] + error[j]:
+                        break
+                    _copy(trial[0], segment[i])
+                    _copy(trial[1], segment[j])
+                    error[i], size[i] = new_error, _segment_bytes(segment[i], True, unit)
+                    error[j], size[j] = rest, _segment_bytes(segment[j], True, unit)
+                    steps[i] += by
+                    steps[j] -= by
+                    start[j] += by
+            i = j
+
+
 @kernel
 def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit, rate, noise):
     """Merge neighbouring pieces while that lowers the cost, and return how many are left.
@@ -193,6 +232,7 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
     error, size, gain = np.zeros(count), np.zeros(count), np.zeros(count)
     pair, pair_curved = np.empty((count, 4, 2)), np.empty(count, np.bool_)
     pair_error, pair_size = np.empty(count), np.empty(count)
+    trial = np.empty((2, 4, 2))
     t, p = np.empty(2 * len(points) + 2), np.empty((4, 2))
     for i in range(count):
         steps[i], following[i] = start[i + 1] - start[i], i + 1
@@ -250,6 +290,11 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
                 if following[i] == at:
                     gain[i] = np.nan
                 i = following[i]
+        if stage == 0 and closed and left <= FEW:
+            _move_joins(
+                points, weight, start, steps, following, first, left, unit, noise, segment, error,
+                size, trial, t,
+            )  # fmt: skip
     # Neighbours share their nodes exactly.
     i = first
     for k in range(left):
