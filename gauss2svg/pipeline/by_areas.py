@@ -28,8 +28,9 @@ from gauss2svg.areas.find import RATE, UNIT, FoundAreas, Progress, coarser, find
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
-from gauss2svg.measure.roundtrip import round_trip
+from gauss2svg.measure.roundtrip import RoundTrip, round_trip
 from gauss2svg.photo.pixels import has_alpha, shrunk
+from gauss2svg.pipeline.area_colors import with_solved_colors
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Export, Exporter
 from gauss2svg.pipeline.outcome import Outcome, Subject
@@ -38,6 +39,8 @@ from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION
+from gauss2svg.svg.file import file_bytes
+from gauss2svg.svg.write import ordered_svg
 
 TRIES = 6  # largest number of rates that are tried
 FULL = 0.9  # no rate between two others is tried if a file uses at least this share of the limit
@@ -121,17 +124,32 @@ class ByAreas:
             return alone
         fitted = both.fitted.after(fitted, both.fitted.stop_reason)
         corrections = both.corrections + alone.corrections
-        return dataclasses.replace(
+        both = dataclasses.replace(
             both, subject=subject, found=trial.found, is_cut=alone.is_cut, fitted=fitted,
             corrections=corrections,
         )  # fmt: skip
+        return max(both, self._recolored(both), key=lambda outcome: outcome.psnr)
+
+    def _recolored(self, both: Outcome) -> Outcome:
+        """Return an outcome with solved colours of its areas, or itself if that is too large."""
+        scene = with_solved_colors(both.scene, self._subject.working)
+        svg = ordered_svg(scene, both.format, self._subject.document)
+        if len(file_bytes(svg, self._plan.counts_gzipped)) > self._limit:
+            return both
+        measured = self._measured(svg, scene)
+        return dataclasses.replace(
+            both, scene=scene, svg=svg, measured=measured, aim_score=math.nan
+        )
+
+    def _measured(self, svg: str, scene: Scene) -> RoundTrip:
+        renderer, raster = self._plan.options.run.renderer, self._exporter.raster(svg)
+        return round_trip(svg, scene, self._subject.photo, renderer, raster=raster)
 
     def _outcome(self, trial: _Trial, fitted: FitResult) -> Outcome:
         """Return the outcome of the areas alone."""
         plan, subject, export = self._plan, self._subject, trial.export
         self._run.notify("measure")
-        renderer, raster = plan.options.run.renderer, self._exporter.raster(export.svg)
-        measured = round_trip(export.svg, export.scene, subject.photo, renderer, raster=raster)
+        measured = self._measured(export.svg, export.scene)
         is_cut = False
         if self._is_cut and not self._run.ended:
             shapes = self._trial(self._nothing(), int(self._limit / SHAPE_BYTES[2]))
