@@ -16,6 +16,7 @@ from gauss2svg.areas.layers import join_touching, masks_of
 from gauss2svg.areas.merge import merged, without_cheap
 from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
 from gauss2svg.areas.paint import Paint, join_parts_of_gradients, paints_of
+from gauss2svg.areas.photos import with_even_photos
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Palette, cores_of, grown, shares_of, without_edge_shades
 from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
@@ -145,12 +146,16 @@ def opacity_of(color: Floats) -> float:
     return 1.0 if len(color) == 3 else float(np.clip(1 - (color[3:] - color[:3]).mean(), 0, 1))
 
 
-def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
+def first_drawing(picture: Floats, unit: float, rate: float) -> Drawing:
     """Return a drawing of a picture, whose outlines have not been refined yet."""
-    cores, count = cores_of(pixels)
+    cores, count = cores_of(picture)
+    pixels = with_even_photos(picture, cores)
+    if pixels is not picture:
+        cores, count = cores_of(pixels)
     cores, count = without_edge_shades(pixels, cores, count)
     if not count:  # no two pixels are alike
-        return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [])
+        ground = Paint(np.median(pixels, axis=(0, 1)))
+        return Drawing(pixels, ground, [], [], picture=picture)
     paints = paints_of(pixels, cores, count)
     join_parts_of_gradients(pixels, cores, paints)
     labels = grown(pixels, cores)
@@ -172,7 +177,7 @@ def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
             layers.append(Layer(mask.region, paths))
     layers += grouped(lines, paints)
     paints = with_opacity(paints, opacity, is_opaque)
-    drawing = Drawing(pixels, ground, paints, layers, is_tied=False)
+    drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
 
@@ -227,7 +232,7 @@ def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
         if drawing.ground.gradient is not None:
             page = Outline(((0, 0), (w, 0), (w, h), (0, h)), (False,) * 4)
             areas.insert(0, Area((page,), drawing.ground.gradient))
-    error = ((drawing.draw() - drawing.pixels) ** 2).mean(axis=-1)
+    error = ((drawing.draw() - drawing.picture) ** 2).mean(axis=-1)
     explained = float((3 * error <= EXPLAINED).mean())
     psnr = -10 * math.log10(max(float(error.mean()), LEAST_ERROR))
     return FoundAreas(tuple(areas), background, explained, psnr, find_s, refine_s, drawing)

@@ -1,4 +1,4 @@
-"""Properties of the search for texture: which pictures have areas."""
+"""Properties of texture: which pictures have areas, and what becomes of a photo in a drawing."""
 
 import io
 from pathlib import Path
@@ -9,6 +9,7 @@ import resvg_py
 from PIL import Image, ImageFilter
 from skimage import data
 
+from gauss2svg.areas.find import find_areas
 from gauss2svg.areas.texture import may_have_areas
 
 PICTURES = Path(__file__).parents[2] / "benchmarks" / "pictures"
@@ -76,3 +77,45 @@ def test_posters_with_a_photo_have_areas(share):
 @pytest.mark.parametrize("shape", [(1, 1, 3), (3, 40, 4), (2, 100000, 3)])
 def test_thin_pictures_are_judged(shape):
     assert not may_have_areas(np.random.default_rng(1).random(shape).astype(np.float32))
+
+
+def page_with(part):
+    """Return a page with a flag, and the same with a part on it."""
+    page = Image.new("RGBA", (300, 320), "white")
+    page.alpha_composite(drawing("flag", 120), (20, 180))
+    page = pixels_of(page.convert("RGB"))
+    with_part = page.copy()
+    with_part[30:150, 60:220] = part
+    return page, with_part
+
+
+def boxed(area):
+    """Return left, top, right and bottom (4,) of an area."""
+    points = np.concatenate([outline.segments.reshape(-1, 2) for outline in area.outlines])
+    return np.append(points.min(axis=0), points.max(axis=0))
+
+
+def texture(name: str):
+    if name == "photo":
+        return pixels_of(photo_named("coffee").crop((200, 150, 360, 270)))
+    return np.random.default_rng(3).random((120, 160, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", ["photo", "noise"])
+def test_a_photo_in_a_drawing_is_one_area_of_its_outline(name):
+    flag, areas = (find_areas(picture).areas for picture in page_with(texture(name)))
+    assert len(areas) == len(flag) + 1
+    assert min(np.abs(boxed(area) - (60, 30, 220, 150)).max() for area in areas) < 0.1
+
+
+def test_noise_has_no_areas():
+    for deviation in (3, 20):
+        noise = np.random.default_rng(1).normal(0.5, deviation / 255, (200, 240, 3))
+        assert not find_areas(noise.clip(0, 1).astype(np.float32)).areas
+
+
+def test_letters_on_a_photo_stay_areas():
+    part = texture("photo")
+    part[40:80, 30:38] = part[72:80, 30:60] = 0.1, 0.2, 0.9
+    boxes = [boxed(area) for area in find_areas(page_with(part)[1]).areas]
+    assert min(np.abs(box - (90, 70, 120, 110)).max() for box in boxes) < 0.5
