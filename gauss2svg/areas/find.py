@@ -16,6 +16,7 @@ from gauss2svg.areas.layers import join_touching, masks_of
 from gauss2svg.areas.merge import merged, without_cheap
 from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
 from gauss2svg.areas.paint import Paint, join_parts_of_gradients, paints_of
+from gauss2svg.areas.photos import with_even_photos
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Palette, cores_of, grown, shares_of, without_edge_shades
 from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
@@ -145,8 +146,9 @@ def opacity_of(color: Floats) -> float:
     return 1.0 if len(color) == 3 else float(np.clip(1 - (color[3:] - color[:3]).mean(), 0, 1))
 
 
-def first_drawing(pixels: Floats, unit: float, rate: float) -> Drawing:
+def first_drawing(picture: Floats, unit: float, rate: float) -> Drawing:
     """Return a drawing of a picture, whose outlines have not been refined yet."""
+<<<<<<< HEAD
     drawing = Drawing(pixels, *first_layers(pixels, unit, rate), is_tied=False)
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
@@ -159,6 +161,16 @@ def first_layers(
     cores, count = without_edge_shades(pixels, cores, count)
     if not count:  # no two pixels are alike
         return Paint(np.median(pixels, axis=(0, 1))), [], []
+=======
+    cores, count = cores_of(picture)
+    pixels = with_even_photos(picture, cores)
+    if pixels is not picture:
+        cores, count = cores_of(pixels)
+    cores, count = without_edge_shades(pixels, cores, count)
+    if not count:  # no two pixels are alike
+        ground = Paint(np.median(pixels, axis=(0, 1)))
+        return Drawing(pixels, ground, [], [], picture=picture)
+>>>>>>> texture
     paints = paints_of(pixels, cores, count)
     join_parts_of_gradients(pixels, cores, paints)
     labels = grown(pixels, cores)
@@ -179,7 +191,13 @@ def first_layers(
         if paths:
             layers.append(Layer(mask.region, paths))
     layers += grouped(lines, paints)
+<<<<<<< HEAD
     return ground, with_opacity(paints, opacity, is_opaque), layers
+=======
+    paints = with_opacity(paints, opacity, is_opaque)
+    drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
+    return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
+>>>>>>> texture
 
 
 def transparent_paint() -> Paint:
@@ -233,7 +251,7 @@ def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
         if drawing.ground.gradient is not None:
             page = Outline(((0, 0), (w, 0), (w, h), (0, h)), (False,) * 4)
             areas.insert(0, Area((page,), drawing.ground.gradient))
-    error = ((drawing.draw() - drawing.pixels) ** 2).mean(axis=-1)
+    error = ((drawing.draw() - drawing.picture) ** 2).mean(axis=-1)
     explained = float((3 * error <= EXPLAINED).mean())
     psnr = -10 * math.log10(max(float(error.mean()), LEAST_ERROR))
     return FoundAreas(tuple(areas), background, explained, psnr, find_s, refine_s, drawing)

@@ -22,6 +22,7 @@ PART = 4 * LEVEL  # largest difference of a pixel from a gradient that draws it
 MOST_OFF = 0.05  # largest share of a part that differs more
 MOST_SLOPE = 0.1  # change over 2 px; an edge beside the region has a steeper slope
 MOST_MOVES = 120  # iterations of the search for the centre of a radial gradient
+MOST_STRETCH = 7.0  # largest logarithm of the ratio of radii; files have none of a billion px
 NEAR = 3  # px between parts of one gradient
 PRIOR, PRIOR_PER_PX = 0.5, 0.3  # weight of a colour's first value, and more for each pixel of it
 
@@ -155,6 +156,8 @@ def _radial(
             )
         )
     v = min(results, key=lambda result: result.fun).x
+    if abs(v[2]) > MOST_STRETCH:
+        return None, np.inf
     v[2] = 0.0 if abs(v[2]) < 0.02 else v[2]
     places, stops, error = _stops(radius(v), colors)
     outer = places[-1]

@@ -105,14 +105,16 @@ class Drawing:
     """Layers over a ground, as arrays, and the picture to which they are fitted.
 
     pixels, ground  (h, w, c) picture, and what lies below all layers
+    picture         (h, w, c) the same with its texture, which no layer follows
     paints          of the layers; regions of one colour share a paint
     """
 
     def __init__(
         self, pixels: Floats, ground: Paint, paints: list[Paint], layers: list[Layer], is_tied: bool
-        = True, buffers: Buffers | None = None,
+        = True, buffers: Buffers | None = None, picture: Floats | None = None,
     ) -> None:  # fmt: skip
         self.pixels = pixels.astype(np.float32, copy=False)
+        self.picture = self.pixels if picture is None else picture
         self.ground, self.paints = ground, paints
         self.layers = layers
         self.noise = 0.0  # mean squared distance in px by which outlines seem to be off
@@ -167,7 +169,9 @@ class Drawing:
 
     def with_layers(self, layers: list[Layer], is_tied: bool = True) -> Drawing:
         """Return a drawing of the same picture with other layers."""
-        return Drawing(self.pixels, self.ground, self.paints, layers, is_tied, self._buffers)
+        return Drawing(
+            self.pixels, self.ground, self.paints, layers, is_tied, self._buffers, self.picture
+        )  # fmt: skip
 
     def boxes(self) -> Ints:
         """Return the boxes (l, 4) of the layers, left, top, width and height in px."""

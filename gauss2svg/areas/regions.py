@@ -32,12 +32,7 @@ def cores_of(pixels: Floats) -> tuple[Ints, int]:
     h, w, _ = pixels.shape
     spread = _over_blocks(pixels, np.maximum) - _over_blocks(pixels, np.minimum)
     spread = spread.max(axis=-1)
-    bend = np.zeros((h, w), pixels.dtype)
-    for axis in (0, 1):
-        slope = np.diff(pixels, axis=axis)
-        second = np.abs(np.diff(slope, axis=axis)).max(axis=-1)
-        inner = bend[1:-1] if axis == 0 else bend[:, 1:-1]
-        np.maximum(inner, second, out=inner)
+    bend = bend_of(pixels)
     block = (spread <= FLAT) | ((_over_blocks(bend, np.maximum) <= BEND) & (spread <= STEEP))
     core = block.copy()
     core[:-1] |= block[1:]
@@ -49,6 +44,15 @@ def cores_of(pixels: Floats) -> tuple[Ints, int]:
     names, counts = np.unique(component[core], return_counts=True)
     kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= LEAST_CORE)]
     return renamed(component, kept), len(kept)
+
+
+def bend_of(pixels: Floats) -> Floats:
+    """Return the largest second difference (h, w) of the values along rows and columns."""
+    bend = np.zeros(pixels.shape[:2], pixels.dtype)
+    for axis, inner in enumerate((bend[1:-1], bend[:, 1:-1])):
+        second = np.abs(np.diff(pixels, 2, axis)).max(axis=-1)
+        np.maximum(inner, second, out=inner)
+    return bend
 
 
 def _over_blocks(values: Floats, combine: np.ufunc) -> Floats:

@@ -157,7 +157,7 @@ def _stop_text(report: dict[str, Any]) -> str:
         has_space = report["svgz_bytes" if gzipped else "svg_bytes"] < 0.97 * limit
         why = "one more would not fit" if report["gaussians"] < _FEW else "more would not be closer"
         return f"limited by {limit:,} {'gzipped ' * gzipped}bytes{f'; {why}' * has_space}"
-    if reason == "gain" and report["areas"] == ALWAYS:
+    if reason == "gain" and report["area_share"]:
         return "more would improve it too little for their bytes"
     without_preset = _NOTHING_TO_GAIN if report["quality"] is None else {}
     return without_preset.get(reason, _STOPPED[reason]).format(**report)

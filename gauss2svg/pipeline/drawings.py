@@ -57,11 +57,6 @@ def has_edges(photo: Pixels) -> bool:
     return FLAT_SHARE <= _flat_share(photo) < 1 and not _is_textured(photo)
 
 
-def has_areas(photo: Pixels) -> bool:
-    """Return whether areas are worth a search in a picture."""
-    return is_drawing(photo)
-
-
 def is_shaded(photo: Pixels) -> bool:
     """Return whether a picture has shaded areas, and not only antialiased edges.
 

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.errors import InputError, RendererError, quoted, refusal
 from gauss2svg.fit import (
     DEFAULT_LOSS,
@@ -26,7 +27,7 @@ from gauss2svg.fit import (
 )
 from gauss2svg.measure import Score, Search, require_packages
 from gauss2svg.measure.roundtrip import score_of
-from gauss2svg.pipeline.drawings import has_areas, has_edges
+from gauss2svg.pipeline.drawings import has_edges
 from gauss2svg.pipeline.options import ALWAYS, AUTO, NEVER, Goal, Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
@@ -225,7 +226,7 @@ class Plan:
         return asked == ALWAYS or (asked == AUTO and self.has_areas)
 
     @property
-    def may_have_areas(self) -> bool:
+    def allows_areas(self) -> bool:
         """Whether the options allow areas. They do not if they ask for the method of the paper."""
         return next(_without_areas(self.options), None) is None
 
@@ -239,7 +240,7 @@ class Plan:
         if isinstance(fit.inks, int):
             options = self.options.changed(inks=inks_of(pixels, fit.inks))
             return dataclasses.replace(self, options=options)
-        if svg.areas == AUTO and self.may_have_areas and not self.starts and has_areas(pixels):
+        if svg.areas == AUTO and self.allows_areas and not self.starts and may_have_areas(pixels):
             return dataclasses.replace(self, has_areas=True)
         usual = fit.learned_falloff and svg.form == GRADIENT and not svg.portable
         usual = usual and not self.in_areas

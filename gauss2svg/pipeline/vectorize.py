@@ -197,7 +197,7 @@ def vectorize_by(
     if start is not None and ADD in (start.blend, options.fit.blend):
         got = f"a scene of {start.blend} for a file of {options.fit.blend}"
         raise refusal("start", "alpha-composited, like the file", got, "--blend over for both")
-    if start is not None and start.areas and not (plan.in_areas and plan.may_have_areas):
+    if start is not None and start.areas and not (plan.in_areas and plan.allows_areas):
         got, rule = str(AreaCounts.of(start.areas)), "a scene without areas"
         raise refusal("start", rule, got, "--areas auto, without options that exclude areas")
     if start is not None and plan.in_areas and not start.areas:

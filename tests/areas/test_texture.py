@@ -1,0 +1,121 @@
+"""Properties of texture: which pictures have areas, and what becomes of a photo in a drawing."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+import resvg_py
+from PIL import Image, ImageFilter
+from skimage import data
+
+from gauss2svg.areas.find import find_areas
+from gauss2svg.areas.texture import may_have_areas
+
+PICTURES = Path(__file__).parents[2] / "benchmarks" / "pictures"
+PHOTOS = ("astronaut", "coffee", "chelsea", "rocket", "camera", "coins", "retina")
+CHANGES = {
+    "as it is": lambda photo: photo,
+    "blurred": lambda photo: photo.filter(ImageFilter.GaussianBlur(3)),
+    "with a clipped sky": lambda photo: photo.point(lambda value: 1.6 * value + 20),
+    "grey": lambda photo: photo.convert("L").convert("RGB"),
+    "enlarged": lambda photo: photo.resize((2 * photo.width, 2 * photo.height)),
+    "reduced": lambda photo: photo.reduce(2),
+    "as JPEG": lambda photo: jpeg(photo, 50),
+}
+
+
+def photo_named(name: str) -> Image.Image:
+    return Image.fromarray(getattr(data, name)()).convert("RGB")
+
+
+def drawing(name: str, side: int) -> Image.Image:
+    """Return the raster of a drawing of the benchmark, with alpha."""
+    text = (PICTURES / f"{name}.svg").read_text(encoding="utf-8")
+    png = resvg_py.svg_to_bytes(svg_string=text, width=side, height=side)
+    return Image.open(io.BytesIO(bytes(png))).convert("RGBA")
+
+
+def jpeg(picture: Image.Image, quality: int) -> Image.Image:
+    file = io.BytesIO()
+    picture.convert("RGB").save(file, "JPEG", quality=quality)
+    return Image.open(file)
+
+
+def pixels_of(picture: Image.Image):
+    return (np.asarray(picture, np.float32) / 255).astype(np.float32)
+
+
+def poster(share: float) -> Image.Image:
+    """Return a drawing with a photo in the upper `share` of its page."""
+    page = Image.new("RGB", (400, 600), (245, 240, 225))
+    page.paste(drawing("flag", 160), (120, 430))
+    page.paste(photo_named("coffee").crop((0, 0, 360, round(600 * share) - 20)), (20, 20))
+    return page
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_photos_have_no_areas(change):
+    wrong = [n for n in PHOTOS if may_have_areas(pixels_of(CHANGES[change](photo_named(n))))]
+    assert not wrong
+
+
+def test_drawings_have_areas():
+    for file in sorted(PICTURES.glob("*.svg")):
+        large = drawing(file.stem, 512)
+        page = Image.new("RGBA", large.size, "white")
+        page.alpha_composite(large)
+        for picture in (large, drawing(file.stem, 128), jpeg(page, 90), jpeg(page, 75).reduce(2)):
+            assert may_have_areas(pixels_of(picture)), file.stem
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_posters_with_a_photo_have_areas(share):
+    assert may_have_areas(pixels_of(poster(share)))
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (3, 40, 4), (2, 100000, 3)])
+def test_thin_pictures_are_judged(shape):
+    assert not may_have_areas(np.random.default_rng(1).random(shape).astype(np.float32))
+
+
+def page_with(part):
+    """Return a page with a flag, and the same with a part on it."""
+    page = Image.new("RGBA", (300, 320), "white")
+    page.alpha_composite(drawing("flag", 120), (20, 180))
+    page = pixels_of(page.convert("RGB"))
+    with_part = page.copy()
+    with_part[30:150, 60:220] = part
+    return page, with_part
+
+
+def boxed(area):
+    """Return left, top, right and bottom (4,) of an area."""
+    points = np.concatenate([outline.segments.reshape(-1, 2) for outline in area.outlines])
+    return np.append(points.min(axis=0), points.max(axis=0))
+
+
+def texture(name: str):
+    if name == "photo":
+        return pixels_of(photo_named("coffee").crop((200, 150, 360, 270)))
+    return np.random.default_rng(3).random((120, 160, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", ["photo", "noise"])
+def test_a_photo_in_a_drawing_is_one_area_of_its_outline(name):
+    flag, areas = (find_areas(picture).areas for picture in page_with(texture(name)))
+    assert len(areas) == len(flag) + 1
+    assert min(np.abs(boxed(area) - (60, 30, 220, 150)).max() for area in areas) < 0.1
+
+
+def test_noise_has_no_areas():
+    for deviation in (3, 20):
+        noise = np.random.default_rng(1).normal(0.5, deviation / 255, (200, 240, 3))
+        assert not find_areas(noise.clip(0, 1).astype(np.float32)).areas
+
+
+def test_letters_on_a_photo_stay_areas():
+    part = texture("photo")
+    part[40:80, 30:38] = part[72:80, 30:60] = 0.1, 0.2, 0.9
+    boxes = [boxed(area) for area in find_areas(page_with(part)[1]).areas]
+    assert min(np.abs(box - (90, 70, 120, 110)).max() for box in boxes) < 0.5
