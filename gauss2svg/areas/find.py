@@ -148,29 +148,22 @@ def opacity_of(color: Floats) -> float:
 
 def first_drawing(picture: Floats, unit: float, rate: float) -> Drawing:
     """Return a drawing of a picture, whose outlines have not been refined yet."""
-<<<<<<< HEAD
-    drawing = Drawing(pixels, *first_layers(pixels, unit, rate), is_tied=False)
+    pixels, ground, paints, layers = first_layers(picture, unit, rate)
+    drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
 
 def first_layers(
-    pixels: Floats, unit: float, rate: float
-) -> tuple[Paint, list[Paint], list[Layer]]:
-    """Return the ground of a picture, and the paints and the layers above it."""
-    cores, count = cores_of(pixels)
-    cores, count = without_edge_shades(pixels, cores, count)
-    if not count:  # no two pixels are alike
-        return Paint(np.median(pixels, axis=(0, 1))), [], []
-=======
+    picture: Floats, unit: float, rate: float
+) -> tuple[Floats, Paint, list[Paint], list[Layer]]:
+    """Return a picture without its photos, its ground, and the paints and the layers above it."""
     cores, count = cores_of(picture)
     pixels = with_even_photos(picture, cores)
     if pixels is not picture:
         cores, count = cores_of(pixels)
     cores, count = without_edge_shades(pixels, cores, count)
     if not count:  # no two pixels are alike
-        ground = Paint(np.median(pixels, axis=(0, 1)))
-        return Drawing(pixels, ground, [], [], picture=picture)
->>>>>>> texture
+        return pixels, Paint(np.median(pixels, axis=(0, 1))), [], []
     paints = paints_of(pixels, cores, count)
     join_parts_of_gradients(pixels, cores, paints)
     labels = grown(pixels, cores)
@@ -191,13 +184,7 @@ def first_layers(
         if paths:
             layers.append(Layer(mask.region, paths))
     layers += grouped(lines, paints)
-<<<<<<< HEAD
-    return ground, with_opacity(paints, opacity, is_opaque), layers
-=======
-    paints = with_opacity(paints, opacity, is_opaque)
-    drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
-    return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
->>>>>>> texture
+    return pixels, ground, with_opacity(paints, opacity, is_opaque), layers
 
 
 def transparent_paint() -> Paint:
