@@ -16,7 +16,7 @@ from gauss2svg.options import Field
 from gauss2svg.photo import MOST_PIXELS
 from gauss2svg.photo.pixels import straight
 from gauss2svg.render.cpu import Real, render_planar, splats_of
-from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene import ABOVE, ADD, Scene
 
 
 class TorchMissingError(InputError, ImportError):
@@ -49,10 +49,12 @@ def render(
     """
     width, height = output_size(scene, width, height)
     scale = (width / scene.width, height / scene.height)
-    splats = splats_of(scene, scale, covering)
-    if scene.areas:
+    if not scene.areas:
+        splats = splats_of(scene, scale, covering)
+    else:
         from gauss2svg.render.areas import ground_of  # few scenes need its kernels
 
+        splats = splats_of(scene.select(scene.level == ABOVE), scale, covering)
         splats = splats._replace(ground=ground_of(scene, height, width, dtype))
     planar = render_planar(splats, height, width, dtype)
     if scene.blend == ADD:

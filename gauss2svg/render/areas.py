@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.render.coverage import MITER_LIMIT, add_outline, add_stroke
-from gauss2svg.render.cpu import Real
+from gauss2svg.render.cpu import Real, render_planar, splats_of
 from gauss2svg.render.tiles import kernel
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import CAPS, Area
 
 _ROWS = 64  # number of rows that are drawn at once, which limits the memory of a large image
@@ -86,13 +86,20 @@ def coverage_of(
 def ground_of(
     scene: Scene, height: int, width: int, dtype: type[Real], backdrop: float | None = None
 ) -> NDArray[Real]:
-    """Return what lies below the Gaussians of a scene, (3, height, width).
+    """Return the areas of a scene, and the Gaussians that lie among them, (3, height, width).
 
     backdrop  grey level below the areas. If it is None, the scene's background is below them
     """
-    image = np.empty((height, width, 3), dtype)
+    image, scale = np.empty((height, width, 3), dtype), (width / scene.width, height / scene.height)
     image[:] = scene.background if backdrop is None else backdrop
-    draw_areas(scene.areas, image, (width / scene.width, height / scene.height))
+    drawn = 0
+    for level in np.unique(scene.level[scene.level != ABOVE]).tolist():
+        draw_areas(scene.areas[drawn:level], image, scale)
+        ground = np.ascontiguousarray(np.moveaxis(image, -1, 0))
+        splats = splats_of(scene.select(scene.level == level), scale)._replace(ground=ground)
+        image[:] = np.moveaxis(render_planar(splats, height, width, dtype), 0, -1)
+        drawn = level
+    draw_areas(scene.areas[drawn:], image, scale)
     return np.ascontiguousarray(np.moveaxis(image, -1, 0))
 
 

@@ -7,6 +7,7 @@ from .areas import (
     RadialGradient as RadialGradient,
 )
 from .scene import (
+    ABOVE as ABOVE,
     BLURRED as BLURRED,
     LEAST_CANVAS as LEAST_CANVAS,
     LEAST_SIGMA as LEAST_SIGMA,

@@ -43,6 +43,7 @@ MOST_MEAN = 1e12
 # Ways in which a file draws a shape. SOFT: by a gradient, or by a plain ellipse if that looks the
 # same. PLAIN: always by a plain ellipse. BLURRED: as a blurred disc.
 SOFT, PLAIN, BLURRED = range(3)
+ABOVE = -1  # level of a Gaussian above all areas
 
 # Bounds of the logit of an opacity. They stand for opacities of 0.0003 and 0.999994. Opacities
 # beyond these would not change an image of 8 bits.
@@ -190,6 +191,10 @@ PARAMETERS = (
     ),
     Parameter("round_index", 1, 0, 2**31 - 1, default=0, dtype=np.int32, advice="to count from 0"),
     Parameter("drawn", 1, SOFT, BLURRED, additive_domain=(SOFT, SOFT), default=SOFT, dtype=np.int8),
+    Parameter(
+        "level", 1, ABOVE, 2**31 - 1, default=ABOVE, dtype=np.int32,
+        advice="-1 above all areas, or the number of areas below the Gaussian",
+    ),
 )  # fmt: skip
 
 # Parameters that Adam steps in their raw forms. In Adam's arrays, the columns of these parameters
@@ -229,10 +234,13 @@ class Scene:
     drawn          (n,) how a file draws each shape. SOFT: by a gradient, or by a plain ellipse if
                    that looks the same. PLAIN: by a plain ellipse at any size. BLURRED: as a blurred
                    disc, in the form "blur". None for all SOFT
+    level          (n,) how many areas lie below each Gaussian. The areas above hide what they cover
+                   of it. ABOVE (-1): all. It never decreases. None for all ABOVE
     transparent    whether the background is left out of files and of render_rgba, whose image then
                    has alpha; False if blend is "add"
-    areas          areas and lines (gauss2svg.scene.areas) between the background and the Gaussians,
-                   the bottom one first; none if blend is "add"
+    areas          areas and lines (gauss2svg.scene.areas) above the background, the bottom one
+                   first. They lie below the Gaussians, but for those of another level. None if
+                   blend is "add"
 
     A signed colour is what its Gaussian adds to the image at its mean. The paper uses coefficients
     of normal densities instead: see `densities` and `peaks_of`.
@@ -257,6 +265,7 @@ class Scene:
     transparent: bool = False
     drawn: NDArray[np.int8] = _DEFAULT
     areas: tuple[Area, ...] = ()
+    level: NDArray[np.int32] = _DEFAULT
 
     as_html: ClassVar[Callable[[Scene], str] | None] = None  # set by gauss2svg.svg.file
 
@@ -278,6 +287,12 @@ class Scene:
         object.__setattr__(self, "areas", checked_areas(self.areas))
         if self.blend == ADD and self.areas:
             raise SceneError("scene blend must be 'over' if there are areas; got 'add'")
+        count = len(self.areas)
+        if self.level.max(initial=ABOVE) > count:
+            needed = f"at most {count}, the number of areas"
+            raise SceneError(f"scene level must be {needed}; got {self.level.max()}")
+        if np.any(np.diff(np.where(self.level == ABOVE, count + 1, self.level)) < 0):
+            raise SceneError("scene level must not decrease; got lower Gaussians over higher ones")
 
     @classmethod
     def from_covariance(
