@@ -19,6 +19,7 @@ from gauss2svg.areas.paint import Paint, join_parts_of_gradients, paints_of
 from gauss2svg.areas.photos import with_even_photos
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Palette, cores_of, grown, shares_of, without_edge_shades
+from gauss2svg.areas.shades import without_shading
 from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
@@ -65,16 +66,18 @@ def find_areas(
     rate: float = RATE,
     unit: float = UNIT,
     progress: Progress | None = None,
+    shaded: bool = False,
 ) -> FoundAreas:
     """Return the areas and lines that draw a picture (h, w, 3), or (h, w, 4) with straight alpha.
 
     rate  squared error, summed over the pixels and channels, that each byte must save
     unit  user unit in px of the file for which nodes are counted
+    shaded  whether shading without crisp edges is left to Gaussians
     """
     started = time.perf_counter()
     if progress is not None:
         progress(0.0, None)
-    drawing = first_drawing(channels_of(picture), unit, rate)
+    drawing = first_drawing(channels_of(picture), unit, rate, shaded)
     find_s = time.perf_counter() - started
     return _refined(drawing, STEPS, rate, unit, find_s, 0.0, progress)
 
@@ -146,9 +149,10 @@ def opacity_of(color: Floats) -> float:
     return 1.0 if len(color) == 3 else float(np.clip(1 - (color[3:] - color[:3]).mean(), 0, 1))
 
 
-def first_drawing(picture: Floats, unit: float, rate: float) -> Drawing:
+def first_drawing(picture: Floats, unit: float, rate: float, shaded: bool) -> Drawing:
     """Return a drawing of a picture, whose outlines have not been refined yet."""
-    pixels, ground, paints, layers = first_layers(picture, unit, rate)
+    pixels = without_shading(picture) if shaded else picture
+    pixels, ground, paints, layers = first_layers(pixels, unit, rate)
     drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 

@@ -114,10 +114,7 @@ class Population:
     def scene(self) -> Scene:
         """Return the Gaussians on the working canvas."""
         size = self.target.width, self.target.height
-        areas, ground = (), self._ground
-        if ground is not None:
-            areas = ground.scaled(size[0] / ground.width, size[1] / ground.height).areas
-        scene = self.state.scene(self.background, *size, self.config.fit.blend, areas)
+        scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
             scene = scene.replace(transparent=True)
         # All shapes of a fit to inks are opaque, but a logit always stands for an opacity slightly
@@ -125,9 +122,12 @@ class Population:
         if self.inks is not None:
             scene = scene.replace(opacity=np.ones(len(scene)))
         height, width = self._pyramid.pixels.shape[:2]
-        if (width, height) == size:
+        if (width, height) != size:
+            scene = scene.scaled(width / size[0], height / size[1])
+        if (ground := self._ground) is None:
             return scene
-        return scene.scaled(width / size[0], height / size[1])
+        ground = ground.scaled(width / ground.width, height / ground.height)
+        return ground.replace(width=scene.width, height=scene.height).concatenate(scene)
 
     def psnr(self) -> float:
         """Return the PSNR in dB against the photo.
@@ -355,7 +355,9 @@ class Population:
         """
         least = math.log(OPAQUE_FROM / (1 - OPAQUE_FROM))
         self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT
-        self.state = self._with_crisp_rims(self.state.quantized(as_written(self.scene(), psnr)))
+        written = as_written(self.scene(), psnr)
+        written = written.select(slice(len(written) - len(self), None))  # without the ground's
+        self.state = self._with_crisp_rims(self.state.quantized(written))
         if self.inks is None:
             self.shared = SharedColors.of(self.state, self.blending)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.render.cpu import Splats, splats_from
-from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Area, Scene
+from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.scene import STEPPED
 
 # Bound in px of |x| + |y| + l11 + |l21| + l22 of a Gaussian. A step that would exceed it is not
@@ -168,14 +168,9 @@ class State:
         )
 
     def scene(
-        self,
-        background: NDArray[np.float64],
-        width: float,
-        height: float,
-        blend: str = OVER,
-        areas: tuple[Area, ...] = (),
+        self, background: NDArray[np.float64], width: float, height: float, blend: str = OVER
     ) -> Scene:
-        """Return the Gaussians as a scene, above areas.
+        """Return the Gaussians as a scene.
 
         The raw parameters are converted, for example logits to opacities, and the values are
         clipped to the domain of scenes.
@@ -195,7 +190,6 @@ class State:
             round_index=self.round_index,
             blend=blend,
             drawn=self.drawn,
-            areas=areas,
             **clipped,
         )
 

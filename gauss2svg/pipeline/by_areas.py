@@ -24,13 +24,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss2svg.areas.find import RATE, UNIT, FoundAreas, Progress, coarser, find_areas
+from gauss2svg.areas.find import (
+    RATE,
+    UNIT,
+    FoundAreas,
+    Progress,
+    coarser,
+    find_areas,
+)
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
-from gauss2svg.measure.roundtrip import RoundTrip, round_trip
+from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
 from gauss2svg.photo.pixels import has_alpha, shrunk
 from gauss2svg.pipeline.area_colors import with_solved_colors
+from gauss2svg.pipeline.below import with_gaussians_below
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Export, Exporter
 from gauss2svg.pipeline.outcome import Outcome, Subject
@@ -47,7 +55,7 @@ FULL = 0.9  # no rate between two others is tried if a file uses at least this s
 # If a file is k times as large as the limit, the rate is multiplied by k ** STEEPNESS, but by at
 # least LEAST_RAISE and at most MOST_RAISE.
 STEEPNESS, LEAST_RAISE, MOST_RAISE = 8.0, 3.0, 300.0
-COARSER = 30.0  # factor on the rate from one trial to the next, if nothing else decides it
+LESS = 8.0  # factor on the rate as long as a file reaches the target
 BETWEEN = 0.2  # share of a search between two reports of its progress
 # A trial fits this many Gaussians in so many steps, to a picture of at most so many px a side.
 TRIED, TRIAL_STEPS, TRIAL_SIDE = 24, 80, 256
@@ -67,20 +75,24 @@ class _StoppedError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """Areas, their file, and what a few Gaussians above them are expected to save.
+    """Areas with Gaussians below them, their file, and what some Gaussians above would save.
 
-    alone   squared error of the areas, summed over pixels and channels of the working picture
-    saved   by how much the Gaussians lower it
+    ground  scene of the areas, and of Gaussians below them if these pay
+    error   squared error of this scene, summed over pixels and channels of the working picture
+    saved   by how much Gaussians above lower it
     cost    value by which trials are compared: the squared error that is expected of the best file
             with these areas. Without a limit, the price of its bytes is added
+    shaded  whether Gaussians save so much that the picture has shading that areas only imitate
     is_met  whether the file reaches the target. False if there is none
     """
 
     found: FoundAreas
+    ground: Scene
     export: Export
-    alone: float
+    error: float
     saved: float
     cost: float
+    shaded: bool
     is_met: bool
 
 
@@ -102,6 +114,7 @@ class ByAreas:
         small = max(1, round(share * height)), max(1, round(share * width))
         self._small = shrunk(subject.working, *small)
         self._price = RATE * plan.shape_bytes  # squared error that a Gaussian must save
+        self._values = 3 * width * height  # numbers of the working picture
 
     def run(self) -> Outcome:
         """Find areas, fit Gaussians above them, and return the file with its measurements."""
@@ -111,13 +124,12 @@ class ByAreas:
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         reason = "max_bytes" if self._is_cut else "gain"
         reason = "interrupted" if run.ended else "time_limit" if self._is_late else reason
-        ground = self._scene(trial.found)
-        fitted = FitResult(ground, 0, 0, wall_s, cpu_s, 0, reason)
+        fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
         alone = self._outcome(trial, fitted)
-        if run.ended or self._is_late or not self._wants_gaussians(trial):
+        if self._ends() or not self._wants_gaussians(trial):
             return alone
         start = subject.start if subject.start is not None and len(subject.start) else None
-        above = dataclasses.replace(subject, ground=ground, start=start)
+        above = dataclasses.replace(subject, ground=trial.ground, start=start)
         both = ByCount(dataclasses.replace(self._plan, rate=RATE), above, run).run()
         above.release()
         if alone.size <= self._limit and both.psnr < alone.psnr + LEAST_GAIN:
@@ -153,7 +165,7 @@ class ByAreas:
         is_cut = False
         if self._is_cut and not self._run.ended:
             shapes = self._trial(self._nothing(), int(self._limit / SHAPE_BYTES[2]))
-            is_cut = shapes.alone - shapes.saved < SHAPES_ALONE * trial.cost
+            is_cut = shapes.error - shapes.saved < SHAPES_ALONE * trial.cost
         return Outcome(
             plan, subject, export.scene, export.svg, export.format, fitted, measured,
             self._tries - 1, found=trial.found, is_cut=is_cut,
@@ -169,80 +181,118 @@ class ByAreas:
     def _pays(self, trial: _Trial) -> bool:
         return trial.saved > TRIED * self._price
 
-    def _is_shaded(self, trial: _Trial) -> bool:
-        return self._pays(trial) and trial.alone - trial.saved < SHADED * trial.alone
-
     def _best(self) -> _Trial:
         """Return the trial whose areas the file gets."""
-        best, finer, rate = None, None, RATE
-        low, high = 0.0, math.inf  # highest rate of a file beyond the limit, lowest of one within
-        while self._tries < TRIES and not (self._run.ended or self._is_late):
-            trial = self._trial(found := self._found(rate, finer))
-            size, is_shaded = trial.export.size, self._is_shaded(trial)
-            if size > self._limit:
-                low, finer = rate, found
-                least = COARSER if is_shaded else LEAST_RAISE
-                raised = min(max((size / self._limit) ** STEEPNESS, least), MOST_RAISE)
-                rate = rate * raised if high == math.inf else math.sqrt(rate * high)
-                continue
-            is_better = best is None or trial.is_met or trial.cost < best.cost
-            is_first, best = best is None, trial if is_better else best
-            if not is_better:
+        trials = [self._trial(self._found(self._searched))]
+        if trials[0].shaded and self._subject.start is None and not self._ends():
+            found = self._found(
+                lambda p: find_areas(self._subject.working, RATE, self._unit, p, shaded=True),
+                trials[0].found,
+            )
+            trials.append(self._trial(found))
+        within = [trial for trial in trials if trial.export.size <= self._limit]
+        if not within:
+            return self._cut(min(trials, key=lambda trial: trial.export.size))
+        best = min(within, key=lambda trial: trial.cost)
+        rate = RATE
+        while best.is_met and self._tries < TRIES and not self._ends():
+            rate *= LESS
+            trial = self._trial(self._coarser(best, rate))
+            if not trial.is_met:
                 break
-            if trial.is_met or (is_shaded and self._plan.aim is None and high == math.inf):
-                finer, rate = found, rate * COARSER
-            elif low and is_first and size < FULL * self._limit:
-                high, rate = rate, math.sqrt(low * rate)
+            best = trial
+        return best
+
+    def _cut(self, trial: _Trial) -> _Trial:
+        """Return the best trial within the limit of bytes, which `trial` exceeds."""
+        best, rate, self._is_cut = None, RATE, True
+        low, high = RATE, math.inf  # highest rate of a file beyond the limit, lowest of one within
+        while self._tries < TRIES and not self._ends():
+            size = trial.export.size
+            if size > self._limit:
+                low, finest = rate, trial
+                raised = min(max((size / self._limit) ** STEEPNESS, LEAST_RAISE), MOST_RAISE)
+                rate = rate * raised if high == math.inf else math.sqrt(rate * high)
+            elif best is None or trial.cost < best.cost:
+                best, high, rate = trial, rate, math.sqrt(low * rate)
+                if size > FULL * self._limit:
+                    break
             else:
                 break
-        self._is_cut = low > 0
+            trial = self._trial(self._coarser(finest, rate))
+        if trial.export.size <= self._limit and (best is None or trial.cost < best.cost):
+            best = trial
         return best or self._trial(self._nothing())
 
+    def _coarser(self, trial: _Trial, rate: float) -> FoundAreas:
+        return self._found(lambda p: coarser(trial.found, rate, self._unit, p), trial.found)
+
+    def _ends(self) -> bool:
+        return self._run.ended or self._is_late
+
     def _trial(self, found: FoundAreas, count: int = TRIED) -> _Trial:
-        """Return areas with what `count` Gaussians above them are expected to save."""
+        """Return areas with what `count` Gaussians below or above them are expected to save."""
         plan, subject, scene = self._plan, self._subject, self._scene(found)
+        height, width = self._small.shape[:2]
+        count = min(count, height * width // 3)
+        first = error = self._error(scene)
+        best = error
+        for below in (count, 3 * count) if found.areas else ():
+            if best <= self._price * below:
+                break
+            tried = with_gaussians_below(self._scene(found), self._small, below)
+            after = self._error(tried)
+            if after + self._price * below >= best:
+                break
+            scene, error, best = tried, after, after + self._price * below
         export, is_met = self._exporter.unscored(scene), False
         if plan.aim is not None:
             is_met = plan.aim.is_met_by(
                 plan.aim.score(self._exporter.raster(export.svg), subject.photo)
             )
-        height, width = self._small.shape[:2]
-        count = min(count, height * width // 3)
-        config = FitConfig(
-            gaussians=count, iterations=TRIAL_STEPS, fit=FitOptions(tune=PSNR, falloff=GAUSSIAN)
-        )
-        targets = TargetPyramid(self._small, PSNR, ground=scene)
-        session = FitSession(self._small, config, stop=self._run.stop, targets=targets)
-        values = 3 * math.prod(subject.size)
-        alone = values * 10 ** (-session.population.psnr() / 10)
-        session.fit()
-        saved = max(alone - values * 10 ** (-session.population.psnr() / 10), 0.0)
+        saved = 0.0
+        if error > self._price * count / 2:
+            config = FitConfig(
+                gaussians=count, iterations=TRIAL_STEPS, fit=FitOptions(tune=PSNR, falloff=GAUSSIAN)
+            )
+            targets = TargetPyramid(self._small, PSNR, ground=scene)
+            session = FitSession(self._small, config, stop=self._run.stop, targets=targets)
+            session.fit()
+            saved = max(error - self._values * 10 ** (-session.population.psnr() / 10), 0.0)
+        pays = max(saved - count * self._price, 0.0)
         if self._limit < math.inf:
             room = max(self._limit - export.size, 0) / plan.shape_bytes
-            cost = alone - math.sqrt(min(room / max(count, 1), 1.0)) * saved
+            cost = error - math.sqrt(min(room / max(count, 1), 1.0)) * saved
         else:
-            cost = alone + RATE * export.size - max(saved - count * self._price, 0.0)
-        return _Trial(found, export, alone, saved, cost, is_met)
+            cost = error + RATE * export.size - pays
+        is_shaded = first - error > 0 or (pays > 0 and error - saved < SHADED * error)
+        return _Trial(found, scene, export, error, saved, cost, is_shaded, is_met)
 
-    def _found(self, rate: float, finer: FoundAreas | None) -> FoundAreas:
-        """Return the areas at a rate. If the run has to end, return those that are found so far.
+    def _error(self, scene: Scene) -> float:
+        """Return the squared error of a scene, measured on the small picture."""
+        return self._values * 10 ** (-model_psnr(scene, self._small) / 10)
 
-        finer  areas of a lower rate, whose nodes are merged. None to find areas in the picture
+    def _found(
+        self, search: Callable[[Progress], FoundAreas], so_far: FoundAreas | None = None
+    ) -> FoundAreas:
+        """Return the areas of a search. If the run has to end, return those that are found so far.
+
+        so_far  areas before the search. None if there are none
         """
-        run, newest, begun = self._run, finer or self._nothing(), time.perf_counter()
+        run, newest, begun = self._run, so_far or self._nothing(), time.perf_counter()
         due = 0.0
 
-        def progress(done: float, so_far: Callable[[], FoundAreas] | None) -> None:
+        def progress(done: float, present: Callable[[], FoundAreas] | None) -> None:
             nonlocal newest, due
             # Until the first areas are found, there is nothing that a stopped run could write.
             deadline = run.budget.fit_ends()
             self._is_late = deadline is not None and time.perf_counter() > deadline
-            ends = so_far is not None and (run.stop() or self._is_late)
+            ends = present is not None and (run.stop() or self._is_late)
             if done < due and not ends:
                 return
             due, now = done + BETWEEN, None
-            if so_far is not None:
-                newest = so_far()
+            if present is not None:
+                newest = present()
                 scene, seconds = self._scene(newest), time.perf_counter() - begun
                 left_s, counts = seconds / done * (1 - done), str(AreaCounts.of(newest.areas))
                 psnr = newest.psnr
@@ -253,25 +303,23 @@ class ByAreas:
 
         self._tries += 1
         try:
-            newest = self._searched(rate, finer, progress)
+            newest = search(progress)
         except _StoppedError:
             return newest
         run.notify("write")
         return newest
 
-    def _searched(self, rate: float, finer: FoundAreas | None, progress: Progress) -> FoundAreas:
-        """Return areas of a rate: fewer than `finer` has, those of the start, or new ones."""
+    def _searched(self, progress: Progress) -> FoundAreas:
+        """Return the areas of the picture, or those of the start, at the usual rate."""
         subject, unit = self._subject, self._unit
-        if finer is not None:
-            return coarser(finer, rate, unit, progress)
         if (start := subject.start) is None:
-            return find_areas(subject.working, rate, unit, progress)
+            return find_areas(subject.working, RATE, unit, progress)
         # Imported here because few runs have a start.
         from gauss2svg.areas.start import refined_areas
 
         width, height = subject.size
         areas = start.scaled(width / start.width, height / start.height).areas
-        return refined_areas(subject.working, areas, start.background, rate, unit, progress)
+        return refined_areas(subject.working, areas, start.background, RATE, unit, progress)
 
     def _nothing(self) -> FoundAreas:
         """Return no areas, on the mean colour of the picture."""

@@ -54,6 +54,8 @@ class Exporter:
     def __init__(self, plan: Plan, subject: Subject) -> None:
         self._plan, self._subject = plan, subject
         self._highest_psnr = -math.inf  # dB
+        # Number of the Gaussians that each file has in its ground.
+        self._in_ground = 0 if subject.ground is None else len(subject.ground)
         draw = partial(rasterize_like, picture=subject.photo, renderer=plan.options.run.renderer)
         # Function that rasterises an SVG at the photo's size.
         self.raster = lru_cache(maxsize=1)(draw)
@@ -103,7 +105,7 @@ class Exporter:
         keeps_gradients  whether the file has all gradients of the scene, even if it has fewer or
                          more shapes. A minimal file has so few that this makes no difference
         """
-        document, count = self._subject.document, max(len(quantized), 1)
+        document, count = self._subject.document, max(len(quantized) - self._in_ground, 1)
         written = self._plan.format_at(max(psnr, self._highest_psnr))
 
         def each(svg: str) -> float:
@@ -174,7 +176,7 @@ class Exporter:
         written, document = export.format, self._subject.document
         # Each of these is a number of Gaussians and the bytes of their file. `fewer` is for the
         # largest file so far within the limit, and `more` for the smallest file so far beyond it.
-        fewer, more = (0, self.empty_bytes), (len(order), export.size)
+        fewer, more = (self._in_ground, self.empty_bytes), (len(order), export.size)
         best = None
         while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
             share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
@@ -183,7 +185,7 @@ class Exporter:
             scene = in_file_order(export.scene.select(np.sort(order[:count])), written, document)
             svg = ordered_svg(scene, written, document)
             part = Export(scene, svg, written, self._size(svg), math.nan)
-            if part.size > limit and count:
+            if part.size > limit and count > self._in_ground:
                 more = count, part.size
             else:
                 fewer, best = (count, part.size), part

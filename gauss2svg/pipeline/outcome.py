@@ -20,7 +20,7 @@ from gauss2svg.measure.roundtrip import RoundTrip, raster_error
 from gauss2svg.photo.pixels import Focus, stacked
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render.cpu import splats_of
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.svg import Document, SvgFormat
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ class Subject:
     document  document settings of the file
     focus     mask of the part of the photo where detail matters, None if the user gives no mask
     start     scene whose shapes a search by count refines. None: the search fits new shapes
-    ground    areas on the working canvas, below the shapes of the fits. None: there are none
+    ground    areas, and Gaussians among them, on the working canvas, below the shapes of the fits.
+              None: there are none
     """
 
     photo: NDArray[np.float32]
@@ -97,8 +98,10 @@ class Subject:
         """
         target = self.targets(tune).reduced(1)
         scale = target.width / scene.width, target.height / scene.height
-        cost = target.removal_cost(splats_of(scene, scale, covering))[1][:, 0]
-        return np.argsort(-cost, kind="stable")
+        above = np.flatnonzero(scene.level == ABOVE)
+        cost = target.removal_cost(splats_of(scene.select(above), scale, covering))[1][:, 0]
+        among = np.flatnonzero(scene.level != ABOVE)  # they belong to the ground
+        return np.concatenate([among, above[np.argsort(-cost, kind="stable")]])
 
     def release(self) -> None:
         """Free the memory of the targets of fits. Call this after the last fit."""
