@@ -151,18 +151,19 @@ def opacity_of(color: Floats) -> float:
 
 def first_drawing(picture: Floats, unit: float, rate: float, shaded: bool) -> Drawing:
     """Return a drawing of a picture, whose outlines have not been refined yet."""
-    pixels = without_shading(picture) if shaded else picture
-    pixels, ground, paints, layers = first_layers(pixels, unit, rate)
+    pixels, ground, paints, layers = first_layers(picture, unit, rate, shaded)
     drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
 
 def first_layers(
-    picture: Floats, unit: float, rate: float
+    picture: Floats, unit: float, rate: float, shaded: bool
 ) -> tuple[Floats, Paint, list[Paint], list[Layer]]:
     """Return a picture without its photos, its ground, and the paints and the layers above it."""
     cores, count = cores_of(picture)
     pixels = with_even_photos(picture, cores)
+    if shaded:
+        pixels = without_shading(pixels)
     if pixels is not picture:
         cores, count = cores_of(pixels)
     cores, count = without_edge_shades(pixels, cores, count)

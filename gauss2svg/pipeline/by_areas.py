@@ -41,12 +41,13 @@ from gauss2svg.pipeline.area_colors import with_solved_colors
 from gauss2svg.pipeline.below import with_gaussians_below
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Export, Exporter
-from gauss2svg.pipeline.outcome import Outcome, Subject
-from gauss2svg.pipeline.plan import SHAPE_BYTES, Plan
+from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
+from gauss2svg.pipeline.options import ALWAYS
+from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.svg import LEAST_PRECISION, MOST_PRECISION
+from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import ordered_svg
 
@@ -64,9 +65,10 @@ TRIED, TRIAL_STEPS, TRIAL_SIDE = 24, 80, 256
 SHADED = 0.6
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
 LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this number
-# Shapes alone are tried too if a trial of them leaves less than this multiple of the squared error
-# that areas leave which are cut to a limit.
-SHAPES_ALONE = 3.0
+# Shapes alone are tried too if areas leave errors that can be seen, and a trial of as many bytes of
+# shapes leaves less than SHAPES_ALONE times their squared error. If there are over MANY areas, this
+# is tested before they are refined, and they are expected to keep UNREFINED of their error.
+SHAPES_ALONE, MANY, UNREFINED = 2.0, 150, 0.4
 
 
 class _StoppedError(Exception):
@@ -108,7 +110,7 @@ class ByAreas:
         self._plan, self._subject, self._run = plan, subject, run
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
-        self._is_cut = self._is_late = False
+        self._is_cut = self._is_late = self._many = False
         width, height = subject.size
         share = min(1.0, TRIAL_SIDE / max(width, height))
         small = max(1, round(share * height)), max(1, round(share * width))
@@ -137,8 +139,8 @@ class ByAreas:
         fitted = both.fitted.after(fitted, both.fitted.stop_reason)
         corrections = both.corrections + alone.corrections
         both = dataclasses.replace(
-            both, subject=subject, found=trial.found, is_cut=alone.is_cut, fitted=fitted,
-            corrections=corrections,
+            both, subject=subject, found=trial.found, unsure=alone.unsure, fitted=fitted,
+            corrections=corrections, unsure=alone.unsure,
         )  # fmt: skip
         return max(both, self._recolored(both), key=lambda outcome: outcome.psnr)
 
@@ -162,14 +164,25 @@ class ByAreas:
         plan, subject, export = self._plan, self._subject, trial.export
         self._run.notify("measure")
         measured = self._measured(export.svg, export.scene)
-        is_cut = False
-        if self._is_cut and not self._run.ended:
-            shapes = self._trial(self._nothing(), int(self._limit / SHAPE_BYTES[2]))
-            is_cut = shapes.error - shapes.saved < SHAPES_ALONE * trial.cost
+        error = trial.error - trial.saved
+        unsure = error > self._values * 10 ** (-SEEN_UP_TO / 10)
+        unsure = unsure and not self._run.ended and self._shapes_win(export.size, error)
         return Outcome(
             plan, subject, export.scene, export.svg, export.format, fitted, measured,
-            self._tries - 1, found=trial.found, is_cut=is_cut,
+            self._tries - 1, found=trial.found, unsure=self._many or unsure,
         )  # fmt: skip
+
+    def _shapes_win(self, size: int, error: float) -> bool:
+        """Return whether shapes alone, in a file of so many bytes, may be closer than areas.
+
+        error  squared error of the areas
+        """
+        if self._plan.options.svg.areas == ALWAYS:
+            return False
+        size = self._limit if self._limit < math.inf else size
+        each = SHAPE_BYTES[2] if self._plan.markup == MINIMAL else USUAL_BYTES
+        shapes = self._trial(self._nothing(), max(int(size / each), TRIED))
+        return shapes.error - shapes.saved < SHAPES_ALONE * error
 
     def _wants_gaussians(self, trial: _Trial) -> bool:
         """Return whether Gaussians are fitted above the areas of a trial."""
@@ -203,32 +216,32 @@ class ByAreas:
             best = trial
         return best
 
-    def _cut(self, trial: _Trial) -> _Trial:
-        """Return the best trial within the limit of bytes, which `trial` exceeds."""
+    def _cut(self, finest: _Trial) -> _Trial:
+        """Return the best trial within the limit of bytes, which `finest` exceeds."""
         best, rate, self._is_cut = None, RATE, True
         low, high = RATE, math.inf  # highest rate of a file beyond the limit, lowest of one within
         while self._tries < TRIES and not self._ends():
-            size = trial.export.size
-            if size > self._limit:
-                low, finest = rate, trial
-                raised = min(max((size / self._limit) ** STEEPNESS, LEAST_RAISE), MOST_RAISE)
-                rate = rate * raised if high == math.inf else math.sqrt(rate * high)
-            elif best is None or trial.cost < best.cost:
-                best, high, rate = trial, rate, math.sqrt(low * rate)
-                if size > FULL * self._limit:
-                    break
+            if high < math.inf:
+                rate = math.sqrt(low * high)
             else:
-                break
+                raised = (finest.export.size / self._limit) ** STEEPNESS
+                rate *= min(max(raised, LEAST_RAISE), MOST_RAISE)
             trial = self._trial(self._coarser(finest, rate))
-        if trial.export.size <= self._limit and (best is None or trial.cost < best.cost):
-            best = trial
+            if trial.export.size > self._limit:
+                low, finest = rate, trial
+                continue
+            is_better = best is None or trial.cost < best.cost
+            if is_better:
+                best, high = trial, rate
+            if not is_better or trial.export.size > FULL * self._limit:
+                break
         return best or self._trial(self._nothing())
 
     def _coarser(self, trial: _Trial, rate: float) -> FoundAreas:
         return self._found(lambda p: coarser(trial.found, rate, self._unit, p), trial.found)
 
     def _ends(self) -> bool:
-        return self._run.ended or self._is_late
+        return self._run.ended or self._is_late or self._many
 
     def _trial(self, found: FoundAreas, count: int = TRIED) -> _Trial:
         """Return areas with what `count` Gaussians below or above them are expected to save."""
@@ -293,6 +306,10 @@ class ByAreas:
             due, now = done + BETWEEN, None
             if present is not None:
                 newest = present()
+                if not so_far and len(newest.areas) > MANY and not self._many:
+                    error = self._values * 10 ** (-newest.psnr / 10)
+                    size = self._exporter.unscored(self._scene(newest)).size
+                    ends = self._many = self._shapes_win(size, UNREFINED * error)
                 scene, seconds = self._scene(newest), time.perf_counter() - begun
                 left_s, counts = seconds / done * (1 - done), str(AreaCounts.of(newest.areas))
                 psnr = newest.psnr

@@ -123,7 +123,7 @@ class Outcome:
     corrections  number of times that the number of Gaussians was changed after the fit
     enlarged     enlarged drawing, if files are also compared with one, otherwise None
     found        areas on the working canvas, with the costs of finding them. None without areas
-    is_cut       whether areas or parts of them were left out for the limit of bytes
+    unsure       whether shapes alone may be closer than the areas of this outcome
     aim_score    value of the aim's score for the file, NaN if it is not measured
     """
 
@@ -137,7 +137,7 @@ class Outcome:
     corrections: int
     enlarged: NDArray[np.float32] | None = None
     found: FoundAreas | None = None
-    is_cut: bool = False
+    unsure: bool = False
     aim_score: float = math.nan
 
     @property
@@ -169,7 +169,8 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
 
     The searches end early if an outcome meets the aim within the limit, or was interrupted. They
     also end if a search that has enlarged a drawing reaches SEEN_UP_TO dB, because only the shapes
-    of this search stay crisp when the file is enlarged, and if all areas are within the limit.
+    of this search stay crisp when the file is enlarged, and if areas are surely closer than shapes
+    alone.
 
     searched  outcomes of the searches. Each search runs when its outcome is requested
     """
@@ -182,7 +183,7 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
         outcomes.append(last)
         is_met = aim is not None and aim.is_met_by(last.aim_score) and last.size <= limit
         is_close = last.enlarged is not None and last.psnr >= SEEN_UP_TO
-        is_close |= last.found is not None and not last.is_cut
+        is_close |= last.found is not None and not last.unsure
         if is_met or is_close or last.fitted.stop_reason == "interrupted":
             break
     large = next((outcome.enlarged for outcome in outcomes if outcome.enlarged is not None), None)

@@ -240,12 +240,13 @@ class Plan:
         if isinstance(fit.inks, int):
             options = self.options.changed(inks=inks_of(pixels, fit.inks))
             return dataclasses.replace(self, options=options)
-        if svg.areas == AUTO and self.allows_areas and not self.starts and may_have_areas(pixels):
-            return dataclasses.replace(self, has_areas=True)
         usual = fit.learned_falloff and svg.form == GRADIENT and not svg.portable
-        usual = usual and not self.in_areas
         is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
-        return dataclasses.replace(self, has_edges=usual and has_edges(pixels), is_small=is_small)
+        may = svg.areas == AUTO and self.allows_areas and not self.starts
+        return dataclasses.replace(
+            self, has_edges=usual and has_edges(pixels), is_small=is_small,
+            has_areas=self.has_areas or (may and may_have_areas(pixels)),
+        )  # fmt: skip
 
     @property
     def shape_bytes(self) -> float:
@@ -264,7 +265,7 @@ class Plan:
         """
         goal = self.goal
         by_preset = goal.count is None and self.aim is None and not goal.is_budget
-        return by_preset and self.has_edges
+        return by_preset and self.has_edges and not self.in_areas
 
     def check_renderer(self) -> None:
         """Raise RendererError if the renderer that draws the file is not installed."""
@@ -391,13 +392,13 @@ class Plan:
         """
         limit, asked = self.uncompressed_limit, self.options.svg.markup
         is_timed = self.goal.time_limit is not None
+        if self.in_areas:
+            # Shapes alone may be closer. `best_of` runs their search only if this is likely.
+            options = self.options.changed(areas=NEVER)
+            alone = dataclasses.replace(self, options=options, has_areas=False)
+            return [self, *(alone.searches()[:1] if self.has_areas and not is_timed else [])]
         if limit is None:
             return [self]
-        if self.in_areas:
-            # If the limit leaves out areas, shapes alone may be closer.
-            options = self.options.changed(areas=NEVER)
-            alone = dataclasses.replace(self, options=options, has_areas=False, has_edges=True)
-            return [self, *(plan for plan in alone.searches()[:1] if plan.by_bytes)]
         if self.aim is not None:
             options = self.options.changed(**{self.aim.of.option: None})
             within = dataclasses.replace(self, options=options)
