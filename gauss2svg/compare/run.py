@@ -236,8 +236,9 @@ def make_svg(request: Request) -> dict[str, Any]:
 def rounds_of(svg: str) -> list[list[int]]:
     """Return [number of a round, number of shapes after that round] for each round of an SVG."""
     rounds: list[list[int]] = []
-    shapes = 0
-    for group in svg.split('<g id="round-')[1:]:
+    below, *groups = svg.split('<g id="round-')
+    shapes = below.count("<circle")  # shapes below areas are in no group of a round
+    for group in groups:
         shapes += group.count("<circle")
         rounds.append([int(group.partition('"')[0]), shapes])
     return rounds

@@ -19,7 +19,7 @@ import numpy as np
 from gauss2svg.errors import InputError
 from gauss2svg.render import TorchMissingError, output_size
 from gauss2svg.render.areas import draw_areas
-from gauss2svg.scene import ADD, MOST_SIGNED, Scene
+from gauss2svg.scene import ABOVE, ADD, MOST_SIGNED, Scene
 from gauss2svg.scene.falloff import CUT, RIM
 from gauss2svg.scene.scene import PARAMETERS
 
@@ -145,20 +145,24 @@ def render_reference(
     width, height = output_size(scene, width, height)
     # Scale the arrays and not the scene, because Scene.scaled raises an error if scaled shapes
     # leave the domain of scenes.
-    scale = (width / scene.width, height / scene.height)
+    scale, additive = (width / scene.width, height / scene.height), scene.blend == ADD
     ground = np.full((height, width, 3), scene.background)
-    draw_areas(scene.areas, ground, scale)
-    arrays = (
-        scene.mean * scale, scene.sigma * scale, scene.rho, scene.color, scene.opacity, ground,
-        scene.beta,
-    )  # fmt: skip
-    mean, sigma, rho, *others = (
-        torch.tensor(array, dtype=dtype, device=device) for array in arrays
-    )
-    rho = rho.clamp(-below_one(dtype), below_one(dtype))
-    additive = scene.blend == ADD
-    with torch.no_grad():
-        image = _blended((mean, sigma, rho, *others), height, width, additive)
+    image, first = torch.tensor(ground, dtype=dtype, device=device), 0
+    for level in [*np.unique(scene.level[scene.level != ABOVE]).tolist(), ABOVE]:
+        last = len(scene.areas) if level == ABOVE else level
+        draw_areas(scene.areas[first:last], ground, scale)
+        shapes, first = scene.select(scene.level == level), last
+        arrays = (
+            shapes.mean * scale, shapes.sigma * scale, shapes.rho, shapes.color, shapes.opacity,
+            ground, shapes.beta,
+        )  # fmt: skip
+        mean, sigma, rho, *others = (
+            torch.tensor(array, dtype=dtype, device=device) for array in arrays
+        )
+        rho = rho.clamp(-below_one(dtype), below_one(dtype))
+        with torch.no_grad():
+            image = _blended((mean, sigma, rho, *others), height, width, additive)
+        ground = image.cpu().to(torch.float64).numpy()
     return image.clamp(0, 1) if additive else image
 
 

@@ -428,8 +428,8 @@ class Scene:
     def select(self, index: Any) -> Self:
         """Return the scene of the Gaussians that `index`, a mask, slice or index array, picks.
 
-        Raise SceneError if round_index decreases in the new order, and NumPy's IndexError if the
-        index is of another kind or out of range.
+        Raise SceneError if round_index or level decreases in the new order, and NumPy's IndexError
+        if the index is of another kind or out of range.
         """
         picked = np.arange(len(self))[index]
         return self.replace(**{p.name: getattr(self, p.name)[picked] for p in PARAMETERS})
@@ -438,8 +438,8 @@ class Scene:
         """Return a scene with the Gaussians of this scene, and those of `top` above them.
 
         The rounds of the upper Gaussians come after those of the lower ones. Canvas, background,
-        transparency and areas are those of this scene. Raise SceneError if the blends differ, or if
-        the upper scene has areas, because these would lie above Gaussians.
+        transparency and areas are those of this scene, and the upper Gaussians lie above all areas.
+        Raise SceneError if the blends differ, or if the upper scene has areas.
         """
         if self.blend != required(top, "upper scene", Scene).blend:
             raise SceneError(
@@ -448,7 +448,7 @@ class Scene:
         if top.areas:
             raise SceneError(f"the upper scene must have no areas; got {len(top.areas)}")
         later = int(self.round_index.max(initial=-1)) + 1 - int(top.round_index[:1].sum())
-        top = top.replace(round_index=top.round_index + max(0, later))
+        top = top.replace(round_index=top.round_index + max(0, later), level=None)
         both = {p.name: (getattr(self, p.name), getattr(top, p.name)) for p in PARAMETERS}
         return self.replace(**{name: np.concatenate(arrays) for name, arrays in both.items()})
 

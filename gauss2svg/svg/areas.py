@@ -14,13 +14,14 @@ same path again.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import SceneError
+from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import Area, LinearGradient, Outline, Paint, RadialGradient
 from gauss2svg.svg.element import (
     FARTHEST,
@@ -102,14 +103,16 @@ def _shortest(letter: str, by: Sequence[int], to: Sequence[int], before: str) ->
     return min(texts, key=len)
 
 
-def in_units(areas: Iterable[Area], unit: float, opacity_decimals: int) -> list[Area]:
-    """Return areas as a file has them, in user units. Coordinates and widths are whole numbers.
+def in_units(
+    areas: Iterable[Area], unit: float, opacity_decimals: int
+) -> tuple[list[Area], list[int]]:
+    """Return areas as a file has them, in user units, and the indices of these areas in `areas`.
 
-    An area is left out if its outlines, its width or its opacity is written as 0. Raise SceneError
-    if a number is too large for a file.
+    Coordinates and widths are whole numbers. An area is left out if its outlines, its width or its
+    opacity is written as 0. Raise SceneError if a number is too large for a file.
     """
-    written = []
-    for one in areas:
+    written, kept = list[Area](), list[int]()
+    for k, one in enumerate(areas):
         _check_numbers(one, unit)
         area = one.scaled(1 / unit, 1 / unit)
         whole = [
@@ -122,7 +125,21 @@ def in_units(areas: Iterable[Area], unit: float, opacity_decimals: int) -> list[
             paint = _in_units(area.paint)
             changes = {"outlines": outlines, "paint": paint, "opacity": opacity, "width": width}
             written.append(dataclasses.replace(area, **changes))
-    return written
+            kept.append(k)
+    return written, kept
+
+
+def with_areas(scene: Scene, kept: Sequence[int]) -> Scene:
+    """Return the scene with only the areas at the indices `kept`, which are sorted.
+
+    Levels count the areas that are kept. A Gaussian with none of them above it gets the level
+    ABOVE.
+    """
+    level = np.searchsorted(kept, scene.level)
+    level = np.where((scene.level == ABOVE) | (level == len(kept)), ABOVE, level)
+    if len(kept) == len(scene.areas) and (level == scene.level).all():
+        return scene
+    return scene.replace(areas=[scene.areas[k] for k in kept], level=level)
 
 
 def _in_units(paint: Paint) -> Paint:
@@ -162,23 +179,32 @@ class AreaElements(NamedTuple):
     definitions  their gradients, which have the first ids of the file
     paths        one element for each area, from bottom to top. In minimal markup, several areas may
                  share an element
+    starts       for each path, the number of areas below it
     boxes        (n, 4) left, top, right and bottom of the areas, in user units
     """
 
     definitions: list[Element]
     paths: list[Element]
+    starts: list[int]
     boxes: NDArray[np.float64]
 
 
 def area_elements(
-    areas: Iterable[Area], unit: float, opacity_decimals: int, is_minimal: bool = False
+    areas: Iterable[Area],
+    opacity_decimals: int,
+    is_minimal: bool = False,
+    levels: Collection[int] = (),
 ) -> AreaElements:
-    """Return the elements of areas. Raise SceneError if a number is too large for a file."""
+    """Return the elements of areas that `in_units` returned.
+
+    levels  levels of the Gaussians among the areas. Areas below and above such a Gaussian never
+            share an element
+    """
     ids: dict[str, str] = {}
     definitions, boxes = list[Element](), list[tuple[float, ...]]()
     # A run is the look of a path, its outlines, and the index of the first box of its areas.
     runs = list[tuple[dict[str, str | None], list[Outline], int]]()
-    for area in in_units(areas, unit, opacity_decimals):
+    for area in areas:
         paint = _paint(area.paint, is_minimal)
         if isinstance(paint, Element):
             key = paint.text()
@@ -187,7 +213,8 @@ def area_elements(
                 definitions.append(paint.replace(id=ids[key]))
             paint = f"url(#{ids[key]})"
         look, box = _look(area, paint, opacity_decimals, is_minimal), _box(area)
-        if is_minimal and runs and look == runs[-1][0] and _is_apart(box, boxes[runs[-1][2] :]):
+        may_share = is_minimal and runs and look == runs[-1][0] and len(boxes) not in levels
+        if may_share and _is_apart(box, boxes[runs[-1][2] :]):
             runs[-1][1].extend(area.outlines)
         else:
             runs.append((look, list(area.outlines), len(boxes)))
@@ -198,7 +225,8 @@ def area_elements(
         if is_minimal and "stroke" not in look:
             data = data.removesuffix("z")  # a filled outline is closed without it
         paths.append(Element("path", **look, id=None if is_minimal else f"area-{k}", d=data))
-    return AreaElements(definitions, paths, np.array(boxes).reshape(-1, 4))
+    starts = [start for _, _, start in runs]
+    return AreaElements(definitions, paths, starts, np.array(boxes).reshape(-1, 4))
 
 
 def box_centers(boxes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

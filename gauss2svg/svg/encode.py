@@ -27,7 +27,11 @@ a disc under a filter. Shapes of the same exponent share a filter. One shape of 
     <circle fill="#084" r="1" transform=".."/> <circle fill="#f80" filter="url(#c)" r="1" ../>
 
 Areas and lines have a layer of their own between the background and these shapes
-(gauss2svg.svg.areas).
+(gauss2svg.svg.areas). If some shapes lie below areas (Scene.level), these shapes have layers too,
+and the layer of the areas is split:
+
+    <g id="areas"> <path id="area-1" d=".."/> </g> <g id="below-area-2-round-1"> <circle ../> </g>
+    <g id="areas-2"> <path id="area-2" d=".."/> .. </g> <g id="round-1"> <circle ../> .. </g>
 
 Crisp rims need two more things (docs/decisions/svg.md):
 
@@ -39,7 +43,7 @@ Crisp rims need two more things (docs/decisions/svg.md):
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from types import MappingProxyType
 from typing import NamedTuple
@@ -47,11 +51,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.scene import Scene
-from gauss2svg.scene.areas import AreaCounts, counted_areas
+from gauss2svg.scene import ABOVE, Scene
+from gauss2svg.scene.areas import Area, AreaCounts, counted_areas
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg import INKS, Document, SvgFormat, round_id
-from gauss2svg.svg.areas import area_elements, box_centers
+from gauss2svg.svg.areas import area_elements, box_centers, in_units, with_areas
 from gauss2svg.svg.element import (
     Element,
     check_view,
@@ -118,6 +122,8 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     large.
     """
     scene = snapped(scene, svg_format.form)
+    written, kept = in_units(scene.areas, svg_format.precision, svg_format.opacity_decimals)
+    scene = with_areas(scene, kept)
     # Each shape is drawn as a plain ellipse, as a blurred disc, or by a gradient.
     plain, blur = is_plain(scene), drawn_blurs(scene)
     blurred = ~plain & (blur >= 0)
@@ -130,7 +136,7 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     shared, entry, uses = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
     # The definitions that are used most often get the shortest ids. The argsort of an argsort is
     # the rank of each definition.
-    areas = area_elements(scene.areas, svg_format.precision, svg_format.opacity_decimals)
+    areas = area_elements(written, svg_format.opacity_decimals)
     first = len(areas.definitions)
     ids = [short_id(first + k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
     links = np.full(len(scene), None, dtype=object)
@@ -155,31 +161,50 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
         for name, (kind, *shade) in zip(ids, shared, strict=True)
         if f"url(#{name})" in used
     ]
-    rounds = rounds_of(shapes, scene)
+    lower, rounds = layers_by_level(areas.paths, shapes, scene)
     layers = ink_layers(rounds) if svg_format.layers == INKS else round_layers(rounds)
     view, sheet = sides_of(scene, svg_format.precision, 6), document.style([k for k, _ in rounds])
     radius[blurred] *= [1 + CLEAR * BLURS[k].deviation for k in blur[blurred]]
-    written = [i for i, _ in shapes]
-    half = radius[written, None] * scene.sigma[written]
-    below = [*_background(scene), *area_layer(areas.paths, scene)]
+    index = [i for i, _ in shapes]
+    half = radius[index, None] * scene.sigma[index]
     mean, reach = box_centers(areas.boxes)
-    mean = np.vstack([svg_format.precision * mean, scene.mean[written]])
+    mean = np.vstack([svg_format.precision * mean, scene.mean[index]])
     half = np.vstack([svg_format.precision * reach, half])
-    body = clipped_layers([*below, *layers], scene, mean, half)
+    body = clipped_layers([*_background(scene), *lower, *layers], scene, mean, half)
     definitions = [*areas.definitions, *definitions]
-    return Drawing(view, len(shapes), definitions, body, sheet, areas=counted(scene))
+    return Drawing(view, len(shapes), definitions, body, sheet, areas=counted(scene.areas))
 
 
-def area_layer(paths: Sequence[Element], scene: Scene, **attributes: str) -> list[Element]:
-    """Return the group of the areas and lines of a scene, or [] if there are none."""
-    label = f"Areas: {counted(scene)}"
-    return [layer(label, paths, id="areas", **attributes)] if paths else []
+def layers_by_level(
+    paths: Sequence[Element], drawn: Sequence[tuple[int, Element]], scene: Scene, **attributes: str
+) -> tuple[list[Element], list[Round]]:
+    """Return the groups of areas and of the shapes below areas, and the rounds above all areas.
+
+    paths       element of each area of the scene
+    drawn       as in `rounds_of`
+    attributes  attributes of each group of areas
+    """
+    runs = groupby(drawn, lambda one: int(scene.level[one[0]]))
+    shapes = {level: rounds_of(list(run), scene) for level, run in runs}
+    above, layers, first, parts = shapes.pop(ABOVE, []), list[Element](), 0, 0
+    for level in (*shapes, len(paths)):
+        if level > first:
+            parts += 1
+            key = f"areas-{parts}" if parts > 1 else "areas"
+            label = f"Areas: {counted(scene.areas[first:level])}"
+            layers.append(layer(label, paths[first:level], id=key, **attributes))
+        for index, inside in shapes.get(level, ()):
+            area = f"area-{level + 1}"
+            label = f"Round {index + 1}, below {area}: {len(inside)} Gaussians"
+            layers.append(layer(label, inside, id=f"below-{area}-{round_id(index)}"))
+        first = level
+    return layers, above
 
 
-def counted(scene: Scene) -> str:
-    """Return the numbers of areas and lines of a scene as text, or "" if it has none."""
-    areas, lines, _ = AreaCounts.of(scene.areas)
-    return counted_areas(areas, lines)
+def counted(areas: Iterable[Area]) -> str:
+    """Return the numbers of areas and lines as text, or "" if there are none."""
+    count, lines, _ = AreaCounts.of(areas)
+    return counted_areas(count, lines)
 
 
 def rounds_of(drawn: Sequence[tuple[int, Element]], scene: Scene) -> list[Round]:

@@ -4,8 +4,9 @@
     <path fill="#abc" d="M0 0h64v43H0"/>
     <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg></svg>
 
-Areas and lines are paths between the background and the shapes (gauss2svg.svg.areas). The inner
-<svg> clips shapes that reach beyond the view box. Other files do without it.
+Areas and lines are paths between the background and the shapes (gauss2svg.svg.areas), and shapes of
+a lower level (Scene.level) lie among these paths. The inner <svg> clips shapes that reach beyond
+the view box. Other files do without it.
 Coordinates are whole numbers of user units (gauss2svg.svg.minimal_shapes). Crisp shapes are arcs of
 a path. If there are at most MOST_MASKED soft shapes, all soft shapes with the same exponent share
 one masked circle, so that each colour needs only a few bytes. The stops of the mask are greys,
@@ -48,10 +49,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import instance
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg import DEFAULT_TITLE, STOP_COUNTS, Document
-from gauss2svg.svg.areas import area_elements, box_centers, in_units
+from gauss2svg.svg.areas import area_elements, box_centers
 from gauss2svg.svg.element import (
     Element,
     attributes_text,
@@ -117,7 +118,9 @@ def minimal_svg(
     width, height = (_view_side(side, unit) for side in (scene.width, scene.height))
     named, cover, sides = _title_and_desc(document), [], np.array([float(width), float(height)])
     a, b, d = shapes.factor.T
-    areas = area_elements(scene.areas, unit, opacity_decimals, is_minimal=True)
+    # A shape is drawn after this number of areas.
+    level = np.where(shapes.level == ABOVE, len(shapes.areas), shapes.level)
+    areas = area_elements(shapes.areas, opacity_decimals, True, set(level.tolist()))
     centers, reach = box_centers(areas.boxes)
     mean = np.vstack([centers, shapes.mean])
     half = np.vstack([reach, np.stack([a, np.hypot(b, d)], axis=1)])
@@ -129,11 +132,17 @@ def minimal_svg(
         mean, half = np.vstack([mean, 0.5 * whole]), np.vstack([half, 0.5 * whole])
     definitions, drawn = _drawing(shapes, opacity_decimals, stops, len(areas.definitions))
     definitions = areas.definitions + definitions
-    paths = _grouped(areas.paths, *_LOOKS)
+    # The number of areas below each element. It is larger by 0.5 for an area.
+    below = [(level[i], one) for i, one in drawn]
+    below += [(k + 0.5, path) for k, path in zip(areas.starts, areas.paths, strict=True)]
+    below.sort(key=lambda one: one[0])
+    inside = list[Element]()
+    for is_area, run in groupby(below, key=lambda one: one[0] % 1 > 0):
+        inside += _grouped([element for _, element in run], *(_LOOKS if is_area else [("fill",)]))
     defs = [Element("defs", definitions)] if definitions else []
     root = {"xmlns": "http://www.w3.org/2000/svg", **_size_and_aspect(document, scene, unit)}
     root |= {"role": "img" if named else None, "viewBox": f"0 0 {width} {height}"}
-    body = clipped([*cover, *paths, *drawn], mean, half, sides)
+    body = clipped([*cover, *inside], mean, half, sides)
     return Element("svg", [*named, *defs, *body], **root).text()
 
 
@@ -144,9 +153,7 @@ def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
     extents, colours, opacities and exponents are those of the file. A plain ellipse gets the
     exponent of the profile that is closest to it. Arguments and errors are those of minimal_svg.
     """
-    rounded = shapes_of(scene, unit, digits, OPACITY_DIGITS).rounded(scene, unit, digits)
-    areas = in_units(scene.areas, unit, OPACITY_DIGITS)
-    return rounded.replace(areas=[area.scaled(unit, unit) for area in areas])
+    return shapes_of(scene, unit, digits, OPACITY_DIGITS).rounded(scene, unit, digits)
 
 
 def whole_unit(width: int, height: int, about: float = 0) -> float:
@@ -201,26 +208,31 @@ def _title_and_desc(document: Document) -> list[Element]:
 
 def _drawing(
     shapes: Shapes, opacity_decimals: int, stops: int, used: int
-) -> tuple[list[Element], list[Element]]:
+) -> tuple[list[Element], list[tuple[int, Element]]]:
     """Return the definitions of the shapes of a file, and the elements of these shapes.
+
+    Each element comes with the index of its first shape.
 
     stops  number of stops of a gradient
     used   number of ids that are already in use
     """
     by_gradient = np.flatnonzero((shapes.falloff >= 0) & ~shapes.masked)
-    fills = [_fill(levels) for levels in shapes.levels]
+    fills = [_fill(color) for color in shapes.color]
     definitions, uses = _masked(shapes.falloff[shapes.masked], used)
     circles: dict[int, Element] = {}
     if len(by_gradient):
         more, circles = _gradients(shapes, by_gradient, fills, stops, used + 3 * len(uses))
         definitions = more + definitions
     used += sum("id" in definition.attributes for definition in definitions)
-    # Opaque ellipses of the same colour that follow each other share a path. Each translucent
-    # ellipse has its own path, because each must be blended separately.
+    # Opaque ellipses of the same colour and level that follow each other share a path. Each
+    # translucent ellipse has its own path, because each must be blended separately.
     opaque = (shapes.falloff < 0) & (np.round(shapes.opacity, opacity_decimals) == 1)
-    elements = []
-    for _, run in groupby(range(len(fills)), lambda i: fills[i] if opaque[i] else i):
+    elements, firsts = list[Element](), list[int]()
+    keys = zip(fills, shapes.level.tolist(), strict=True)
+    keys = [key if opaque[i] else i for i, key in enumerate(keys)]
+    for _, run in groupby(range(len(fills)), lambda i: keys[i]):
         index = list(run)
+        firsts.append(index[0])
         i, kind = index[0], int(shapes.falloff[index[0]])
         name = "opacity" if shapes.masked[i] or not circles else "fill-opacity"
         look = {"fill": fills[i], name: unless("1", number(shapes.opacity[i], opacity_decimals))}
@@ -232,7 +244,7 @@ def _drawing(
     if uses:
         templates, elements = _shared(elements, used)
         definitions += templates
-    return definitions, _grouped(elements, ("fill",))
+    return definitions, list(zip(firsts, elements, strict=True))
 
 
 def _fill(levels: NDArray[np.intp]) -> str | None:

@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field
-from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Scene
+from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Area, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
+from gauss2svg.svg.areas import in_units, with_areas
 from gauss2svg.svg.element import check_view, number, writable
 from gauss2svg.svg.forms import arc_beta, drawn_radius, is_arc, with_falloffs
 
@@ -48,7 +49,7 @@ FADING = 2
 
 @dataclass(frozen=True)
 class Shapes:
-    """The n shapes of a file, in the order in which they are drawn.
+    """The areas of a file, and its n shapes in the order in which they are drawn.
 
     index    (n,) index of the shape in its scene
     falloff  (n,) index of its exponent in BETA_CLASSES. -1 for a plain ellipse
@@ -58,8 +59,10 @@ class Shapes:
     mean     (n, 2) centre of the ellipse that is drawn, in user units
     factor   (n, 3) Cholesky factor l11 l21 l22 of that ellipse, in user units
     masked   (n,) whether the shape is a soft one that is drawn under a mask, not by a gradient
-    levels   (n, 3) colour in levels, 0..255
+    color    (n, 3) colour in levels, 0..255
     opacity  (n,) opacity, 0..1
+    level    (n,) number of areas of the file that lie below the shape. ABOVE: all
+    areas    areas of the file, in user units
     """
 
     index: NDArray[np.intp]
@@ -67,9 +70,11 @@ class Shapes:
     numbers: Floats
     mean: Floats
     factor: Floats
-    levels: NDArray[np.intp]
+    color: NDArray[np.intp]
     opacity: Floats
+    level: NDArray[np.int32]
     masked: NDArray[np.bool_]
+    areas: list[Area]
 
     def rounded(self, scene: Scene, unit: float, digits: int) -> Scene:
         """Return the scene that a file with these shapes draws.
@@ -82,9 +87,11 @@ class Shapes:
         beta[plain] = arc_beta(np.sort(unit * self.numbers[plain, :2], axis=1)[:, ::-1])
         # All shapes are in one round, because a minimal file has no layers, and because its shapes
         # are not in the order of rounds.
-        one_round = scene.replace(round_index=np.zeros_like(scene.round_index))
+        one_round = scene.replace(round_index=None, level=None)
         rounded = one_round.select(self.index).replace(
-            color=self.levels / 255,
+            areas=[area.scaled(unit, unit) for area in self.areas],
+            level=self.level,
+            color=self.color / 255,
             opacity=self.opacity,
             background=color_levels(scene.background, digits) / 255,
             beta=beta,
@@ -96,9 +103,10 @@ class Shapes:
 def shapes_of(
     scene: Scene, unit: float, digits: int, opacity_decimals: int, masked: bool | None = None
 ) -> Shapes:
-    """Return the shapes that the file of a scene has.
+    """Return the areas and shapes that the file of a scene has.
 
-    A shape is left out if its extent or opacity is written as 0.
+    A shape is left out if its extent or opacity is written as 0. `in_units` says which areas are
+    left out.
 
     unit    user unit in px
     digits  number of hex digits of a colour, 3 or 6
@@ -115,6 +123,8 @@ def shapes_of(
         advice = "--portable, or --markup editable"
         raise refusal("blend in minimal markup", "'over'", quoted(scene.blend), advice)
     check_view(scene, unit)
+    areas, kept = in_units(scene.areas, unit, opacity_decimals)
+    scene = with_areas(scene, kept)
     kind = nearest_class(scene.beta)
     plain = (scene.drawn == PLAIN) | is_arc(scene.ellipse_axes[0], scene.beta)
     opacity = np.round(scene.opacity, opacity_decimals)
@@ -140,11 +150,15 @@ def shapes_of(
             break
     arcs = drawn & plain
     mean[arcs], factor[arcs] = arc_geometry(numbers[arcs])
-    levels, falloff = color_levels(scene.color, digits), np.where(plain, -1, kind)
+    color, falloff = color_levels(scene.color, digits), np.where(plain, -1, kind)
     index = np.flatnonzero(drawn)
-    if plain[index].any():
-        keys = np.stack([mean[:, 0], mean[:, 1], falloff])[:, index]
-        index = index[colors_together(mean[index], factor[index], levels[index], keys, 1 / unit)]
+    keys = np.stack([mean[:, 0], mean[:, 1], falloff])
+    # Shapes are not moved over or under areas, so each level is ordered by itself.
+    for level in np.unique(scene.level[index[plain[index]]]):
+        at = scene.level[index] == level
+        own = index[at]
+        order = colors_together(mean[own], factor[own], color[own], keys[:, own], 1 / unit)
+        index[at] = own[order]
     soft = np.flatnonzero(~plain[index])
     most = max(MOST_MASKED + FADING * (MOST_MASKED - len(soft)), 0)
     count = {True: len(soft), False: 0, None: min(len(soft), most)}[masked]
@@ -152,8 +166,8 @@ def shapes_of(
     # The upper shapes get the masks, because they are smaller, so their masks are drawn faster.
     is_masked[soft[len(soft) - count :]] = True
     return Shapes(
-        index, falloff[index], numbers[index], mean[index], factor[index], levels[index],
-        opacity[index], is_masked,
+        index, falloff[index], numbers[index], mean[index], factor[index], color[index],
+        opacity[index], scene.level[index], is_masked, areas,
     )  # fmt: skip
 
 

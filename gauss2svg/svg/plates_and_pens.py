@@ -16,26 +16,26 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field
-from gauss2svg.scene import Scene
+from gauss2svg.scene import Area, Scene
 from gauss2svg.scene.falloff import covered_radius, half_radius
 from gauss2svg.scene.inks import MOST_INKS, ink_colors, ink_name, inks_of, inks_of_scene
 from gauss2svg.svg import Document
-from gauss2svg.svg.areas import AreaElements, area_elements, box_centers
+from gauss2svg.svg.areas import area_elements, box_centers, in_units, with_areas
 from gauss2svg.svg.element import Element, check_view, hex_color, number, writable
 from gauss2svg.svg.encode import (
     Drawing,
-    area_layer,
     clipped_layers,
     counted,
     layer,
+    layers_by_level,
     round_layers,
-    rounds_of,
     sides_of,
 )
 from gauss2svg.svg.minimal_shapes import color_levels, colors_together, overlaps, projections
@@ -63,17 +63,20 @@ def encode_outlines(
     stroke_width = Field("stroke_width", float, *STROKE_WIDTHS).checked(stroke_width)
     width = number(stroke_width, STROKE_DECIMALS)
     if pens is None:
+        lines, kept = in_units(outlined(scene.areas, stroke_width), AREA_UNIT, STROKE_DECIMALS)
+        scene, areas = with_areas(scene, kept), area_elements(lines, STROKE_DECIMALS)
         shapes, root = outlines(scene), {"fill": "none", "stroke-width": width}
-        rounds, index = rounds_of(shapes, scene), [i for i, _ in shapes]
+        scale = f"scale({number(AREA_UNIT, 2)})"
+        lower, rounds = layers_by_level(areas.paths, shapes, scene, transform=scale)
+        index = [i for i, _ in shapes]
         sheet = document.style([k for k, _ in rounds])
         half = (half_radius(scene.beta)[:, None] * scene.sigma)[index] + 0.5 * float(width)
-        areas = area_outlines(scene, stroke_width)
         mean, reach = box_centers(areas.boxes)
         mean = np.vstack([AREA_UNIT * mean, scene.mean[index]])
-        layers = area_layer(areas.paths, scene, transform=f"scale({number(AREA_UNIT, 2)})")
-        body = [*layers, *round_layers(rounds)]
-        body = clipped_layers(body, scene, mean, np.vstack([AREA_UNIT * reach, half]))
-        return Drawing(sides_of(scene), len(shapes), [], body, sheet, root, areas=counted(scene))
+        half = np.vstack([AREA_UNIT * reach, half])
+        body = clipped_layers([*lower, *round_layers(rounds)], scene, mean, half)
+        counts = counted(scene.areas)
+        return Drawing(sides_of(scene), len(shapes), [], body, sheet, root, areas=counts)
     if scene.areas:
         got = f"{len(scene.areas)} areas, which are not cut at the edges of the page"
         raise refusal("a scene with pens", "without areas", got, "outlines without pens")
@@ -91,17 +94,14 @@ def encode_outlines(
     return Drawing(view, strokes, [], layers, root=root, size=f"{view[0]}mm")
 
 
-def area_outlines(scene: Scene, stroke_width: float) -> AreaElements:
-    """Return the outlines of areas, and the lines, as strokes in the first colour of their paint.
-
-    Coordinates are in units of AREA_UNIT px.
-    """
+def outlined(areas: Iterable[Area], stroke_width: float) -> list[Area]:
+    """Return outlines of areas, and lines, as strokes in the first colour of their paint."""
     lines = []
-    for area in scene.areas:
+    for area in areas:
         color = area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
         look = {"paint": color, "opacity": float(area.opacity >= 0.005), "width": stroke_width}
         lines.append(dataclasses.replace(area, **look, cap="butt"))
-    return area_elements(lines, AREA_UNIT, STROKE_DECIMALS)
+    return lines
 
 
 def outlines(scene: Scene) -> list[tuple[int, Element]]:
@@ -209,7 +209,7 @@ def grouped_by_ink(scene: Scene) -> Scene:
     mean, factor = _ellipses(scene)
     keys = np.stack([mean[:, 0], mean[:, 1], scene.beta])
     order = colors_together(mean, factor, color_levels(scene.color, 6), keys, _MARGIN)
-    scene = scene.replace(round_index=np.zeros(len(scene), np.int32)).select(order)
+    scene = scene.replace(round_index=None, level=None).select(order)
     changes = (np.diff(color_levels(scene.color, 6), axis=0) != 0).any(axis=1)
     index = np.concatenate([[0], np.cumsum(changes)])[: len(scene)]
     return scene.replace(round_index=index)

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gauss2svg.errors import InputError, SceneError, brief, quoted, refusal
-from gauss2svg.scene import BLURRED, PLAIN, RHO_LIMIT, SOFT, Area
+from gauss2svg.scene import ABOVE, BLURRED, PLAIN, RHO_LIMIT, SOFT, Area
 from gauss2svg.scene.falloff import covered_radius, cut_radius
 from gauss2svg.svg import CANVAS, read_areas, read_shapes
 from gauss2svg.svg.file import (
@@ -64,7 +64,7 @@ _DEEPEST = 100  # largest depth of nested groups
 _LONGEST_CHAIN = 9
 _LABEL = INKSCAPE + "label"
 _ROUND_LABEL = re.compile(r"Round ([1-9]\d{0,8})\b")
-_ROUND_ID = re.compile(r"round-([1-9]\d{0,8})")
+_ROUND_ID = re.compile(r"(?:below-area-\d+-)?round-([1-9]\d{0,8})")
 _GROUPS = {"svg", "g", "use"}
 _DRAWN = {*_GROUPS, "circle", "ellipse", "path", "rect"}
 # Elements that draw nothing themselves.
@@ -128,7 +128,7 @@ def read_svg(
 
     Raise InputError if the file has anything that write_svg does not write. The message names the
     element. Such things are additive files, texts, images, paths with arcs, masks, clips and style
-    sheets, areas above ellipses, and a group with an opacity (docs/reference/svg.md).
+    sheets, and a group with an opacity (docs/reference/svg.md).
     """
     text = from_root(read_source(source, max_bytes, "source", "max_bytes")[1])
     if text.count("<") - text.count("</") > max_elements:
@@ -165,6 +165,7 @@ class _Shape(NamedTuple):
     fill: Fill
     opacity: float
     round: int
+    level: int
 
 
 class _Reader:
@@ -267,7 +268,7 @@ class _Reader:
             outline, opacity = compose(state.onto, edge), min(1.0, alpha * fill.peak)
             disc = compose(state.onto, fill.disc) if fill.disc else outline
             self._maps.extend((*outline, *disc))
-            self._shapes.append(_Shape(element, fill, opacity, number))
+            self._shapes.append(_Shape(element, fill, opacity, number, len(self._areas)))
         return None
 
     def _add_area(self, data: str, attributes: Mapping[str, str], state: _State) -> None:
@@ -275,9 +276,8 @@ class _Reader:
         style, stroke = state.style, state.style.get("stroke", "none")
         is_line, width, cap = stroke.lower() != "none", 0.0, "butt"
         blur, rule = attributes.get("filter", "none"), style.get("fill-rule", "nonzero")
-        if self._shapes or blur != "none":
-            got = f"one over {len(self._shapes)} shapes, with the filter {quoted(blur)}"
-            raise refusal("an area", "below all ellipses, and without a filter", got)
+        if blur != "none":
+            raise refusal("its filter", "none", quoted(blur), "to remove it")
         if is_line and state.fill.lower() != "none":
             raise refusal("its fill", "none, because it has a stroke", quoted(state.fill))
         if not is_line and rule != "nonzero":
@@ -372,6 +372,8 @@ class _Reader:
             with _naming(shapes[int(good.argmin())].element):
                 needed = "an ellipse with an extent that shows all of its gradient"
                 raise refusal("it", needed, "another", "to undo what changed it, or to delete it")
+        level = np.array([shape.level for shape in shapes], np.int32)
+        level[level == len(self._areas)] = ABOVE
         fills = np.array([(shape.fill.beta, shape.fill.radius) for shape in shapes])
         beta, radius = fills.reshape(-1, 2).T
         plain = beta == 0
@@ -391,6 +393,7 @@ class _Reader:
                 drawn=np.array([shape.fill.drawn for shape in shapes], np.int8),
                 transparent=self._background is None,
                 areas=tuple(self._areas),
+                level=level,
             )
         except SceneError as error:
             raise InputError(f"the SVG must be one of write_svg; {error}") from error

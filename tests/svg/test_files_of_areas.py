@@ -260,8 +260,7 @@ DEFS = (
     f'<radialGradient id="focus" {SPACE} cx="1" cy="1" r="1" fx="1.5">{STOPS}</radialGradient>'
 )
 REFUSED = {
-    f"{CIRCLE}<path {FILL}/>": "an area must be below all ellipses, and without a filter; got one",
-    f'<path {FILL} filter="url(#a)"/>': "without a filter",
+    f'<path {FILL} filter="url(#a)"/>': "its filter must be none",
     f'<path {FILL} stroke="#000"/>': "its fill must be none, because it has a stroke",
     '<path stroke="#000" d="m0 0h9"/>': "its fill must be none",
     f'<path fill-rule="evenodd" {FILL}/>': "its fill-rule must be nonzero; got 'evenodd'",
