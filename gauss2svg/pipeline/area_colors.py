@@ -8,15 +8,18 @@ that is above. g is the light of the Gaussians.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from itertools import repeat
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit.colors import solved_colors
 from gauss2svg.photo.pixels import BACKDROPS, views
+from gauss2svg.render import render
 from gauss2svg.render.areas import coverage_of
-from gauss2svg.render.cpu import render_planar, splats_of
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ABOVE, Area, Scene
 
 PRIOR = 0.3  # px of its former colour that count for each colour. So hidden colours stay
 
@@ -32,45 +35,59 @@ def with_solved_colors(scene: Scene, picture: NDArray[np.float32]) -> Scene:
 
     height, width = picture.shape[:2]
     scale = width / scene.width, height / scene.height
-    across, down = (np.arange(n) + 0.5 for n in (width, height))
-    across, down = across / scale[0], down[:, None] / scale[1]
-    splats = splats_of(scene, scale)._replace(background=np.zeros(3))
-    light = render_planar(splats, height, width).reshape(3, -1).T
-    alone = splats._replace(
-        background=np.ones(3), opacity_color=splats.opacity_color * [1, 0, 0, 0]
-    )
-    through = render_planar(alone, height, width)[0].astype(np.float64)
-    weights, colors = [], []  # from the top colour to the bottom one
-    for area in reversed(scene.areas):
-        alpha, paint = area.opacity * coverage_of(area, 0, 0, width, height, scale), area.paint
-        stops, shares = [paint], [alpha * through]
-        if not isinstance(paint, tuple):
-            stops, ramps = paint.colors, np.eye(len(paint.colors))
-            ramps = (np.repeat(ramp[:, None], 3, axis=1) for ramp in ramps)
-            hats = [dataclasses.replace(paint, colors=ramp).at(across, down) for ramp in ramps]
-            shares = [shares[0] * hat[..., 0] for hat in hats]
-        weights += [csr_array(share.reshape(1, -1)) for share in reversed(shares)]
-        colors += reversed(stops)
+    across, down = (np.arange(width) + 0.5) / scale[0], (np.arange(height) + 0.5) / scale[1]
+    level = np.where(scene.level == ABOVE, len(scene.areas), scene.level)
+    through, shares, colors = np.ones((height, width)), [], []
+    for k in range(len(scene.areas), -1, -1):  # from the top area down to the background
+        if (level == k).any():
+            through *= _transmittance(scene.select(level == k), height, width)
+        if k == 0:
+            break
+        area = scene.areas[k - 1]
+        alpha = area.opacity * coverage_of(area, 0, 0, width, height, scale)
+        shares += [(alpha * through * stop).reshape(1, -1) for stop in _stops(area, across, down)]
+        colors += [area.paint] if isinstance(area.paint, tuple) else area.paint.colors
         through *= 1 - alpha
-    through = through.reshape(-1, 1)
     if not scene.transparent:
-        weights.append(csr_array(through.T))
+        shares.append(through.reshape(1, -1))
         colors.append(tuple(scene.background))
-    rows, shown = vstack(weights).tocsr(), views(picture)
-    missing = [view.reshape(-1, 3) - light for view in shown]
-    if scene.transparent:
-        missing = [m - b * through for m, b in zip(missing, BACKDROPS, strict=True)]
-    products = len(shown) * (rows @ rows.T).toarray() + PRIOR * np.eye(len(colors))
+    if not colors:
+        return scene
+    rows, missing = vstack([csr_array(share) for share in shares]).tocsr(), []
+    black = scene.replace(
+        background=np.zeros(3), areas=[_painted(a, repeat((0.0, 0.0, 0.0))) for a in scene.areas]
+    )
+    for view, b in zip(views(picture), BACKDROPS, strict=False):
+        backdrop = b if scene.transparent else 0.0
+        rest = render(black.replace(background=np.full(3, backdrop)), width, height)
+        missing.append((view - rest).reshape(-1, 3))
+    products = len(missing) * (rows @ rows.T).toarray() + PRIOR * np.eye(len(colors))
     sums = rows @ np.sum(missing, axis=0) + PRIOR * np.array(colors)
-    solved = list(map(tuple, solved_colors(products, sums, 255).tolist()))
-    background = scene.background if scene.transparent else solved.pop()
-    areas = []
-    for area in scene.areas:
-        if isinstance(area.paint, tuple):
-            paint = solved.pop()
-        else:
-            paint = dataclasses.replace(
-                area.paint, colors=tuple(solved.pop() for _ in area.paint.colors)
-            )
-        areas.append(dataclasses.replace(area, paint=paint))
-    return scene.replace(areas=areas, background=background)
+    solved = iter(map(tuple, solved_colors(products, sums, 255).tolist()))
+    areas = [_painted(area, solved) for area in reversed(scene.areas)]
+    background = scene.background if scene.transparent else next(solved)
+    return scene.replace(areas=areas[::-1], background=background)
+
+
+def _transmittance(scene: Scene, height: int, width: int) -> NDArray[np.floating]:
+    """Return the share (height, width) of the light from below that Gaussians let through."""
+    shapes = scene.replace(color=np.zeros_like(scene.color), background=np.ones(3))
+    alone = shapes.replace(areas=(), level=np.full_like(scene.level, ABOVE))
+    return render(alone, width, height)[..., 0]
+
+
+def _stops(area: Area, across: NDArray[np.float64], down: NDArray[np.float64]) -> list[Any]:
+    """Return the share that each colour of an area's paint has in the pixels of a picture."""
+    if isinstance(area.paint, tuple):
+        return [1.0]
+    ramps = np.eye(len(area.paint.colors))[:, :, None].repeat(3, axis=2)
+    paints = [dataclasses.replace(area.paint, colors=ramp) for ramp in ramps]
+    return [paint.at(across, down[:, None])[..., 0] for paint in paints]
+
+
+def _painted(area: Area, colors: Iterator[Any]) -> Area:
+    """Return an area with the next colours."""
+    if isinstance(area.paint, tuple):
+        return dataclasses.replace(area, paint=next(colors))
+    stops = tuple(next(colors) for _ in area.paint.colors)
+    return dataclasses.replace(area, paint=dataclasses.replace(area.paint, colors=stops))

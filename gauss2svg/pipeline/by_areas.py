@@ -41,8 +41,8 @@ from gauss2svg.pipeline.area_colors import with_solved_colors
 from gauss2svg.pipeline.below import with_gaussians_below
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Export, Exporter
-from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
 from gauss2svg.pipeline.options import ALWAYS
+from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
@@ -140,7 +140,7 @@ class ByAreas:
         corrections = both.corrections + alone.corrections
         both = dataclasses.replace(
             both, subject=subject, found=trial.found, unsure=alone.unsure, fitted=fitted,
-            corrections=corrections, unsure=alone.unsure,
+            corrections=corrections,
         )  # fmt: skip
         return max(both, self._recolored(both), key=lambda outcome: outcome.psnr)
 
@@ -179,7 +179,7 @@ class ByAreas:
         """
         if self._plan.options.svg.areas == ALWAYS:
             return False
-        size = self._limit if self._limit < math.inf else size
+        size = int(min(self._limit, 1e9)) if self._limit < math.inf else size
         each = SHAPE_BYTES[2] if self._plan.markup == MINIMAL else USUAL_BYTES
         shapes = self._trial(self._nothing(), max(int(size / each), TRIED))
         return shapes.error - shapes.saved < SHAPES_ALONE * error
