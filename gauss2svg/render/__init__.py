@@ -41,8 +41,8 @@ def render(
               renderers draw it so, and so do fits of small files and of drawings
 
     The scene is scaled to the size of the image and sampled at pixel centres. A transparent scene
-    is rendered over its background, which is white by default. Areas and lines lie between the
-    background and the Gaussians, and cover pixels by shares. render_reference of
+    is rendered over its background, which is white by default. Areas and lines cover pixels by
+    shares. A Gaussian lies above the number of areas that scene.level says. render_reference of
     gauss2svg.render.reference draws the same image slowly, but has no option `covering`. Raise
     InputError if `scene` is not a Scene, if the dtype is another one, or if a side is not a whole
     number of at least 1 px, or if the image has more pixels than any photo.
@@ -55,7 +55,8 @@ def render(
         from gauss2svg.render.areas import ground_of  # few scenes need its kernels
 
         splats = splats_of(scene.select(scene.level == ABOVE), scale, covering)
-        splats = splats._replace(ground=ground_of(scene, height, width, dtype))
+        ground = ground_of(scene, height, width, dtype, covering=covering)
+        splats = splats._replace(ground=ground)
     planar = render_planar(splats, height, width, dtype)
     if scene.blend == ADD:
         planar = np.clip(planar, 0, 1)

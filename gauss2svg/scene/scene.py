@@ -234,21 +234,21 @@ class Scene:
     drawn          (n,) how a file draws each shape. SOFT: by a gradient, or by a plain ellipse if
                    that looks the same. PLAIN: by a plain ellipse at any size. BLURRED: as a blurred
                    disc, in the form "blur". None for all SOFT
-    level          (n,) how many areas lie below each Gaussian. The areas above hide what they cover
-                   of it. ABOVE (-1): all. It never decreases. None for all ABOVE
+    level          (n,) how many areas lie below each Gaussian, or ABOVE (-1) for all areas. The
+                   areas above a Gaussian hide what they cover of it. It never decreases, and ABOVE
+                   counts as the highest. None for all ABOVE
     transparent    whether the background is left out of files and of render_rgba, whose image then
                    has alpha; False if blend is "add"
     areas          areas and lines (gauss2svg.scene.areas) above the background, the bottom one
-                   first. They lie below the Gaussians, but for those of another level. None if
-                   blend is "add"
+                   first; none if blend is "add"
 
     A signed colour is what its Gaussian adds to the image at its mean. The paper uses coefficients
     of normal densities instead: see `densities` and `peaks_of`.
 
-    Arrays are copied, read-only and float64, except that round_index is int32 and drawn is int8.
-    Both renderers draw any scene of this domain, with finite gradients. write_svg refuses scenes
-    that a file cannot hold. If a value is wrong, the constructor raises SceneError or InputError
-    with the name of the field.
+    Arrays are copied, read-only and float64, except that round_index and level are int32, and drawn
+    is int8. Both renderers draw any scene of this domain, with finite gradients. write_svg refuses
+    scenes that a file cannot hold. If a value is wrong, the constructor raises SceneError or
+    InputError with the name of the field.
     """
 
     width: float

@@ -5,7 +5,7 @@ import pytest
 from both_renderers import in_both
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import random_scene
+from scenes import random_scene, with_levels
 
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize
@@ -14,12 +14,12 @@ from gauss2svg.render.areas import _add_fill, coverage_of, draw_areas
 from gauss2svg.render.coverage import SAGITTA, edge_count
 from gauss2svg.render.coverage_reference import coverage_gradient, polygon_of, winding
 from gauss2svg.render.reference import render_reference
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ABOVE, PLAIN, Scene
 from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline, RadialGradient
 
 BOX = (-2, 3, 11, 8)  # left, top, width, height
 WIDE = (-60, -60, 160, 160)
-BLACK = (0.0, 0.0, 0.0)
+BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 # Quarters, so that many edges are level or upright, and many lie on borders of pixels.
 coordinates = st.one_of(st.integers(-24, 64).map(lambda i: i / 4), st.floats(-8, 18))
 nodes = st.tuples(coordinates, coordinates)
@@ -220,17 +220,40 @@ def test_gaussians_lie_over_the_areas(dtype, seed):
     np.testing.assert_array_equal(render(empty, dtype=dtype), alone)
 
 
+@in_both
+@given(st.integers(0, 2**16), st.booleans())
+def test_a_gaussian_lies_over_the_areas_of_its_level_and_under_the_others(dtype, seed, covering):
+    scene = with_levels(scene_of(seed), seed)
+    if covering:
+        scene = scene.replace(drawn=np.full(4, PLAIN))
+    # Each area and each Gaussian is drawn over the picture of what is below it.
+    image, rest = np.full((8, 9, 3), scene.background), list(scene.areas)
+    for i, level in enumerate(scene.level.tolist()):
+        below = rest[: len(rest) if level == ABOVE else level - len(scene.areas) + len(rest)]
+        draw_areas(below, image)
+        rest = rest[len(below) :]
+        one = scene.select([i]).replace(areas=(), level=None)
+        shown = [
+            render(one.replace(background=b), 9, 8, np.float64, covering) for b in (BLACK, WHITE)
+        ]
+        image = shown[0] + (shown[1] - shown[0]) * image
+    draw_areas(rest, image)
+    np.testing.assert_allclose(render(scene, dtype=dtype, covering=covering), image, atol=1e-5)
+    if not covering:
+        np.testing.assert_allclose(render_reference(scene), image, atol=1e-9)
+
+
 @given(st.integers(0, 2**16), st.booleans())
 def test_alpha_of_areas_is_that_of_both_backgrounds(seed, covering):
-    scene = scene_of(seed).replace(transparent=True)
+    scene = with_levels(scene_of(seed), seed).replace(transparent=True)
     rgba = render_rgba(scene, covering=covering)
-    for backdrop in (BLACK, (1.0, 1.0, 1.0), (1.0, 0.0, 1.0)):
+    for backdrop in (BLACK, WHITE, (1.0, 0.0, 1.0)):
         shown = render(scene.replace(background=backdrop), covering=covering)
         np.testing.assert_allclose(over(rgba, backdrop), shown, atol=1e-5)
 
 
 @given(st.integers(0, 2**16), st.sampled_from([(18, 16), (45, 8), (7, 600)]))
 def test_a_scaled_scene_has_scaled_areas(seed, size):
-    scene = scene_of(seed)
+    scene = with_levels(scene_of(seed), seed)
     scaled = scene.scaled(size[0] / 9, size[1] / 8)
     np.testing.assert_allclose(render(scaled, *size), render(scene, *size), atol=1e-4)

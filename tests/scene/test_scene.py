@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import random_areas, random_scene, random_sum
+from scenes import random_areas, random_scene, random_sum, with_levels
 
 from gauss2svg.errors import Gauss2SvgError, SceneError
 from gauss2svg.scene import Scene, peaks_of
@@ -58,11 +58,14 @@ def test_a_scene_comes_back_to_the_last_bit_and_cannot_be_written(again, scene):
 
 @given(st.integers(0, 2**32 - 1))
 def test_areas_come_back_exactly_and_follow_the_canvas(seed):
-    scene = random_scene(3).replace(areas=random_areas(5, seed))
+    scene = with_levels(random_scene(3).replace(areas=random_areas(5, seed)), seed)
     for other in (through_a_file(scene), copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
         assert other.areas == scene.areas
+        np.testing.assert_array_equal(other.level, scene.level)
     assert scene.scaled(2, 4).areas == tuple(area.scaled(2, 4) for area in scene.areas)
     assert scene.select([0]).areas == scene.concatenate(TWO).areas == scene.areas
+    joined = scene.select([0, 2]).concatenate(TWO.replace(level=[0, -1]))
+    assert joined.level.tolist() == [*scene.level[[0, 2]], -1, -1]
     assert "5 areas" in repr(scene)
     assert scene.inks is None
     with pytest.raises(SceneError, match="the upper scene must have no areas; got 5"):
@@ -76,6 +79,11 @@ REFUSALS = [
     ({"rho": np.ma.array([0.1, 0.2], mask=[0, 1])}, r"rho\[1\] must be .* got nan"),
     ({"round_index": [1, 0]}, "round_index must not decrease"),
     ({"round_index": [0, 1.7]}, r"round_index\[1\] must be finite and whole .* got 1.7"),
+    ({"level": [0, 1]}, "level must be at most 0, the number of areas; got 1"),
+    (
+        {"level": [-1, 4], "areas": AREAS},
+        "level must not decrease; got lower Gaussians over higher",
+    ),
     ({"width": [3, 4]}, r"width must be of shape \(\); got \(2,\)"),
     ({"blend": "multiply"}, "blend must be one of over, add; got 'multiply'"),
     ({"transparent": "yes"}, "transparent must be one of False, True; got 'yes'"),

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gauss2svg.scene import (
+    ABOVE,
     ADD,
     LEAST_SIGMA,
     MOST_MEAN,
@@ -93,6 +94,13 @@ def random_areas(count: int, seed: int, size: tuple[int, int] = (40, 30)) -> tup
         cap = str(rng.choice(["butt", "round", "square"])) if width else "butt"
         areas.append(Area(outlines, paint(), float(rng.choice([1.0, 1.0, 0.4])), width, cap))
     return tuple(areas)
+
+
+def with_levels(scene: Scene, seed: int) -> Scene:
+    """Return the scene with its Gaussians among its areas, some of them above all areas."""
+    above = len(scene.areas) + 1
+    level = np.sort(np.random.default_rng(seed).integers(0, above + 1, len(scene)))
+    return scene.replace(level=np.where(level == above, ABOVE, level))
 
 
 @st.composite

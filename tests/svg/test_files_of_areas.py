@@ -1,17 +1,20 @@
 """Properties of areas in files: read as they were written, short, refused in one line."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import random_areas, random_scene
+from scenes import random_areas, random_scene, with_levels
 from svg_texts import AS_PATH, CIRCLE, document
 
 from gauss2svg.errors import InputError, SceneError
+from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize
-from gauss2svg.scene import Area, LinearGradient, Outline, RadialGradient, Scene
+from gauss2svg.render import render
+from gauss2svg.scene import PLAIN, Area, LinearGradient, Outline, RadialGradient, Scene
 from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.areas import path_data
 from gauss2svg.svg.file import bytes_by_part
@@ -26,7 +29,7 @@ sides = st.sampled_from([(40, 30), (61.3, 17.7), (256, 3)])
 
 
 @given(
-    seeds, st.integers(0, 9), st.integers(0, 3), markups, sides,
+    seeds, st.integers(0, 9), st.integers(0, 6), markups, sides,
     st.sampled_from([0.001, 0.04, 1 / 16, 0.3, 1.0]), st.sampled_from([None, "90mm", "responsive"]),
 )  # fmt: skip
 def test_a_file_with_areas_is_read_and_written_as_the_same_bytes(
@@ -36,6 +39,7 @@ def test_a_file_with_areas_is_read_and_written_as_the_same_bytes(
     scene = random_scene(gaussians, 40, 30, seed).replace(
         width=size[0], height=size[1], areas=random_areas(count, seed), transparent=clear
     )
+    scene = with_levels(scene, seed)
     svg_format = SvgFormat(markup=markup, precision=precision)
     # Minimal files do not have the size of the canvas in px beside another size.
     page = Document(size=printed) if markup == "editable" else Document()
@@ -202,6 +206,52 @@ def test_areas_share_a_path_only_if_their_boxes_do_not_overlap(areas, paths):
     assert plain.count("<path") == len(areas)
     drawn = (rasterize(text, 160, 120) for text in (svg, plain))
     np.testing.assert_allclose(*drawn, atol=1.01 / 255)
+
+
+# The second and the fourth area are written as nothing, and so is the last.
+PARTLY_LOST = [moved(0), moved(2, opacity=0.004), moved(20), moved(5, width=0.3), moved(9, width=2)]
+PARTLY_LOST += [moved(2, opacity=0.004)]
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_levels_of_a_file_count_the_areas_that_are_written(markup):
+    scene = random_scene(8, sigma=(3, 8)).replace(opacity=np.ones(8), areas=PARTLY_LOST)
+    scene = scene.replace(level=[0, 1, 2, 3, 4, 5, 6, -1], round_index=[0, 0, 0, 1, 1, 2, 2, 3])
+    svg_format = SvgFormat(markup=markup, precision=1.0)
+    svg = write_svg(scene, svg_format)
+    back, levels = read_svg(svg), [0, 1, 1, 2, 2, -1, -1, -1]
+    assert (back.level.tolist(), len(back.areas)) == (levels, 3)
+    assert minimal_rounded(scene, 1.0).level.tolist() == levels
+    assert markup == "minimal" or back.round_index.tolist() == scene.round_index.tolist()
+    for other in (svg, outline_svg(scene)):
+        ids = re.findall(r' id="([^"]*)"', other)
+        assert len(ids) == len(set(ids))
+    assert re.findall('<g id="([^"]*)', outline_svg(scene)) == [
+        "below-area-1-round-1", "areas", "below-area-2-round-1", "areas-2",
+        "below-area-3-round-2", "areas-3", "below-area-4-round-2", "areas-4", "round-3", "round-4",
+    ]  # fmt: skip
+    # Without Gaussians that are written among them, the areas are in one layer.
+    faint = scene.replace(opacity=np.full(8, 0.004))
+    assert write_svg(faint, svg_format) == write_svg(scene.select([]), svg_format)
+
+
+@pytest.mark.parametrize("crisp", [False, True])
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_file_draws_gaussians_below_areas_as_the_model_does(seed, markup, crisp):
+    rng, soft = np.random.default_rng(seed), random_scene(12, 40, 30, seed, (2, 9), (1, 1))
+    areas = []
+    for x, y in rng.integers(0, 30, (5, 2)).tolist():
+        box = closed((x, y), (x + 12, y), (x + 12, y + 9), (x, y + 9))
+        color = tuple(rng.integers(0, 2, 3).astype(float).tolist())
+        areas.append(Area([box], color, float(rng.choice([0.5, 1.0]))))
+    scene = with_levels(soft.replace(areas=areas), seed)
+    if crisp:
+        beta, opacity = np.full(12, 64.0), rng.choice([0.5, 1.0, 1.0], 12)
+        color = np.round(rng.random((12, 1))) * np.ones(3)
+        scene = scene.replace(beta=beta, opacity=opacity, color=color, drawn=np.full(12, PLAIN))
+    drawn = rasterize(write_svg(scene, SvgFormat(markup=markup, precision=0.01)), 160, 120)
+    assert psnr(drawn, render(scene, 160, 120, covering=True)) > 40
 
 
 def test_a_page_is_an_area_and_not_the_background():

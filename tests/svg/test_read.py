@@ -210,6 +210,7 @@ def group(label: str, body: str = CIRCLE) -> str:
         (f'<g id="round-3">{CIRCLE}</g><g id="round-0">{CIRCLE}</g>', [2, 3]),
         (f"<g>{CIRCLE}</g><g>{CIRCLE}<g>{CIRCLE}</g></g>{CIRCLE}", [0, 1, 1, 1]),
         (group("Round 3: 1") + group("Round 1: 1") + group("sky"), [2, 2, 3]),
+        (f'<g id="below-area-1-round-3">{CIRCLE}</g><g id="round-5">{CIRCLE}</g>', [2, 4]),
         (group("Round 2: 2", f'<g id="s">{CIRCLE}</g>{CIRCLE}') + CIRCLE, [1, 1, 1]),
     ],
 )

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import random_areas, random_scene, random_sum
+from scenes import random_areas, random_scene, random_sum, with_levels
 
 from gauss2svg.errors import InputError, SceneError
 from gauss2svg.scene import PLAIN, Scene
@@ -26,6 +26,7 @@ IN_INKS = SCENE.replace(
 CRISP = SCENE.replace(beta=np.full(8, 64.0), opacity=np.resize([0.5, 1.0], 8))
 ROUND = next(one for one in random_areas(40, 5) if (one.cap, one.width) == ("round", 3))
 AREAS = SCENE.replace(areas=[*random_areas(40, 5), ROUND, ROUND])  # the last are a group
+AREAS = with_levels(AREAS.select([0, 1]), 5).concatenate(AREAS.replace(areas=()))
 MINIMAL = SvgFormat(markup="minimal", precision=0.5)
 BY_INK = SvgFormat(layers="inks")
 # What writes each kind of file with the names of a document.
