@@ -34,6 +34,10 @@ LEAST_ERROR = 1e-12  # mean squared error of an exact picture, for its PSNR
 LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
 
 
+class NoDrawingError(Exception):
+    """A picture has so many cores that it is no drawing."""
+
+
 @dataclass(frozen=True)
 class FoundAreas:
     """The areas of a picture.
@@ -67,17 +71,19 @@ def find_areas(
     unit: float = UNIT,
     progress: Progress | None = None,
     shaded: bool = False,
+    most_cores: int | None = None,
 ) -> FoundAreas:
     """Return the areas and lines that draw a picture (h, w, 3), or (h, w, 4) with straight alpha.
 
     rate  squared error, summed over the pixels and channels, that each byte must save
     unit  user unit in px of the file for which nodes are counted
     shaded  whether shading without crisp edges is left to Gaussians
+    most_cores  raise NoDrawingError if the picture has more cores. None: never
     """
     started = time.perf_counter()
     if progress is not None:
         progress(0.0, None)
-    drawing = first_drawing(channels_of(picture), unit, rate, shaded)
+    drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores)
     find_s = time.perf_counter() - started
     return _refined(drawing, STEPS, rate, unit, find_s, 0.0, progress)
 
@@ -149,15 +155,17 @@ def opacity_of(color: Floats) -> float:
     return 1.0 if len(color) == 3 else float(np.clip(1 - (color[3:] - color[:3]).mean(), 0, 1))
 
 
-def first_drawing(picture: Floats, unit: float, rate: float, shaded: bool) -> Drawing:
+def first_drawing(
+    picture: Floats, unit: float, rate: float, shaded: bool = False, most_cores: int | None = None
+) -> Drawing:
     """Return a drawing of a picture, whose outlines have not been refined yet."""
-    pixels, ground, paints, layers = first_layers(picture, unit, rate, shaded)
+    pixels, ground, paints, layers = first_layers(picture, unit, rate, shaded, most_cores)
     drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
 
 def first_layers(
-    picture: Floats, unit: float, rate: float, shaded: bool
+    picture: Floats, unit: float, rate: float, shaded: bool, most_cores: int | None
 ) -> tuple[Floats, Paint, list[Paint], list[Layer]]:
     """Return a picture without its photos, its ground, and the paints and the layers above it."""
     cores, count = cores_of(picture)
@@ -167,6 +175,8 @@ def first_layers(
     if pixels is not picture:
         cores, count = cores_of(pixels)
     cores, count = without_edge_shades(pixels, cores, count)
+    if most_cores is not None and count > most_cores:
+        raise NoDrawingError
     if not count:  # no two pixels are alike
         return pixels, Paint(np.median(pixels, axis=(0, 1))), [], []
     paints = paints_of(pixels, cores, count)

@@ -28,6 +28,7 @@ from gauss2svg.areas.find import (
     RATE,
     UNIT,
     FoundAreas,
+    NoDrawingError,
     Progress,
     coarser,
     find_areas,
@@ -69,6 +70,7 @@ LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this num
 # shapes leaves less than SHAPES_ALONE times their squared error. If there are over MANY areas, this
 # is tested before they are refined, and they are expected to keep UNREFINED of their error.
 SHAPES_ALONE, MANY, UNREFINED = 2.0, 150, 0.4
+MOST_CORES = 800  # a picture with more even cores is no drawing
 
 
 class _StoppedError(Exception):
@@ -115,6 +117,7 @@ class ByAreas:
         share = min(1.0, TRIAL_SIDE / max(width, height))
         small = max(1, round(share * height)), max(1, round(share * width))
         self._small = shrunk(subject.working, *small)
+        self._most_cores = None if plan.options.svg.areas == ALWAYS else MOST_CORES
         self._price = RATE * plan.shape_bytes  # squared error that a Gaussian must save
         self._values = 3 * width * height  # numbers of the working picture
 
@@ -199,7 +202,9 @@ class ByAreas:
         trials = [self._trial(self._found(self._searched))]
         if trials[0].shaded and self._subject.start is None and not self._ends():
             found = self._found(
-                lambda p: find_areas(self._subject.working, RATE, self._unit, p, shaded=True),
+                lambda p: find_areas(
+                    self._subject.working, RATE, self._unit, p, True, self._most_cores
+                ),
                 trials[0].found,
             )
             trials.append(self._trial(found))
@@ -323,6 +328,9 @@ class ByAreas:
             newest = search(progress)
         except _StoppedError:
             return newest
+        except NoDrawingError:
+            self._many = True
+            return newest
         run.notify("write")
         return newest
 
@@ -330,7 +338,8 @@ class ByAreas:
         """Return the areas of the picture, or those of the start, at the usual rate."""
         subject, unit = self._subject, self._unit
         if (start := subject.start) is None:
-            return find_areas(subject.working, RATE, unit, progress)
+            most = self._most_cores
+            return find_areas(subject.working, RATE, unit, progress, most_cores=most)
         # Imported here because few runs have a start.
         from gauss2svg.areas.start import refined_areas
 
