@@ -46,8 +46,9 @@ from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import AreaCounts
+from gauss2svg.scene.scene import PARAMETERS
 from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import ordered_svg
@@ -61,6 +62,8 @@ LESS = 8.0  # factor on the rate as long as a file reaches the target
 BETWEEN = 0.2  # share of a search between two reports of its progress
 # A trial fits this many Gaussians in so many steps, to a picture of at most so many px a side.
 TRIED, TRIAL_STEPS, TRIAL_SIDE = 24, 80, 256
+COUNTS_BELOW = 8, 24, 72  # numbers of Gaussians below areas that are tried, as long as they pay
+MOST_TRIED = 1000
 # If a trial leaves less than this share of the squared error, the picture has shading that areas
 # only imitate.
 SHADED = 0.6
@@ -86,7 +89,7 @@ class _Trial:
     saved   by how much Gaussians above lower it
     cost    value by which trials are compared: the squared error that is expected of the best file
             with these areas. Without a limit, the price of its bytes is added
-    shaded  whether Gaussians save so much that the picture has shading that areas only imitate
+    shaded  whether the picture has shading that Gaussians draw better than areas
     is_met  whether the file reaches the target. False if there is none
     """
 
@@ -133,7 +136,10 @@ class ByAreas:
         alone = self._outcome(trial, fitted)
         if self._ends() or not self._wants_gaussians(trial):
             return alone
-        start = subject.start if subject.start is not None and len(subject.start) else None
+        start = subject.start
+        if start is not None:
+            start = start.select(start.level == ABOVE)
+        start = start if start is not None and len(start) else None
         above = dataclasses.replace(subject, ground=trial.ground, start=start)
         both = ByCount(dataclasses.replace(self._plan, rate=RATE), above, run).run()
         above.release()
@@ -175,16 +181,16 @@ class ByAreas:
             self._tries - 1, found=trial.found, unsure=self._many or unsure,
         )  # fmt: skip
 
-    def _shapes_win(self, size: int, error: float) -> bool:
+    def _shapes_win(self, size: float, error: float) -> bool:
         """Return whether shapes alone, in a file of so many bytes, may be closer than areas.
 
         error  squared error of the areas
         """
         if self._plan.options.svg.areas == ALWAYS:
             return False
-        size = int(min(self._limit, 1e9)) if self._limit < math.inf else size
+        size = self._limit if self._limit < math.inf else size
         each = SHAPE_BYTES[2] if self._plan.markup == MINIMAL else USUAL_BYTES
-        shapes = self._trial(self._nothing(), max(int(size / each), TRIED))
+        shapes = self._trial(self._nothing(), int(min(max(size / each, TRIED), MOST_TRIED)))
         return shapes.error - shapes.saved < SHAPES_ALONE * error
 
     def _wants_gaussians(self, trial: _Trial) -> bool:
@@ -253,17 +259,17 @@ class ByAreas:
         plan, subject, scene = self._plan, self._subject, self._scene(found)
         height, width = self._small.shape[:2]
         count = min(count, height * width // 3)
-        first = error = self._error(scene)
-        best = error
-        for below in (count, 3 * count) if found.areas else ():
-            if best <= self._price * below:
+        export, is_met = self._exporter.unscored(scene), False
+        first = error = cost = self._error(scene)
+        for below in COUNTS_BELOW if found.areas and not len(scene) else ():
+            if cost <= self._price * below:
                 break
             tried = with_gaussians_below(self._scene(found), self._small, below)
-            after = self._error(tried)
-            if after + self._price * below >= best:
+            tried_export, tried_error = self._exporter.unscored(tried), self._error(tried)
+            if tried_export.size > self._limit or tried_error + self._price * below >= cost:
                 break
-            scene, error, best = tried, after, after + self._price * below
-        export, is_met = self._exporter.unscored(scene), False
+            scene, export, error = tried, tried_export, tried_error
+            cost = error + self._price * below
         if plan.aim is not None:
             is_met = plan.aim.is_met_by(
                 plan.aim.score(self._exporter.raster(export.svg), subject.photo)
@@ -354,9 +360,14 @@ class ByAreas:
         return FoundAreas((), background, 0.0, 0.0, 0.0, 0.0)
 
     def _scene(self, found: FoundAreas) -> Scene:
-        """Return a scene of the areas on the working canvas."""
+        """Return a scene of the areas on the working canvas, with the Gaussians below of a start."""
+        (width, height), start = self._subject.size, self._subject.start
         is_clear = found.background is None
         background = np.ones(3) if found.background is None else np.array(found.background)
-        return Scene(
-            *self._subject.size, background=background, transparent=is_clear, areas=found.areas
-        )
+        scene = Scene(width, height, background=background, transparent=is_clear, areas=found.areas)
+        if start is None or (start.level == ABOVE).all():
+            return scene
+        below = start.select(start.level != ABOVE)
+        below = below.scaled(width / start.width, height / start.height)
+        shapes = {p.name: getattr(below, p.name) for p in PARAMETERS}
+        return scene.replace(**{**shapes, "level": np.minimum(below.level, len(found.areas))})
