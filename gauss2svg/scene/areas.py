@@ -1,8 +1,8 @@
 """Areas and lines: closed outlines with a paint, and centrelines that are drawn as strokes.
 
-They lie above the background of a scene, the bottom one first. All of their
-values are tuples of numbers, so that they can be compared, copied and written as JSON. Coordinates
-are in px of the canvas, and (0, 0) is its upper left corner.
+They lie above the background of a scene, the bottom one first. All of their values are tuples of
+numbers, so that they can be compared, copied and written as JSON. Coordinates are in px of the
+canvas, and (0, 0) is its upper left corner.
 """
 
 from __future__ import annotations
