@@ -360,7 +360,7 @@ class ByAreas:
         return FoundAreas((), background, 0.0, 0.0, 0.0, 0.0)
 
     def _scene(self, found: FoundAreas) -> Scene:
-        """Return a scene of the areas on the working canvas, with the Gaussians below of a start."""
+        """Return a scene of the areas, and of the Gaussians of a start that lie among them."""
         (width, height), start = self._subject.size, self._subject.start
         is_clear = found.background is None
         background = np.ones(3) if found.background is None else np.array(found.background)
