@@ -356,7 +356,9 @@ class Population:
         least = math.log(OPAQUE_FROM / (1 - OPAQUE_FROM))
         self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT
         written = as_written(self.scene(), psnr)
-        written = written.select(slice(len(written) - len(self), None))  # without the ground's
+        written = written.select(
+            slice(len(written) - len(self), None)
+        )  # those of the ground are first
         self.state = self._with_crisp_rims(self.state.quantized(written))
         if self.inks is None:
             self.shared = SharedColors.of(self.state, self.blending)

@@ -38,7 +38,7 @@ def with_solved_colors(scene: Scene, picture: NDArray[np.float32]) -> Scene:
     across, down = (np.arange(width) + 0.5) / scale[0], (np.arange(height) + 0.5) / scale[1]
     level = np.where(scene.level == ABOVE, len(scene.areas), scene.level)
     through, shares, colors = np.ones((height, width)), [], []
-    for k in range(len(scene.areas), -1, -1):  # from the top area down to the background
+    for k in range(len(scene.areas), -1, -1):  # the top area comes first
         if (level == k).any():
             through *= _transmittance(scene.select(level == k), height, width)
         if k == 0:
