@@ -202,7 +202,7 @@ def vectorize_by(
         raise refusal("start", rule, got, "--areas auto, without options that exclude areas")
     if start is not None and plan.in_areas and not start.areas:
         got = f"{len(start)} Gaussians"
-        raise refusal("start", "a scene with areas", got, "--areas auto")
+        raise refusal("start", "a scene that has areas", got, "--areas auto")
     photo, load = _read(plan, run, image, may_reduce)
     strength, max_pixels = options.fit.focus_strength, options.run.max_pixels
     mask = None if focus is None else load_focus(focus, strength, photo, max_pixels)

@@ -7,10 +7,10 @@ import numba
 import numpy as np
 import pytest
 from flat import choices, fit_config, fit_in
-from scenes import random_scene, random_sum
+from scenes import random_areas, random_scene, random_sum
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit import FitOptions, adam
+from gauss2svg.fit import PSNR, FitOptions, adam
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit.fit import convert_additive, fit
 from gauss2svg.fit.placement import NewGaussians, place
@@ -18,9 +18,10 @@ from gauss2svg.fit.population import LEAST_OPACITY
 from gauss2svg.fit.schedule import enlarged_reduction, rate, reduction, totals
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import STEPS, State
-from gauss2svg.fit.target import Target
+from gauss2svg.fit.target import Target, TargetPyramid
 from gauss2svg.measure import metrics
-from gauss2svg.render import render
+from gauss2svg.photo.pixels import stacked
+from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import squared_error
 from gauss2svg.scene import BLENDS, Scene
 from gauss2svg.scene.scene import STEPPED
@@ -87,6 +88,25 @@ def test_new_gaussians_lie_along_the_edge():
     near = np.abs(new.mean[:, 0] - 30) < 3
     assert near.any()
     assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
+
+
+@pytest.mark.parametrize("clear", [False, True])
+@pytest.mark.parametrize("count", [1, 40])
+def test_a_fit_above_areas_begins_at_their_error_and_stays_at_a_picture_of_them(count, clear):
+    ground = Scene(80, 60, areas=random_areas(6, 8, (80, 60)), transparent=clear)
+    picture = (render_rgba if clear else render)(ground)
+    spot = np.exp(-0.02 * np.square(np.mgrid[:60, :80].T - [20, 50]).sum(axis=-1).T)
+    spotted = (1 - 0.6 * spot[:, :, None] * [1, 1, 1, 0][: picture.shape[2]]) * picture
+    for target in (picture, spotted.astype(np.float32)):
+        targets = TargetPyramid(target, PSNR, ground=ground)
+        session = FitSession(target, fit_config(count, 60), targets=targets)
+        before = metrics.psnr(stacked(picture), stacked(target))
+        assert session.population.psnr() == pytest.approx(before, abs=0.01) or before > 120
+        session.fit()
+        scene = session.scene()
+        assert scene.areas == ground.areas
+        after = metrics.psnr(stacked((render_rgba if clear else render)(scene)), stacked(target))
+        assert after > (60 if target is picture else before + 3)
 
 
 @pytest.mark.parametrize("clear", [False, True])

@@ -55,7 +55,8 @@ def work_clock(monkeypatch):
 @pytest.mark.parametrize("kind", ["photo", "drawing"])
 def test_more_seconds_are_never_worse(kind, photo, work_clock):
     picture = photo[::2, ::2] if kind == "photo" else smile(96)
-    found = [vectorize(picture, time_limit=limit, tune="psnr").report for limit in (0.15, 0.3, 0.6)]
+    given = {"tune": "psnr", "areas": "never"}
+    found = [vectorize(picture, time_limit=limit, **given).report for limit in (0.15, 0.3, 0.6)]
     psnr = [min(report["psnr_svg"], DECIDED_BY_8_BITS) for report in found]
     assert all(b > a - 0.1 for a, b in pairwise(psnr))
     assert psnr[-1] >= min(psnr[0] + 1, DECIDED_BY_8_BITS)
@@ -64,7 +65,7 @@ def test_more_seconds_are_never_worse(kind, photo, work_clock):
 
 def test_seconds_beyond_what_pays_are_not_taken(work_clock):
     picture = antialiased_badge(96)[::6, ::6]
-    long, longer = (vectorize(picture, time_limit=limit).report for limit in (100, 200))
+    long, longer = (vectorize(picture, time_limit=t, areas="never").report for t in (100, 200))
     assert long["psnr_svg"] == longer["psnr_svg"]
     assert long["stop_reason"] == longer["stop_reason"] != "time_limit"
     assert long["unreached"] == []

@@ -8,7 +8,7 @@ import pytest
 from pictures import antialiased_badge, badge
 from skimage import data
 
-from gauss2svg import vectorize
+from gauss2svg import SvgOptions, vectorize
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.pixels import over, shrunk
@@ -28,8 +28,11 @@ from gauss2svg.scene.falloff import half_radius
 from gauss2svg.svg.forms import with_plain_edges
 
 
+SHAPES_ALONE = SvgOptions(areas="never")
+
+
 def covering(picture, **options):
-    return Plan(Options().changed(**options)).for_picture(picture).covering
+    return Plan(Options().changed(areas="never", **options)).for_picture(picture).covering
 
 
 @pytest.mark.sweep
@@ -41,7 +44,7 @@ def test_the_files_of_drawings_are_closer_and_crisper_when_they_are_enlarged(mon
 
     def scores(truth):
         """PSNR of the enlarged file, and the share of its pixels that have none of the colours."""
-        raster = rasterize(vectorize(shrunk(truth, 48, 48)).svg, 192, 192)
+        raster = rasterize(vectorize(shrunk(truth, 48, 48), svg=SHAPES_ALONE).svg, 192, 192)
         distance = np.abs(raster[:, :, None] - colors).max(axis=3).min(axis=2)
         return psnr(raster, truth), (distance > 0.1).mean()
 
@@ -117,7 +120,7 @@ def test_crisp_shapes_that_are_wide_enough_become_ellipses(beta, minor, drawn):
 
 def test_numbers_of_the_report_are_those_of_what_was_fitted_and_of_the_file():
     photo = antialiased_badge(64)
-    result = vectorize(photo)
+    result = vectorize(photo, svg=SHAPES_ALONE)
     by_area, at_centres = (
         round_trip(result.svg, result.scene, photo, covering=covers) for covers in (True, False)
     )
@@ -308,8 +311,8 @@ def test_the_file_of_an_enlarged_drawing_is_measured_at_its_size_and_kept_if_it_
 
 def test_a_count_is_corrected_by_what_the_file_shows():
     photo = antialiased_badge(64)
-    scene = vectorize(photo, gaussians=20).scene
-    for plan in (Plan(Options()), Plan(Options()).for_picture(photo)):
+    scene, options = vectorize(photo, gaussians=20).scene, Options(svg=SHAPES_ALONE)
+    for plan in (Plan(options), Plan(options).for_picture(photo)):
         export = Exporter(plan, Subject.of(photo)).export(scene)
         drawn = psnr(rasterize(export.svg, 64, 64), photo)
         assert (export.score == pytest.approx(drawn)) == plan.covering

@@ -154,7 +154,9 @@ def test_a_picture_of_one_colour_needs_no_gaussian():
 
 
 def test_max_bytes_under_20_kb_writes_minimal_markup_with_a_title_and_a_full_report():
-    result = vectorize(shapes(), max_bytes=900, iterations=FEW_STEPS, title="A & b")
+    result = vectorize(
+        shapes(), max_bytes=900, iterations=FEW_STEPS, title="A & b", areas="never"
+    )
     report = result.report
     assert (report["markup"], report["stop_reason"]) == ("minimal", "max_bytes")
     assert report["svg_bytes"] == len(result.svg) <= 900
@@ -167,7 +169,7 @@ def test_max_bytes_under_20_kb_writes_minimal_markup_with_a_title_and_a_full_rep
 @pytest.mark.sweep
 def test_from_five_kilobytes_the_closer_markup_is_written():
     auto, *others = (
-        vectorize(shapes(32, 32), max_bytes=6000, iterations=4, markup=markup)
+        vectorize(shapes(32, 32), max_bytes=6000, iterations=4, markup=markup, areas="never")
         for markup in ("auto", "minimal", "editable")
     )
     best = max(others, key=lambda result: result.report["psnr_svg"])
@@ -180,7 +182,9 @@ def test_from_five_kilobytes_the_closer_markup_is_written():
 def test_a_transparent_photo_stays_transparent():
     picture = shapes()
     alpha = (np.abs(picture - 0.9).max(axis=2) > 0.1).astype(np.float32)
-    result = vectorize(np.dstack([picture, alpha]), max_bytes=600, iterations=FEW_STEPS)
+    result = vectorize(
+        np.dstack([picture, alpha]), max_bytes=600, iterations=FEW_STEPS, areas="never"
+    )
     assert result.raster.shape[2] == 4
     assert result.raster[0, 0, 3] < 0.1
     assert result.report["gaussians"] > 0

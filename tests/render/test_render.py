@@ -30,7 +30,7 @@ from gauss2svg.render.cpu import (
 )
 from gauss2svg.render.reference import render_reference
 from gauss2svg.render.tiles import EVERY, QUIET_SHARE, Visits
-from gauss2svg.scene import OVER, Scene
+from gauss2svg.scene import ADD, OVER, Scene
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -68,16 +68,26 @@ def test_gradients_of_both_renderers_agree_for_any_loss(scene_of, dtype, seed, c
         assert (b.grad.double() - a.grad).abs().max() / scale < GRADIENT_OFF[dtype]
 
 
+def over_a_picture(scene, dtype):
+    """Return the splats of a scene over a random picture, and its tensors over the same."""
+    height, width = round(scene.height), round(scene.width)
+    ground = np.random.default_rng(4).random((3, height, width)).astype(dtype)
+    tensors = tensors_of(scene)
+    tensors[4 if scene.blend == ADD else 5] = torch.tensor(np.moveaxis(ground, 0, -1)).double()
+    return splats_of(scene)._replace(ground=ground), tensors
+
+
 @of_either_blend
+@pytest.mark.parametrize("over_picture", [False, True])
 @pytest.mark.parametrize("weighted", [False, True])
 @in_both
-def test_fused_squared_error_equals_the_torch_loss(scene_of, weighted, dtype):
+def test_fused_squared_error_equals_the_torch_loss(scene_of, weighted, over_picture, dtype):
     scene, rng = scene_of(15, 45, 33, 8), np.random.default_rng(2)
     target, weight = rng.random((3, 33, 45)).astype(dtype), rng.uniform(0.1, 2.0, (33, 45))
-    image, loss, moments, rows = squared_error(
-        splats_of(scene), target, weight if weighted else None
-    )
-    inputs = tensors_of(scene)
+    splats, inputs = splats_of(scene), tensors_of(scene)
+    if over_picture:
+        splats, inputs = over_a_picture(scene, dtype)
+    image, loss, moments, rows = squared_error(splats, target, weight if weighted else None)
     rendered = drawn(scene, inputs)
     squares = (rendered - torch.tensor(np.moveaxis(target, 0, -1))) ** 2
     (0.5 * squares * (torch.tensor(weight)[:, :, None] if weighted else 1)).sum().backward()
@@ -87,33 +97,39 @@ def test_fused_squared_error_equals_the_torch_loss(scene_of, weighted, dtype):
     color_gradient = inputs[3].grad.numpy()
     scale = np.abs(color_gradient).max()
     assert np.abs(moments[:, 6:9] - color_gradient).max() / scale < GRADIENT_OFF[dtype]
+    if scene.blend == OVER:  # moment 5 is the gradient of the logarithm of the opacity
+        gradient = inputs[4].grad.numpy() * scene.opacity
+        assert np.abs(moments[:, 5] - gradient).max() < GRADIENT_OFF[dtype] * np.abs(gradient).max()
     assert rows > 0
 
 
 @of_either_blend
+@pytest.mark.parametrize("over_picture", [False, True])
 @pytest.mark.parametrize("weighted", [False, True])
 @in_both
 def test_removal_cost_is_what_removal_costs_and_mass_is_its_curvature_in_the_colour(
-    scene_of, weighted, dtype
+    scene_of, weighted, over_picture, dtype
 ):
     scene, rng = scene_of(12, 40, 30, 9), np.random.default_rng(3)
     target = rng.random((30, 40, 3))
     weight = rng.uniform(0.1, 2.0, (30, 40)) if weighted else np.ones((30, 40))
     planar = np.ascontiguousarray(np.moveaxis(target, -1, 0), dtype)
-    found = removal_cost(splats_of(scene), planar, weight.astype(dtype) if weighted else None)[1]
+    splats = over_a_picture(scene, dtype)[0] if over_picture else splats_of(scene)
+    found = removal_cost(splats, planar, weight.astype(dtype) if weighted else None)[1]
 
-    def picture(one):
-        return drawn(one, tensors_of(one)).detach().numpy()
+    def picture(one, tensors):
+        return drawn(one, tensors).detach().numpy()
 
     def error(one):
-        return (weight[:, :, None] * np.square(picture(one) - target)).sum()
+        tensors = over_a_picture(one, dtype)[1] if over_picture else tensors_of(one)
+        return (weight[:, :, None] * np.square(picture(one, tensors) - target)).sum()
 
     whole, off = error(scene), GRADIENT_OFF[dtype]
     for k in range(12):
         expected = error(scene.select(np.arange(12) != k)) - whole
         assert found[k, 0] == pytest.approx(expected, abs=off * whole)
         alone = scene.replace(color=np.eye(12)[:, [k] * 3], background=np.zeros(3))
-        mass = (weight * np.square(picture(alone)[:, :, 0])).sum()
+        mass = (weight * np.square(picture(alone, tensors_of(alone))[:, :, 0])).sum()
         assert found[k, 1] == pytest.approx(mass, rel=off, abs=0.1 * OFF[scene.blend][dtype])
 
 

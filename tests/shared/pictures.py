@@ -1,4 +1,4 @@
-"""Picture files that no library writes, made by hand; drawings of flat colours; names of files."""
+"""Picture files that no library writes, made by hand; drawings; names of files."""
 
 from __future__ import annotations
 
@@ -143,6 +143,38 @@ def smile(side: int) -> NDArray[np.float32]:
     mouth = (np.abs(np.hypot(x - 64, y - 66) - 30) < 3) & (y > 74)
     picture[mouth] = 0.7, 0.1, 0.1
     return shrunk(picture, side, side)
+
+
+def ball(side: int, clear: bool = False) -> NDArray[np.float32]:
+    """A ball in two lights at `side` px, antialiased. No gradient has its shading.
+
+    It casts a soft shadow on a plain page. If `clear`, it has alpha, and there is no page.
+    """
+    y, x = (np.mgrid[: side * 4, : side * 4] + 0.5) / (4 * side)
+    across, down = (x - 0.45) / 0.24, (y - 0.42) / 0.24
+    inside = across**2 + down**2 < 1
+    up = np.sqrt(np.clip(1 - across**2 - down**2, 0, 1))
+    warm = np.clip(0.62 * up - 0.5 * across - 0.6 * down, 0, 1)[:, :, None]
+    cold = np.clip(0.3 * up + 0.9 * across + 0.3 * down, 0, 1)[:, :, None] ** 2
+    shaded = np.array([0.2, 0.05, 0.1]) + [0.65, 0.15, 0.1] * warm + [0.0, 0.3, 0.5] * cold
+    if clear:
+        return shrunk(np.dstack([shaded, inside]).astype(np.float32), side, side)
+    shadow = 0.55 * np.exp(-(((x - 0.52) / 0.26) ** 2) - ((y - 0.72) / 0.09) ** 2)
+    page = np.array([0.95, 0.93, 0.88]) * (1 - shadow[:, :, None])
+    picture = np.where(inside[:, :, None], shaded, page)
+    return shrunk(picture.astype(np.float32), side, side)
+
+
+def clouds(side: int) -> NDArray[np.float32]:
+    """Soft spots of many colours on a plain page at `side` px. The upper right corner is plain."""
+    rng = np.random.default_rng(5)
+    y, x = (np.mgrid[:side, :side] + 0.5) / side
+    picture = np.tile(np.float32([0.95, 0.93, 0.88]), (side, side, 1))
+    for _ in range(14):
+        (cx, cy), (rx, ry) = rng.uniform([0.1, 0.35], [0.75, 0.9]), rng.uniform(0.05, 0.11, 2)
+        share = 0.8 * np.exp(-0.5 * (((x - cx) / rx) ** 2 + ((y - cy) / ry) ** 2))[:, :, None]
+        picture += (share * (rng.random(3) - picture)).astype(np.float32)
+    return picture
 
 
 def possible(name: str) -> str:

@@ -49,9 +49,11 @@ def test_a_default_run_on_a_small_photo_loads_nothing_slow_and_nothing_of_other_
     photo = tmp_path / "photo.png"
     photo.write_bytes(as_png(np.random.default_rng(0).random((40, 60, 3)).astype(np.float32)))
     command = [str(photo), "-o", str(tmp_path / "photo.svg"), "--quality", "draft", "--quiet"]
-    slow = ["torch", "skimage", "jinja2", "uvicorn", "gauss2svg.compare", "gauss2svg.areas"] + [
-        f"scipy.{n}" for n in ("linalg", "ndimage", "spatial", "special")
-    ]
+    slow = [
+        "torch", "skimage", "jinja2", "uvicorn", "gauss2svg.compare",
+        *(f"gauss2svg.{n}" for n in ("areas.find", "render.areas", "pipeline.by_areas")),
+        *(f"scipy.{n}" for n in ("linalg", "ndimage", "spatial", "special")),
+    ]  # fmt: skip
     # The first compiles the kernels where none are kept, for which numba loads some.
     assert [] in (loaded_by(COMMAND, slow, *command) for _ in range(2))
 

@@ -8,7 +8,7 @@ from flat import choices, vectorize
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
-from scenes import extreme_scenes, random_scene, rounding_of
+from scenes import extreme_scenes, random_areas, random_scene, rounding_of
 
 import gauss2svg
 from gauss2svg.cli.main import main
@@ -59,10 +59,12 @@ def clear_scene(count, seed, **options):
     return scene.replace(transparent=True, background=np.ones(3))
 
 
+@pytest.mark.parametrize("areas", [0, 5])
 @pytest.mark.parametrize("loss", choices("loss"))
-def test_gradient_over_both_backdrops_is_that_of_finite_differences(loss, cut_out):
+def test_gradient_over_both_backdrops_is_that_of_finite_differences(loss, areas, cut_out):
     rgba, rng = shrunk(pixels_of(cut_out), 24, 24), np.random.default_rng(0)
-    target = target_of(rgba, np.float64, "psnr")
+    ground = Scene(24, 24, areas=random_areas(areas, 6, (24, 24))) if areas else None
+    target = target_of(rgba, np.float64, "psnr", ground=ground)
     scene = clear_scene(5, 1, width=24, height=24, beta=(1.0, 4.0))
     scene = scene.replace(opacity=0.2 + 0.6 * scene.opacity, color=0.1 + 0.8 * scene.color)
     way = {
@@ -87,9 +89,12 @@ def test_gradient_over_both_backdrops_is_that_of_finite_differences(loss, cut_ou
     assert slope == pytest.approx(expected, rel=1e-4)
 
 
-def test_losses_and_removal_costs_are_of_the_errors_over_white_and_over_black(cut_out):
-    rgba, scene = shrunk(pixels_of(cut_out), 30, 40), clear_scene(9, 2)
-    target, splats = target_of(rgba, np.float64, "psnr"), splats_of(scene)
+@pytest.mark.parametrize("areas", [0, 5])
+def test_losses_and_removal_costs_are_of_the_errors_over_white_and_over_black(areas, cut_out):
+    rgba = shrunk(pixels_of(cut_out), 30, 40)
+    scene = clear_scene(9, 2).replace(areas=random_areas(areas, 6))
+    ground = scene.select([]) if areas else None
+    target, splats = target_of(rgba, np.float64, "psnr", ground=ground), splats_of(scene)
     drawn = [render(scene.replace(background=np.full(3, b)), dtype=np.float64) for b in BACKDROPS]
     errors = [one - over(rgba, b) for one, b in zip(drawn, BACKDROPS, strict=True)]
     squares = np.sum(np.square(errors) * target.weight[:, :, None])
