@@ -285,11 +285,15 @@ def test_a_count_is_a_bound_beside_a_limit_and_leaves_areas():
     assert 0 < report["gaussians"] <= 5
 
 
-@pytest.mark.parametrize(("target", "needs_gaussians"), [(22, False), (36, True)])
+@pytest.mark.parametrize(
+    ("picture", "target", "needs_gaussians"),
+    [(DRAWING, 30, False), (GLOWS, 36, True)],
+    ids=["flat", "glows"],
+)
 def test_a_target_is_met_by_areas_alone_if_they_can_and_by_gaussians_if_not(
-    target, needs_gaussians
+    picture, target, needs_gaussians
 ):
-    report = vectorize(GLOWS, target_psnr=target).report
+    report = vectorize(picture, target_psnr=target).report
     assert (report["stop_reason"], report["unreached"]) == ("target_psnr", [])
     assert report["psnr_svg"] >= target
     assert report["area_count"] > 0
@@ -303,16 +307,16 @@ def test_a_run_without_time_writes_the_areas_that_it_has_found():
     assert rasterize(result.svg, 8, 8).shape == (8, 8, 3)
 
 
-@pytest.mark.parametrize("limit", [None, 4000])
-def test_a_run_that_is_stopped_while_it_fits_gaussians_keeps_its_areas(limit):
+@pytest.mark.parametrize("given", [{"max_bytes": 6000}, {"target_psnr": 46}], ids=str)
+def test_a_run_that_is_stopped_while_it_fits_gaussians_keeps_its_areas(given):
     phases = list[str]()
     result = vectorize(
-        GLOWS, **({} if limit is None else {"max_bytes": limit}),
-        progress=lambda now: phases.append(now.phase), stop=lambda: phases.count("fit") > 20,
+        GLOWS, **given, progress=lambda now: phases.append(now.phase),
+        stop=lambda: phases.count("fit") > 20,
     )  # fmt: skip
     assert result.report["stop_reason"] == "interrupted"
-    assert result.report["area_count"] > 0
-    assert result.report["svg_bytes"] <= (limit or np.inf)
+    assert min(result.report["area_count"], result.report["gaussians"]) > 0
+    assert result.report["svg_bytes"] <= given.get("max_bytes", np.inf)
 
 
 def test_gaussians_above_areas_leave_a_transparent_page_clear():
@@ -339,11 +343,16 @@ def test_areas_and_gaussians_of_a_start_are_refined(glows):
 
 
 def test_a_photo_in_a_poster_is_one_area_below_gaussians():
-    poster = DRAWING.copy()
-    poster[50:110, 8:88] = data.coffee()[150:270:2, 200:360:2] / 255
+    shapes = rasterize_rgba(FRAME.format(SHAPES), SIDE, SIDE)
+    poster = np.full((SIDE + 140, 200, 3), [0.75, 0.85, 0.95], np.float32)
+    poster[140:, 36:164] = over(shapes, (0.75, 0.85, 0.95))
+    poster[10:130, 20:180] = data.coffee()[150:270, 200:360] / 255
     result = vectorize(poster)
-    print(result, [np.concatenate([o.segments.reshape(-1,2) for o in a.outlines]).min(0).tolist()+np.concatenate([o.segments.reshape(-1,2) for o in a.outlines]).max(0).tolist() for a in result.scene.areas])
-    assert 0
+    photo, page = np.s_[10:130, 20:180], np.s_[140:, :30]
+    areas = rasterize(write_svg(result.scene.select([])), *poster.shape[1::-1])
+    assert result.report["area_count"] <= 6  # the photo, and those of the drawing
+    assert psnr(result.raster[photo], poster[photo]) > psnr(areas[photo], poster[photo]) + 10
+    assert 255 * np.abs(result.raster - poster)[page].max() < 3
 
 
 @pytest.mark.process
