@@ -144,7 +144,8 @@ class ByAreas:
         both = ByCount(dataclasses.replace(self._plan, rate=RATE), above, run).run()
         above.release()
         if alone.size <= self._limit and both.psnr < alone.psnr + LEAST_GAIN:
-            return alone
+            reason = "interrupted" if run.ended else reason
+            return dataclasses.replace(alone, fitted=alone.fitted.after(both.fitted, reason))
         fitted = both.fitted.after(fitted, both.fitted.stop_reason)
         corrections = both.corrections + alone.corrections
         both = dataclasses.replace(
