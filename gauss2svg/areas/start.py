@@ -20,6 +20,7 @@ from gauss2svg.areas.find import (
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer
+from gauss2svg.areas.shades import without_shading
 from gauss2svg.errors import refusal
 from gauss2svg.scene.areas import CAPS, Area
 
@@ -33,14 +34,17 @@ def refined_areas(
     rate: float = RATE,
     unit: float = UNIT,
     progress: Progress | None = None,
+    shaded: bool = False,
 ) -> FoundAreas:
     """Return areas that are refined until they draw a picture, as `find_areas` refines its own.
 
     areas, background  areas in px of the picture, and the colour (3,) below them, which a picture
                        with alpha leaves out
+    shaded  whether Gaussians draw the shading that has no crisp edges
     Raise InputError if a part is partly transparent, but the picture is opaque.
     """
-    pixels = channels_of(picture)
+    whole = channels_of(picture)
+    pixels = without_shading(whole) if shaded else whole
     channels = pixels.shape[2]
     paints: dict[object, int] = {}
     table, layers = list[Paint](), list[Layer]()
@@ -59,7 +63,8 @@ def refined_areas(
         cap = CAPS.index(area.cap)
         layers.append(Layer(paints[key], paths, area.width, cap))
     ground = Paint(np.array(background)) if channels == 3 else transparent_paint()
-    return refined(Drawing(pixels, ground, table, layers), rate, unit, progress)
+    drawing = Drawing(pixels, ground, table, layers, picture=whole)
+    return refined(drawing, rate, unit, progress)
 
 
 def _paint(area: Area, channels: int) -> Paint:

@@ -8,6 +8,8 @@ of the page counts s^2 times.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,12 +25,18 @@ LEAST_SEEN = 0.05  # least share of the page in a pixel whose colour tells that 
 STRENGTH = 1e6  # how much more an error counts where all of the page shows than where none does
 
 
-def with_gaussians_below(scene: Scene, picture: NDArray[np.float32], count: int) -> Scene:
+def with_gaussians_below(
+    scene: Scene,
+    picture: NDArray[np.float32],
+    count: int,
+    stop: Callable[[], bool] = lambda: False,
+) -> Scene:
     """Return a scene of areas with `count` Gaussians on its page, fitted to a picture.
 
     The page is the background, or the first area if that covers the canvas.
 
     picture  (h, w, 3) or (h, w, 4) float32 in 0..1
+    stop     function that ends the fit if it returns True
     """
     height, width = picture.shape[:2]
     scale = width / scene.width, height / scene.height
@@ -49,7 +57,7 @@ def with_gaussians_below(scene: Scene, picture: NDArray[np.float32], count: int)
     config = FitConfig(
         gaussians=count, iterations=STEPS, fit=FitOptions(tune=PSNR, falloff=GAUSSIAN)
     )
-    session = FitSession(page, config, targets=targets)
+    session = FitSession(page, config, stop=stop, targets=targets)
     session.fit()
     new = session.scene()
     new = new.scaled(scene.width / width, scene.height / height)

@@ -73,7 +73,8 @@ LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this num
 # shapes leaves less than SHAPES_ALONE times their squared error. If there are over MANY areas, this
 # is tested before they are refined, and they are expected to keep UNREFINED of their error.
 SHAPES_ALONE, MANY, UNREFINED = 2.0, 150, 0.4
-MOST_CORES = 800  # a picture with more even cores is no drawing
+# A picture with more even cores is no drawing. A smaller one may have fewer of them.
+MOST_CORES, PIXELS_EACH_CORE, LEAST_CORES = 800, 100, 100
 
 
 class _StoppedError(Exception):
@@ -87,8 +88,9 @@ class _Trial:
     ground  scene of the areas, and of Gaussians below them if these pay
     error   squared error of this scene, summed over pixels and channels of the working picture
     saved   by how much Gaussians above lower it
-    cost    value by which trials are compared: the squared error that is expected of the best file
-            with these areas. Without a limit, the price of its bytes is added
+    expected  squared error that is expected of the best file with these areas
+    cost    value by which trials are compared: `expected`, to which the price of the bytes is added
+            if there is no limit
     shaded  whether the picture has shading that Gaussians draw better than areas
     is_met  whether the file reaches the target. False if there is none
     """
@@ -98,6 +100,7 @@ class _Trial:
     export: Export
     error: float
     saved: float
+    expected: float
     cost: float
     shaded: bool
     is_met: bool
@@ -120,7 +123,9 @@ class ByAreas:
         share = min(1.0, TRIAL_SIDE / max(width, height))
         small = max(1, round(share * height)), max(1, round(share * width))
         self._small = shrunk(subject.working, *small)
-        self._most_cores = None if plan.options.svg.areas == ALWAYS else MOST_CORES
+        self._shapes_alone = dict[int, float]()  # squared error by the number of shapes
+        most = min(MOST_CORES, max(width * height // PIXELS_EACH_CORE, LEAST_CORES))
+        self._most_cores = None if plan.options.svg.areas == ALWAYS else most
         self._price = RATE * plan.shape_bytes  # squared error that a Gaussian must save
         self._values = 3 * width * height  # numbers of the working picture
 
@@ -143,7 +148,8 @@ class ByAreas:
         above = dataclasses.replace(subject, ground=trial.ground, start=start)
         both = ByCount(dataclasses.replace(self._plan, rate=RATE), above, run).run()
         above.release()
-        if alone.size <= self._limit and both.psnr < alone.psnr + LEAST_GAIN:
+        is_closer = both.psnr >= alone.psnr + LEAST_GAIN or self._plan.aim is not None
+        if alone.size <= self._limit and not is_closer:
             reason = "interrupted" if run.ended else reason
             return dataclasses.replace(alone, fitted=alone.fitted.after(both.fitted, reason))
         fitted = both.fitted.after(fitted, both.fitted.stop_reason)
@@ -152,6 +158,8 @@ class ByAreas:
             both, subject=subject, found=trial.found, unsure=alone.unsure, fitted=fitted,
             corrections=corrections,
         )  # fmt: skip
+        if self._plan.aim is not None:
+            return both
         return max(both, self._recolored(both), key=lambda outcome: outcome.psnr)
 
     def _recolored(self, both: Outcome) -> Outcome:
@@ -174,9 +182,9 @@ class ByAreas:
         plan, subject, export = self._plan, self._subject, trial.export
         self._run.notify("measure")
         measured = self._measured(export.svg, export.scene)
-        error = trial.error - trial.saved
-        unsure = error > self._values * 10 ** (-SEEN_UP_TO / 10)
-        unsure = unsure and not self._run.ended and self._shapes_win(export.size, error)
+        error = trial.expected
+        unsure = self._is_visible(error) and not self._run.ended
+        unsure = unsure and self._shapes_win(export.size, error)
         return Outcome(
             plan, subject, export.scene, export.svg, export.format, fitted, measured,
             self._tries - 1, found=trial.found, unsure=self._many or unsure,
@@ -191,8 +199,11 @@ class ByAreas:
             return False
         size = self._limit if self._limit < math.inf else size
         each = SHAPE_BYTES[2] if self._plan.markup == MINIMAL else USUAL_BYTES
-        shapes = self._trial(self._nothing(), int(min(max(size / each, TRIED), MOST_TRIED)))
-        return shapes.error - shapes.saved < SHAPES_ALONE * error
+        count = int(min(max(size / each, TRIED), MOST_TRIED))
+        if count not in self._shapes_alone:
+            shapes = self._trial(self._nothing(), count)
+            self._shapes_alone[count] = shapes.error - shapes.saved
+        return self._shapes_alone[count] < SHAPES_ALONE * error
 
     def _wants_gaussians(self, trial: _Trial) -> bool:
         """Return whether Gaussians are fitted above the areas of a trial."""
@@ -207,7 +218,8 @@ class ByAreas:
     def _best(self) -> _Trial:
         """Return the trial whose areas the file gets."""
         trials = [self._trial(self._found(self._searched))]
-        if trials[0].shaded and self._subject.start is None and not self._ends():
+        is_shaded = trials[0].shaded or self._is_visible(trials[0].error)
+        if is_shaded and self._subject.start is None and not self._ends():
             found = self._found(
                 lambda p: find_areas(
                     self._subject.working, RATE, self._unit, p, True, self._most_cores
@@ -262,10 +274,11 @@ class ByAreas:
         count = min(count, height * width // 3)
         export, is_met = self._exporter.unscored(scene), False
         first = error = cost = self._error(scene)
+        scene_of_areas = scene
         for below in COUNTS_BELOW if found.areas and not len(scene) else ():
             if cost <= self._price * below:
                 break
-            tried = with_gaussians_below(self._scene(found), self._small, below)
+            tried = with_gaussians_below(scene_of_areas, self._small, below, self._run.stop)
             tried_export, tried_error = self._exporter.unscored(tried), self._error(tried)
             if tried_export.size > self._limit or tried_error + self._price * below >= cost:
                 break
@@ -276,6 +289,10 @@ class ByAreas:
                 plan.aim.score(self._exporter.raster(export.svg), subject.photo)
             )
         saved = 0.0
+        if self._limit < math.inf and found.areas:
+            # As many Gaussians as the limit allows.
+            more = (self._limit - export.size) / plan.shape_bytes
+            count = int(min(max(more, count), 6 * count, height * width / 3))
         if error > self._price * count / 2:
             config = FitConfig(
                 gaussians=count, iterations=TRIAL_STEPS, fit=FitOptions(tune=PSNR, falloff=GAUSSIAN)
@@ -284,14 +301,20 @@ class ByAreas:
             session = FitSession(self._small, config, stop=self._run.stop, targets=targets)
             session.fit()
             saved = max(error - self._values * 10 ** (-session.population.psnr() / 10), 0.0)
-        pays = max(saved - count * self._price, 0.0)
+        price = count * self._price
+        pays = saved > price
         if self._limit < math.inf:
-            room = max(self._limit - export.size, 0) / plan.shape_bytes
-            cost = error - math.sqrt(min(room / max(count, 1), 1.0)) * saved
+            share = (self._limit - export.size) / plan.shape_bytes / max(count, 1)
+            cost = expected = error - math.sqrt(min(max(share, 0.0), 1.0)) * saved
         else:
-            cost = error + RATE * export.size - pays
-        is_shaded = first - error > 0 or (pays > 0 and error - saved < SHADED * error)
-        return _Trial(found, scene, export, error, saved, cost, is_shaded, is_met)
+            expected = error - saved if pays else error
+            cost = expected + RATE * export.size + (price if pays else 0.0)
+        is_shaded = error < first or (pays and error - saved < SHADED * error)
+        return _Trial(found, scene, export, error, saved, expected, cost, is_shaded, is_met)
+
+    def _is_visible(self, error: float) -> bool:
+        """Return whether people can see a squared error at the picture's own size."""
+        return error > self._values * 10 ** (-SEEN_UP_TO / 10)
 
     def _error(self, scene: Scene) -> float:
         """Return the squared error of a scene, measured on the small picture."""
@@ -305,10 +328,10 @@ class ByAreas:
         so_far  areas before the search. None if there are none
         """
         run, newest, begun = self._run, so_far or self._nothing(), time.perf_counter()
-        due = 0.0
+        due, is_checked = 0.0, False
 
         def progress(done: float, present: Callable[[], FoundAreas] | None) -> None:
-            nonlocal newest, due
+            nonlocal newest, due, is_checked
             # Until the first areas are found, there is nothing that a stopped run could write.
             deadline = run.budget.fit_ends()
             self._is_late = deadline is not None and time.perf_counter() > deadline
@@ -318,7 +341,8 @@ class ByAreas:
             due, now = done + BETWEEN, None
             if present is not None:
                 newest = present()
-                if not so_far and len(newest.areas) > MANY and not self._many:
+                if not (so_far or is_checked) and len(newest.areas) > MANY:
+                    is_checked = True
                     error = self._values * 10 ** (-newest.psnr / 10)
                     size = self._exporter.unscored(self._scene(newest)).size
                     ends = self._many = self._shapes_win(size, UNREFINED * error)
@@ -352,7 +376,9 @@ class ByAreas:
 
         width, height = subject.size
         areas = start.scaled(width / start.width, height / start.height).areas
-        return refined_areas(subject.working, areas, start.background, RATE, unit, progress)
+        # Its nodes are kept, and Gaussians draw the shading if it has any.
+        shaded = len(start) > 0
+        return refined_areas(subject.working, areas, start.background, 0.0, unit, progress, shaded)
 
     def _nothing(self) -> FoundAreas:
         """Return no areas, on the mean colour of the picture."""

@@ -543,9 +543,8 @@ def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:
     goal, fit, svg, layered = options.goal, options.fit, options.svg, _layered(options)
     if svg.areas == ALWAYS:
         for name, value in _without_areas(options):
-            rule = f"not be given with areas {ALWAYS}, unless as a limit" * (name == "gaussians")
-            rule = rule or f"not be given with areas {ALWAYS}, which are not drawn so"
-            yield name, rule, value, "--areas auto"
+            why = "because the picture would have no areas"
+            yield name, f"not be given with areas {ALWAYS}, {why}", value, f"--areas {NEVER}"
     if svg.portable and fit.blend != ADD:
         rule = f"be given with blend {ADD}, whose files it converts"
         yield "portable", rule, f"blend {fit.blend}", "without --portable"

@@ -130,7 +130,9 @@ def minimal_svg(
         fill = _fill(color_levels(scene.background, digits))
         cover = [Element("path", fill=fill, d=f"M0 0h{across}v{down}H0")]
         mean, half = np.vstack([mean, 0.5 * whole]), np.vstack([half, 0.5 * whole])
-    definitions, drawn = _drawing(shapes, opacity_decimals, stops, len(areas.definitions))
+    definitions, drawn = _drawing(
+        shapes, opacity_decimals, stops, len(areas.definitions), is_close=bool(scene.areas)
+    )
     definitions = areas.definitions + definitions
     # The number of areas below each element. It is larger by 0.5 for an area.
     below = [(level[i], one) for i, one in drawn]
@@ -207,7 +209,7 @@ def _title_and_desc(document: Document) -> list[Element]:
 
 
 def _drawing(
-    shapes: Shapes, opacity_decimals: int, stops: int, used: int
+    shapes: Shapes, opacity_decimals: int, stops: int, used: int, is_close: bool
 ) -> tuple[list[Element], list[tuple[int, Element]]]:
     """Return the definitions of the shapes of a file, and the elements of these shapes.
 
@@ -215,10 +217,11 @@ def _drawing(
 
     stops  number of stops of a gradient
     used   number of ids that are already in use
+    is_close  as in _masked
     """
     by_gradient = np.flatnonzero((shapes.falloff >= 0) & ~shapes.masked)
     fills = [_fill(color) for color in shapes.color]
-    definitions, uses = _masked(shapes.falloff[shapes.masked], used)
+    definitions, uses = _masked(shapes.falloff[shapes.masked], used, is_close)
     circles: dict[int, Element] = {}
     if len(by_gradient):
         more, circles = _gradients(shapes, by_gradient, fills, stops, used + 3 * len(uses))
@@ -261,7 +264,9 @@ def _most_used(falloff: NDArray[np.intp]) -> list[int]:
     return sorted(uses, key=lambda kind: (-uses[kind], kind))
 
 
-def _masked(falloff: NDArray[np.intp], used: int) -> tuple[list[Element], dict[int, Element]]:
+def _masked(
+    falloff: NDArray[np.intp], used: int, is_close: bool
+) -> tuple[list[Element], dict[int, Element]]:
     """Return definitions of circles under masks, and elements that refer to these circles.
 
     For each class in `falloff` (n,) there are three definitions: a circle, its mask, and the
@@ -269,9 +274,10 @@ def _masked(falloff: NDArray[np.intp], used: int) -> tuple[list[Element], dict[i
     the class.
 
     used  number of ids that are already in use
+    is_close  whether the picture is close enough for masks of more stops
     """
     kinds = _most_used(falloff)
-    count = MASK_STOPS[int(len(falloff) >= MANY)]
+    count = MASK_STOPS[int(len(falloff) >= MANY or is_close)]
     uses, definitions = {}, []
     for k, kind in enumerate(kinds):
         name, mask, ramp = (short_id(used + k + part * len(kinds)) for part in range(3))
