@@ -181,7 +181,9 @@ def _default_output(photo: str, overwrite: bool) -> str:
 
 
 def _checked(photo: str, output: str, options: Options, extras: Files) -> Options:
-    """Return the options, with gzip turned on if the name of the output ends in .svgz.
+    """Return the options, as the output files need them.
+
+    If the name of the output ends in .svgz, gzip is turned on. With pens there are no areas.
 
     Raise InputError if an output file cannot be made with these options, has a wrong suffix, or
     would replace the photo, the mask or the scene. Raise OutputError if a file cannot be written.
@@ -209,6 +211,8 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
             check_svg_name(name, path)
         else:
             check_suffix(name, path, _SUFFIXES[option])
+    if extras.pens is not None and options.svg.areas == AUTO:
+        options = options.changed(areas=NEVER)  # pens draw the outlines of shapes
     return options.changed(gzip=True) if is_svgz(output) else options
 
 

@@ -67,6 +67,7 @@ MOST_TRIED = 1000
 # If a trial leaves less than this share of the squared error, the picture has shading that areas
 # only imitate.
 SHADED = 0.6
+FILLED = 0.8  # share of the bytes left by areas that Gaussians take, without their definitions
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
 LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this number
 # Shapes alone are tried too if areas leave errors that can be seen, and a trial of as many bytes of
@@ -126,11 +127,31 @@ class ByAreas:
         self._shapes_alone = dict[int, float]()  # squared error by the number of shapes
         most = min(MOST_CORES, max(width * height // PIXELS_EACH_CORE, LEAST_CORES))
         self._most_cores = None if plan.options.svg.areas == ALWAYS else most
+        self._most = math.inf if plan.goal.count is None else plan.goal.count  # Gaussians
         self._price = RATE * plan.shape_bytes  # squared error that a Gaussian must save
         self._values = 3 * width * height  # numbers of the working picture
 
     def run(self) -> Outcome:
-        """Find areas, fit Gaussians above them, and return the file with its measurements."""
+        """Find areas, fit Gaussians above them, and return the file with its measurements.
+
+        If the file of a start is closer than what is made of it, that is returned.
+        """
+        outcome = self._search()
+        if (start := self._subject.start) is None:
+            return outcome
+        width, height = self._subject.size
+        scene = start.scaled(width / start.width, height / start.height)
+        export = self._exporter.unscored(scene.replace(width=width, height=height))
+        if export.size > self._limit:
+            return outcome
+        own = dataclasses.replace(
+            outcome, scene=export.scene, svg=export.svg, format=export.format,
+            measured=self._measured(export.svg, export.scene), aim_score=math.nan,
+            fitted=outcome.fitted.after(None, "start"),
+        )  # fmt: skip
+        return max(outcome, own, key=lambda one: one.psnr)
+
+    def _search(self) -> Outcome:
         subject, run = self._subject, self._run
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         trial = self._best()
@@ -146,7 +167,10 @@ class ByAreas:
             start = start.select(start.level == ABOVE)
         start = start if start is not None and len(start) else None
         above = dataclasses.replace(subject, ground=trial.ground, start=start)
-        both = ByCount(dataclasses.replace(self._plan, rate=RATE), above, run).run()
+        options = self._plan.options
+        if self._most < math.inf:
+            options = options.changed(gaussians=int(self._most) - len(trial.ground))
+        both = ByCount(dataclasses.replace(self._plan, options=options, rate=RATE), above, run).run()
         above.release()
         is_closer = both.psnr >= alone.psnr + LEAST_GAIN or self._plan.aim is not None
         if alone.size <= self._limit and not is_closer:
@@ -207,6 +231,8 @@ class ByAreas:
 
     def _wants_gaussians(self, trial: _Trial) -> bool:
         """Return whether Gaussians are fitted above the areas of a trial."""
+        if len(trial.ground) >= self._most:
+            return False
         if self._limit < math.inf:
             room = self._limit - trial.export.size
             return room < 0 or room >= LEAST_ROOM * self._plan.shape_bytes
@@ -264,6 +290,12 @@ class ByAreas:
     def _coarser(self, trial: _Trial, rate: float) -> FoundAreas:
         return self._found(lambda p: coarser(trial.found, rate, self._unit, p), trial.found)
 
+    def _is_over(self) -> bool:
+        """Return whether the run has to end: it is stopped, or its time for fitting is over."""
+        deadline = self._run.budget.fit_ends()
+        self._is_late = deadline is not None and time.perf_counter() > deadline
+        return self._run.stop() or self._is_late
+
     def _ends(self) -> bool:
         return self._run.ended or self._is_late or self._many
 
@@ -276,9 +308,9 @@ class ByAreas:
         first = error = cost = self._error(scene)
         scene_of_areas = scene
         for below in COUNTS_BELOW if found.areas and not len(scene) else ():
-            if cost <= self._price * below:
+            if self._is_over() or cost <= self._price * below or below > self._most:
                 break
-            tried = with_gaussians_below(scene_of_areas, self._small, below, self._run.stop)
+            tried = with_gaussians_below(scene_of_areas, self._small, below, self._is_over)
             tried_export, tried_error = self._exporter.unscored(tried), self._error(tried)
             if tried_export.size > self._limit or tried_error + self._price * below >= cost:
                 break
@@ -290,26 +322,25 @@ class ByAreas:
             )
         saved = 0.0
         if self._limit < math.inf and found.areas:
-            # As many Gaussians as the limit allows.
-            more = (self._limit - export.size) / plan.shape_bytes
-            count = int(min(max(more, count), 6 * count, height * width / 3))
-        if error > self._price * count / 2:
+            # As many Gaussians as the limit allows, beside their definitions.
+            left = FILLED * (self._limit - export.size) / plan.shape_bytes
+            count = int(min(max(left, 0), 6 * count))
+        if count and error > self._price * count / 2:
             config = FitConfig(
                 gaussians=count, iterations=TRIAL_STEPS, fit=FitOptions(tune=PSNR, falloff=GAUSSIAN)
             )
             targets = TargetPyramid(self._small, PSNR, ground=scene)
-            session = FitSession(self._small, config, stop=self._run.stop, targets=targets)
+            session = FitSession(self._small, config, stop=self._is_over, targets=targets)
             session.fit()
             saved = max(error - self._values * 10 ** (-session.population.psnr() / 10), 0.0)
         price = count * self._price
         pays = saved > price
         if self._limit < math.inf:
-            share = (self._limit - export.size) / plan.shape_bytes / max(count, 1)
-            cost = expected = error - math.sqrt(min(max(share, 0.0), 1.0)) * saved
+            cost = expected = error - saved
         else:
             expected = error - saved if pays else error
             cost = expected + RATE * export.size + (price if pays else 0.0)
-        is_shaded = error < first or (pays and error - saved < SHADED * error)
+        is_shaded = error < first or error - saved < SHADED * error
         return _Trial(found, scene, export, error, saved, expected, cost, is_shaded, is_met)
 
     def _is_visible(self, error: float) -> bool:
@@ -333,9 +364,7 @@ class ByAreas:
         def progress(done: float, present: Callable[[], FoundAreas] | None) -> None:
             nonlocal newest, due, is_checked
             # Until the first areas are found, there is nothing that a stopped run could write.
-            deadline = run.budget.fit_ends()
-            self._is_late = deadline is not None and time.perf_counter() > deadline
-            ends = present is not None and (run.stop() or self._is_late)
+            ends = present is not None and self._is_over()
             if done < due and not ends:
                 return
             due, now = done + BETWEEN, None

@@ -28,7 +28,8 @@ from gauss2svg.scene import ADD, Scene
 
 # Corrections of the number of Gaussians (docs/decisions/monotone.md).
 CORRECTIONS = 5  # largest number of corrections
-CORRECTIONS_ABOVE_AREAS = 2  # the same if areas draw most of the picture
+# The same for at least FEW Gaussians above areas, because the areas draw most of the picture.
+CORRECTIONS_ABOVE_AREAS, FEW = 2, 40
 CORRECTION_SHARE = 0.25  # number of steps of a correction, as a share of the steps of the fit
 LEAST_STEPS = 40  # smallest number of steps of a correction
 # A run for a portable file begins with an additive fit. This fit may take this share of the time
@@ -64,7 +65,8 @@ class ByCount:
                 run.notify("measure")
             exports.append(self._exporter.export(session.scene()))
             count = len(session.state)
-            most = CORRECTIONS_ABOVE_AREAS if plan.rate and plan.aim is None else CORRECTIONS
+            is_small_part = plan.rate and plan.aim is None and count >= FEW
+            most = CORRECTIONS_ABOVE_AREAS if is_small_part else CORRECTIONS
             if not plan.goal.count_adapts or len(exports) > most or self._ended(session):
                 break
             if (wanted := limits.corrected(count, exports)) == count:
