@@ -333,7 +333,6 @@ def test_gaussians_above_areas_leave_a_transparent_page_clear():
         assert result.report[name] > psnr(alone, over(CLEAR_BALL, backdrop)) + 1
 
 
-@pytest.mark.xfail(reason="the areas of a start move, as if there were no Gaussians")
 def test_areas_and_gaussians_of_a_start_are_refined(glows):
     again = vectorize(GLOWS, start=read_svg(glows.svg))
     assert again.report["area_count"] == glows.report["area_count"]
