@@ -27,7 +27,6 @@ from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import half_radius
 from gauss2svg.svg.forms import with_plain_edges
 
-
 SHAPES_ALONE = SvgOptions(areas="never")
 
 

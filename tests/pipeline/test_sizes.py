@@ -114,7 +114,8 @@ def test_bytes_go_as_far_for_a_large_photo_as_for_the_same_one_reduced():
     pixels = load_image(jpeg(48, 32)).pixels
     enlarged = np.kron(pixels, np.ones((4, 4, 1), np.float32))
     small, large = (
-        vectorize(one, max_bytes=500, iterations=3, areas="never").report for one in (pixels, enlarged)
+        vectorize(one, max_bytes=500, iterations=3, areas="never").report
+        for one in (pixels, enlarged)
     )
     assert large["gaussians"] >= 0.95 * small["gaussians"] - 1
     assert (large["width"], small["width"]) == (192, 48)

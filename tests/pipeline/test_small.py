@@ -154,9 +154,7 @@ def test_a_picture_of_one_colour_needs_no_gaussian():
 
 
 def test_max_bytes_under_20_kb_writes_minimal_markup_with_a_title_and_a_full_report():
-    result = vectorize(
-        shapes(), max_bytes=900, iterations=FEW_STEPS, title="A & b", areas="never"
-    )
+    result = vectorize(shapes(), max_bytes=900, iterations=FEW_STEPS, title="A & b", areas="never")
     report = result.report
     assert (report["markup"], report["stop_reason"]) == ("minimal", "max_bytes")
     assert report["svg_bytes"] == len(result.svg) <= 900

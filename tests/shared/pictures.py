@@ -169,7 +169,7 @@ def clouds(side: int) -> NDArray[np.float32]:
     """Soft spots of many colours on a plain page at `side` px. The upper right corner is plain."""
     rng = np.random.default_rng(5)
     y, x = (np.mgrid[:side, :side] + 0.5) / side
-    picture = np.tile(np.float32([0.95, 0.93, 0.88]), (side, side, 1))
+    picture = np.tile(np.array([0.95, 0.93, 0.88], np.float32), (side, side, 1))
     for _ in range(14):
         (cx, cy), (rx, ry) = rng.uniform([0.1, 0.35], [0.75, 0.9]), rng.uniform(0.05, 0.11, 2)
         share = 0.8 * np.exp(-0.5 * (((x - cx) / rx) ** 2 + ((y - cy) / ry) ** 2))[:, :, None]
