@@ -257,15 +257,15 @@ def printed() -> Figure:
 
 
 def traced() -> Figure:
-    """Return letters of a logo four times as large: as shapes, as areas, by vtracer, the truth."""
+    """Return letters of a logo four times as large: shapes alone, by default, vtracer, the truth."""
     import vtracer  # pyright: ignore[reportMissingImports]
 
     source = (PICTURES / "badge.svg").read_text()
     logo, truth = (rasterize(source, side, side) for side in (512, 2048))
     png = encoded(logo, "PNG")
     theirs = vtracer.convert_raw_image_to_svg(png, img_format="png", path_precision=2)
-    areas = vectorized(logo, areas="always").svg
-    svgs = {"by default": vectorize(logo).svg, "--areas always": areas, "vtracer": theirs}
+    alone = vectorized(logo, areas="never").svg
+    svgs = {"--areas never": alone, "by default": vectorize(logo).svg, "vtracer": theirs}
     shown = [drawn(svg, 2048, 2048) for svg in svgs.values()]
     titles = [f"{name}: {len(svg) / 1000:.0f} kB" for name, svg in svgs.items()]
     crops = [part(one, 0.3, 0.34, 0.24) for one in (*shown, truth)]
