@@ -16,7 +16,6 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import film
 import matplotlib.pyplot as plt
@@ -95,9 +94,15 @@ def decibels() -> Figure:
 
 
 def logos() -> Figure:
-    """Return a logo in files of some sizes, and the picture."""
-    limits: list[dict[str, Any]] = [{"max_bytes": 5000}, {"max_bytes": 20_000}, {}]
-    return compared(shipped("logo"), "{kB:.0f} kB: {psnr_svg:.1f} dB", limits, "the picture")
+    """Return a ball with a soft shadow: its areas, with Gaussians, shapes alone, the picture."""
+    ball = rasterize((PICTURES / "ball.svg").read_text(), 256, 256)
+    both, alone = vectorized(ball), vectorized(ball, areas="never")
+    scene = both.scene
+    areas = rasterize(write_svg(scene.select(slice(0))), 256, 256)
+    titles = [f"{len(scene.areas)} areas and lines", f"and {len(scene)} Gaussians"]
+    titles[1] += said(both, ": {kB:.0f} kB, {psnr_svg:.1f} dB")
+    titles.append(said(alone, "--areas never: {kB:.0f} kB, {psnr_svg:.1f} dB"))
+    return tiles([areas, both.raster, alone.raster, ball], [*titles, "the picture"], columns=2)
 
 
 def inks() -> Figure:
@@ -257,7 +262,7 @@ def printed() -> Figure:
 
 
 def traced() -> Figure:
-    """Return letters of a logo four times as large: shapes alone, by default, vtracer, the truth."""
+    """Return letters of a logo, enlarged: shapes alone, by default, vtracer, the truth."""
     import vtracer  # pyright: ignore[reportMissingImports]
 
     source = (PICTURES / "badge.svg").read_text()
