@@ -16,7 +16,6 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import film
 import matplotlib.pyplot as plt
@@ -95,9 +94,15 @@ def decibels() -> Figure:
 
 
 def logos() -> Figure:
-    """Return a logo in files of some sizes, and the picture."""
-    limits: list[dict[str, Any]] = [{"max_bytes": 5000}, {"max_bytes": 20_000}, {}]
-    return compared(shipped("logo"), "{kB:.0f} kB: {psnr_svg:.1f} dB", limits, "the picture")
+    """Return a ball with a soft shadow: its areas, with Gaussians, shapes alone, the picture."""
+    ball = rasterize((PICTURES / "ball.svg").read_text(), 256, 256)
+    both, alone = vectorized(ball), vectorized(ball, areas="never")
+    scene = both.scene
+    areas = rasterize(write_svg(scene.select(slice(0))), 256, 256)
+    titles = [f"{len(scene.areas)} areas and lines", f"and {len(scene)} Gaussians"]
+    titles[1] += said(both, ": {kB:.0f} kB, {psnr_svg:.1f} dB")
+    titles.append(said(alone, "--areas never: {kB:.0f} kB, {psnr_svg:.1f} dB"))
+    return tiles([areas, both.raster, alone.raster, ball], [*titles, "the picture"], columns=2)
 
 
 def inks() -> Figure:
@@ -257,15 +262,15 @@ def printed() -> Figure:
 
 
 def traced() -> Figure:
-    """Return letters of a logo four times as large: as shapes, as areas, by vtracer, the truth."""
+    """Return letters of a logo, enlarged: shapes alone, by default, vtracer, the truth."""
     import vtracer  # pyright: ignore[reportMissingImports]
 
     source = (PICTURES / "badge.svg").read_text()
     logo, truth = (rasterize(source, side, side) for side in (512, 2048))
     png = encoded(logo, "PNG")
     theirs = vtracer.convert_raw_image_to_svg(png, img_format="png", path_precision=2)
-    areas = vectorized(logo, areas="always").svg
-    svgs = {"by default": vectorize(logo).svg, "--areas always": areas, "vtracer": theirs}
+    alone = vectorized(logo, areas="never").svg
+    svgs = {"--areas never": alone, "by default": vectorize(logo).svg, "vtracer": theirs}
     shown = [drawn(svg, 2048, 2048) for svg in svgs.values()]
     titles = [f"{name}: {len(svg) / 1000:.0f} kB" for name, svg in svgs.items()]
     crops = [part(one, 0.3, 0.34, 0.24) for one in (*shown, truth)]
