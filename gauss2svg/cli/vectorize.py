@@ -20,7 +20,7 @@ from gauss2svg.cli.terminal import (
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, expanded
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
-from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Goal, Options
+from gauss2svg.pipeline.options import AUTO, GROUP_TITLES, GROUPS, NEVER, Goal, Options
 from gauss2svg.scene import ADD
 from gauss2svg.scene.inks import MOST_INKS
 

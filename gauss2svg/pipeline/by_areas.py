@@ -170,7 +170,9 @@ class ByAreas:
         options = self._plan.options
         if self._most < math.inf:
             options = options.changed(gaussians=int(self._most) - len(trial.ground))
-        both = ByCount(dataclasses.replace(self._plan, options=options, rate=RATE), above, run).run()
+        both = ByCount(
+            dataclasses.replace(self._plan, options=options, rate=RATE), above, run
+        ).run()
         above.release()
         is_closer = both.psnr >= alone.psnr + LEAST_GAIN or self._plan.aim is not None
         if alone.size <= self._limit and not is_closer:

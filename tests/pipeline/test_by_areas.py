@@ -279,7 +279,6 @@ def test_a_drawing_has_no_areas_if_the_paper_or_inks_are_asked_for(given):
     assert result.report["gaussians"] > 0
 
 
-@pytest.mark.xfail(reason="Gaussians below areas do not count")
 def test_a_count_is_a_bound_beside_a_limit_and_leaves_areas():
     report = vectorize(GLOWS, gaussians=5, max_bytes=6000).report
     assert report["area_count"] > 0
