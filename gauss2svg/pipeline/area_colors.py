@@ -45,15 +45,18 @@ def with_solved_colors(scene: Scene, picture: NDArray[np.float32]) -> Scene:
             break
         area = scene.areas[k - 1]
         alpha = area.opacity * coverage_of(area, 0, 0, width, height, scale)
-        shares += [(alpha * through * stop).reshape(1, -1) for stop in _stops(area, across, down)]
+        shares += [
+            csr_array((alpha * through * stop).reshape(1, -1))
+            for stop in _stops(area, across, down)
+        ]
         colors += [area.paint] if isinstance(area.paint, tuple) else area.paint.colors
         through *= 1 - alpha
     if not scene.transparent:
-        shares.append(through.reshape(1, -1))
+        shares.append(csr_array(through.reshape(1, -1)))
         colors.append(tuple(scene.background))
     if not colors:
         return scene
-    rows, missing = vstack([csr_array(share) for share in shares]).tocsr(), []
+    rows, missing = vstack(shares).tocsr(), []
     black = scene.replace(
         background=np.zeros(3), areas=[_painted(a, repeat((0.0, 0.0, 0.0))) for a in scene.areas]
     )

@@ -66,7 +66,7 @@ COUNTS_BELOW = 8, 24, 72  # numbers of Gaussians below areas that are tried, as 
 MOST_TRIED = 1000
 # If a trial leaves less than this share of the squared error, the picture has shading that areas
 # only imitate.
-SHADED = 0.6
+SHADED = 0.85
 FILLED = 0.8  # share of the bytes left by areas that Gaussians take, without their definitions
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
 LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this number
@@ -246,7 +246,12 @@ class ByAreas:
     def _best(self) -> _Trial:
         """Return the trial whose areas the file gets."""
         trials = [self._trial(self._found(self._searched))]
-        is_shaded = trials[0].shaded or self._is_visible(trials[0].error)
+        is_limited = self._limit < math.inf
+        is_shaded = trials[0].shaded or (is_limited and self._is_visible(trials[0].error))
+        if not is_limited and self._plan.aim is None:
+            # Only fewer areas would go on from the drawing, which takes much memory.
+            found = dataclasses.replace(trials[0].found, drawing=None)
+            trials[0] = dataclasses.replace(trials[0], found=found)
         if is_shaded and self._subject.start is None and not self._ends():
             found = self._found(
                 lambda p: find_areas(
