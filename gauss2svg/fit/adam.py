@@ -68,6 +68,9 @@ LEAST_RIM = 0.5
 # Least semi-axis in px. Every renderer draws shapes below 0.3 px too faintly
 # (docs/decisions/renderers.md).
 LEAST_SIGMA = 0.35
+# The same above areas. Smaller shapes draw what the outlines miss of single pixels, which makes an
+# enlarged drawing worse (docs/decisions/areas.md).
+LEAST_SIGMA_ABOVE_AREAS = 0.8
 # Logit of the opacity of opaque and of additive Gaussians. Adam does not step this logit. The
 # opacity that it stands for is nearly 1.
 OPAQUE_LOGIT = 12.0
@@ -153,6 +156,7 @@ def step(
     most_sigma: float,
     price: float = 0.0,
     rate: float = 1.0,
+    least_sigma: float = LEAST_SIGMA,
 ) -> bool:
     """Take an Adam step with every Gaussian of the state, in place.
 
@@ -165,18 +169,19 @@ def step(
     price       a step raises ln beta only if this lowers the loss by more than this amount for each
                 unit of ln beta
     rate        factor by which all learning rates are multiplied
+    least_sigma  least semi-axis in px of the working image
     """
     return _step(
         moments, splats.opacity_color, splats.shape, state.mean, state.factor, state.raw_opacity,
         state.color, state.raw_beta, state.adam_m, state.adam_v, state.age, blending.columns,
-        most_sigma, price, rate, np.empty(STEPS),
+        least_sigma, most_sigma, price, rate, np.empty(STEPS),
     )  # fmt: skip
 
 
 @kernel
 def _step(
     moments, opacity_color, shape, mean, factor, raw_opacity, color, raw_beta,
-    adam_m, adam_v, age, columns, most_sigma, price, rate, d,
+    adam_m, adam_v, age, columns, least_sigma, most_sigma, price, rate, d,
 ):  # fmt: skip
     """Do the work of `step`, Gaussian by Gaussian.
 
@@ -228,8 +233,8 @@ def _step(
         axis_sum = np.sqrt((f11 + f22) ** 2 + (f21 - f12) ** 2)
         axis_difference = np.sqrt((f11 - f22) ** 2 + (f21 + f12) ** 2)
         major, minor = 0.5 * (axis_sum + axis_difference), 0.5 * abs(axis_sum - axis_difference)
-        new_minor = min(max(minor, LEAST_SIGMA), most_sigma)
-        new_major = min(max(major, LEAST_SIGMA), most_sigma, MOST_ASPECT * new_minor)
+        new_minor = min(max(minor, least_sigma), most_sigma)
+        new_major = min(max(major, least_sigma), most_sigma, MOST_ASPECT * new_minor)
         if new_minor != minor or new_major != major:
             angle = 0.5 * np.arctan2(2 * xy, xx - yy)
             co, si = np.cos(angle), np.sin(angle)

@@ -97,8 +97,10 @@ class Population:
         elif self.inks is not None:
             self.background = self.inks.background(self.target)
         self._ground = self._photo.ground
+        self._least_sigma = adam.LEAST_SIGMA
         if self._ground is not None:
             self.background = self._ground.background
+            self._least_sigma = adam.LEAST_SIGMA_ABOVE_AREAS
 
     def __len__(self) -> int:
         return len(self.state)
@@ -203,7 +205,9 @@ class Population:
         most_sigma = float(max(self.target.width, self.target.height))
         blending = self.blending if self.shared is None else self.blending.sharing
         moments = evaluated.moments
-        finite = adam.step(self.state, moments, splats, blending, most_sigma, price, rate)
+        finite = adam.step(
+            self.state, moments, splats, blending, most_sigma, price, rate, self._least_sigma
+        )
         if finite and self.shared is not None:
             self.shared.step(self.state, moments, rate)
         self._with_crisp_rims(self.state)

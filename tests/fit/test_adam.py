@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gauss2svg.fit import FitOptions, adam
-from gauss2svg.fit.adam import EPSILON, LEAST_SIGMA, blending_of
+from gauss2svg.fit.adam import EPSILON, blending_of
 from gauss2svg.fit.state import GEOMETRY, STEPS, State
 from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.scene import LEAST_RAW_BETA, MOST_RAW_BETA, STEPPED
@@ -28,7 +28,9 @@ def random_state(count: int, seed: int) -> State:
     )  # fmt: skip
 
 
-def step_by_linear_algebra(state, moments, splats, blending, most_sigma, price, rate) -> bool:
+def step_by_linear_algebra(
+    state, moments, splats, blending, most_sigma, price, rate, least_sigma
+) -> bool:
     """The slow twin of adam.step."""
     gradient = moments * [1, 1, 1, 2, 1, 1, 1, 1, 1, 1]
     gradient[:, 5] *= 1 - splats.opacity
@@ -58,8 +60,8 @@ def step_by_linear_algebra(state, moments, splats, blending, most_sigma, price, 
         a = np.array([[d[2], d[3]], [d[3], d[4]]])
         stretched = lower @ (np.eye(2) + a + a @ a / 2)
         u, axes, _ = np.linalg.svd(stretched)
-        minor = np.clip(axes[1], LEAST_SIGMA, most_sigma)
-        major = np.clip(axes[0], LEAST_SIGMA, most_sigma)
+        minor = np.clip(axes[1], least_sigma, most_sigma)
+        major = np.clip(axes[0], least_sigma, most_sigma)
         major = min(major, adam.MOST_ASPECT * minor)
         shape = np.linalg.cholesky(u @ np.diag([major**2, minor**2]) @ u.T)
         state.factor[i] = shape[0, 0], shape[1, 0], shape[1, 1]
@@ -75,15 +77,16 @@ def step_by_linear_algebra(state, moments, splats, blending, most_sigma, price, 
 
 
 @pytest.mark.parametrize("rate", [0.02, 1.0, 5.0])
+@pytest.mark.parametrize("least", [adam.LEAST_SIGMA, adam.LEAST_SIGMA_ABOVE_AREAS])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_kernel_steps_as_linear_algebra_does(seed, rate):
+def test_the_kernel_steps_as_linear_algebra_does(seed, least, rate):
     fast, rng = random_state(90, seed), np.random.default_rng(seed)
     slow = fast.copy()
     for _ in range(4):
         moments = rng.normal(size=(90, STEPS)) * 10.0 ** rng.integers(-6, 6, (90, 1))
         splats = fast.splats(np.zeros(3))
-        assert adam.step(fast, moments, splats, OVER, MOST_SIGMA, 0.1, rate)
-        assert step_by_linear_algebra(slow, moments, splats, OVER, MOST_SIGMA, 0.1, rate)
+        assert adam.step(fast, moments, splats, OVER, MOST_SIGMA, 0.1, rate, least)
+        assert step_by_linear_algebra(slow, moments, splats, OVER, MOST_SIGMA, 0.1, rate, least)
         for name in NAMES:
             np.testing.assert_allclose(
                 getattr(fast, name), getattr(slow, name), rtol=1e-7, atol=1e-7, err_msg=name
