@@ -22,6 +22,7 @@ from gauss2svg.render.areas import coverage_of
 from gauss2svg.scene import ABOVE, Area, Scene
 
 PRIOR = 0.3  # px of its former colour that count for each colour. So hidden colours stay
+ROWS = 128  # rows of a picture whose shares are in memory at once
 
 
 def with_solved_colors(scene: Scene, picture: NDArray[np.float32]) -> Scene:
@@ -31,45 +32,66 @@ def with_solved_colors(scene: Scene, picture: NDArray[np.float32]) -> Scene:
 
     picture  (h, w, 3) or (h, w, 4) float32 in 0..1
     """
-    from scipy.sparse import csr_array, vstack  # few runs need it
-
     height, width = picture.shape[:2]
-    scale = width / scene.width, height / scene.height
-    across, down = (np.arange(width) + 0.5) / scale[0], (np.arange(height) + 0.5) / scale[1]
-    level = np.where(scene.level == ABOVE, len(scene.areas), scene.level)
-    through, shares, colors = np.ones((height, width)), [], []
-    for k in range(len(scene.areas), -1, -1):  # the top area comes first
-        if (level == k).any():
-            through *= _transmittance(scene.select(level == k), height, width)
-        if k == 0:
-            break
-        area = scene.areas[k - 1]
-        alpha = area.opacity * coverage_of(area, 0, 0, width, height, scale)
-        shares += [
-            csr_array((alpha * through * stop).reshape(1, -1))
-            for stop in _stops(area, across, down)
-        ]
-        colors += [area.paint] if isinstance(area.paint, tuple) else area.paint.colors
-        through *= 1 - alpha
-    if not scene.transparent:
-        shares.append(csr_array(through.reshape(1, -1)))
-        colors.append(tuple(scene.background))
+    colors = [color for area in reversed(scene.areas) for color in _colors(area)]
+    colors += [] if scene.transparent else [tuple(scene.background)]
     if not colors:
         return scene
-    rows, missing = vstack(shares).tocsr(), []
+    level = np.where(scene.level == ABOVE, len(scene.areas), scene.level)
+    lets_through = {k: _transmittance(scene.select(level == k), height, width) for k in set(level)}
     black = scene.replace(
         background=np.zeros(3), areas=[_painted(a, repeat((0.0, 0.0, 0.0))) for a in scene.areas]
     )
+    missing = []
     for view, b in zip(views(picture), BACKDROPS, strict=False):
         backdrop = b if scene.transparent else 0.0
-        rest = render(black.replace(background=np.full(3, backdrop)), width, height)
-        missing.append((view - rest).reshape(-1, 3))
-    products = len(missing) * (rows @ rows.T).toarray() + PRIOR * np.eye(len(colors))
-    sums = rows @ np.sum(missing, axis=0) + PRIOR * np.array(colors)
+        missing.append(view - render(black.replace(background=np.full(3, backdrop)), width, height))
+    products, sums = PRIOR * np.eye(len(colors)), PRIOR * np.array(colors)
+    for top in range(0, height, ROWS):
+        band = slice(top, min(top + ROWS, height))
+        through = {k: seen[band] for k, seen in lets_through.items()}
+        shares = _shares(scene, through, band, height, width)
+        products += len(missing) * (shares @ shares.T).toarray()
+        sums += shares @ np.sum([view[band] for view in missing], axis=0).reshape(-1, 3)
     solved = iter(map(tuple, solved_colors(products, sums, 255).tolist()))
     areas = [_painted(area, solved) for area in reversed(scene.areas)]
     background = scene.background if scene.transparent else next(solved)
     return scene.replace(areas=areas[::-1], background=background)
+
+
+def _shares(
+    scene: Scene,
+    lets_through: dict[int, NDArray[np.floating]],
+    band: slice,
+    height: int,
+    width: int,
+) -> Any:
+    """Return the share (colors, pixels) that each colour has in the pixels of some rows.
+
+    The colours are those of the areas, from the top area down, and of the background.
+
+    lets_through  for some numbers of areas, the share of the light from below that the Gaussians
+                  above so many areas let through
+    band          rows of a picture of height x width pixels
+    """
+    from scipy.sparse import csr_array, vstack  # few runs need it
+
+    scale, rows = (width / scene.width, height / scene.height), band.stop - band.start
+    across = (np.arange(width, dtype=np.float64) + 0.5) / scale[0]
+    down = (np.arange(band.start, band.stop, dtype=np.float64) + 0.5) / scale[1]
+    through, shares = np.ones((rows, width)), []
+    for k in range(len(scene.areas), -1, -1):  # the top area comes first
+        through *= lets_through.get(k, 1.0)
+        if k == 0:
+            break
+        area = scene.areas[k - 1]
+        alpha = area.opacity * coverage_of(area, 0, band.start, width, rows, scale)
+        seen, stops = alpha * through, _stops(area, across, down)
+        shares += [csr_array((seen * stop).reshape(1, -1)) for stop in stops]
+        through *= 1 - alpha
+    if not scene.transparent:
+        shares.append(csr_array(through.reshape(1, -1)))
+    return vstack(shares).tocsr()
 
 
 def _transmittance(scene: Scene, height: int, width: int) -> NDArray[np.floating]:
@@ -77,6 +99,11 @@ def _transmittance(scene: Scene, height: int, width: int) -> NDArray[np.floating
     shapes = scene.replace(color=np.zeros_like(scene.color), background=np.ones(3))
     alone = shapes.replace(areas=(), level=np.full_like(scene.level, ABOVE))
     return render(alone, width, height)[..., 0]
+
+
+def _colors(area: Area) -> tuple[Any, ...]:
+    """Return the colours of an area's paint."""
+    return (area.paint,) if isinstance(area.paint, tuple) else area.paint.colors
 
 
 def _stops(area: Area, across: NDArray[np.float64], down: NDArray[np.float64]) -> list[Any]:
