@@ -20,6 +20,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +68,8 @@ MOST_TRIED = 1000
 # If a trial leaves less than this share of the squared error, the picture has shading that areas
 # only imitate.
 SHADED = 0.85
+# A picture is searched without its shading only if it then has less than this share of the areas.
+FEWER = 0.8
 FILLED = 0.8  # share of the bytes left by areas that Gaussians take, without their definitions
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
 LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this number
@@ -80,6 +83,10 @@ MOST_CORES, PIXELS_EACH_CORE, LEAST_CORES = 800, 100, 100
 
 class _StoppedError(Exception):
     """The run has to end, so the search for areas ends too."""
+
+
+class _NoFewerError(Exception):
+    """A picture without its shading has hardly fewer areas than with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,13 +260,10 @@ class ByAreas:
             found = dataclasses.replace(trials[0].found, drawing=None)
             trials[0] = dataclasses.replace(trials[0], found=found)
         if is_shaded and self._subject.start is None and not self._ends():
-            found = self._found(
-                lambda p: find_areas(
-                    self._subject.working, RATE, self._unit, p, True, self._most_cores
-                ),
-                trials[0].found,
-            )
-            trials.append(self._trial(found))
+            first = trials[0].found
+            with suppress(_NoFewerError):
+                found = self._found(lambda p: self._unshaded(p, len(first.areas)), first)
+                trials.append(self._trial(found))
         within = [trial for trial in trials if trial.export.size <= self._limit]
         if not within:
             return self._cut(min(trials, key=lambda trial: trial.export.size))
@@ -272,6 +276,24 @@ class ByAreas:
                 break
             best = trial
         return best
+
+    def _unshaded(self, progress: Progress, count: int) -> FoundAreas:
+        """Return the areas of the picture without its shading.
+
+        Raise _NoFewerError before they are refined if there are hardly fewer than `count`.
+        """
+        is_new = True
+
+        def checked(done: float, present: Callable[[], FoundAreas] | None) -> None:
+            nonlocal is_new
+            if present is not None and is_new:
+                is_new = False
+                if len(present().areas) > FEWER * count:
+                    raise _NoFewerError
+            progress(done, present)
+
+        picture, most = self._subject.working, self._most_cores
+        return find_areas(picture, RATE, self._unit, checked, True, most)
 
     def _cut(self, finest: _Trial) -> _Trial:
         """Return the best trial within the limit of bytes, which `finest` exceeds."""
