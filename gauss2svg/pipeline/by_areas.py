@@ -70,6 +70,7 @@ MOST_TRIED = 1000
 SHADED = 0.85
 # A picture is searched without its shading only if it then has less than this share of the areas.
 FEWER = 0.8
+STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 FILLED = 0.8  # share of the bytes left by areas that Gaussians take, without their definitions
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
 LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this number
@@ -263,7 +264,8 @@ class ByAreas:
             first = trials[0].found
             with suppress(_NoFewerError):
                 found = self._found(lambda p: self._unshaded(p, len(first.areas)), first)
-                trials.append(self._trial(found))
+                trial = self._trial(found)
+                trials.append(dataclasses.replace(trial, cost=trial.cost / STRIPS))
         within = [trial for trial in trials if trial.export.size <= self._limit]
         if not within:
             return self._cut(min(trials, key=lambda trial: trial.export.size))
