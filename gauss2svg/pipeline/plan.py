@@ -230,6 +230,11 @@ class Plan:
         """Whether the options allow areas. They do not if they ask for the method of the paper."""
         return next(_without_areas(self.options), None) is None
 
+    @property
+    def may_be_exact(self) -> bool:
+        """Whether the areas of pixel art are the file. The scene of a start is refined instead."""
+        return self.options.svg.areas != NEVER and self.allows_areas and not self.starts
+
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
         """Return the plan with the decisions that depend on the photo.
 
@@ -242,7 +247,7 @@ class Plan:
             return dataclasses.replace(self, options=options)
         usual = fit.learned_falloff and svg.form == GRADIENT and not svg.portable
         is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
-        may = svg.areas == AUTO and self.allows_areas and not self.starts
+        may = svg.areas == AUTO and self.may_be_exact
         return dataclasses.replace(
             self, has_edges=usual and has_edges(pixels), is_small=is_small,
             has_areas=self.has_areas or (may and may_have_areas(pixels)),
@@ -374,10 +379,10 @@ class Plan:
         if asked != AUTO:
             return asked
         small = limit is not None and limit <= MINIMAL_UP_TO
-        return MINIMAL if small and self._may_be_minimal else EDITABLE
+        return MINIMAL if small and self.may_be_minimal else EDITABLE
 
     @property
-    def _may_be_minimal(self) -> bool:
+    def may_be_minimal(self) -> bool:
         """Whether the renderer draws minimal files, and no option needs an editable file."""
         return self.options.run.renderer in DRAW_MINIMAL and not needs_editable(self.options)
 
@@ -409,11 +414,11 @@ class Plan:
         usual = usual and options.fit.blend == OVER and not (self.in_inks or self.starts)
         usual = usual and svg.palette is svg.stops is svg.precision is None
         up_to = math.inf if self.has_edges or self.is_small else BY_BYTES_UP_TO
-        by_bytes = usual and asked != EDITABLE and self._may_be_minimal and limit <= up_to
+        by_bytes = usual and asked != EDITABLE and self.may_be_minimal and limit <= up_to
         if by_bytes:
             plans.append(self._search(MINIMAL, by_bytes=True))
         unasked_up_to = EDITABLE_IS_CLOSER * UNASKED_UP_TO
-        unasked = asked == AUTO and self._may_be_minimal and limit <= unasked_up_to
+        unasked = asked == AUTO and self.may_be_minimal and limit <= unasked_up_to
         if (asked == MINIMAL or unasked) and (limit >= MINIMAL_FROM or not by_bytes):
             plans.append(self._search(MINIMAL))
         if asked == EDITABLE or (asked == AUTO and (limit >= EDITABLE_FROM or not plans)):

@@ -12,6 +12,7 @@ from typing import Any, Never
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.areas.pixels import Sprite, sprite_of
 from gauss2svg.errors import InputError, refusal, required
 from gauss2svg.files import write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
@@ -217,8 +218,9 @@ def vectorize_by(
     del photo  # frees the photo's pixels, which may be many
     side = max(load.fit) / elongation(*load.fit)
     plan = dataclasses.replace(plan, fit_side=side).for_picture(pixels)
-    with run.compiled(plan.options.fit.blend, plan.in_areas):
-        outcome = best_of(_outcomes(plan, run, subject), plan)
+    sprite = sprite_of(pixels) if plan.may_be_exact else None
+    with run.compiled(plan.options.fit.blend, plan.in_areas and sprite is None):
+        outcome = best_of(_outcomes(plan, run, subject, sprite), plan)
     subject.release()
     # Every search prunes its file until it is within the limit. So this one has no shapes left.
     if (limit := plan.goal.byte_limit) is not None and outcome.size > limit:
@@ -263,14 +265,21 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     return photo, load
 
 
-def _outcomes(plan: Plan, run: Run, subject: Subject) -> Iterator[Outcome]:
-    """Start the time budget. Then run the searches of the plan, and yield the outcome of each."""
+def _outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite | None) -> Iterator[Outcome]:
+    """Start the time budget. Then run the searches of the plan, and yield the outcome of each.
+
+    sprite  cells of pixel art, whose exact file comes before all searches. None: it is none
+    """
     limit, steps = plan.goal.time_limit, plan.options.fit.iterations
     if limit is not None:
         deadline, renderer = run.started + run.first_s + limit, plan.options.run.renderer
         steps = steps or (STEPS_OF_DRAWING if is_drawing(subject.working) else STEPS)
         pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
         run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps, renderer)
+    if sprite is not None:
+        from gauss2svg.pipeline.by_pixels import exact_outcomes  # few pictures are pixel art
+
+        yield from exact_outcomes(plan, run, subject, sprite)
     for one in plan.searches():
         # Few runs need several of these classes, so each is imported only when it is needed.
         if one.in_areas:

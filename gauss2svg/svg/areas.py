@@ -221,9 +221,7 @@ def area_elements(
         boxes.append(box)
     paths = []
     for k, (look, outlines, _) in enumerate(runs, start=1):
-        data = _data(outlines)
-        if is_minimal and "stroke" not in look:
-            data = data.removesuffix("z")  # a filled outline is closed without it
+        data = _data(outlines, ends=not is_minimal or "stroke" in look)
         paths.append(Element("path", **look, id=None if is_minimal else f"area-{k}", d=data))
     starts = [start for _, _, start in runs]
     return AreaElements(definitions, paths, starts, np.array(boxes).reshape(-1, 4))
@@ -239,13 +237,20 @@ def box_centers(boxes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
     return 0.5 * (first + last), 0.5 * (last - first) - 1e-3
 
 
-def _data(outlines: Sequence[Outline]) -> str:
+def _data(outlines: Sequence[Outline], ends: bool) -> str:
+    """Return the path data of outlines in user units.
+
+    ends  whether closed outlines end with z. Filled ones are closed without it
+    """
     text, current = "", None
     for outline in outlines:
         text += path_data(outline, 1, current)
-        x, y = outline.points[0 if outline.closed else -1]
+        at_start = outline.closed
+        if not ends and not outline.curved[-1]:
+            text, at_start = text.removesuffix("z"), False
+        x, y = outline.points[0 if at_start else -1]
         current = round(x), round(y)
-    return text
+    return text if ends else text.removesuffix("z")
 
 
 def _look(area: Area, paint: str, opacity_decimals: int, is_minimal: bool) -> dict[str, str | None]:

@@ -113,8 +113,8 @@ def test_a_limit_of_bytes_is_kept_by_raising_the_price_of_a_byte(given):
 @pytest.mark.parametrize("limit", [None, 150])
 @pytest.mark.parametrize(
     "picture",
-    [np.full((20, 20, 3), 0.2), np.zeros((1, 1, 3)), np.zeros((9, 9, 4)), np.eye(40)[..., None]],
-    ids=["blank", "one pixel", "clear", "thin"],
+    [np.full((20, 20, 3), 0.2), np.zeros((1, 1, 3)), np.zeros((9, 9, 4))],
+    ids=["blank", "one pixel", "clear"],
 )
 def test_a_picture_without_areas_becomes_its_ground(picture, limit):
     given = {} if limit is None else {"max_bytes": limit}

@@ -1,0 +1,319 @@
+"""Pixel art: pictures without antialiased edges, as areas whose outlines follow the pixels exactly.
+
+A sprite has cells of one colour each, which are squares of some px. Each colour becomes one area.
+An area reaches half a cell or a cell under areas that are drawn later, because at a size that is no
+multiple of the cells, what is below both would show through the antialiased edge between them. It
+does not touch the edges that these have with lower colours, where it would show through itself:
+
+    1 | 3        The colours of four cells in the order of drawing. Area 2 reaches under 3,
+    --+--        which is drawn later. From the middle of the picture, its outline goes
+    2 | 3        down to the right by 45 degrees, and so leaves the edge between 1 and 3.
+
+So the right half of area 2 is made of triangles. A cell has eight: its quarters, each cut by the
+diagonal from the corner of the cell to its centre.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.scene.areas import Area, Color, Outline
+
+MOST_COLORS, CELLS_EACH = 128, 4  # colours of a sprite, and the mean number of cells of each
+MOST_CHANGES = 2**15  # pairs of neighbouring cells that differ. More would be a file of over 80 kB
+SAMPLE = 2**16  # pixels of which the colours are counted before those of the others are
+# A colour is one of antialiased edges or gradients if BLENDED of its pixels lie between two others,
+# whose colours differ by over CONTRAST levels and mix to it. Sprites have fewer than MOST_BLENDED
+# of the pixels at edges in such colours, drawings over twice as many (docs/decisions/areas.md).
+BLENDED, MOST_BLENDED, CONTRAST, OFF_LINE = 0.6, 0.03, 6.0, 0.1
+VISIBLE = 3  # px of a side from which on cells are kept even if they were antialiased once
+# Neighbours whose colours differ by at most SLIGHT levels are steps of a gradient, or noise. A
+# sprite has them at less than MOST_SLIGHT of its edges. The first value is for smaller cells.
+SLIGHT, MOST_SLIGHT = (12, 3), 0.2
+# About how many bytes of path data an upright or level line takes, and one of 45 degrees.
+STRAIGHT, DIAGONAL = 2.5, 4.5
+MOST_TRIED = 1e7  # cells of all layers that are tried in search of the best order
+PASSES = 4  # times that neighbouring layers are swapped, as long as this makes the file shorter
+# Steps along x and y of the eight directions of outlines, clockwise from the right.
+ACROSS, DOWN = (1, 1, 0, -1, -1, -1, 0, 1), (0, 1, 1, 1, 0, -1, -1, -1)
+
+
+class Sprite(NamedTuple):
+    """Cells of a few colours.
+
+    cells   (h, w) index of the colour of each cell
+    levels  (n, 4) red, green, blue and alpha of each colour in levels of 255
+    side    side of a cell in px
+    """
+
+    cells: Ints
+    levels: NDArray[np.int64]
+    side: int
+
+
+def sprite_of(pixels: NDArray[np.float32]) -> Sprite | None:
+    """Return the cells of a picture, or None if it is no pixel art.
+
+    pixels  (h, w, 3), or (h, w, 4) with straight alpha, in 0..1
+    """
+    height, width = pixels.shape[:2]
+    step = max(1, math.isqrt(height * width // SAMPLE))
+    if len(np.unique(_codes(pixels[::step, ::step]))) > MOST_COLORS:
+        return None
+    codes = _codes(pixels)
+    down, across = codes[1:] != codes[:-1], codes[:, 1:] != codes[:, :-1]
+    places = [np.flatnonzero(down.any(axis=1)) + 1, np.flatnonzero(across.any(axis=0)) + 1]
+    side = int(np.gcd.reduce(np.concatenate([*places, codes.shape])))
+    if np.count_nonzero(down) + np.count_nonzero(across) > MOST_CHANGES * side:
+        return None
+    colors, cells = np.unique(codes[::side, ::side], return_inverse=True)
+    cells = cells.reshape(height // side, width // side)
+    if not 2 <= len(colors) <= min(MOST_COLORS, cells.size // CELLS_EACH):
+        return None
+    levels = colors[:, None] >> np.array([0, 8, 16, 24]) & 255
+    is_visible = side >= VISIBLE
+    if _slight_share(cells, levels, SLIGHT[is_visible]) > MOST_SLIGHT:
+        return None
+    if not is_visible and _blended_share(cells, levels) > MOST_BLENDED:
+        return None
+    return Sprite(cells, levels, side)
+
+
+def _codes(pixels: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Return a number (h, w) for the colour of each pixel. It is 0 for all transparent ones."""
+    levels = np.round(pixels * np.float32(255)).astype(np.int64)
+    alpha = levels[..., 3] if levels.shape[2] == 4 else np.int64(255)
+    codes = levels[..., 0] + (levels[..., 1] << 8) + (levels[..., 2] << 16) + (alpha << 24)
+    return np.where(alpha > 0, codes, 0)
+
+
+def _slight_share(cells: Ints, levels: NDArray[np.int64], most: int) -> float:
+    """Return at which share of the edges of cells the colours differ by at most `most` levels."""
+    steps = np.abs(levels[:, None] - levels).max(axis=2)
+    pairs = (cells[1:], cells[:-1]), (cells[:, 1:], cells[:, :-1])
+    step = np.concatenate([steps[one, other].ravel() for one, other in pairs])
+    return np.count_nonzero((step > 0) & (step <= most)) / max(np.count_nonzero(step), 1)
+
+
+def _blended_share(cells: Ints, levels: NDArray[np.int64]) -> float:
+    """Return which share of the pixels at edges has colours of antialiased edges."""
+    color = levels * np.where(np.arange(4) < 3, levels[:, 3:] / 255, 1)
+    mixed, at_edge = np.zeros(cells.shape, bool), np.zeros(cells.shape, bool)
+    for axis in (0, 1):
+        turned, mix, edge = (np.moveaxis(one, axis, 0) for one in (cells, mixed, at_edge))
+        differs = turned[1:] != turned[:-1]
+        edge[1:] |= differs
+        edge[:-1] |= differs
+        at = np.nonzero(differs[1:] & differs[:-1])
+        before, here, after = (color[turned[at[0] + k, at[1]]] for k in range(3))
+        way = after - before
+        square = (way**2).sum(axis=1)
+        share = ((here - before) * way).sum(axis=1) / np.maximum(square, 1)
+        off = ((here - before - share[:, None] * way) ** 2).sum(axis=1)
+        is_mixed = (square > CONTRAST**2) & (share > 0) & (share < 1)
+        is_mixed &= off <= np.maximum(OFF_LINE**2 * square, 3**2)
+        mix[at[0] + 1, at[1]] |= is_mixed
+    counts = np.bincount(cells.ravel(), minlength=len(levels))
+    blended = np.bincount(cells.ravel(), mixed.ravel(), len(levels)) > BLENDED * counts
+    return counts[blended].sum() / max(np.count_nonzero(at_edge), 1)
+
+
+def areas_of_sprite(sprite: Sprite, overlap: bool = True) -> tuple[tuple[Area, ...], Color | None]:
+    """Return the areas of a sprite in px, the lowest one first, and the background below them.
+
+    The background is None if a cell is not opaque.
+
+    overlap  whether areas reach under those that are drawn later. Otherwise they are shorter, but
+             what is below both shows between them at a size that is no multiple of the cells
+    """
+    search = _Layers(sprite, overlap)
+    order = search.best_order()
+    is_clear = sprite.levels[:, 3].min() < 255
+    areas = []
+    for k, color in enumerate(order):
+        *rgb, alpha = sprite.levels[color].tolist()
+        if alpha and (is_clear or k):
+            outlines = search.outlines(color, order[k + 1 :])
+            paint = tuple(value / 255 for value in rgb)
+            areas.append(Area(outlines, paint, round(alpha / 255, 3)))
+    ground = None if is_clear else tuple((sprite.levels[order[0], :3] / 255).tolist())
+    return tuple(areas), ground
+
+
+class _Layers:
+    """The layers of a sprite: what each covers, given those that are drawn later."""
+
+    def __init__(self, sprite: Sprite, overlap: bool) -> None:
+        self._sprite, self._overlap, self._tried = sprite, overlap, 0
+        self._cells = np.pad(sprite.cells, 2, constant_values=-1)
+        self._costs = dict[tuple[int, frozenset[int]], float]()
+        self._boxes = list[tuple[slice, slice]]()
+        for color in range(len(sprite.levels)):
+            places = np.nonzero(self._cells == color)
+            rows, columns = (slice(at.min() - 2, at.max() + 3) for at in places)
+            self._boxes.append((rows, columns))
+
+    def best_order(self) -> list[int]:
+        """Return the colours in the order of drawing. It makes a short file.
+
+        What is transparent is drawn first, then what is partly transparent, because it hides
+        nothing. After that come the larger colours, but neighbours are swapped as long as this
+        makes the file shorter.
+        """
+        levels, cells = self._sprite.levels, self._sprite.cells
+        alpha, count = levels[:, 3], np.bincount(cells.ravel())
+        kind = (alpha > 0).astype(int) + (alpha == 255)
+        order = np.lexsort((-count, kind)).tolist()
+        is_free = bool(kind.min() == 2)  # the first layer is the background, and costs nothing
+        for _ in range(PASSES):
+            is_same = True
+            for k in range(np.count_nonzero(kind < 2), len(order) - 1):
+                first, second, above = order[k], order[k + 1], order[k + 2 :]
+                now, then = (
+                    (k > 0 or not is_free) * self._cost(a, [b, *above]) + self._cost(b, above)
+                    for a, b in ((first, second), (second, first))
+                )
+                if then < now:
+                    order[k : k + 2], is_same = [second, first], False
+                if self._tried > MOST_TRIED:
+                    return order
+            if is_same:
+                break
+        return order
+
+    def outlines(self, color: int, above: Collection[int]) -> tuple[Outline, ...]:
+        """Return the outlines in px of the layer of a colour, below the layers of others."""
+        rows, columns = self._boxes[color]
+        corner = 2 * np.array([columns.start - 2, rows.start - 2])
+        _, starts = self._shortest(color, above)
+        half = 0.5 * self._sprite.side
+        return tuple(
+            Outline(tuple(map(tuple, (points + corner) * half)), (False,) * len(points))
+            for points in _loops(starts)
+        )
+
+    def _cost(self, color: int, above: Collection[int]) -> float:
+        key = color, frozenset(above)
+        if key not in self._costs:
+            self._costs[key] = self._shortest(color, above)[0]
+        return self._costs[key]
+
+    def _shortest(self, color: int, above: Collection[int]) -> tuple[float, Bools]:
+        """Return the cost and the edges of the shortest layer of a colour.
+
+        It reaches under its neighbours by triangles, by half a cell or by a cell.
+        """
+        cells = self._cells[self._boxes[color]]
+        self._tried += cells.size
+        later = np.append(np.isin(np.arange(len(self._boxes)), list(above)), False)
+        later &= np.append(self._sprite.levels[:, 3] == 255, False)
+        own, hidden = cells == color, later[cells]
+        lower = ~own & ~hidden & (cells >= 0)
+        near = np.zeros_like(own)
+        near[1:-1] |= own[2:] | own[:-2]
+        near[:, 1:-1] |= own[:, 2:] | own[:, :-2]
+        hides = _quarters(hidden)
+        if not self._overlap:
+            starts = _edges(_quarters(own))
+            return _cost_of(starts), starts
+        needed = _quarters(own) | (hides & _facing(own))
+        free = hides & ~_facing(lower)
+        shapes = needed, needed | (free & needed[..., ::-1]), needed | (free & _quarters(near))
+        best = math.inf, np.zeros(0, bool)
+        for shape in shapes if hidden.any() else shapes[:1]:
+            starts = _edges(shape)
+            cost = _cost_of(starts)
+            if cost < best[0]:
+                best = cost, starts
+        return best
+
+
+def _quarters(cells: Bools) -> Bools:
+    """Return what cells (h, w) cover, as triangles (2 h, 2 w, 2) as in `_facing`."""
+    return np.repeat(np.repeat(cells, 2, axis=0), 2, axis=1)[..., None].repeat(2, axis=2)
+
+
+def _facing(cells: Bools) -> Bools:
+    """Return the triangles (2 h, 2 w, 2) beside which one of the cells (h, w) lies.
+
+    Each quarter of a cell has two triangles. The first one is at the upper or lower side of the
+    cell, the second one at its left or right side. Nothing is beside the cells along the border.
+    """
+    h, w = cells.shape
+    facing = np.zeros((2 * h, 2 * w, 2), bool)
+    facing[2::2, :, 0] = np.repeat(cells[:-1], 2, axis=1)
+    facing[1:-2:2, :, 0] = np.repeat(cells[1:], 2, axis=1)
+    facing[:, 2::2, 1] = np.repeat(cells[:, :-1], 2, axis=0)
+    facing[:, 1:-2:2, 1] = np.repeat(cells[:, 1:], 2, axis=0)
+    return facing
+
+
+def _edges(shape: Bools) -> Bools:
+    """Return in which of the eight directions edges begin at each corner of a quarter.
+
+    shape  triangles (h, w, 2), of which none is in the cells along the border
+
+    The shape (8, h + 1, w + 1) lies to the right of its edges.
+    """
+    upright, level = shape[..., 1], shape[..., 0]
+    top, bottom, left, right = upright.copy(), level.copy(), level.copy(), upright.copy()
+    top[::2], bottom[::2] = level[::2], upright[::2]
+    left[:, ::2], right[:, ::2] = upright[:, ::2], level[:, ::2]
+    h, w = level.shape
+    starts = np.zeros((8, h + 1, w + 1), bool)
+    starts[0, 1:h, :w] = top[1:] & ~bottom[:-1]
+    starts[4, 1:h, 1:] = bottom[:-1] & ~top[1:]
+    starts[2, :h, 1:w] = right[:, :-1] & ~left[:, 1:]
+    starts[6, 1:, 1:w] = left[:, 1:] & ~right[:, :-1]
+    a, b = level & ~upright, upright & ~level
+    starts[1, :h:2, :w:2], starts[1, 1:h:2, 1:w:2] = b[::2, ::2], a[1::2, 1::2]
+    starts[5, 1::2, 1::2], starts[5, 2::2, 2::2] = a[::2, ::2], b[1::2, 1::2]
+    starts[3, :h:2, 2::2], starts[3, 1:h:2, 1::2] = a[::2, 1::2], b[1::2, ::2]
+    starts[7, 1::2, 1:w:2], starts[7, 2::2, :w:2] = b[::2, 1::2], a[1::2, ::2]
+    return starts
+
+
+def _cost_of(starts: Bools) -> float:
+    """Return about how many bytes of path data edges take."""
+    cost = 0.0
+    for k, (across, down) in enumerate(zip(ACROSS, DOWN, strict=True)):
+        goes_on = np.roll(starts[k], (down, across), axis=(0, 1))
+        cost += (DIAGONAL if k % 2 else STRAIGHT) * np.count_nonzero(starts[k] & ~goes_on)
+    return cost
+
+
+def _loops(starts: Bools) -> list[Floats]:
+    """Return the corners (n, 2) of closed outlines along edges. They are as few as possible.
+
+    Edges that are connected become one outline, which may touch itself.
+    """
+    leaving = dict[tuple[int, int], list[int]]()
+    for y, x, k in np.argwhere(np.moveaxis(starts, 0, -1)).tolist():
+        leaving.setdefault((x, y), []).append(k)
+    loops = []
+    for start in leaving:
+        if not leaving[start]:
+            continue
+        # The algorithm of Hierholzer for a path along all edges that goes straight on if it can.
+        walk, points = [(start, -1)], list[tuple[int, int]]()
+        while walk:
+            at, came = walk[-1]
+            if ways := leaving[at]:
+                k = ways.pop(ways.index(came) if came in ways else 0)
+                walk.append(((at[0] + ACROSS[k], at[1] + DOWN[k]), k))
+            else:
+                points.append(walk.pop()[0])
+        path = np.array(points[:0:-1])
+        step = np.diff(path, axis=0, append=path[:1])
+        path = path[(step != np.roll(step, 1, axis=0)).any(axis=1)]
+        # The last line is not written, so it is the one with the longest numbers.
+        way = np.abs(path - np.roll(path, 1, axis=0))
+        longest = np.lexsort((way.max(axis=1), np.count_nonzero(way, axis=1)))[-1]
+        loops.append(np.roll(path, -longest, axis=0))
+    return sorted(loops, key=lambda path: (path[0, 1], path[0, 0]))

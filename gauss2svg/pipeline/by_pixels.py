@@ -1,0 +1,73 @@
+"""The file of pixel art: its areas, which draw it exactly. Nothing is searched or fitted."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from gauss2svg.areas.find import FoundAreas
+from gauss2svg.areas.pixels import Sprite, areas_of_sprite
+from gauss2svg.fit import FitResult
+from gauss2svg.measure.roundtrip import round_trip
+from gauss2svg.pipeline.options import AUTO
+from gauss2svg.pipeline.outcome import Outcome, Subject
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.run import Run
+from gauss2svg.scene import Scene
+from gauss2svg.scene.areas import Area, Color
+from gauss2svg.svg import MINIMAL, SvgFormat
+from gauss2svg.svg.file import file_bytes
+from gauss2svg.svg.write import write_svg
+
+OPACITY_DECIMALS = 3  # opacities of 8 bits are then off by an eighth of a level
+
+
+def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> Iterator[Outcome]:
+    """Yield the file of a sprite if it is within the limit of bytes, or else nothing.
+
+    If the file is too large, it is tried in minimal markup, unless the user asks for another one,
+    and then without overlaps.
+    """
+    markups = [plan.markup]
+    if plan.options.svg.markup == AUTO and plan.may_be_minimal and plan.markup != MINIMAL:
+        markups.append(MINIMAL)
+    for overlap, markup in product((True, False), markups):
+        one = dataclasses.replace(plan, options=plan.options.changed(markup=markup))
+        run.notify("areas")
+        wall_s, cpu_s = time.perf_counter(), time.process_time()
+        areas, ground = areas_of_sprite(sprite, overlap)
+        fitted_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
+        scene = _scene(subject, areas, ground)
+        run.notify("write")
+        written = _format(one, scene)
+        svg = write_svg(scene, written, subject.document)
+        if len(file_bytes(svg, plan.counts_gzipped)) <= (plan.goal.byte_limit or math.inf):
+            run.notify("measure")
+            measured = round_trip(svg, scene, subject.photo, plan.options.run.renderer)
+            found = FoundAreas(areas, ground, 1.0, measured.psnr_model, fitted_s[0], 0.0)
+            fitted = FitResult(scene, 0, 0, *fitted_s, 0, "gain")
+            yield Outcome(one, subject, scene, svg, written, fitted, measured, 0, found=found)
+            return
+
+
+def _scene(subject: Subject, areas: tuple[Area, ...], ground: Color | None) -> Scene:
+    """Return a scene of areas on the canvas of the file. Areas are in px of the photo."""
+    (width, height), (h, w) = subject.canvas, subject.photo.shape[:2]
+    areas = tuple(area.scaled(width / w, height / h) for area in areas)
+    background = np.ones(3) if ground is None else np.array(ground)
+    return Scene(width, height, background=background, transparent=ground is None, areas=areas)
+
+
+def _format(plan: Plan, scene: Scene) -> SvgFormat:
+    """Return the format of a file whose user unit is as large as the outlines allow."""
+    svg_format = dataclasses.replace(plan.format_at(), opacity_decimals=OPACITY_DECIMALS)
+    if plan.options.svg.precision is not None:
+        return svg_format
+    points = np.array([p for area in scene.areas for one in area.outlines for p in one.points])
+    units = (unit for unit in (1.0, 0.5) if (points % unit == 0).all())
+    return dataclasses.replace(svg_format, precision=next(units, svg_format.precision))

@@ -1,0 +1,120 @@
+"""Properties of pixel art: its areas draw it exactly, without seams, and nothing else is taken."""
+
+import numpy as np
+import pytest
+from skimage import data
+from test_texture import PICTURES, drawing, jpeg, photo_named
+from test_texture import pixels_of as as_floats
+
+from gauss2svg.areas.pixels import areas_of_sprite, sprite_of
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.photo.pixels import shrunk
+from gauss2svg.render import render, render_rgba
+from gauss2svg.render.areas import coverage_of
+from gauss2svg.scene import Scene
+
+
+def sprite(count: int, side: int, seed: int = 0, cells: int = 24):
+    """Return a random picture of `count` colours, in cells of `side` px."""
+    random = np.random.default_rng(seed)
+    colors = random.choice(16**3, count, replace=False)[:, None] >> np.array([0, 4, 8]) & 15
+    picture = (colors / np.float32(15))[random.integers(0, count, (cells, cells))]
+    return picture.repeat(side, axis=0).repeat(side, axis=1).astype(np.float32)
+
+
+def scene_of(picture, **options) -> Scene:
+    """Return the scene of the areas of a picture, which must be pixel art."""
+    found = sprite_of(picture)
+    assert found is not None
+    areas, ground = areas_of_sprite(found, **options)
+    height, width = picture.shape[:2]
+    page = np.ones(3) if ground is None else np.array(ground)
+    return Scene(width, height, background=page, transparent=ground is None, areas=areas)
+
+
+@pytest.mark.parametrize("side", [1, 2, 3, 8])
+@pytest.mark.parametrize("count", [2, 4, 16, 64])
+def test_each_color_but_the_background_is_an_area_and_they_draw_the_sprite_exactly(count, side):
+    picture = sprite(count, side)
+    scene = scene_of(picture)
+    assert sprite_of(picture).side == side
+    assert len(scene.areas) == count - 1
+    assert len({area.paint for area in scene.areas}) == count - 1
+    assert np.abs(render(scene, *picture.shape[1::-1]) - picture).max() < 1e-6
+
+
+@pytest.mark.parametrize(("count", "least"), [(2, 90), (4, 38), (16, 30)])
+@pytest.mark.parametrize("scale", [1.375, 2.625])
+def test_an_enlarged_sprite_has_in_each_pixel_the_mean_of_its_cells(count, least, scale):
+    picture, size = sprite(count, 1), round(24 * scale)
+    fine = picture.repeat(size, axis=0).repeat(size, axis=1)
+    mean = shrunk(fine, size, size)
+    scores = [
+        psnr(render(scene_of(picture, overlap=overlap), size, size), mean)
+        for overlap in (True, False)
+    ]
+    assert scores[0] > least
+    assert count == 2 or scores[0] > scores[1] + 6
+
+
+@pytest.mark.parametrize("count", [2, 5, 16])
+def test_a_turned_sprite_has_turned_areas(count):
+    picture = sprite(count, 1, seed=3)
+    scene, turned = scene_of(picture), scene_of(np.rot90(picture))
+    assert (scene.background == turned.background).all()
+    for one, other in zip(scene.areas, turned.areas, strict=True):
+        assert one.paint == other.paint
+        covered, again = (coverage_of(area, 0, 0, 96, 96, (4, 4)) for area in (one, other))
+        np.testing.assert_allclose(np.rot90(covered), again, atol=1e-9)
+
+
+def test_cells_show_the_page_by_their_alpha():
+    picture = np.dstack([sprite(5, 2), np.ones((48, 48))]).astype(np.float32)
+    blue = (picture[..., :3] == picture[0, 0, :3]).all(axis=-1)
+    picture[blue, 3] = np.float32(100 / 255)
+    picture[10:20, 6:30] = 0
+    drawn = render_rgba(scene_of(picture), 48, 48)
+    assert np.abs(drawn[..., 3] - picture[..., 3]).max() < 0.001
+    seen = picture[..., 3:] > 0
+    assert np.abs(np.where(seen, drawn[..., :3] - picture[..., :3], 0)).max() < 0.001
+
+
+def test_outlines_follow_the_pixels_in_as_few_nodes_as_possible():
+    frame = np.ones((6, 6, 3), np.float32)
+    frame[1:5, 1:5], frame[2:4, 2:4] = 0, 1
+    (area,) = scene_of(frame).areas
+    assert area.nodes == 8
+    # Cells that touch at corners share an outline: 12 corners in place of 3 times 4.
+    stairs = np.ones((6, 6, 3), np.float32)
+    stairs[[1, 2, 3], [1, 2, 3]] = 0
+    (area,) = scene_of(stairs).areas
+    assert (len(area.outlines), area.nodes) == (1, 12)
+
+
+def test_drawings_and_photos_are_no_pixel_art():
+    for file in PICTURES.glob("*.svg"):
+        for side in (32, 64, 256):
+            assert sprite_of(as_floats(drawing(file.stem, side))) is None, (file.stem, side)
+    for name in ("astronaut", "camera", "coffee", "page", "text"):
+        for photo in (photo_named(name), photo_named(name).resize((48, 48))):
+            assert sprite_of(as_floats(photo)) is None, name
+            assert sprite_of(as_floats(jpeg(photo, 80))) is None, name
+
+
+def test_noise_gradients_and_plain_pictures_are_no_pixel_art():
+    """A square without antialiased edges lies on each of them."""
+    noise = np.random.default_rng(1).random((40, 40, 1))
+    ramp = np.linspace(0, 1, 40)[:, None, None] + np.zeros((1, 40, 1))
+    square = np.pad(np.full((20, 20, 1), 0.3), ((10, 10), (10, 10), (0, 0)))
+    for height in (0.03, 0.1, 0.3, 0.6):
+        for shade in (noise, ramp, ramp.swapaxes(0, 1)):
+            picture = (height * shade + square).repeat(3, axis=2).astype(np.float32)
+            assert sprite_of(picture) is None, height
+    assert sprite_of(np.full((8, 8, 3), 0.5, np.float32)) is None
+
+
+def test_a_silhouette_of_two_colors_is_pixel_art_with_cells_of_a_pixel():
+    horse = data.horse()[..., None].repeat(3, axis=2).astype(np.float32)
+    scene = scene_of(horse)
+    assert len(scene.areas) == 1
+    assert np.abs(render(scene, *horse.shape[1::-1]) - horse).max() < 1e-6
