@@ -1,16 +1,16 @@
 """Pixel art: pictures without antialiased edges, as areas whose outlines follow the pixels exactly.
 
 A sprite has cells of one colour each, which are squares of some px. Each colour becomes one area.
-An area reaches half a cell or a cell under areas that are drawn later, because at a size that is no
-multiple of the cells, what is below both would show through the antialiased edge between them. It
-does not touch the edges that these have with lower colours, where it would show through itself:
+An area reaches half a cell or a cell under areas that are drawn later. Otherwise, at a size that is
+no multiple of the cells, what is below both would show through the antialiased edge between them.
+It does not touch the edges that these areas have with lower ones, where it would show itself:
 
-    1 | 3        The colours of four cells in the order of drawing. Area 2 reaches under 3,
-    --+--        which is drawn later. From the middle of the picture, its outline goes
-    2 | 3        down to the right by 45 degrees, and so leaves the edge between 1 and 3.
+    1 | 3        The numbers of four cells are their order of drawing. Area 2 reaches under area 3.
+    --+--        There its outline begins in the middle of the picture, and goes down to the right
+    2 | 3        by 45 degrees, so that it leaves the edge between 1 and 3.
 
-So the right half of area 2 is made of triangles. A cell has eight: its quarters, each cut by the
-diagonal from the corner of the cell to its centre.
+So areas are made of triangles. A cell has eight: its quarters, each cut by the diagonal from the
+corner of the cell to its centre.
 """
 
 from __future__ import annotations
@@ -215,13 +215,12 @@ class _Layers:
         later &= np.append(self._sprite.levels[:, 3] == 255, False)
         own, hidden = cells == color, later[cells]
         lower = ~own & ~hidden & (cells >= 0)
+        if not self._overlap:
+            hidden = np.zeros_like(own)
         near = np.zeros_like(own)
         near[1:-1] |= own[2:] | own[:-2]
         near[:, 1:-1] |= own[:, 2:] | own[:, :-2]
         hides = _quarters(hidden)
-        if not self._overlap:
-            starts = _edges(_quarters(own))
-            return _cost_of(starts), starts
         needed = _quarters(own) | (hides & _facing(own))
         free = hides & ~_facing(lower)
         shapes = needed, needed | (free & needed[..., ::-1]), needed | (free & _quarters(near))
