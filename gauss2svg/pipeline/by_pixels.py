@@ -42,7 +42,7 @@ def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> It
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         areas, ground = areas_of_sprite(sprite, overlap)
         fitted_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
-        scene = _scene(subject, areas, ground)
+        scene = _scene(subject, sprite, areas, ground)
         run.notify("write")
         written = _format(one, scene)
         svg = write_svg(scene, written, subject.document)
@@ -55,10 +55,13 @@ def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> It
             return
 
 
-def _scene(subject: Subject, areas: tuple[Area, ...], ground: Color | None) -> Scene:
-    """Return a scene of areas on the canvas of the file. Areas are in px of the photo."""
-    (width, height), (h, w) = subject.canvas, subject.photo.shape[:2]
-    areas = tuple(area.scaled(width / w, height / h) for area in areas)
+def _scene(
+    subject: Subject, sprite: Sprite, areas: tuple[Area, ...], ground: Color | None
+) -> Scene:
+    """Return a scene of areas on the canvas of the file. Areas are in px of the sprite."""
+    (width, height), (rows, columns) = subject.canvas, sprite.cells.shape
+    scale = width / (columns * sprite.side), height / (rows * sprite.side)
+    areas = tuple(area.scaled(*scale) for area in areas)
     background = np.ones(3) if ground is None else np.array(ground)
     return Scene(width, height, background=background, transparent=ground is None, areas=areas)
 

@@ -18,7 +18,7 @@ from gauss2svg.files import write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import Scores, decibels
 from gauss2svg.options import Field, file_name, flag_of
-from gauss2svg.photo.load import ImageSource, load_focus, reduced
+from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
 from gauss2svg.photo.pixels import Header, Photo, elongation, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.budgets import (
     STEPS,
@@ -206,6 +206,7 @@ def vectorize_by(
     if start is not None and plan.in_areas and not start.areas:
         got = f"{len(start)} Gaussians"
         raise refusal("start", "a scene that has areas", got, "--areas auto")
+    image = rereadable(image)
     photo, load = _read(plan, run, image, may_reduce)
     strength, max_pixels = options.fit.focus_strength, options.run.max_pixels
     mask = None if focus is None else load_focus(focus, strength, photo, max_pixels)
@@ -215,10 +216,10 @@ def vectorize_by(
         working = shrunk(pixels_of(photo), *load.fit[::-1], sharp=True)
     document = plan.options.document.of_photo(*photo.original_size, photo.dpi)
     subject = Subject(pixels, working, photo.original_size, document, mask, start)
+    sprite = _sprite(plan, run, image, photo) if plan.may_be_exact else None
     del photo  # frees the photo's pixels, which may be many
     side = max(load.fit) / elongation(*load.fit)
     plan = dataclasses.replace(plan, fit_side=side).for_picture(pixels)
-    sprite = sprite_of(pixels) if plan.may_be_exact else None
     with run.compiled(plan.options.fit.blend, plan.in_areas and sprite is None):
         outcome = best_of(_outcomes(plan, run, subject, sprite), plan)
     subject.release()
@@ -241,9 +242,7 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
         load = load_of(plan, Header(width, height, has_alpha, run.reduced_bytes))
         return size_that_fits(load, run.most_bytes, asked)
 
-    matte = plan.options.svg.matte
-    color = None if matte is None else matte_color(matte)
-    photo = run.read(image, lambda width, height: sizes(width, height)[0].measured, color)
+    photo = run.read(image, lambda width, height: sizes(width, height)[0].measured, _matte(plan))
     if photo.alpha is not None and plan.options.written_blend == ADD:
         advice = "--matte white, or --portable"
         raise refusal("the photo", "opaque for additive blending", "a transparent one", advice)
@@ -263,6 +262,28 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
         advice = f"{larger}another target than {flag_of(score.option)}"
         raise refusal("the photo", needed, f"{width}x{height} px", advice)
     return photo, load
+
+
+# A reduced picture may be an enlarged sprite if over FLAT of its pixels equal their neighbours.
+# If it had at most MOST_REREAD pixels, it is then read again at its own size.
+MOST_REREAD, FLAT = 2**22, 0.5
+
+
+def _sprite(plan: Plan, run: Run, image: ImageSource, photo: Photo) -> Sprite | None:
+    """Return the cells of a photo that is pixel art, None for any other."""
+    width, height = photo.original_size
+    if (photo.width, photo.height) == (width, height):
+        return sprite_of(pixels_of(photo))
+    is_flat = (photo.pixels[:, 1:] == photo.pixels[:, :-1]).all(axis=2).mean() > FLAT
+    if not is_flat or width * height > MOST_REREAD:
+        return None
+    return sprite_of(pixels_of(run.read(image, lambda *size: size, _matte(plan))))
+
+
+def _matte(plan: Plan) -> tuple[float, float, float] | None:
+    """Return the colour below a transparent photo, or None if it stays transparent."""
+    matte = plan.options.svg.matte
+    return None if matte is None else matte_color(matte)
 
 
 def _outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite | None) -> Iterator[Outcome]:

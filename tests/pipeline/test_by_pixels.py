@@ -44,6 +44,13 @@ def test_a_file_within_the_limit_is_exact_and_another_one_has_what_fits():
         assert (result.report["psnr_svg"] is None) == is_exact
 
 
+def test_a_sprite_of_over_a_megapixel_is_exact():
+    large = SPRITE[::2, ::2].repeat(48, axis=0).repeat(48, axis=1)
+    result = vectorize(large)
+    assert result.photo.shape[0] < 1152
+    assert (rasterize(result.svg, 1152, 1152) == large / np.float32(255)).all()
+
+
 def test_a_silhouette_has_fewer_bytes_than_by_other_tools():
     horse = data.horse().astype(np.uint8) * 255
     report = vectorize(horse).report
