@@ -26,7 +26,7 @@ from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.scene.areas import Area, Color, Outline
 
 MOST_COLORS, CELLS_EACH = 128, 4  # colours of a sprite, and the mean number of cells of each
-MOST_CHANGES = 2**15  # pairs of neighbouring cells that differ. More would be a file of over 80 kB
+MOST_CHANGES = 2**15  # pairs of neighbouring cells that differ. The file then has up to 290 kB
 SAMPLE = 2**13  # pixels of which the colours are counted before those of the others are
 # A colour is one of antialiased edges or gradients if BLENDED of its pixels lie between two others,
 # whose colours differ by over CONTRAST levels and mix to it. Sprites have fewer than MOST_BLENDED
