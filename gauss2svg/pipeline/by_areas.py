@@ -99,7 +99,7 @@ class _Trial:
     saved   by how much Gaussians above lower it
     expected  squared error that is expected of the best file with these areas
     cost    value by which trials are compared: `expected`, to which the price of the bytes is added
-            if there is no limit
+            if there is no limit. Without shading it is divided by STRIPS
     shaded  whether the picture has shading that Gaussians draw better than areas
     is_met  whether the file reaches the target. False if there is none
     """
