@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gauss2svg.areas.caps import with_caps
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.layers import join_touching, masks_of
+from gauss2svg.areas.letters import add_letters
 from gauss2svg.areas.merge import merged, without_cheap
 from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
 from gauss2svg.areas.paint import Paint, join_parts_of_gradients, paints_of
@@ -184,9 +185,11 @@ def first_layers(
     labels = grown(pixels, cores)
     palette = Palette.of(paints)
     shares = shares_of(pixels, cores, labels, palette)
+    is_letter = add_letters(pixels, cores, labels, shares, paints)
+    palette = Palette.of(paints)
     add_thin_regions(pixels, cores, labels, shares, paints, palette)
     weight_at = contrast_of(pixels)
-    lines = take_lines(pixels, shares, paints, weight_at, unit, rate)
+    lines = take_lines(pixels, shares, paints, weight_at, unit, rate, is_letter)
     labels = join_touching(shares, paints)
     opacity = np.array([opacity_of(paint.color) for paint in paints])
     ground = ground_of(labels, paints, opacity)

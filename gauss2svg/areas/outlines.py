@@ -10,6 +10,7 @@ import numpy as np
 from skimage.measure import find_contours
 
 from gauss2svg.areas.curves import merge_pieces, path_bytes
+from gauss2svg.areas.fields import FINE, field_of, is_thin
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.masks import Box
 
@@ -86,11 +87,13 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
         (int(side.start == 0), int(side.stop == most))
         for side, most in zip(box, shape, strict=False)
     ]
-    padded = np.pad(np.pad(share, pad, mode="edge"), 1)
-    corner = np.array([box[1].start - pad[1][0], box[0].start - pad[0][0]]) - 0.5
+    corner = np.array([box[1].start - pad[1][0], box[0].start - pad[0][0]])
+    padded, fine = np.pad(share, pad, mode="edge"), 1
+    if is_thin(share):
+        padded, fine = field_of(padded), FINE
     contours = []
-    for line in find_contours(padded, 0.5):
-        points = line[:-1, ::-1] + corner
+    for line in find_contours(np.pad(padded, 1), 0.5):
+        points = (line[:-1, ::-1] - 0.5) / fine + corner
         x, y = points.T
         area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
         if len(points) >= 4 and abs(area) >= LEAST_AREA:

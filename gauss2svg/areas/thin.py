@@ -157,10 +157,13 @@ class Part(NamedTuple):
 
 def take_lines(
     pixels: Floats, shares: Shares, paints: list[Paint], weight_at: Weights, unit: float,
-    rate: float,
+    rate: float, is_letter: Bools,
 ) -> list[Line]:  # fmt: skip
-    """Return the lines of a picture, and give their shares to what lies beside or under them."""
-    parts = thin_parts(shares, paints)
+    """Return the lines of a picture, and give their shares to what lies beside or under them.
+
+    is_letter  (h, w) pixels of letters
+    """
+    parts = thin_parts(shares, paints, is_letter)
     lines, gone = list[Line](), list[Part]()
     for part in sorted(parts, key=lambda part: -part.share.sum())[:MOST_PARTS]:
         strokes = _chosen(pixels, part, paints[part.names[0]], weight_at, unit, rate)
@@ -182,8 +185,11 @@ def take_lines(
     return lines
 
 
-def thin_parts(shares: Shares, paints: list[Paint]) -> list[Part]:
-    """Return the thin parts of regions that have one colour."""
+def thin_parts(shares: Shares, paints: list[Paint], is_letter: Bools) -> list[Part]:
+    """Return the thin parts of regions that have one colour.
+
+    The ground between letters is no part.
+    """
     disc = np.hypot(*np.mgrid[-2:3, -2:3]) < THICK
     classes: dict[Paint, list[int]] = {}
     for k, paint in enumerate(paints):
@@ -192,6 +198,7 @@ def thin_parts(shares: Shares, paints: list[Paint]) -> list[Part]:
     parts = []
     for names in classes.values():
         share = shares.of(np.array(names))
+        share[is_letter & ~np.isin(shares.label[..., 0], names)] = 0
         opened: Any = ndimage.binary_opening(np.pad(share > 0.5, 3, mode="edge"), disc)[3:-3, 3:-3]
         thick = dilated(opened)
         thin = np.where(thick, 0, share)
@@ -218,7 +225,8 @@ def _chosen(
     widths = dict.fromkeys(width for _, width in strokes)
     as_lines = [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
     contours = contours_of(part.share, part.box, pixels.shape)
-    as_areas = [Layer(0, [first_path(c, weight_at, unit, rate)]) for c in contours]
+    outlines = [first_path(contour, weight_at, unit, rate) for contour in contours]
+    as_areas = [Layer(0, outlines)] if outlines else []
 
     def fitted_and_cost(layers: list[Layer], tag: float) -> tuple[Drawing, float]:
         drawing, error = _fitted(layers, part)

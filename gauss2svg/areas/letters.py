@@ -1,0 +1,151 @@
+"""Letters: thin parts of one colour on one ground.
+
+The strokes of small letters have few pixels of their pure colour, or none, and many pixels of equal
+mixtures with the ground. Taken as colours, these would become areas of their own. So parts that may
+be a line of text have one colour, the one that is farthest from the ground, and each pixel of a
+part is mixed of this colour and the ground.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.areas.masks import LEVEL, Box, dilated, parts_of, pixels_of, widened
+from gauss2svg.areas.paint import Paint
+from gauss2svg.areas.regions import Shares
+
+THICK = 5  # px; a region that contains a square of this size is no thin part
+PURE = 3  # px; a square of this size whose pixels have one colour is no mixture
+UNEXPLAINED = 0.0015  # squared error of a pixel that regions do not explain
+LEAST_PIXELS, LEAST_CONTRAST = 4, 0.15  # px of a part, and distance of its colour from the ground
+RIM = 2  # px around a part in which pixels are mixed of its colour and the ground
+MOST_OFF = 1e-3  # mean squared distance of a part's pixels from the mixtures with its ground
+LEAST_ALIKE = 0.99  # cosine of the angle between the directions of two colours from one ground
+SAME_COLOR = 6 * LEVEL  # largest difference of a part's colour from a paint that it takes
+ONE_GROUND = 0.9  # share of the thick pixels around a part that have one paint
+# Parts belong to one line of text if they overlap by this share of the lower one's height, and if
+# the gap between them is at most this share of the higher one's height. Dots lie above letters.
+LEAST_OVERLAP, MOST_GAP, DOT_GAP = 0.5, 0.6, 3
+
+
+class Letter(NamedTuple):
+    """A thin part.
+
+    at      rows and columns of its pixels and of its rim
+    box     of the part
+    region  thick region around it
+    share   (n,) distance of its pixels from the ground along `way`
+    way     (c,) direction of its colour from the ground
+    darkest (c,) colour of the pixel that is farthest from the ground
+    """
+
+    at: tuple[Ints, Ints]
+    box: Box
+    region: int
+    share: Floats
+    way: Floats
+    darkest: Floats
+
+
+def add_letters(
+    pixels: Floats, cores: Ints, labels: Ints, shares: Shares, paints: list[Paint]
+) -> Bools:
+    """Give thin parts on one ground one colour, and return their pixels (h, w).
+
+    `labels`, `shares` and `paints` are changed.
+    """
+    is_letter = np.zeros(cores.shape, bool)
+    letters = letters_of(pixels, cores, shares, paints)
+    flat = [paint for paint in dict.fromkeys(paints) if not paint.is_shaded]
+    for line in lines_of(letters, paints):
+        color = max(line, key=lambda letter: letter.share.max()).darkest
+        paint = min(flat, key=lambda one: np.abs(one.color - color).max(), default=None)
+        if paint is None or np.abs(paint.color - color).max() > SAME_COLOR:
+            paint = Paint(color)
+            flat.append(paint)
+        for letter in line:
+            ys, xs = letter.at
+            way = paint.color - paints[letter.region].at(xs, ys)
+            off = paint.color - pixels[ys, xs]
+            share = np.clip(1 - (off * way).sum(axis=1) / (way**2).sum(axis=1), 0, 1)
+            labels[ys, xs] = np.where(share > 0.5, len(paints), letter.region)
+            shares.label[ys, xs] = [len(paints), letter.region, -1]
+            shares.share[ys, xs] = np.stack([share, 1 - share, 0 * share], axis=1)
+            shares.error[ys, xs] = ((off - (1 - share)[:, None] * way) ** 2).sum(axis=1)
+            is_letter[ys, xs] = True
+            paints.append(paint)
+    return is_letter
+
+
+def inside_of(cores: Ints, size: int) -> Ints:
+    """Return the labels (h, w) of pixels around which a square of `size` px has one, or -1."""
+    low, high = ndimage.minimum_filter(cores, size), ndimage.maximum_filter(cores, size)
+    return np.where(low == high, low, -1)
+
+
+def letters_of(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint]) -> list[Letter]:
+    """Return the thin parts of a picture that have one ground and one direction of colours."""
+    pure, inside = inside_of(cores, PURE), inside_of(cores, THICK)
+    is_thick = np.bincount(inside[inside >= 0], minlength=len(paints)) > 0
+    solid = (cores >= 0) & is_thick[cores]
+    part, boxes = parts_of((~is_thick[shares.largest] | (shares.error > UNEXPLAINED)) & ~solid)
+    letters = []
+    for k, tight in enumerate(boxes, 1):
+        box = widened(tight, RIM + 1, cores.shape)
+        own = part[box] == k
+        rim = dilated(own, RIM)
+        around = cores[box][rim & solid[box]]
+        if np.count_nonzero(own) < LEAST_PIXELS or not len(around):
+            continue
+        counts = np.bincount(around)
+        region = int(counts.argmax())
+        ground = paints[region]
+        same = [n for k, n in enumerate(counts) if n and paints[k] is ground]
+        if sum(same) < ONE_GROUND * len(around):
+            continue
+        ys, xs = pixels_of(rim & ~solid[box], box)
+        off = pixels[ys, xs] - ground.at(xs, ys)
+        way = (off * np.sqrt((off**2).sum(axis=1, keepdims=True))).sum(axis=0)
+        way /= max(np.sqrt(way @ way), 1e-9)
+        share = off @ way
+        rest = (off - share[:, None] * way) ** 2
+        if share.max() < LEAST_CONTRAST or rest.sum() > MOST_OFF * len(ys):
+            continue
+        darkest = pixels[ys, xs][share.argmax()].astype(np.float64)
+        # Another colour than these two that is pure within the part was not mixed of them.
+        names = np.unique(pure[box][own & (pure[box] >= 0)])
+        off = [np.abs(paints[name].color - [darkest, ground.color]).max(axis=1) for name in names]
+        if all(one.min() <= SAME_COLOR for one in off):
+            letters.append(Letter((ys, xs), tight, region, share, way, darkest))
+    return letters
+
+
+def lines_of(letters: list[Letter], paints: list[Paint]) -> list[list[Letter]]:
+    """Return the letters in lines of text of one colour."""
+    root = np.arange(len(letters))
+    for i, one in enumerate(letters):
+        for j, other in enumerate(letters[:i]):
+            if (
+                root[i] != root[j]
+                and paints[one.region] is paints[other.region]
+                and one.way @ other.way > LEAST_ALIKE
+                and _are_beside(one.box, other.box)
+            ):
+                root[root == root[i]] = root[j]
+    return [[letters[k] for k in np.flatnonzero(root == r)] for r in np.unique(root)]
+
+
+def _are_beside(one: Box, other: Box) -> bool:
+    """Return whether two boxes may be letters beside each other, or a letter and its dot."""
+    size = [[side.stop - side.start for side in box] for box in (one, other)]
+    down, across = (
+        min(a.stop, b.stop) - max(a.start, b.start) for a, b in zip(one, other, strict=True)
+    )
+    if across > 0 and down > -DOT_GAP:
+        return True
+    heights = size[0][0], size[1][0]
+    return down >= LEAST_OVERLAP * min(heights) and -across <= MOST_GAP * max(heights)
