@@ -185,20 +185,20 @@ def first_layers(
     labels = grown(pixels, cores)
     palette = Palette.of(paints)
     shares = shares_of(pixels, cores, labels, palette)
-    is_letter = add_letters(pixels, cores, labels, shares, paints)
+    letter_ground = add_letters(pixels, cores, labels, shares, paints)
     palette = Palette.of(paints)
     add_thin_regions(pixels, cores, labels, shares, paints, palette)
     weight_at = contrast_of(pixels)
-    lines = take_lines(pixels, shares, paints, weight_at, unit, rate, is_letter)
+    lines = take_lines(pixels, shares, paints, weight_at, unit, rate, letter_ground)
     labels = join_touching(shares, paints)
     opacity = np.array([opacity_of(paint.color) for paint in paints])
     ground = ground_of(labels, paints, opacity)
     is_ground = np.array([paint is ground for paint in paints]) | (opacity < LEAST_OPACITY)
     is_opaque = opacity > 1 - 2 * LEAST_OPACITY
-    layers = []
+    layers, curve_rate = [], min(rate, RATE)  # coarse first curves would be refined less well
     for mask in masks_of(labels, shares, len(paints), is_ground, ~is_opaque):
         contours = contours_of(mask.share, mask.box, pixels.shape)
-        paths = [first_path(c, weight_at, unit, rate) for c in contours]
+        paths = [first_path(c, weight_at, unit, curve_rate) for c in contours]
         if paths:
             layers.append(Layer(mask.region, paths))
     layers += grouped(lines, paints)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.areas.kernels import Floats, Ints
 from gauss2svg.areas.masks import LEVEL, Box, dilated, parts_of, pixels_of, widened
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import Shares
@@ -35,7 +35,8 @@ LEAST_OVERLAP, MOST_GAP, DOT_GAP = 0.5, 0.6, 3
 class Letter(NamedTuple):
     """A thin part.
 
-    at      rows and columns of its pixels and of its rim
+    at      rows and columns of its pixels and of its rim, without those of the thick region
+    near    rows and columns of its pixels and of its rim
     box     of the part
     region  thick region around it
     share   (n,) distance of its pixels from the ground along `way`
@@ -44,6 +45,7 @@ class Letter(NamedTuple):
     """
 
     at: tuple[Ints, Ints]
+    near: tuple[Ints, Ints]
     box: Box
     region: int
     share: Floats
@@ -53,12 +55,12 @@ class Letter(NamedTuple):
 
 def add_letters(
     pixels: Floats, cores: Ints, labels: Ints, shares: Shares, paints: list[Paint]
-) -> Bools:
-    """Give thin parts on one ground one colour, and return their pixels (h, w).
+) -> Ints:
+    """Give thin parts on one ground one colour. Return the region (h, w) below and beside them.
 
-    `labels`, `shares` and `paints` are changed.
+    The region is -1 at other pixels. `labels`, `shares` and `paints` are changed.
     """
-    is_letter = np.zeros(cores.shape, bool)
+    ground = np.full(cores.shape, -1, np.int32)
     letters = letters_of(pixels, cores, shares, paints)
     flat = [paint for paint in dict.fromkeys(paints) if not paint.is_shaded]
     for line in lines_of(letters, paints):
@@ -76,9 +78,9 @@ def add_letters(
             shares.label[ys, xs] = [len(paints), letter.region, -1]
             shares.share[ys, xs] = np.stack([share, 1 - share, 0 * share], axis=1)
             shares.error[ys, xs] = ((off - (1 - share)[:, None] * way) ** 2).sum(axis=1)
-            is_letter[ys, xs] = True
+            ground[letter.near] = letter.region
             paints.append(paint)
-    return is_letter
+    return ground
 
 
 def inside_of(cores: Ints, size: int) -> Ints:
@@ -120,7 +122,8 @@ def letters_of(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint])
         names = np.unique(pure[box][own & (pure[box] >= 0)])
         off = [np.abs(paints[name].color - [darkest, ground.color]).max(axis=1) for name in names]
         if all(one.min() <= SAME_COLOR for one in off):
-            letters.append(Letter((ys, xs), tight, region, share, way, darkest))
+            near = pixels_of(rim, box)
+            letters.append(Letter((ys, xs), near, tight, region, share, way, darkest))
     return letters
 
 

@@ -157,13 +157,13 @@ class Part(NamedTuple):
 
 def take_lines(
     pixels: Floats, shares: Shares, paints: list[Paint], weight_at: Weights, unit: float,
-    rate: float, is_letter: Bools,
+    rate: float, letter_ground: Ints,
 ) -> list[Line]:  # fmt: skip
     """Return the lines of a picture, and give their shares to what lies beside or under them.
 
-    is_letter  (h, w) pixels of letters
+    letter_ground  (h, w) region below and beside letters, -1 elsewhere. It is no line there
     """
-    parts = thin_parts(shares, paints, is_letter)
+    parts = thin_parts(shares, paints, letter_ground)
     lines, gone = list[Line](), list[Part]()
     for part in sorted(parts, key=lambda part: -part.share.sum())[:MOST_PARTS]:
         strokes = _chosen(pixels, part, paints[part.names[0]], weight_at, unit, rate)
@@ -185,7 +185,7 @@ def take_lines(
     return lines
 
 
-def thin_parts(shares: Shares, paints: list[Paint], is_letter: Bools) -> list[Part]:
+def thin_parts(shares: Shares, paints: list[Paint], letter_ground: Ints) -> list[Part]:
     """Return the thin parts of regions that have one colour.
 
     The ground between letters is no part.
@@ -198,10 +198,9 @@ def thin_parts(shares: Shares, paints: list[Paint], is_letter: Bools) -> list[Pa
     parts = []
     for names in classes.values():
         share = shares.of(np.array(names))
-        share[is_letter & ~np.isin(shares.label[..., 0], names)] = 0
         opened: Any = ndimage.binary_opening(np.pad(share > 0.5, 3, mode="edge"), disc)[3:-3, 3:-3]
         thick = dilated(opened)
-        thin = np.where(thick, 0, share)
+        thin = np.where(thick | np.isin(letter_ground, names), 0, share)
         label, boxes = parts_of(thin > SEEN)
         for q, tight in enumerate(boxes, 1):
             box = widened(tight, MARGIN, share.shape)

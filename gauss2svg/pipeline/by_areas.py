@@ -268,7 +268,8 @@ class ByAreas:
                 trials.append(dataclasses.replace(trial, cost=trial.cost / STRIPS))
         within = [trial for trial in trials if trial.export.size <= self._limit]
         if not within:
-            return self._cut(min(trials, key=lambda trial: trial.export.size))
+            finest = min(trials, key=lambda trial: trial.export.size)
+            return self._cut(finest, finest is not trials[0])
         best = min(within, key=lambda trial: trial.cost)
         rate = RATE
         while best.is_met and self._tries < TRIES and not self._ends():
@@ -297,8 +298,11 @@ class ByAreas:
         picture, most = self._subject.working, self._most_cores
         return find_areas(picture, RATE, self._unit, checked, True, most)
 
-    def _cut(self, finest: _Trial) -> _Trial:
-        """Return the best trial within the limit of bytes, which `finest` exceeds."""
+    def _cut(self, finest: _Trial, shaded: bool) -> _Trial:
+        """Return the best trial within the limit of bytes, which `finest` exceeds.
+
+        shaded  whether shading was left to Gaussians when `finest` was found
+        """
         best, rate, self._is_cut = None, RATE, True
         low, high = RATE, math.inf  # highest rate of a file beyond the limit, lowest of one within
         while self._tries < TRIES and not self._ends():
@@ -307,7 +311,7 @@ class ByAreas:
             else:
                 raised = (finest.export.size / self._limit) ** STEEPNESS
                 rate *= min(max(raised, LEAST_RAISE), MOST_RAISE)
-            trial = self._trial(self._coarser(finest, rate))
+            trial = self._trial(self._dearer(finest, rate, shaded))
             if trial.export.size > self._limit:
                 low, finest = rate, trial
                 continue
@@ -317,6 +321,20 @@ class ByAreas:
             if not is_better or trial.export.size > FULL * self._limit:
                 break
         return best or self._trial(self._nothing())
+
+    def _dearer(self, trial: _Trial, rate: float, shaded: bool) -> FoundAreas:
+        """Return areas for a higher rate than those of `trial` were found for.
+
+        They are found anew, because more thin parts are lines if bytes are dear. Only the areas of
+        a start are kept.
+        """
+        subject = self._subject
+        if subject.start is not None:
+            return self._coarser(trial, rate)
+        return self._found(
+            lambda p: find_areas(subject.working, rate, self._unit, p, shaded, self._most_cores),
+            trial.found,
+        )
 
     def _coarser(self, trial: _Trial, rate: float) -> FoundAreas:
         return self._found(lambda p: coarser(trial.found, rate, self._unit, p), trial.found)

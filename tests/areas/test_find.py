@@ -159,6 +159,62 @@ def test_nearly_equal_colors_become_one():
     assert len({area.paint for area in found.areas}) == 1
 
 
+def word(x: float, y: float, stroke: float) -> list[Outline]:
+    """Return letters of 10 px whose bars have the width `stroke`: I, E, O, V, N and L."""
+    s, h = stroke, 10.0
+    e = [(0, 0), (5, 0), (5, s), (s, s), (s, 4), (4, 4), (4, 4 + s), (s, 4 + s), (s, h - s)]
+    shapes = [
+        [(0, 0), (s, 0), (s, h), (0, h)],
+        [*e, (5, h - s), (5, h), (0, h)],
+        [(0, 0), (6, 0), (6, h), (0, h)],
+        [(0, 0), (s, 0), (3, h - 2 * s), (6 - s, 0), (6, 0), (3 + s / 2, h), (3 - s / 2, h)],
+        [
+            (0, 0),
+            (s, 0),
+            (6 - s, 7),
+            (6 - s, 0),
+            (6, 0),
+            (6, h),
+            (6 - s, h),
+            (s, 3),
+            (s, h),
+            (0, h),
+        ],
+        [(0, 0), (s, 0), (s, h - s), (5, h - s), (5, h), (0, h)],
+    ]
+    outlines = []
+    for shape in shapes:
+        outlines.append(polygon(*((x + u, y + v) for u, v in shape)))
+        if len(shape) == 4 and shape[1][0] == 6:
+            hole = [(s, s), (s, h - s), (6 - s, h - s), (6 - s, s)]
+            outlines.append(polygon(*((x + u, y + v) for u, v in hole)))
+        x += max(u for u, _ in shape) + 2.3
+    return outlines
+
+
+def enlarged(outlines, by: float) -> tuple[Outline, ...]:
+    return tuple(
+        Outline(tuple((by * x, by * y) for x, y in o.points), o.curved, o.closed) for o in outlines
+    )
+
+
+# At .5 px, level bars lie between two rows, and no pixel of theirs is darker than a half.
+@pytest.mark.parametrize("shift", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("stroke", [1.0, 1.4, 2.2])
+def test_small_letters_have_one_color_and_are_close(stroke, shift):
+    text = [Area(tuple(word(8.2, 20 + shift, stroke)), BLUE)]
+    found = find_areas(drawn(text))
+    assert len({area.paint for area in found.areas}) == 1
+    assert np.abs(color_of(found.areas[0]) - BLUE).max() < 0.1
+    larger = (
+        [Area(enlarged(a.outlines, 4), a.paint, width=4 * a.width, cap=a.cap) for a in areas]
+        for areas in (text, found.areas)
+    )
+    first, second = (drawn(areas, side=4 * SIDE) for areas in larger)
+    assert found.psnr > 45
+    assert -10 * np.log10(((first - second) ** 2).mean()) > 36
+
+
 def test_a_higher_price_of_bytes_gives_fewer_nodes():
     rng = np.random.default_rng(0)
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)

@@ -251,6 +251,22 @@ def test_a_drawing_has_areas_alone_by_default(picture):
     assert result.svg == vectorize(picture, areas="always").svg
 
 
+def test_letters_of_strokes_are_lines_if_bytes_are_scarce():
+    letter = ("M5 0H0V10H5M0 4.8H4", "M0 10V0L6 10V0", "M0 10 3 0 6 10M1.2 6H4.8", "M0 0H6M3 0V10")
+    text = "".join(
+        f'<path transform="translate({8.3 + 11 * x} {9.4 + 19 * y})" d="{letter[(x + y) % 4]}"/>'
+        for y in range(6) for x in range(10)
+    )  # fmt: skip
+    page = '<path fill="#fff" d="M0 0h128v128H0z"/>'
+    ink = f'<g fill="none" stroke="#17324d" stroke-width="1.4">{text}</g>'
+    picture = rasterize(FRAME.format(page + ink), SIDE, SIDE)
+    free = vectorize(picture, areas="always", markup="minimal")
+    limit = free.report["svg_bytes"] // 2
+    result = vectorize(picture, areas="always", max_bytes=limit)
+    assert result.report["line_count"] > result.report["area_count"]
+    assert result.report["psnr_svg"] > 21  # 23.4, and less than 20 if outlines lose their nodes
+
+
 def test_more_bytes_are_never_worse():
     limits = 300, 500, 1000, 4000
     reports = [vectorize(DRAWING, max_bytes=limit).report for limit in limits]
