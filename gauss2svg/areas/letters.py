@@ -22,6 +22,7 @@ THICK = 5  # px; a region that contains a square of this size is no thin part
 PURE = 3  # px; a square of this size whose pixels have one colour is no mixture
 UNEXPLAINED = 0.0015  # squared error of a pixel that regions do not explain
 LEAST_PIXELS, LEAST_CONTRAST = 4, 0.15  # px of a part, and distance of its colour from the ground
+LEAST_OF_LINE = 8  # px of a line of text that are rather of its colour than of the ground
 RIM = 2  # px around a part in which pixels are mixed of its colour and the ground
 MOST_OFF = 1e-3  # mean squared distance of a part's pixels from the mixtures with its ground
 LEAST_ALIKE = 0.99  # cosine of the angle between the directions of two colours from one ground
@@ -64,7 +65,11 @@ def add_letters(
     letters = letters_of(pixels, cores, shares, paints)
     flat = [paint for paint in dict.fromkeys(paints) if not paint.is_shaded]
     for line in lines_of(letters, paints):
-        color = max(line, key=lambda letter: letter.share.max()).darkest
+        longest = max(line, key=lambda letter: letter.share.max())
+        half, color = 0.5 * longest.share.max(), longest.darkest
+        # Slivers at the edges of thick parts are no text.
+        if sum(np.count_nonzero(letter.share > half) for letter in line) < LEAST_OF_LINE:
+            continue
         paint = min(flat, key=lambda one: np.abs(one.color - color).max(), default=None)
         if paint is None or np.abs(paint.color - color).max() > SAME_COLOR:
             paint = Paint(color)
