@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from gauss2svg.areas.kernels import Bools
+from gauss2svg.areas.kernels import Bools, Floats
+from gauss2svg.areas.merge import BYTES_OF_LINE
 from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.refine import Drawing, Layer
 
@@ -19,22 +20,36 @@ NEAR = 1.5  # px beyond the width in which the errors of an end are counted
 def with_caps(drawing: Drawing, rate: float) -> list[Layer]:
     """Return the layers of a drawing, with round ends for the lines to which these are closer."""
     layers = drawing.current()
-    rounded = [_rounded(layer) for layer in layers]
-    if all(a is b for a, b in zip(layers, rounded, strict=True)):
+    others = [rounded(layer) for layer in layers]
+    if all(a is b for a, b in zip(layers, others, strict=True)):
         return layers
     before = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
-    after = ((drawing.with_layers(rounded).draw() - drawing.pixels) ** 2).sum(axis=-1)
-    chosen = []
-    for layer, other in zip(layers, rounded, strict=True):
-        gain = 0.0
-        if other is not layer:
-            at = _near_ends(layer, drawing.shape)
-            gain = float((before - after)[at].sum()) - rate * BYTES_OF_ROUND
-        chosen.append(other if gain > 0 else layer)
+    after = ((drawing.with_layers(others).draw() - drawing.pixels) ** 2).sum(axis=-1)
+    chosen = list[Layer]()
+    for layer, other in zip(layers, others, strict=True):
+        if other is layer:
+            chosen.append(layer)
+            continue
+        gains = np.array([_gain(before - after, path, layer.width) for path in layer.paths])
+        is_round = gains > 0
+        if not is_round.all():
+            is_round &= gains[is_round].sum() > rate * (BYTES_OF_ROUND + BYTES_OF_LINE)
+        elif gains.sum() <= rate * BYTES_OF_ROUND:
+            is_round[:] = False
+        if not is_round.any() or is_round.all():
+            chosen.append(other if is_round.any() else layer)
+        else:
+            for one, kept in ((layer, ~is_round), (other, is_round)):
+                chosen.append(one.replace([one.paths[k] for k in np.flatnonzero(kept)]))
     return chosen
 
 
-def _rounded(layer: Layer) -> Layer:
+def _gain(gain: Floats, path: Path, width: float) -> float:
+    """Return by how much the squared error (h, w) falls near the ends of a line."""
+    return 0.0 if path.closed else float(gain[_near_ends(path, width, gain.shape)].sum())
+
+
+def rounded(layer: Layer) -> Layer:
     """Return a line with round ends, or the layer itself if it has no ends."""
     if layer.width == 0 or layer.cap or all(path.closed for path in layer.paths):
         return layer
@@ -60,13 +75,12 @@ def _shortened(path: Path, by: float) -> Path:
     return path._replace(segments=segments)
 
 
-def _near_ends(layer: Layer, shape: tuple[int, ...]) -> Bools:
+def _near_ends(path: Path, width: float, shape: tuple[int, ...]) -> Bools:
     """Return the pixels (h, w) near the ends of a line."""
-    mask = np.zeros(shape[:2], bool)
-    reach = layer.width + NEAR
-    for path in layer.paths:
-        for x, y in () if path.closed else (path.segments[0, 0], path.segments[-1, 3]):
-            low = np.maximum(np.floor([y - reach, x - reach]).astype(int), 0)
-            high = np.maximum(np.ceil([y + reach, x + reach]).astype(int), 0)
-            mask[low[0] : high[0], low[1] : high[1]] = True
+    mask = np.zeros(shape, bool)
+    reach = width + NEAR
+    for x, y in path.segments[0, 0], path.segments[-1, 3]:
+        low = np.maximum(np.floor([y - reach, x - reach]).astype(int), 0)
+        high = np.maximum(np.ceil([y + reach, x + reach]).astype(int), 0)
+        mask[low[0] : high[0], low[1] : high[1]] = True
     return mask

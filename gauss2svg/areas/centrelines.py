@@ -1,4 +1,4 @@
-"""Centrelines of thin parts: chains of pixels of a skeleton, moved to the middle of the part."""
+"""Centrelines: branches of the skeleton of a thin part, moved to its middle, and their widths."""
 
 from __future__ import annotations
 
@@ -7,16 +7,13 @@ import itertools
 import numpy as np
 from scipy import ndimage
 
-from gauss2svg.areas.kernels import Bools, Floats, inner, kernel
+from gauss2svg.areas.kernels import Bools, Floats, Ints, inner, kernel
 from gauss2svg.areas.masks import parts_of
 
-SPUR = 3  # pixels; shorter branches are noise of the skeleton
-STRAIGHT = -0.7  # largest cosine between two branches that go on as one line
-ARM = 6  # pixels from a junction by which the direction of a branch is measured
-ALIKE, ALIKE_SHARE = 0.25, 0.15  # px, and share of a width, by which widths of one line may differ
-HALF, ACROSS = 3.0, 0.25  # px across a line in which its width is measured, and the step there
-
-End = tuple[int, int]  # index of a branch, and 0 for its first pixel or 1 for its last one
+HALF, ACROSS = 4.0, 0.25  # px across a line in which its middle is looked for, and the step there
+RISE = 0.02  # rise of the share away from the middle of a line that is no other line beside it
+MOST_MOVE = 0.7  # px by which a point moves to the middle at once
+SMOOTHINGS = 2
 
 
 @inner
@@ -74,71 +71,22 @@ def trace_branches(on, degree, is_left, branch, start):
     return count
 
 
-def chains_of(skeleton: Bools, share: Floats) -> list[Floats]:
-    """Return the centrelines (n, 2) of a skeleton as x, y of pixel centres.
+def branches_of(skeleton: Bools) -> tuple[list[Floats], list[list[int]], Ints]:
+    """Return the branches (n, 2) of a skeleton, the junctions at their ends, and all junctions.
 
-    Short spurs are left out, and branches of about equal width that go straight on through a
-    junction are joined. The first point of a loop is also its last one.
+    Branches are x, y of pixel centres. A loop without a junction ends where it starts. Junctions
+    have labels (h, w) from 1 on. The end of a branch that is at none has 0.
     """
     on = np.pad(skeleton.astype(np.uint8), 1)
     degree, size = np.zeros_like(on), int(on.sum())
     pixels, start = np.empty((6 * size + 16, 2), np.int64), np.empty(4 * size + 8, np.int64)
     count = trace_branches(on, degree, np.zeros_like(on), pixels, start)
     junction, _ = parts_of(degree > 2)
-    branches: list[Floats] = []
-    junctions: dict[int, list[End]] = {}
+    branches, ends = [], []
     for a, b in itertools.pairwise(start[: count + 1]):
-        at = [int(junction[tuple(pixels[end])]) for end in (a, b - 1)]
-        if b - a > SPUR or bool(at[0]) == bool(at[1]) or count == 1:
-            for side in (0, 1):
-                if at[side]:
-                    junctions.setdefault(at[side], []).append((len(branches), side))
-            branches.append(pixels[a:b, ::-1] - 0.5)
-    link = _links(branches, list(junctions.values()), share)
-    lines: list[Floats] = []
-    used: set[int] = set()
-    for i in range(len(branches)):
-        if i in used:
-            continue
-        end, walked = (i, 0), {i}  # goes back to the beginning of the line
-        while end in link and link[end][0] not in walked:
-            before, side = link[end]
-            end = before, 1 - side
-            walked.add(before)
-        line, following = list[Floats](), end
-        while following is not None and following[0] not in used:
-            index, side = following
-            used.add(index)
-            line.append(branches[index][:: -1 if side else 1])
-            following = link.get((index, 1 - side))
-        points = np.concatenate(line)
-        is_new = np.append(True, (np.diff(points, axis=0) != 0).any(axis=1))
-        lines.append(points[is_new])
-    return lines
-
-
-def _links(branches: list[Floats], junctions: list[list[End]], share: Floats) -> dict[End, End]:
-    """Return the ends of branches that go on as one line, each with the other.
-
-    junctions  ends of branches that meet
-    """
-    width = [width_along(branch, share, False) for branch in branches]
-    link: dict[End, End] = {}
-    for ends in junctions:
-        ways = []
-        for i, side in ends:
-            branch = branches[i][:: -1 if side else 1]
-            way = branch[min(ARM, len(branch) - 1)] - branch[0]
-            ways.append(way / max(np.hypot(*way), 1e-9))
-        pairs = []
-        for (a, way), (b, other) in itertools.combinations(zip(ends, ways, strict=True), 2):
-            most = ALIKE + ALIKE_SHARE * min(width[a[0]], width[b[0]])
-            if a[0] != b[0] and abs(width[a[0]] - width[b[0]]) < most:
-                pairs.append((float(way @ other), a, b))
-        for cosine, a, b in sorted(pairs):
-            if (len(ends) == 2 or cosine < STRAIGHT) and a not in link and b not in link:
-                link[a], link[b] = b, a
-    return link
+        branches.append(pixels[a:b, ::-1] - 0.5)
+        ends.append([int(junction[tuple(pixels[at])]) for at in (a, b - 1)])
+    return branches, ends, junction[1:-1, 1:-1]
 
 
 def _normals(points: Floats, closed: bool) -> Floats:
@@ -152,22 +100,34 @@ def _normals(points: Floats, closed: bool) -> Floats:
     return np.stack([-along[:, 1], along[:, 0]], axis=1)
 
 
-def _profile(points: Floats, share: Floats, normal: Floats, places: Floats) -> Floats:
-    """Return the share (n, k) at places across a polyline, in px from it."""
+def _profile(points: Floats, share: Floats, closed: bool) -> tuple[Floats, Floats, Floats]:
+    """Return the normals (n, 2) of a polyline, and the shares (n, k) at places (k,) across it.
+
+    The share never rises away from the polyline, so that lines beside it do not count.
+    """
+    normal, places = _normals(points, closed), np.arange(-HALF, HALF + 0.01, ACROSS)
     at = points[:, None] + places[None, :, None] * normal[:, None]
-    padded = np.pad(share, 4)
-    return ndimage.map_coordinates(padded, [at[..., 1] + 3.5, at[..., 0] + 3.5], order=1)
+    padded = np.pad(share, 5)
+    profile = ndimage.map_coordinates(padded, [at[..., 1] + 4.5, at[..., 0] + 4.5], order=1)
+    middle = len(places) // 2
+    for i in range(1, middle + 1):
+        for side in (1, -1):
+            at, before = middle + side * i, middle + side * (i - 1)
+            profile[:, at] = np.minimum(profile[:, at], profile[:, before] + RISE)
+    return normal, places, profile
 
 
-def centred(points: Floats, share: Floats, closed: bool) -> Floats:
-    """Return the points of a polyline moved to the middle of a part, and smoothed."""
-    places = np.linspace(-2, 2, 17)
+def centred(points: Floats, share: Floats, closed: bool, reach: float) -> Floats:
+    """Return the points of a polyline moved to the middle of a part, and smoothed.
+
+    reach  px across the polyline in which the part is
+    """
     for _ in range(2):
-        normal = _normals(points, closed)
-        profile = _profile(points, share, normal, places)
+        normal, places, profile = _profile(points, share, closed)
+        profile = np.where(np.abs(places) <= reach, profile, 0)
         middle = (profile @ places) / np.maximum(profile.sum(axis=1), 1e-6)
-        points = points + np.clip(middle, -0.7, 0.7)[:, None] * normal
-        for _ in range(2 if len(points) > 4 else 0):
+        points = points + np.clip(middle, -MOST_MOVE, MOST_MOVE)[:, None] * normal
+        for _ in range(SMOOTHINGS if len(points) > 4 else 0):
             before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
             smooth = 0.25 * before + 0.5 * points + 0.25 * after
             if not closed:
@@ -176,13 +136,6 @@ def centred(points: Floats, share: Floats, closed: bool) -> Floats:
     return points
 
 
-def width_along(points: Floats, share: Floats, closed: bool) -> float:
-    """Return the width of a line: the median share across it, of the hump in the middle alone."""
-    places = np.arange(-HALF, HALF + 0.01, ACROSS)
-    profile = _profile(points, share, _normals(points, closed), places)
-    middle = len(places) // 2
-    for i in range(1, middle + 1):
-        for side in (1, -1):
-            at, before = middle + side * i, middle + side * (i - 1)
-            profile[:, at] = np.minimum(profile[:, at], profile[:, before] + 0.02)
-    return float(np.median(profile.sum(axis=1) * ACROSS))
+def widths_along(points: Floats, share: Floats, closed: bool) -> Floats:
+    """Return the width (n,) of a line at each point of its centreline: the share across it."""
+    return _profile(points, share, closed)[2].sum(axis=1) * ACROSS

@@ -138,24 +138,40 @@ def _line_through(points: Floats) -> tuple[Floats, Floats]:
 def first_path(points: Floats, weight_at: Weights, unit: float, rate: float) -> Path:
     """Return the first curves through a closed contour (n, 2)."""
     points = resampled(points)
-    n, corners = len(points), turns_of(points, CORNER_RAD)
+    points, corners = with_corners(points, turns_of(points, CORNER_RAD))
+    return fitted_path(points, corners, weight_at, unit, rate, True)
+
+
+def with_corners(
+    points: Floats, corners: Ints, closed: bool = True, cut: int = CUT
+) -> tuple[Floats, Ints]:
+    """Return a polyline (n, 2) whose corners are no longer rounded, and their indices in it.
+
+    cut  number of points before and after a corner by which it has been rounded
+    """
+    n = len(points)
     keep, moved = np.ones(n, bool), points.copy()
     gaps = np.diff(corners, append=corners[:1] + n)
     for i, corner in enumerate(corners):
-        reach = [min(LOOK, gap - CUT - 1) for gap in (gaps[i - 1], gaps[i])]
-        if min(reach) >= CUT + 2:
-            p, u = _line_through(points[(corner - np.arange(CUT, reach[0] + 1)) % n])
-            q, v = _line_through(points[(corner + np.arange(CUT, reach[1] + 1)) % n])
+        gap = [gaps[i - 1], gaps[i]]
+        if not closed:
+            gap = [min(gap[0], corner + cut), min(gap[1], n - 1 - corner + cut)]
+        reach = [min(LOOK + cut - CUT, one - cut - 1) for one in gap]
+        if min(reach) >= cut + 2:
+            p, u = _line_through(points[(corner - np.arange(cut, reach[0] + 1)) % n])
+            q, v = _line_through(points[(corner + np.arange(cut, reach[1] + 1)) % n])
             det = u[1] * v[0] - u[0] * v[1]
             if abs(det) > LEAST_SINE:
                 meeting = p + ((q - p)[1] * v[0] - (q - p)[0] * v[1]) / det * u
                 if np.hypot(*(meeting - points[corner])) < MOST_MOVE:
                     moved[corner] = meeting
-        away = np.arange(1, CUT)
+        away = np.arange(1, cut)
         keep[(corner - away) % n] = keep[(corner + away) % n] = False
     keep[corners] = True
+    if not closed:
+        keep[[0, -1]] = True
     index = np.cumsum(keep) - 1
-    return fitted_path(moved[keep], index[corners], weight_at, unit, rate, True)
+    return moved[keep], index[corners]
 
 
 def fitted_path(

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import ndimage
-from skimage.morphology import skeletonize
 
-from gauss2svg.areas.centrelines import centred, chains_of, width_along
+from gauss2svg.areas.caps import rounded
+from gauss2svg.areas.junctions import Chain, chains_of
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.masks import LEVEL, Box, dilated, distance_to, parts_of, pixels_of, widened
 from gauss2svg.areas.outlines import (
@@ -22,8 +22,10 @@ from gauss2svg.areas.outlines import (
     contours_of,
     first_path,
     fitted_path,
+    lengths_of,
     resampled,
     turns_of,
+    with_corners,
 )
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer
@@ -39,21 +41,30 @@ PRICE_OF_COLOR = 1e-4  # squared error for each pixel by which a new colour must
 # Photos have thousands of parts. The strongest parts, and the colours nearest to a part, decide.
 MOST_PARTS, MOST_COLORS = 1000, 24
 SAME_COLOR = 6 * LEVEL  # largest difference of a thin part's colour from one that it takes
-THICK = 2.4  # px; a disc of this radius fits into no thin part
-WIDEST = 3.6  # px; the largest width of a line
+# Px. A disc of radius THICK fits into no narrow part. One of radius WIDE fits into a wide part only
+# where lines cross.
+THICK, WIDE = 2.4, 3.2
+# Largest radius of a disc where lines cross, in their widths, and the largest area of a crossing,
+# in squares of this radius
+CROSSING, CROSSING_AREA = 0.85, 8.0
+WIDEST = 5.6  # px; the largest width of a line
 SEEN = 0.12  # least share of a pixel in a part
 MARGIN = 3  # px of a part's box around it
 UNDER = 8  # px around a line within which the region that lies under it is looked for
 LEAST_LEFT = 0.02  # share of a pixel below which other regions do not take the share of a line
 LEAST_SHARE, LEAST_LENGTH = 4.0, 2.5  # px^2 of a part, and length of a line in widths
-ALIKE_WIDTHS, ALIKE_SHARE = 0.15, 0.05  # px, and share of a width, by which equal widths differ
+# Px, share of a width, and px^2 divided by the length, by which equal widths differ
+ALIKE_WIDTHS, ALIKE_SHARE, ALIKE_ENDS = 0.05, 0.02, 1.5
 POINT_STEP = 0.6  # px between points of a centreline
 TURN_RAD = np.radians(38)  # least turn at a corner of a centreline
+ROUNDED = 5  # points before and after a corner of a centreline by which it has been rounded
 COMPARED_STEPS = 6  # steps of refinement before a stroke and outlines of a part are compared
 BYTES_OF_LINE, BYTES_OF_AREA = 12.0, 10.0  # size of tags, as far as parts do not share them
 # Outlines may be closer than a stroke only because they follow the errors of antialiasing. So they
-# must cost less by this factor.
-LINE_PRIOR = 2.0
+# must cost less by this factor. Wide parts, such as bars, are more often no lines.
+LINE_PRIOR, WIDE_PRIOR = 2.0, 1.0
+NO_LINE = 0.5  # squared error for a px of strokes above which these are not even refined
+NOISE_OF_LINE = 0.008  # squared error for a px of a stroke, which antialiasing of few levels causes
 
 
 class Line(NamedTuple):
@@ -128,11 +139,13 @@ def _paint_of_part(
 
 def _share_paints(paints: list[Paint], regions: int) -> None:
     """Let thin regions have the paint of an earlier region of nearly their colour."""
+    colors = np.array([paint.color for paint in paints])
+    colors[[paint.is_shaded for paint in paints]] = np.inf
     for k in range(regions, len(paints)):
-        for paint in paints[:k]:
-            if not paint.is_shaded and np.abs(paint.color - paints[k].color).max() <= SAME_COLOR:
-                paints[k] = paint
-                break
+        alike = np.abs(colors[:k] - colors[k]).max(axis=1, initial=0) <= SAME_COLOR
+        if alike.any():
+            paints[k] = paints[int(alike.argmax())]
+            colors[k] = paints[k].color
 
 
 class Part(NamedTuple):
@@ -142,12 +155,14 @@ class Part(NamedTuple):
     share      (h, w) of the pixels
     thick      (h, w) where regions of this paint are thick
     box        rows and columns of the picture
+    is_wide    whether some of it is too wide for a narrow part
     """
 
     names: list[int]
     share: Floats
     thick: Bools
     box: Box
+    is_wide: bool
 
     @property
     def corner(self) -> Floats:
@@ -165,12 +180,19 @@ def take_lines(
     """
     parts = thin_parts(shares, paints, letter_ground)
     lines, gone = list[Line](), list[Part]()
-    for part in sorted(parts, key=lambda part: -part.share.sum())[:MOST_PARTS]:
-        strokes = _chosen(pixels, part, paints[part.names[0]], weight_at, unit, rate)
-        if strokes:
-            lines += [Line(part.names[0], *stroke) for stroke in strokes]
-            gone.append(part)
     largest, is_gone = shares.largest, np.zeros(pixels.shape[:2], bool)
+    taken = np.full(is_gone.shape, -1)
+    # If a wide part has lines, the narrow parts in it are these lines.
+    parts.sort(key=lambda part: (not part.is_wide, -part.share.sum()))
+    for part in parts[:MOST_PARTS]:
+        name, own = part.names[0], part.share > 0.5
+        if not part.is_wide and (taken[part.box][own] == name).any():
+            continue
+        strokes = _chosen(pixels, part, paints[name], weight_at, unit, rate)
+        if strokes:
+            lines += [Line(name, *stroke) for stroke in strokes]
+            gone.append(part)
+            taken[part.box][own] = name
     for part in gone:
         is_gone[part.box] |= part.share > 0
     for part in gone:
@@ -186,11 +208,10 @@ def take_lines(
 
 
 def thin_parts(shares: Shares, paints: list[Paint], letter_ground: Ints) -> list[Part]:
-    """Return the thin parts of regions that have one colour.
+    """Return the thin parts of regions that have one colour, narrow ones and wide ones.
 
     The ground between letters is no part.
     """
-    disc = np.hypot(*np.mgrid[-2:3, -2:3]) < THICK
     classes: dict[Paint, list[int]] = {}
     for k, paint in enumerate(paints):
         if not paint.is_shaded:
@@ -198,16 +219,63 @@ def thin_parts(shares: Shares, paints: list[Paint], letter_ground: Ints) -> list
     parts = []
     for names in classes.values():
         share = shares.of(np.array(names))
-        opened: Any = ndimage.binary_opening(np.pad(share > 0.5, 3, mode="edge"), disc)[3:-3, 3:-3]
-        thick = dilated(opened)
-        thin = np.where(thick | np.isin(letter_ground, names), 0, share)
-        label, boxes = parts_of(thin > SEEN)
-        for q, tight in enumerate(boxes, 1):
-            box = widened(tight, MARGIN, share.shape)
-            own = np.where(label[box] == q, thin[box], 0)
-            if own.sum() >= LEAST_SHARE:
-                parts.append(Part(names, own, thick[box], box))
+        is_ground = np.isin(letter_ground, names)
+        thick = _thick(share, THICK)
+        if thick.any():
+            wide = _thick(share, WIDE) | is_ground
+            parts += [
+                part
+                for part in _parts(names, share, wide, is_wide=True)
+                if (thick[part.box] & (part.share > SEEN)).any()
+            ]
+        parts += _parts(names, share, thick | is_ground, is_wide=False)
     return parts
+
+
+def _parts(names: list[int], share: Floats, thick: Bools, is_wide: bool) -> list[Part]:
+    """Return the connected parts of the share (h, w) of regions that are not thick."""
+    thin = np.where(thick, 0, share)
+    label, boxes = parts_of(thin > SEEN)
+    parts = []
+    for q, tight in enumerate(boxes, 1):
+        box = widened(tight, MARGIN, share.shape)
+        own = np.where(label[box] == q, thin[box], 0)
+        if own.sum() >= LEAST_SHARE:
+            parts.append(Part(names, own, thick[box], box, is_wide))
+    return parts
+
+
+def _thick(share: Floats, radius: float) -> Bools:
+    """Return where discs of a radius lie within the share (h, w) of regions.
+
+    If the radius is WIDE, discs where lines cross are left out.
+    """
+    side = np.arange(-int(radius), int(radius) + 1)
+    disc, margin = np.hypot(side, side[:, None]) < radius, len(side)
+    solid = np.pad(share > 0.5, margin, mode="edge")
+    opened: Any = ndimage.binary_opening(solid, disc)
+    if radius == WIDE:
+        opened = _without_crossings(solid, opened)
+    return dilated(opened)[margin:-margin, margin:-margin]
+
+
+def _without_crossings(solid: Bools, thick: Bools) -> Bools:
+    """Return the thick parts (h, w) of a mask without those in which lines of it cross."""
+    part, boxes = parts_of(thick)
+    if not boxes:
+        return thick
+    thick = thick.copy()
+    for q, box in enumerate(boxes, 1):
+        wide = widened(box, 4, solid.shape)
+        own = part[wide] == q
+        radius: Any = ndimage.distance_transform_edt(np.pad(solid[wide], 1))
+        radius = radius[1:-1, 1:-1]
+        most = radius[own].max()
+        around = dilated(own, 3) & ~own
+        width = 2 * radius[around].max(initial=0) - 1
+        if most <= CROSSING * width + 0.5 and own.sum() <= CROSSING_AREA * most**2:
+            thick[wide][own] = False
+    return thick
 
 
 def _chosen(
@@ -223,9 +291,11 @@ def _chosen(
     contrast = float(((paint.color - ground) ** 2).sum())
     widths = dict.fromkeys(width for _, width in strokes)
     as_lines = [Layer(0, [path for path, w in strokes if w == width], width) for width in widths]
+    length = float(sum(lengths_of(path.segments).sum() for path, _ in strokes))
+    if _error(as_lines, part) > NO_LINE * length:
+        return []
     contours = contours_of(part.share, part.box, pixels.shape)
-    outlines = [first_path(contour, weight_at, unit, rate) for contour in contours]
-    as_areas = [Layer(0, outlines)] if outlines else []
+    as_areas = [Layer(0, [first_path(c, weight_at, unit, rate) for c in contours])] * bool(contours)
 
     def fitted_and_cost(layers: list[Layer], tag: float) -> tuple[Drawing, float]:
         drawing, error = _fitted(layers, part)
@@ -233,7 +303,18 @@ def _chosen(
         return drawing, contrast * error + rate * size
 
     lines, cost = fitted_and_cost(as_lines, BYTES_OF_LINE)
-    if cost >= LINE_PRIOR * fitted_and_cost(as_areas, BYTES_OF_AREA)[1]:
+    # Wide ends may be round, which is decided when all lines are known.
+    butt, with_round = (
+        _error([one.replace([p.moved(part.corner) for p in one.paths]) for one in layers], part)
+        for layers in (lines.current(), list(map(rounded, lines.current())))
+    )
+    cost -= contrast * max(butt - with_round, 0.0)
+    noise = contrast * NOISE_OF_LINE * length
+    cost = max(cost - noise, 0.0)
+    if part.is_wide and cost > noise:
+        return []
+    prior = WIDE_PRIOR if part.is_wide else LINE_PRIOR
+    if cost >= prior * fitted_and_cost(as_areas, BYTES_OF_AREA)[1]:
         return []
     return [
         (path.moved(part.corner), layer.width) for layer in lines.current() for path in layer.paths
@@ -244,50 +325,71 @@ def _strokes(part: Part, weight_at: Weights, unit: float, rate: float) -> list[t
     """Return the paths and widths of strokes along a thin part, or none if it is no line."""
     seen = part.share[part.share > 0.05]
     level = min(0.35, 0.4 * float(np.percentile(seen, 85)))
-    chains = chains_of(skeletonize(part.share > level), part.share)
-    length = sum(np.hypot(*np.diff(chain, axis=0).T).sum() + 0.7 for chain in chains)
+    chains = chains_of(part.share > level, part.share)
+    lines = [chain.points if chain.closed else _extended(chain, part) for chain in chains]
+    length = sum(np.hypot(*np.diff(points, axis=0).T).sum() for points in lines)
     width = part.share.sum() / max(length, 1e-9)
     if width > WIDEST or length < max(LEAST_SHARE, LEAST_LENGTH * width):
         return []
     strokes = []
-    for chain in chains:
-        is_loop = len(chain) > 6 and bool((chain[0] == chain[-1]).all())
-        points = centred(chain[:-1] if is_loop else chain, part.share, is_loop)
-        wide = width_along(points, part.share, is_loop)
-        if wide >= 1.2 * WIDEST:
+    for chain, points in zip(chains, lines, strict=True):
+        if chain.width >= 1.2 * WIDEST:
             continue
-        if not is_loop:
-            points = _extended(points, part.thick)
-        points = resampled(points, POINT_STEP, is_loop) + part.corner
-        corners = turns_of(points, TURN_RAD, is_loop)
-        strokes.append((fitted_path(points, corners, weight_at, unit, rate, is_loop), wide))
+        points = resampled(points, POINT_STEP, chain.closed) + part.corner
+        corners = turns_of(points, TURN_RAD, chain.closed)
+        points, corners = with_corners(points, corners, chain.closed, ROUNDED)
+        path = fitted_path(points, corners, weight_at, unit, rate, chain.closed)
+        strokes.append((path, chain.width))
     return strokes
 
 
-def _extended(points: Floats, thick: Bools) -> Floats:
-    """Return a polyline whose ends reach to the end of the share, or under a thick part."""
-    points = points.copy()
-    h, w = thick.shape
-    for end, inner in ((0, min(3, len(points) - 1)), (-1, max(len(points) - 4, 0))):
-        way = points[end] - points[inner]
+def _extended(chain: Chain, part: Part) -> Floats:
+    """Return a polyline whose free ends reach to the end of the share, or under a thick part."""
+    points = chain.points
+    h, w = part.thick.shape
+    for is_free in chain.is_free:
+        points = points[::-1]  # so that the end in question is the last one, and then the other
+        if not is_free:
+            continue
+        arm = min(2 + round(chain.width), len(points) - 1)
+        way = points[-1] - points[-1 - arm]
         way = way / max(np.hypot(*way), 1e-9)
-        x, y = points[end] + 2 * way
-        is_thick = thick[int(np.clip(y, 0, h - 1)), int(np.clip(x, 0, w - 1))]
-        points[end] += (2.0 if is_thick else 0.4) * way
+        ahead = np.arange(0.0, chain.width + 2.5, 0.25)
+        across = chain.width * np.array([-0.25, 0.0, 0.25])
+        at = points[-1] + ahead[:, None, None] * way + across[:, None] * (way[1], -way[0])
+        share = ndimage.map_coordinates(part.share, [at[..., 1] - 0.5, at[..., 0] - 0.5], order=1)
+        share = np.minimum.accumulate(share.mean(axis=1) / max(share[0].mean(), 1e-6))
+        x, y = points[-1] + 2 * way
+        is_thick = part.thick[int(np.clip(y, 0, h - 1)), int(np.clip(x, 0, w - 1))]
+        reach = 2.0 if is_thick else float(share.sum() * 0.25 - 0.125)
+        points = np.vstack([points, points[-1] + max(reach, 0.1) * way])
     return points
 
 
-def _fitted(layers: list[Layer], part: Part) -> tuple[Drawing, float]:
-    """Return a drawing of a part's share, refined a little, and its squared error.
+def _drawing(layers: list[Layer], part: Part) -> Drawing:
+    """Return a drawing of a part's share.
 
     Where the same colour is thick, what the layers draw does not matter.
     """
     moved = [layer.replace([p.moved(-part.corner) for p in layer.paths]) for layer in layers]
-    target, is_open = part.share[..., None].astype(np.float32), ~part.thick[..., None]
+    target = part.share[..., None].astype(np.float32)
     drawing = Drawing(target, Paint(np.zeros(1)), [Paint(np.ones(1))], moved, False)
-    drawing.pixels = np.where(is_open, target, drawing.draw())
+    drawing.pixels = np.where(part.thick[..., None], drawing.draw(), target)
+    return drawing
+
+
+def _fitted(layers: list[Layer], part: Part) -> tuple[Drawing, float]:
+    """Return a drawing of a part's share, refined a little, and its squared error."""
+    drawing = _drawing(layers, part)
     drawing.refine(COMPARED_STEPS, colors=False)
-    return drawing, float(((drawing.draw() - target)[is_open] ** 2).sum())
+    error = (drawing.draw()[..., 0] - part.share)[~part.thick]
+    return drawing, float((error**2).sum())
+
+
+def _error(layers: list[Layer], part: Part) -> float:
+    """Return the squared error of layers as they are."""
+    drawing = _drawing(layers, part)
+    return float(((drawing.draw() - drawing.pixels) ** 2).sum())
 
 
 def _release(shares: Shares, at: tuple[Ints, Ints], names: list[int], under: Ints) -> None:
@@ -304,24 +406,23 @@ def _release(shares: Shares, at: tuple[Ints, Ints], names: list[int], under: Int
 
 
 def grouped(lines: list[Line], paints: list[Paint]) -> list[Layer]:
-    """Return a layer for lines of one colour and nearly one width, with their mean width."""
-    groups: list[list[Line]] = []
-    for line in sorted(lines, key=lambda line: -len(line.path.curved)):
-        for group in groups:
-            mean = _mean_width(group)
-            is_same = paints[group[0].region] is paints[line.region]
-            if is_same and abs(line.width - mean) < ALIKE_WIDTHS + ALIKE_SHARE * mean:
-                group.append(line)
+    """Return a layer for lines of one colour and nearly one width, with their mean width.
+
+    The width of a shorter line is less exact.
+    """
+    layers = list[Layer]()
+    known: dict[Paint, list[tuple[float, Layer]]] = {}  # layers with the length of their lines
+    sized = [(float(lengths_of(line.path.segments).sum()), line) for line in lines]
+    for length, line in sorted(sized, key=lambda one: -one[0]):
+        alike = known.setdefault(paints[line.region], [])
+        for k, (total, layer) in enumerate(alike):
+            most = ALIKE_WIDTHS + ALIKE_SHARE * layer.width + ALIKE_ENDS / max(length, 1.0)
+            if abs(line.width - layer.width) < most:
+                layer.paths.append(line.path)
+                layer.width += (line.width - layer.width) * length / (total + length)
+                alike[k] = total + length, layer
                 break
         else:
-            groups.append([line])
-    return [
-        Layer(group[0].region, [line.path for line in group], _mean_width(group))
-        for group in groups
-    ]
-
-
-def _mean_width(lines: list[Line]) -> float:
-    """Return the mean width of lines, weighted by their numbers of segments."""
-    sizes = [len(line.path.curved) for line in lines]
-    return float(np.average([line.width for line in lines], weights=sizes))
+            layers.append(Layer(line.region, [line.path], line.width))
+            alike.append((length, layers[-1]))
+    return layers

@@ -1,0 +1,145 @@
+"""Properties of the lines that are found in pictures of known lines."""
+
+import numpy as np
+import pytest
+
+from gauss2svg.areas.find import find_areas
+from gauss2svg.render.areas import draw_areas
+from gauss2svg.scene.areas import CAPS, Area, Outline
+
+SIDE = 128
+INK = {"on white": ((0.07, 0.07, 0.07), 1.0), "on dark": ((0.94, 0.82, 0.38), 0.12)}
+
+
+def line(*points: tuple[float, float], closed: bool = False) -> Outline:
+    return Outline(points, (False,) * (len(points) - 1 + closed), closed)
+
+
+def curve(*points: tuple[float, float]) -> Outline:
+    return Outline(points, (True,), closed=False)
+
+
+def found(areas, page: float = 1.0):
+    """Return the areas that are found in the picture of some areas on a grey page."""
+    image = np.full((SIDE, SIDE, 3), page)
+    draw_areas(areas, image)
+    return find_areas(image.astype(np.float32)).areas
+
+
+def strokes(areas):
+    """Return the width of each stroke, its cap and its two ends, from left to right."""
+    assert all(area.is_line for area in areas)
+    rows = []
+    for area in areas:
+        for outline in area.outlines:
+            ends = sorted((outline.points[0], outline.points[-1]))
+            rows.append((area.width, area.cap, *ends))
+    return sorted(rows, key=lambda row: row[2:])
+
+
+def check(areas, others, within: float = 0.6) -> None:
+    """Check that there are the same strokes: widths within a tenth, and ends within some px."""
+    expected, rows = strokes(areas), strokes(others)
+    assert len(rows) == len(expected)
+    for width, _, *ends in expected:
+        away, k = min((np.abs(np.array(ends) - row[2:]).max(), k) for k, row in enumerate(rows))
+        assert away < within
+        assert rows.pop(k)[0] == pytest.approx(width, rel=0.1)
+
+
+@pytest.mark.parametrize("ink", INK)
+@pytest.mark.parametrize("width", [1.5, 2, 3, 5])
+def test_a_line_goes_on_through_crossings(width, ink):
+    color, page = INK[ink]
+    outlines = (
+        line((10.3, 20.7), (116, 34.2)),
+        line((12, 62), (76.5, 12)),
+        curve((15, 108), (45, 48), (75, 132), (115, 70)),
+        curve((30, 12), (52, 85), (84, 28), (104, 118)),
+    )
+    areas = [Area((outline,), color, width=width) for outline in outlines]
+    others = found(areas, page)
+    check(areas, others)
+    assert len({area.width for area in others}) == 1  # nearly equal widths are equal
+
+
+@pytest.mark.parametrize("width", [1.5, 2.5, 4])
+@pytest.mark.parametrize("degrees", [25, 45, 65, 90])
+def test_lines_cross_at_any_angle(width, degrees):
+    x, y = 50 * np.cos(np.radians(degrees / 2)), 50 * np.sin(np.radians(degrees / 2))
+    middle = 64.2
+    outlines = [line((middle - x, middle - s * y), (middle + x, middle + s * y)) for s in (1, -1)]
+    check(areas := [Area((o,), INK["on white"][0], width=width) for o in outlines], found(areas))
+
+
+def test_lines_of_two_widths_cross():
+    color = INK["on white"][0]
+    areas = [
+        Area((line((10, 40), (118, 52.3)),), color, width=3),
+        Area((curve((20, 10), (30, 70), (80, 80), (100, 14)),), color, width=1.5),
+    ]
+    check(areas, found(areas))
+
+
+def test_a_line_may_end_at_another():
+    color = INK["on white"][0]
+    outlines = (line((10, 30.3), (118, 31)), line((62.4, 30.6), (58.1, 110)))
+    areas = [Area((outline,), color, width=2) for outline in outlines]
+    check(areas, found(areas), 1.2)
+
+
+def test_three_lines_may_meet():
+    middle, color = (64.2, 60.4), INK["on white"][0]
+    arms = [line(middle, end) for end in ((20.0, 24.5), (106.1, 30.2), (63.0, 115.0))]
+    others = strokes(found([Area((arm,), color, width=2.5) for arm in arms]))
+    ends = np.array([end for row in others for end in row[2:]])
+    assert len(others) <= 3
+    for arm in arms:
+        assert np.hypot(*(ends - arm.points[1]).T).min() < 0.6
+    assert all(row[0] == pytest.approx(2.5, rel=0.1) for row in others)
+
+
+@pytest.mark.parametrize("width", [3, 5])
+def test_ends_are_round_or_butt_as_they_are(width):
+    color = INK["on white"][0]
+    areas = [
+        Area((line((20, y), (104, y + 9)),), color, width=width, cap=cap)
+        for y, cap in zip((20, 45.3, 70.2), CAPS, strict=True)
+    ]
+    rows = sorted(strokes(found(areas)), key=lambda row: row[2][1])
+    # A square end is a butt end that is longer by half of the width.
+    assert [row[1] for row in rows] == ["butt", "round", "butt"]
+    for area, (_, _, (x, _), _) in zip(areas, rows, strict=True):
+        assert x == pytest.approx(20 - (area.cap == "square") * width / 2, abs=0.35)
+
+
+@pytest.mark.parametrize(("width", "dash", "gap"), [(1.5, 7, 5), (2, 9, 6), (3, 12, 8)])
+def test_dashes_stay_dashes(width, dash, gap):
+    way = np.array([np.cos(0.2), np.sin(0.2)])
+    starts = [np.array([12.0, 40.3]) + k * (dash + gap) * way for k in range(5)]
+    outlines = tuple(line(tuple(a), tuple(a + dash * way)) for a in starts)
+    areas = [Area(outlines, INK["on white"][0], width=width)]
+    others = found(areas)
+    check(areas, others, 0.5)
+    assert len(others) == 1
+
+
+@pytest.mark.parametrize(("least", "most"), [(1.5, 4.5), (2, 3), (2, 4)])
+def test_a_line_whose_width_changes_is_an_area(least, most):
+    t = np.linspace(0, 1, 60)
+    middle = np.stack([12 + 104 * t, 50 + 12 * np.sin(3 * t)], axis=1)
+    half = 0.5 * (least + (most - least) * np.sin(np.pi * t) ** 2)[:, None]
+    across = np.gradient(middle, axis=0)[:, ::-1] * [-1, 1]
+    across /= np.hypot(*across.T)[:, None]
+    sides = np.concatenate([middle + half * across, (middle - half * across)[::-1]])
+    others = found([Area((line(*map(tuple, sides), closed=True),), INK["on white"][0])])
+    assert [area.is_line for area in others] == [False]
+
+
+def test_a_corner_of_a_line_is_a_node():
+    zigzag = line((12, 100), (40.3, 40), (60, 84), (84.2, 30), (112, 100))
+    (area,) = found([Area((zigzag,), INK["on white"][0], width=3)])
+    nodes = np.array(area.outlines[0].points)
+    assert len(area.outlines) == 1
+    for corner in zigzag.points:
+        assert np.hypot(*(nodes - corner).T).min() < 0.4
