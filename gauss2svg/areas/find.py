@@ -241,6 +241,15 @@ def with_opacity(paints: list[Paint], opacity: Floats, is_opaque: Bools) -> list
 
 def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
     """Return the areas of a drawing as they are now."""
+    areas, background = shown_areas(drawing)
+    error = ((drawing.draw() - drawing.picture) ** 2).mean(axis=-1)
+    explained = float((3 * error <= EXPLAINED).mean())
+    psnr = -10 * math.log10(max(float(error.mean()), LEAST_ERROR))
+    return FoundAreas(areas, background, explained, psnr, find_s, refine_s, drawing)
+
+
+def shown_areas(drawing: Drawing) -> tuple[tuple[Area, ...], tuple[float, float, float] | None]:
+    """Return the areas of a drawing as they are now, and the colour below them."""
     h, w, channels = drawing.shape
     areas = []
     for layer in drawing.current():
@@ -256,7 +265,4 @@ def areas_of(drawing: Drawing, find_s: float, refine_s: float) -> FoundAreas:
         if drawing.ground.gradient is not None:
             page = Outline(((0, 0), (w, 0), (w, h), (0, h)), (False,) * 4)
             areas.insert(0, Area((page,), drawing.ground.gradient))
-    error = ((drawing.draw() - drawing.picture) ** 2).mean(axis=-1)
-    explained = float((3 * error <= EXPLAINED).mean())
-    psnr = -10 * math.log10(max(float(error.mean()), LEAST_ERROR))
-    return FoundAreas(tuple(areas), background, explained, psnr, find_s, refine_s, drawing)
+    return tuple(areas), background

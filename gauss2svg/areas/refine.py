@@ -117,6 +117,8 @@ class Drawing:
         self.picture = self.pixels if picture is None else picture
         self.ground, self.paints = ground, paints
         self.layers = layers
+        # Function that rasterises the drawing as its file will be. None: coverage is exact
+        self.rasterize: Callable[[], NDArray[np.float32]] | None = None
         self.noise = 0.0  # mean squared distance in px by which outlines seem to be off
         self.shape = pixels.shape
         paths = [path for layer in layers for path in layer.paths]
@@ -205,7 +207,10 @@ class Drawing:
             self.width, self.cap, self._opacity, form, place, table, self.box, self.offset,
             self._buffers.sums, canvas, self.cover, self.below,
         )  # fmt: skip
-        return canvas
+        if self.rasterize is None:
+            return canvas
+        del canvas  # a raster takes much memory
+        return self.rasterize()
 
     def weigh(self) -> None:
         """Write what shows of layers, `visible` (m,), and the derivatives `weight` (m, c).

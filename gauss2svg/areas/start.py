@@ -45,6 +45,16 @@ def refined_areas(
     """
     whole = channels_of(picture)
     pixels = without_shading(whole) if shaded else whole
+    return refined(drawing_of(pixels, whole, areas, background), rate, unit, progress)
+
+
+def drawing_of(
+    pixels: Floats, whole: Floats, areas: Sequence[Area], background: Floats | None
+) -> Drawing:
+    """Return the drawing of areas over a background.
+
+    pixels, whole  (h, w, c) channels of the picture to which they are fitted, and of all of it
+    """
     channels = pixels.shape[2]
     paints: dict[object, int] = {}
     table, layers = list[Paint](), list[Layer]()
@@ -63,8 +73,7 @@ def refined_areas(
         cap = CAPS.index(area.cap)
         layers.append(Layer(paints[key], paths, area.width, cap))
     ground = Paint(np.array(background)) if channels == 3 else transparent_paint()
-    drawing = Drawing(pixels, ground, table, layers, picture=whole)
-    return refined(drawing, rate, unit, progress)
+    return Drawing(pixels, ground, table, layers, picture=whole)
 
 
 def _paint(area: Area, channels: int) -> Paint:

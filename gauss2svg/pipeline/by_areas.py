@@ -24,6 +24,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.areas.find import (
     RATE,
@@ -34,6 +35,7 @@ from gauss2svg.areas.find import (
     coarser,
     find_areas,
 )
+from gauss2svg.areas.rastered import as_rasterized
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
@@ -47,14 +49,15 @@ from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
 from gauss2svg.pipeline.run import Run
+from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import ABOVE, Scene
-from gauss2svg.scene.areas import AreaCounts
+from gauss2svg.scene.areas import Area, AreaCounts
 from gauss2svg.scene.scene import PARAMETERS
-from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION
+from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, SvgFormat
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import ordered_svg
 
-TRIES = 6  # largest number of rates that are tried
+TRIES = 6  # largest number of rates that are tried, or half of it if no file is within the limit
 FULL = 0.9  # no rate between two others is tried if a file uses at least this share of the limit
 # If a file is k times as large as the limit, the rate is multiplied by k ** STEEPNESS, but by at
 # least LEAST_RAISE and at most MOST_RAISE.
@@ -167,7 +170,7 @@ class ByAreas:
         reason = "max_bytes" if self._is_cut else "gain"
         reason = "interrupted" if run.ended else "time_limit" if self._is_late else reason
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
-        alone = self._outcome(trial, fitted)
+        alone = self._outcome(self._rastered(trial), fitted)
         if self._ends() or not self._wants_gaussians(trial):
             return alone
         start = subject.start
@@ -239,6 +242,28 @@ class ByAreas:
             self._shapes_alone[count] = shapes.error - shapes.saved
         return self._shapes_alone[count] < SHAPES_ALONE * error
 
+    def _rastered(self, trial: _Trial) -> _Trial:
+        """Return a trial whose areas are fitted to what resvg draws, if there are areas alone."""
+        ground, found, renderer = trial.ground, trial.found, self._plan.options.run.renderer
+        # Other renderers take too long for a step of a fit.
+        if renderer != "resvg" or len(ground) or not found.areas or self._ends():
+            return trial
+
+        def rasterize(areas: tuple[Area, ...]) -> NDArray[np.float32]:
+            file = SvgFormat(markup=MINIMAL, precision=self._unit)
+            svg = ordered_svg(ground.replace(areas=areas), file, Document())
+            return rasterize_like(svg, self._subject.working, renderer)
+
+        areas = as_rasterized(self._subject.working, found.areas, found.background, rasterize)
+        if areas is found.areas:
+            return trial
+        scene = ground.replace(areas=areas)
+        export = self._exporter.unscored(scene)
+        if export.size > self._limit:
+            return trial
+        found = dataclasses.replace(found, areas=areas)
+        return dataclasses.replace(trial, found=found, ground=scene, export=export)
+
     def _wants_gaussians(self, trial: _Trial) -> bool:
         """Return whether Gaussians are fitted above the areas of a trial."""
         if len(trial.ground) >= self._most:
@@ -305,7 +330,7 @@ class ByAreas:
         """
         best, rate, self._is_cut = None, RATE, True
         low, high = RATE, math.inf  # highest rate of a file beyond the limit, lowest of one within
-        while self._tries < TRIES and not self._ends():
+        while self._tries < (2 * TRIES if best is None else TRIES) and not self._ends():
             if high < math.inf:
                 rate = math.sqrt(low * high)
             else:

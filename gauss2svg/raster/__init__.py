@@ -195,7 +195,9 @@ def from_png(png: bytes) -> NDArray[np.float32]:
     # strangers. The size of this image is no danger, because it is the size that the caller
     # requested.
     with PngImageFile(io.BytesIO(png)) as picture:
-        return np.array(picture.convert("RGBA"), np.float32) / np.float32(255)
+        pixels = np.array(picture.convert("RGBA"), np.float32)
+    pixels /= np.float32(255)
+    return pixels
 
 
 def _checked(name: str) -> str:
