@@ -44,6 +44,7 @@ from gauss2svg.pipeline.export import Export, Exporter
 from gauss2svg.pipeline.plan import (
     CAP_FOR_TARGET,
     GZIPPED_SHARE,
+    USUAL_BYTES,
     Aim,
     Plan,
 )
@@ -168,6 +169,7 @@ class Limits(DensificationPolicy):
         # Above areas, a byte of a shape must save as much squared error as one of an area.
         decides = aim or goal.byte_limit is not None or goal.count is not None
         self._least_saved = 0.0 if decides else plan.rate * usual / (3 * pixels)
+        self._usual_gain = plan.preset.gain * (USUAL_BYTES / 1000)
         if plan.only_time_limits:
             self.expected = int(min(cap, budget.most_gaussians(0.0)))
             self._first = max(FIRST_ROUND, self.expected >> (schedule.ROUNDS - 1))
@@ -181,6 +183,8 @@ class Limits(DensificationPolicy):
         self._measured_from = MEASURED_FROM  # count at which growth measures the bytes of a shape
         # Largest count at which one more kilobyte still gains as many dB as the preset demands.
         self._paying_count = math.inf
+        self._converges_above = CONVERGES_ABOVE
+        self._usual_count = 0.0  # the same above areas, if these are no closer than the preset asks
         self._aim = aim or Aim(PSNR, plan.stop_psnr, ENOUGH)  # score that corrections aim at
 
     def grow(self, now: Snapshot) -> int:
@@ -199,14 +203,19 @@ class Limits(DensificationPolicy):
         if self._least_saved:
             self.least_gain = 10 * math.log10(1 + self._least_saved * 10 ** (now.psnr / 10))
         last, self._last = self._last, now
+        if last is None and self._plan.rate:
+            # Only shapes converge, and areas are drawn from the first step on.
+            self._converges_above = max(CONVERGES_ABOVE, now.psnr)
         if last is not None:
-            psnr += CONVERGES_AFTER_ROUND * max(psnr - CONVERGES_ABOVE, 0.0)
+            psnr += CONVERGES_AFTER_ROUND * max(psnr - self._converges_above, 0.0)
             self._learn(now, last)
         wanted = self._wanted(now.count, psnr, counts)
         if wanted >= LEAST_ROUND * now.count and wanted:
             return min(math.ceil(wanted), max(2 * now.count, self._first))
         if self.stop_reason == "gain":
-            if last is not None and last == self._before_leap:
+            # Above areas, a leap may gain what the preset asks, but less than the price of a byte.
+            goes_back = not self._least_saved or wanted <= now.count / LEAP
+            if last is not None and last == self._before_leap and goes_back:
                 self._paying_count = last.count
                 return last.count
             leap = int(min(counts.values())) // 4
@@ -228,7 +237,7 @@ class Limits(DensificationPolicy):
         if self._plan.only_time_limits:
             in_time = min(in_time, now.count)
         rate = CONVERGES_AFTER[max(bisect(ADJUST_AT, now.done) - 1, 0)]
-        psnr = now.psnr + rate * max(now.psnr - CONVERGES_ABOVE, 0.0)
+        psnr = now.psnr + rate * max(now.psnr - self._converges_above, 0.0)
         # The palette is chosen before it costs this loss, so at a PSNR that is higher by it.
         counts = self._counts(now, in_time, psnr + self._plan.preset.color_loss)
         wanted = self._wanted(now.count, psnr, counts)
@@ -300,6 +309,8 @@ class Limits(DensificationPolicy):
         if self.least_gain:
             # At this count, one more kilobyte gains exactly as many dB as the preset demands.
             self._paying_count = rise / (self.least_gain * math.log(2))
+            if self._least_saved:
+                self._usual_count = rise / (self._usual_gain * math.log(2))
             if last == self._before_leap and gain >= self.least_gain * added:
                 self._paying_count = last.count + added / (1 - 10 ** (-gain / 10))
 
@@ -317,7 +328,11 @@ class Limits(DensificationPolicy):
         needed = 0.0 if psnr >= self._psnr else math.inf
         if count:
             needed = count * 2 ** min((self._psnr - psnr) / self.slope, 60.0)
-        counts = {self._psnr_reason: needed, **counts, "gain": self._paying_count}
+        # Up to the PSNR of the preset, shapes above areas must gain no more than other shapes.
+        doublings = (self._plan.preset.stop_psnr - psnr) / self.slope
+        usual = min(self._usual_count, count * 2 ** min(doublings, 60.0))
+        paying = max(self._paying_count, usual)
+        counts = {self._psnr_reason: needed, **counts, "gain": paying}
         self.stop_reason = min(counts, key=counts.__getitem__)
         return counts[self.stop_reason]
 
