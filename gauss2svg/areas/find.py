@@ -82,9 +82,8 @@ def find_areas(
     most_cores  raise NoDrawingError if the picture has more cores. None: never
     """
     started = time.perf_counter()
-    if progress is not None:
-        progress(0.0, None)
-    drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores)
+    poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
+    drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll)
     find_s = time.perf_counter() - started
     return _refined(drawing, STEPS, rate, unit, find_s, 0.0, progress)
 
@@ -157,39 +156,49 @@ def opacity_of(color: Floats) -> float:
 
 
 def first_drawing(
-    picture: Floats, unit: float, rate: float, shaded: bool = False, most_cores: int | None = None
-) -> Drawing:
-    """Return a drawing of a picture, whose outlines have not been refined yet."""
-    pixels, ground, paints, layers = first_layers(picture, unit, rate, shaded, most_cores)
+    picture: Floats, unit: float, rate: float, shaded: bool = False, most_cores: int | None = None,
+    poll: Callable[[], None] = lambda: None,
+) -> Drawing:  # fmt: skip
+    """Return a drawing of a picture, whose outlines have not been refined yet.
+
+    poll  function that is called often. An exception ends the search
+    """
+    pixels, ground, paints, layers = first_layers(picture, unit, rate, shaded, most_cores, poll)
     drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
 
 def first_layers(
-    picture: Floats, unit: float, rate: float, shaded: bool, most_cores: int | None
-) -> tuple[Floats, Paint, list[Paint], list[Layer]]:
+    picture: Floats, unit: float, rate: float, shaded: bool, most_cores: int | None,
+    poll: Callable[[], None],
+) -> tuple[Floats, Paint, list[Paint], list[Layer]]:  # fmt: skip
     """Return a picture without its photos, its ground, and the paints and the layers above it."""
+    poll()
     cores, count = cores_of(picture)
     pixels = with_even_photos(picture, cores)
     if shaded:
         pixels = without_shading(pixels)
     if pixels is not picture:
         cores, count = cores_of(pixels)
+    poll()
     cores, count = without_edge_shades(pixels, cores, count)
+    poll()
     if most_cores is not None and count > most_cores:
         raise NoDrawingError
     if not count:  # no two pixels are alike
         return pixels, Paint(np.median(pixels, axis=(0, 1))), [], []
     paints = paints_of(pixels, cores, count)
     join_parts_of_gradients(pixels, cores, paints)
+    poll()
     labels = grown(pixels, cores)
     palette = Palette.of(paints)
     shares = shares_of(pixels, cores, labels, palette)
     letter_ground = add_letters(pixels, cores, labels, shares, paints)
     palette = Palette.of(paints)
+    poll()
     add_thin_regions(pixels, cores, labels, shares, paints, palette)
     weight_at = contrast_of(pixels)
-    lines = take_lines(pixels, shares, paints, weight_at, unit, rate, letter_ground)
+    lines = take_lines(pixels, shares, paints, weight_at, unit, rate, letter_ground, poll)
     labels = join_touching(shares, paints)
     opacity = np.array([opacity_of(paint.color) for paint in paints])
     ground = ground_of(labels, paints, opacity)
@@ -197,6 +206,7 @@ def first_layers(
     is_opaque = opacity > 1 - 2 * LEAST_OPACITY
     layers, curve_rate = [], min(rate, RATE)  # coarse first curves would be refined less well
     for mask in masks_of(labels, shares, len(paints), is_ground, ~is_opaque):
+        poll()
         contours = contours_of(mask.share, mask.box, pixels.shape)
         paths = [first_path(c, weight_at, unit, curve_rate) for c in contours]
         if paths:

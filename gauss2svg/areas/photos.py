@@ -18,7 +18,7 @@ from gauss2svg.areas.regions import bend_of
 
 CLEAN = 5  # px; width of a block of one colour. Smaller ones also occur in noise
 SEED = 33  # px; text, hatching and the waves of JPEG leave no larger square without such a block
-WINDOW, LEAST = 17, 97  # px; widths of squares that make up a part, and of one that it must have
+WINDOW, LEAST = 17, 65  # px; widths of squares that make up a part, and of one that it must have
 MOST_OUTSIDE = 0.3  # largest share of exact blocks in a core that belongs to a textured part
 SEED_SHARE = (
     0.2  # least share of a part in squares of SEED px. Where noise is faint, areas are found

@@ -7,6 +7,7 @@ than outlines.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -172,11 +173,12 @@ class Part(NamedTuple):
 
 def take_lines(
     pixels: Floats, shares: Shares, paints: list[Paint], weight_at: Weights, unit: float,
-    rate: float, letter_ground: Ints,
+    rate: float, letter_ground: Ints, poll: Callable[[], None],
 ) -> list[Line]:  # fmt: skip
     """Return the lines of a picture, and give their shares to what lies beside or under them.
 
     letter_ground  (h, w) region below and beside letters, -1 elsewhere. It is no line there
+    poll  function that is called for each part. An exception ends the search
     """
     parts = thin_parts(shares, paints, letter_ground)
     lines, gone = list[Line](), list[Part]()
@@ -188,6 +190,7 @@ def take_lines(
         name, own = part.names[0], part.share > 0.5
         if not part.is_wide and (taken[part.box][own] == name).any():
             continue
+        poll()
         strokes = _chosen(pixels, part, paints[name], weight_at, unit, rate)
         if strokes:
             lines += [Line(name, *stroke) for stroke in strokes]

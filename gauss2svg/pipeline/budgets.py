@@ -253,6 +253,8 @@ STARTS = {"chromium": 2.0, "firefox": 2.0, "inkscape": 2.0}
 # fit has more Gaussians instead. For a photo, doubling the number of Gaussians improves the picture
 # more than doubling the number of steps does.
 STEPS = 100
+# With a time limit, areas are searched in a picture of so many pixels for each second.
+AREA_PIXELS_A_SECOND = 40_000
 STEPS_OF_DRAWING = 180  # number of steps that a fit to a drawing should have
 # At most this share of the time is reserved for the export. If the export needs more, Gaussians are
 # removed.

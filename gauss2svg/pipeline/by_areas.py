@@ -45,6 +45,7 @@ from gauss2svg.pipeline.area_colors import with_solved_colors
 from gauss2svg.pipeline.below import with_gaussians_below
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Export, Exporter
+from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
@@ -78,9 +79,12 @@ FILLED = 0.8  # share of the bytes left by areas that Gaussians take, without th
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
 LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this number
 # Shapes alone are tried too if areas leave errors that can be seen, and a trial of as many bytes of
-# shapes leaves less than SHAPES_ALONE times their squared error. If there are over MANY areas, this
-# is tested before they are refined, and they are expected to keep UNREFINED of their error.
-SHAPES_ALONE, MANY, UNREFINED = 2.0, 150, 0.4
+# shapes leaves less than SHAPES_ALONE times their squared error. Before areas are refined, they are
+# expected to keep UNREFINED of their error.
+SHAPES_ALONE, UNREFINED = 2.0, 0.4
+CLEARLY = 0.9  # the same for areas without shading, with Gaussians, whose error a trial tells
+FIND_SHARE = 0.5  # share of a time limit in which the first areas must be found
+SHORT = 200  # shapes that are fitted if a run ends before it has found areas
 # A picture with more even cores is no drawing. A smaller one may have fewer of them.
 MOST_CORES, PIXELS_EACH_CORE, LEAST_CORES = 800, 100, 100
 
@@ -130,7 +134,10 @@ class ByAreas:
         self._plan, self._subject, self._run = plan, subject, run
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
-        self._is_cut = self._is_late = self._many = False
+        self._is_cut = self._is_late = False
+        self._has_strips = False  # whether areas without Gaussians would only imitate the picture
+        self._is_lost = False  # whether the file gets no areas
+        self._first_size = 0.0  # bytes of the first areas, before they are refined
         width, height = subject.size
         share = min(1.0, TRIAL_SIDE / max(width, height))
         small = max(1, round(share * height)), max(1, round(share * width))
@@ -166,13 +173,16 @@ class ByAreas:
         subject, run = self._subject, self._run
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         trial = self._best()
+        is_only = self._plan.options.svg.areas == ALWAYS
+        if self._is_lost and (run.ended or is_only):
+            trial = self._in_short()
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         reason = "max_bytes" if self._is_cut else "gain"
         reason = "interrupted" if run.ended else "time_limit" if self._is_late else reason
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
         alone = self._outcome(self._rastered(trial), fitted)
         if self._ends() or not self._wants_gaussians(trial):
-            return alone
+            return self._judged(alone)
         start = subject.start
         if start is not None:
             start = start.select(start.level == ABOVE)
@@ -188,16 +198,28 @@ class ByAreas:
         is_closer = both.psnr >= alone.psnr + LEAST_GAIN or self._plan.aim is not None
         if alone.size <= self._limit and not is_closer:
             reason = "interrupted" if run.ended else reason
-            return dataclasses.replace(alone, fitted=alone.fitted.after(both.fitted, reason))
+            alone = dataclasses.replace(alone, fitted=alone.fitted.after(both.fitted, reason))
+            return self._judged(alone)
         fitted = both.fitted.after(fitted, both.fitted.stop_reason)
         corrections = both.corrections + alone.corrections
         both = dataclasses.replace(
-            both, subject=subject, found=trial.found, unsure=alone.unsure, fitted=fitted,
-            corrections=corrections,
-        )  # fmt: skip
-        if self._plan.aim is not None:
-            return both
-        return max(both, self._recolored(both), key=lambda outcome: outcome.psnr)
+            both, subject=subject, found=trial.found, fitted=fitted, corrections=corrections
+        )
+        if self._plan.aim is None:
+            both = max(both, self._recolored(both), key=lambda outcome: outcome.psnr)
+        return self._judged(both)
+
+    def _judged(self, outcome: Outcome) -> Outcome:
+        """Return an outcome that knows whether shapes alone may be closer."""
+        plan, unsure = self._plan, self._is_lost
+        asked = plan.preset.stop_psnr - ENOUGH.too_little
+        is_limited = self._limit < math.inf or plan.aim is not None
+        # With a time limit, no time is left for two searches, and a preset asks for no more.
+        is_sure = plan.goal.time_limit is not None or (not is_limited and outcome.psnr >= asked)
+        if not (unsure or is_sure or self._run.ended):
+            error = self._values * 10 ** (-outcome.psnr / 10)
+            unsure = self._is_visible(error) and self._shapes_win(outcome.size, error)
+        return dataclasses.replace(outcome, unsure=unsure)
 
     def _recolored(self, both: Outcome) -> Outcome:
         """Return an outcome with solved colours of its areas, or itself if that is too large."""
@@ -219,12 +241,9 @@ class ByAreas:
         plan, subject, export = self._plan, self._subject, trial.export
         self._run.notify("measure")
         measured = self._measured(export.svg, export.scene)
-        error = trial.expected
-        unsure = self._is_visible(error) and not self._run.ended
-        unsure = unsure and self._shapes_win(export.size, error)
         return Outcome(
             plan, subject, export.scene, export.svg, export.format, fitted, measured,
-            self._tries - 1, found=trial.found, unsure=self._many or unsure,
+            max(self._tries - 1, 0), found=trial.found,
         )  # fmt: skip
 
     def _shapes_win(self, size: float, error: float) -> bool:
@@ -234,13 +253,40 @@ class ByAreas:
         """
         if self._plan.options.svg.areas == ALWAYS:
             return False
+        return self._error_of_shapes(size) < SHAPES_ALONE * error
+
+    def _error_of_shapes(self, size: float) -> float:
+        """Return the squared error that a trial of shapes leaves in a file of so many bytes."""
         size = self._limit if self._limit < math.inf else size
         each = SHAPE_BYTES[2] if self._plan.markup == MINIMAL else USUAL_BYTES
         count = int(min(max(size / each, TRIED), MOST_TRIED))
         if count not in self._shapes_alone:
             shapes = self._trial(self._nothing(), count)
             self._shapes_alone[count] = shapes.error - shapes.saved
-        return self._shapes_alone[count] < SHAPES_ALONE * error
+        return self._shapes_alone[count]
+
+    def _would_have_strips(self, found: FoundAreas) -> bool:
+        """Return whether shapes alone may be closer than areas that are not refined yet.
+
+        The picture then has shading or a photo, which areas imitate by strips.
+        """
+        error = UNREFINED * self._values * 10 ** (-found.psnr / 10)
+        if self._is_visible(error) and self._subject.start is None:
+            self._first_size = self._exporter.unscored(self._scene(found)).size
+            self._has_strips = self._shapes_win(self._first_size, error)
+        return self._has_strips
+
+    def _loses(self, found: FoundAreas) -> bool:
+        """Return whether shapes alone are expected closer than areas without shading.
+
+        Gaussians below and above these areas take the bytes that the strips of shading took.
+        """
+        left = self._first_size - self._exporter.unscored(self._scene(found)).size
+        count = int(min(max(left / self._plan.shape_bytes, TRIED), MOST_TRIED))
+        trial = self._trial(found, count)
+        least = CLEARLY * self._error_of_shapes(self._first_size)
+        self._is_lost = least < trial.error - trial.saved
+        return self._is_lost
 
     def _rastered(self, trial: _Trial) -> _Trial:
         """Return a trial whose areas are fitted to what resvg draws, if there are areas alone."""
@@ -278,17 +324,25 @@ class ByAreas:
 
     def _best(self) -> _Trial:
         """Return the trial whose areas the file gets."""
-        trials = [self._trial(self._found(self._searched))]
+        first = self._found(self._searched, ends_with=self._would_have_strips)
+        if self._is_lost:
+            return self._trial(self._nothing(), 0)
+        trials, is_shaded = list[_Trial](), self._has_strips
         is_limited = self._limit < math.inf
-        is_shaded = trials[0].shaded or (is_limited and self._is_visible(trials[0].error))
-        if not is_limited and self._plan.aim is None:
+        if not is_shaded or self._ends():
+            trials = [self._trial(first)]
+            is_shaded = trials[0].shaded or (is_limited and self._is_visible(trials[0].error))
+        if trials and not is_limited and self._plan.aim is None:
             # Only fewer areas would go on from the drawing, which takes much memory.
             found = dataclasses.replace(trials[0].found, drawing=None)
             trials[0] = dataclasses.replace(trials[0], found=found)
         if is_shaded and self._subject.start is None and not self._ends():
-            first = trials[0].found
+            count = math.inf if self._has_strips else len(first.areas)
+            loses = self._loses if self._has_strips else None
             with suppress(_NoFewerError):
-                found = self._found(lambda p: self._unshaded(p, len(first.areas)), first)
+                found = self._found(lambda p: self._unshaded(p, count), first, loses)
+                if self._is_lost:
+                    return self._trial(self._nothing(), 0)
                 trial = self._trial(found)
                 trials.append(dataclasses.replace(trial, cost=trial.cost / STRIPS))
         within = [trial for trial in trials if trial.export.size <= self._limit]
@@ -305,7 +359,7 @@ class ByAreas:
             best = trial
         return best
 
-    def _unshaded(self, progress: Progress, count: int) -> FoundAreas:
+    def _unshaded(self, progress: Progress, count: float) -> FoundAreas:
         """Return the areas of the picture without its shading.
 
         Raise _NoFewerError before they are refined if there are hardly fewer than `count`.
@@ -371,7 +425,7 @@ class ByAreas:
         return self._run.stop() or self._is_late
 
     def _ends(self) -> bool:
-        return self._run.ended or self._is_late or self._many
+        return self._run.ended or self._is_late or self._is_lost
 
     def _trial(self, found: FoundAreas, count: int = TRIED) -> _Trial:
         """Return areas with what `count` Gaussians below or above them are expected to save."""
@@ -400,12 +454,7 @@ class ByAreas:
             left = FILLED * (self._limit - export.size) / plan.shape_bytes
             count = int(min(max(left, 0), 6 * count))
         if count and error > self._price * count / 2:
-            config = FitConfig(
-                gaussians=count, iterations=TRIAL_STEPS, fit=FitOptions(tune=PSNR, falloff=GAUSSIAN)
-            )
-            targets = TargetPyramid(self._small, PSNR, ground=scene)
-            session = FitSession(self._small, config, stop=self._is_over, targets=targets)
-            session.fit()
+            session = self._fitted(scene, count, self._is_over)
             saved = max(error - self._values * 10 ** (-session.population.psnr() / 10), 0.0)
         price = count * self._price
         pays = saved > price
@@ -417,6 +466,15 @@ class ByAreas:
         is_shaded = error < first or error - saved < SHADED * error
         return _Trial(found, scene, export, error, saved, expected, cost, is_shaded, is_met)
 
+    def _fitted(self, ground: Scene, count: int, stop: Callable[[], bool]) -> FitSession:
+        """Return a short fit of `count` Gaussians to the small picture, above a ground."""
+        options = FitOptions(tune=PSNR, falloff=GAUSSIAN)
+        config = FitConfig(gaussians=count, iterations=TRIAL_STEPS, fit=options)
+        targets = TargetPyramid(self._small, PSNR, ground=ground)
+        session = FitSession(self._small, config, stop=stop, targets=targets)
+        session.fit()
+        return session
+
     def _is_visible(self, error: float) -> bool:
         """Return whether people can see a squared error at the picture's own size."""
         return error > self._values * 10 ** (-SEEN_UP_TO / 10)
@@ -426,29 +484,30 @@ class ByAreas:
         return self._values * 10 ** (-model_psnr(scene, self._small) / 10)
 
     def _found(
-        self, search: Callable[[Progress], FoundAreas], so_far: FoundAreas | None = None
-    ) -> FoundAreas:
+        self, search: Callable[[Progress], FoundAreas], so_far: FoundAreas | None = None,
+        ends_with: Callable[[FoundAreas], bool] | None = None,
+    ) -> FoundAreas:  # fmt: skip
         """Return the areas of a search. If the run has to end, return those that are found so far.
 
         so_far  areas before the search. None if there are none
+        ends_with  function that tells of the first areas whether the search ends with them
         """
-        run, newest, begun = self._run, so_far or self._nothing(), time.perf_counter()
-        due, is_checked = 0.0, False
+        run, newest, begun = self._run, so_far, time.perf_counter()
+        due, latest, is_first = 0.0, begun + FIND_SHARE * (run.budget.fit_ends() - begun), True
 
         def progress(done: float, present: Callable[[], FoundAreas] | None) -> None:
-            nonlocal newest, due, is_checked
-            # Until the first areas are found, there is nothing that a stopped run could write.
-            ends = present is not None and self._is_over()
+            nonlocal newest, due, is_first
+            ends = self._is_over() or (newest is None and time.perf_counter() > latest)
+            # The areas of a small picture are found so fast that a stopped run waits for them.
+            ends &= newest is not None or self._is_late or self._values > QUICK
             if done < due and not ends:
                 return
             due, now = done + BETWEEN, None
             if present is not None:
                 newest = present()
-                if not (so_far or is_checked) and len(newest.areas) > MANY:
-                    is_checked = True
-                    error = self._values * 10 ** (-newest.psnr / 10)
-                    size = self._exporter.unscored(self._scene(newest)).size
-                    ends = self._many = self._shapes_win(size, UNREFINED * error)
+                if is_first and ends_with is not None and not ends:
+                    ends = ends_with(newest)
+                is_first = False
                 scene, seconds = self._scene(newest), time.perf_counter() - begun
                 left_s, counts = seconds / done * (1 - done), str(AreaCounts.of(newest.areas))
                 psnr = newest.psnr
@@ -460,13 +519,12 @@ class ByAreas:
         self._tries += 1
         try:
             newest = search(progress)
+            run.notify("write")
         except _StoppedError:
-            return newest
+            self._is_lost |= newest is None
         except NoDrawingError:
-            self._many = True
-            return newest
-        run.notify("write")
-        return newest
+            self._is_lost = True
+        return newest or self._nothing()
 
     def _searched(self, progress: Progress) -> FoundAreas:
         """Return the areas of the picture, or those of the start, at the usual rate."""
@@ -488,6 +546,17 @@ class ByAreas:
         picture = self._subject.working
         background = None if has_alpha(picture) else tuple(picture.mean(axis=(0, 1)).tolist())
         return FoundAreas((), background, 0.0, 0.0, 0.0, 0.0)
+
+    def _in_short(self) -> _Trial:
+        """Return shapes alone that are fitted in a fraction of a second, for a run that ends now."""
+        (width, height), (h, w) = self._subject.size, self._small.shape[:2]
+        count = min(SHORT, self._most, self._limit / SHAPE_BYTES[0], h * w // 3)
+        session = self._fitted(self._scene(self._nothing()), int(count), lambda: False)
+        scene = session.scene().scaled(width / w, height / h).replace(width=width, height=height)
+        trial, export = self._trial(self._nothing(), 0), self._exporter.unscored(scene)
+        if export.size > self._limit:
+            export = self._exporter.pruned(export, int(self._limit))
+        return dataclasses.replace(trial, ground=export.scene, export=export)
 
     def _scene(self, found: FoundAreas) -> Scene:
         """Return a scene of the areas, and of the Gaussians of a start that lie among them."""

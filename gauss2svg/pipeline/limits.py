@@ -309,7 +309,7 @@ class Limits(DensificationPolicy):
         if self.least_gain:
             # At this count, one more kilobyte gains exactly as many dB as the preset demands.
             self._paying_count = rise / (self.least_gain * math.log(2))
-            if self._least_saved:
+            if self._least_saved and self._usual_gain:
                 self._usual_count = rise / (self._usual_gain * math.log(2))
             if last == self._before_leap and gain >= self.least_gain * added:
                 self._paying_count = last.count + added / (1 - 10 ** (-gain / 10))

@@ -17,7 +17,7 @@ from gauss2svg.fit import FitResult, Tune
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import RoundTrip, raster_error
-from gauss2svg.photo.pixels import Focus, stacked
+from gauss2svg.photo.pixels import Focus, shrunk, stacked
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import ABOVE, Scene
@@ -57,6 +57,14 @@ class Subject:
         canvas  width and height in px of the file. None: those of the photo
         """
         return cls(photo, photo, canvas or photo.shape[1::-1])
+
+    def reduced(self, pixels: float) -> Self:
+        """Return a subject that is fitted on at most so many pixels."""
+        share = math.sqrt(pixels / math.prod(self.size))
+        if share >= 1:
+            return self
+        height, width = (max(1, round(share * side)) for side in self.working.shape[:2])
+        return dataclasses.replace(self, working=shrunk(self.working, height, width, sharp=True))
 
     @property
     def size(self) -> tuple[int, int]:

@@ -393,7 +393,7 @@ class Plan:
         bytes there may be several: by bytes or by count, and for minimal or editable markup. If
         there is also a target, only the first search aims at it. The others run if the first one
         misses the target.
-        With a time limit there is time for one search only.
+        With a time limit there is time for one search only, but the one for areas may end early.
         """
         limit, asked = self.uncompressed_limit, self.options.svg.markup
         is_timed = self.goal.time_limit is not None
@@ -401,7 +401,7 @@ class Plan:
             # Shapes alone may be closer. `best_of` runs their search only if this is likely.
             options = self.options.changed(areas=NEVER)
             alone = dataclasses.replace(self, options=options, has_areas=False)
-            return [self, *(alone.searches()[:1] if self.has_areas and not is_timed else [])]
+            return [self, *(alone.searches()[:1] if self.has_areas else [])]
         if limit is None:
             return [self]
         if self.aim is not None:

@@ -21,6 +21,7 @@ from gauss2svg.options import Field, file_name, flag_of
 from gauss2svg.photo.load import ImageSource, load_focus, reduced, rereadable
 from gauss2svg.photo.pixels import Header, Photo, elongation, matte_color, pixels_of, shrunk
 from gauss2svg.pipeline.budgets import (
+    AREA_PIXELS_A_SECOND,
     STEPS,
     STEPS_OF_DRAWING,
     Load,
@@ -293,6 +294,8 @@ def _outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite | None) -> 
     """
     limit, steps = plan.goal.time_limit, plan.options.fit.iterations
     if limit is not None:
+        if plan.in_areas:
+            subject = subject.reduced(AREA_PIXELS_A_SECOND * limit)
         deadline, renderer = run.started + run.first_s + limit, plan.options.run.renderer
         steps = steps or (STEPS_OF_DRAWING if is_drawing(subject.working) else STEPS)
         pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
@@ -309,6 +312,8 @@ def _outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite | None) -> 
             from gauss2svg.pipeline.by_bytes import ByBytes as OneSearch
         else:
             from gauss2svg.pipeline.by_count import ByCount as OneSearch
+        if plan.in_areas and not one.in_areas:  # the search for areas has taken a part of the time
+            run.budget.steps = min(run.budget.steps, STEPS)
         yield OneSearch(one, subject, run).run()
 
 
