@@ -19,7 +19,7 @@ from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
 from gauss2svg.areas.paint import Paint, join_parts_of_gradients, paints_of
 from gauss2svg.areas.photos import with_even_photos
 from gauss2svg.areas.refine import Drawing, Layer
-from gauss2svg.areas.regions import Palette, cores_of, grown, shares_of, without_edge_shades
+from gauss2svg.areas.regions import Palette, Shares, cores_of, grown, shares_of, without_edge_shades
 from gauss2svg.areas.shades import without_shading
 from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.scene.areas import CAPS, Area, Outline
@@ -65,6 +65,10 @@ class FoundAreas:
 # the search.
 Progress = Callable[[float, Callable[[], FoundAreas] | None], None]
 
+# Function that is called before outlines are found, with the squared error that areas will have,
+# and with the number of px between different regions. An exception ends the search.
+Glance = Callable[[float, int], None]
+
 
 def find_areas(
     picture: NDArray[np.float32],
@@ -73,6 +77,7 @@ def find_areas(
     progress: Progress | None = None,
     shaded: bool = False,
     most_cores: int | None = None,
+    glance: Glance = lambda error, edges: None,
 ) -> FoundAreas:
     """Return the areas and lines that draw a picture (h, w, 3), or (h, w, 4) with straight alpha.
 
@@ -83,7 +88,7 @@ def find_areas(
     """
     started = time.perf_counter()
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
-    drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll)
+    drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll, glance)
     find_s = time.perf_counter() - started
     return _refined(drawing, STEPS, rate, unit, find_s, 0.0, progress)
 
@@ -157,20 +162,22 @@ def opacity_of(color: Floats) -> float:
 
 def first_drawing(
     picture: Floats, unit: float, rate: float, shaded: bool = False, most_cores: int | None = None,
-    poll: Callable[[], None] = lambda: None,
+    poll: Callable[[], None] = lambda: None, glance: Glance = lambda error, edges: None,
 ) -> Drawing:  # fmt: skip
     """Return a drawing of a picture, whose outlines have not been refined yet.
 
     poll  function that is called often. An exception ends the search
     """
-    pixels, ground, paints, layers = first_layers(picture, unit, rate, shaded, most_cores, poll)
+    pixels, ground, paints, layers = first_layers(
+        picture, unit, rate, shaded, most_cores, poll, glance
+    )
     drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
     return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
 
 def first_layers(
     picture: Floats, unit: float, rate: float, shaded: bool, most_cores: int | None,
-    poll: Callable[[], None],
+    poll: Callable[[], None], glance: Glance,
 ) -> tuple[Floats, Paint, list[Paint], list[Layer]]:  # fmt: skip
     """Return a picture without its photos, its ground, and the paints and the layers above it."""
     poll()
@@ -197,6 +204,7 @@ def first_layers(
     palette = Palette.of(paints)
     poll()
     add_thin_regions(pixels, cores, labels, shares, paints, palette)
+    glance(*error_and_edges_of(picture, shares, paints))
     weight_at = contrast_of(pixels)
     lines = take_lines(pixels, shares, paints, weight_at, unit, rate, letter_ground, poll)
     labels = join_touching(shares, paints)
@@ -213,6 +221,21 @@ def first_layers(
             layers.append(Layer(mask.region, paths))
     layers += grouped(lines, paints)
     return pixels, ground, with_opacity(paints, opacity, is_opaque), layers
+
+
+def error_and_edges_of(
+    picture: Floats, shares: Shares, paints: list[Paint]
+) -> tuple[float, int]:
+    """Return the squared error of the paints of regions, and the number of px between regions."""
+    label = shares.label[..., 0]
+    drawn = np.array([paint.color for paint in paints], np.float32)[label]
+    for k, paint in enumerate(paints):
+        if paint.is_shaded:
+            ys, xs = np.nonzero(label == k)
+            drawn[ys, xs] = paint.at(xs, ys)
+    error = np.where(shares.share[..., 0] == 1, ((drawn - picture) ** 2).sum(axis=2), shares.error)
+    edges = sum(np.count_nonzero(np.diff(shares.largest, axis=axis)) for axis in (0, 1))
+    return float(error.sum()), edges
 
 
 def transparent_paint() -> Paint:

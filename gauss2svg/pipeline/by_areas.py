@@ -82,8 +82,10 @@ LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this num
 # shapes leaves less than SHAPES_ALONE times their squared error. Before areas are refined, they are
 # expected to keep UNREFINED of their error.
 SHAPES_ALONE, UNREFINED = 2.0, 0.4
+EDGE_BYTES = 4.0  # bytes of areas for each px of the edges between regions
 CLEARLY = 0.9  # the same for areas without shading, with Gaussians, whose error a trial tells
 FIND_SHARE = 0.5  # share of a time limit in which the first areas must be found
+QUICK = 3 * 256 * 256  # values of a picture whose areas are found in half a second
 SHORT = 200  # shapes that are fitted if a run ends before it has found areas
 # A picture with more even cores is no drawing. A smaller one may have fewer of them.
 MOST_CORES, PIXELS_EACH_CORE, LEAST_CORES = 800, 100, 100
@@ -265,16 +267,17 @@ class ByAreas:
             self._shapes_alone[count] = shapes.error - shapes.saved
         return self._shapes_alone[count]
 
-    def _would_have_strips(self, found: FoundAreas) -> bool:
-        """Return whether shapes alone may be closer than areas that are not refined yet.
+    def _glance(self, error: float, edges: int) -> None:
+        """End the search for areas if shapes alone may be closer before outlines are found.
 
         The picture then has shading or a photo, which areas imitate by strips.
         """
-        error = UNREFINED * self._values * 10 ** (-found.psnr / 10)
-        if self._is_visible(error) and self._subject.start is None:
-            self._first_size = self._exporter.unscored(self._scene(found)).size
+        error *= UNREFINED
+        if self._is_visible(error):
+            self._first_size = EDGE_BYTES * edges
             self._has_strips = self._shapes_win(self._first_size, error)
-        return self._has_strips
+        if self._has_strips:
+            raise _StoppedError
 
     def _loses(self, found: FoundAreas) -> bool:
         """Return whether shapes alone are expected closer than areas without shading.
@@ -324,12 +327,12 @@ class ByAreas:
 
     def _best(self) -> _Trial:
         """Return the trial whose areas the file gets."""
-        first = self._found(self._searched, ends_with=self._would_have_strips)
+        first = self._found(self._searched)
         if self._is_lost:
             return self._trial(self._nothing(), 0)
         trials, is_shaded = list[_Trial](), self._has_strips
         is_limited = self._limit < math.inf
-        if not is_shaded or self._ends():
+        if not is_shaded:
             trials = [self._trial(first)]
             is_shaded = trials[0].shaded or (is_limited and self._is_visible(trials[0].error))
         if trials and not is_limited and self._plan.aim is None:
@@ -338,9 +341,9 @@ class ByAreas:
             trials[0] = dataclasses.replace(trials[0], found=found)
         if is_shaded and self._subject.start is None and not self._ends():
             count = math.inf if self._has_strips else len(first.areas)
-            loses = self._loses if self._has_strips else None
+            so_far, loses = (None, self._loses) if self._has_strips else (first, None)
             with suppress(_NoFewerError):
-                found = self._found(lambda p: self._unshaded(p, count), first, loses)
+                found = self._found(lambda p: self._unshaded(p, count), so_far, loses)
                 if self._is_lost:
                     return self._trial(self._nothing(), 0)
                 trial = self._trial(found)
@@ -384,8 +387,11 @@ class ByAreas:
         """
         best, rate, self._is_cut = None, RATE, True
         low, high = RATE, math.inf  # highest rate of a file beyond the limit, lowest of one within
+        rises = False  # whether Gaussians may draw visible errors in the bytes of further areas
         while self._tries < (2 * TRIES if best is None else TRIES) and not self._ends():
-            if high < math.inf:
+            if rises:
+                rate *= LESS
+            elif high < math.inf:
                 rate = math.sqrt(low * high)
             else:
                 raised = (finest.export.size / self._limit) ** STEEPNESS
@@ -397,7 +403,8 @@ class ByAreas:
             is_better = best is None or trial.cost < best.cost
             if is_better:
                 best, high = trial, rate
-            if not is_better or trial.export.size > FULL * self._limit:
+            rises = is_better and trial.shaded and self._is_visible(trial.expected)
+            if not is_better or (trial.export.size > FULL * self._limit and not rises):
                 break
         return best or self._trial(self._nothing())
 
@@ -497,9 +504,10 @@ class ByAreas:
 
         def progress(done: float, present: Callable[[], FoundAreas] | None) -> None:
             nonlocal newest, due, is_first
-            ends = self._is_over() or (newest is None and time.perf_counter() > latest)
             # The areas of a small picture are found so fast that a stopped run waits for them.
-            ends &= newest is not None or self._is_late or self._values > QUICK
+            waits = newest is None and self._values <= QUICK
+            ends = self._is_over() and (self._is_late or not waits)
+            ends |= newest is None and time.perf_counter() > latest
             if done < due and not ends:
                 return
             due, now = done + BETWEEN, None
@@ -521,7 +529,7 @@ class ByAreas:
             newest = search(progress)
             run.notify("write")
         except _StoppedError:
-            self._is_lost |= newest is None
+            self._is_lost |= newest is None and (self._run.ended or not self._has_strips)
         except NoDrawingError:
             self._is_lost = True
         return newest or self._nothing()
@@ -531,7 +539,9 @@ class ByAreas:
         subject, unit = self._subject, self._unit
         if (start := subject.start) is None:
             most = self._most_cores
-            return find_areas(subject.working, RATE, unit, progress, most_cores=most)
+            return find_areas(
+                subject.working, RATE, unit, progress, most_cores=most, glance=self._glance
+            )
         # Imported here because few runs have a start.
         from gauss2svg.areas.start import refined_areas
 
