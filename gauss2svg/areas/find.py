@@ -223,9 +223,7 @@ def first_layers(
     return pixels, ground, with_opacity(paints, opacity, is_opaque), layers
 
 
-def error_and_edges_of(
-    picture: Floats, shares: Shares, paints: list[Paint]
-) -> tuple[float, int]:
+def error_and_edges_of(picture: Floats, shares: Shares, paints: list[Paint]) -> tuple[float, int]:
     """Return the squared error of the paints of regions, and the number of px between regions."""
     label = shares.label[..., 0]
     drawn = np.array([paint.color for paint in paints], np.float32)[label]
@@ -234,8 +232,9 @@ def error_and_edges_of(
             ys, xs = np.nonzero(label == k)
             drawn[ys, xs] = paint.at(xs, ys)
     error = np.where(shares.share[..., 0] == 1, ((drawn - picture) ** 2).sum(axis=2), shares.error)
-    edges = sum(np.count_nonzero(np.diff(shares.largest, axis=axis)) for axis in (0, 1))
-    return float(error.sum()), edges
+    largest = shares.largest
+    edges = np.count_nonzero(np.diff(largest)) + np.count_nonzero(np.diff(largest, axis=0))
+    return float(error.sum()), int(edges)
 
 
 def transparent_paint() -> Paint:

@@ -83,7 +83,7 @@ LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this num
 # expected to keep UNREFINED of their error.
 SHAPES_ALONE, UNREFINED = 2.0, 0.4
 EDGE_BYTES = 4.0  # bytes of areas for each px of the edges between regions
-CLEARLY = 0.9  # the same for areas without shading, with Gaussians, whose error a trial tells
+CLEARLY = 0.8  # the same for areas without shading, with Gaussians, whose error a trial tells
 FIND_SHARE = 0.5  # share of a time limit in which the first areas must be found
 QUICK = 3 * 256 * 256  # values of a picture whose areas are found in half a second
 SHORT = 200  # shapes that are fitted if a run ends before it has found areas
@@ -558,7 +558,7 @@ class ByAreas:
         return FoundAreas((), background, 0.0, 0.0, 0.0, 0.0)
 
     def _in_short(self) -> _Trial:
-        """Return shapes alone that are fitted in a fraction of a second, for a run that ends now."""
+        """Return shapes alone, fitted in a fraction of a second for a run that ends now."""
         (width, height), (h, w) = self._subject.size, self._small.shape[:2]
         count = min(SHORT, self._most, self._limit / SHAPE_BYTES[0], h * w // 3)
         session = self._fitted(self._scene(self._nothing()), int(count), lambda: False)
