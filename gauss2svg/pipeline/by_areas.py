@@ -95,6 +95,10 @@ class _StoppedError(Exception):
     """The run has to end, so the search for areas ends too."""
 
 
+class _StripsError(Exception):
+    """Areas would only imitate the shading of a picture, or a photo, by strips."""
+
+
 class _NoFewerError(Exception):
     """A picture without its shading has hardly fewer areas than with it."""
 
@@ -277,7 +281,7 @@ class ByAreas:
             self._first_size = EDGE_BYTES * edges
             self._has_strips = self._shapes_win(self._first_size, error)
         if self._has_strips:
-            raise _StoppedError
+            raise _StripsError
 
     def _loses(self, found: FoundAreas) -> bool:
         """Return whether shapes alone are expected closer than areas without shading.
@@ -328,6 +332,7 @@ class ByAreas:
     def _best(self) -> _Trial:
         """Return the trial whose areas the file gets."""
         first = self._found(self._searched)
+        self._is_lost |= self._has_strips and self._ends()
         if self._is_lost:
             return self._trial(self._nothing(), 0)
         trials, is_shaded = list[_Trial](), self._has_strips
@@ -529,7 +534,9 @@ class ByAreas:
             newest = search(progress)
             run.notify("write")
         except _StoppedError:
-            self._is_lost |= newest is None and (self._run.ended or not self._has_strips)
+            self._is_lost |= newest is None
+        except _StripsError:
+            pass
         except NoDrawingError:
             self._is_lost = True
         return newest or self._nothing()

@@ -169,6 +169,7 @@ class Limits(DensificationPolicy):
         # Above areas, a byte of a shape must save as much squared error as one of an area.
         decides = aim or goal.byte_limit is not None or goal.count is not None
         self._least_saved = 0.0 if decides else plan.rate * usual / (3 * pixels)
+        self._rate_gain = 0.0  # dB that a shape above areas must gain at the present PSNR
         self._usual_gain = plan.preset.gain * (USUAL_BYTES / 1000)
         if plan.only_time_limits:
             self.expected = int(min(cap, budget.most_gaussians(0.0)))
@@ -201,7 +202,10 @@ class Limits(DensificationPolicy):
             in_time = max(now.count, 1)
         counts = self._counts(now, in_time, now.psnr)
         if self._least_saved:
-            self.least_gain = 10 * math.log10(1 + self._least_saved * 10 ** (now.psnr / 10))
+            self._rate_gain = 10 * math.log10(1 + self._least_saved * 10 ** (now.psnr / 10))
+            # Pruning must not undo what the preset asks for.
+            is_close = now.psnr > self._plan.preset.stop_psnr + ENOUGH.too_good
+            self.least_gain = max(self._rate_gain if is_close else self._usual_gain, 1e-9)
         last, self._last = self._last, now
         if last is None and self._plan.rate:
             # Only shapes converge, and areas are drawn from the first step on.
@@ -308,10 +312,10 @@ class Limits(DensificationPolicy):
             self.slope = min(max(rise, FLATTEST), STEEPEST)
         if self.least_gain:
             # At this count, one more kilobyte gains exactly as many dB as the preset demands.
-            self._paying_count = rise / (self.least_gain * math.log(2))
+            self._paying_count = rise / ((self._rate_gain or self.least_gain) * math.log(2))
             if self._least_saved and self._usual_gain:
                 self._usual_count = rise / (self._usual_gain * math.log(2))
-            if last == self._before_leap and gain >= self.least_gain * added:
+            if last == self._before_leap and gain >= (self._rate_gain or self.least_gain) * added:
                 self._paying_count = last.count + added / (1 - 10 ** (-gain / 10))
 
     def _wanted(self, count: int, psnr: float, counts: dict[str, float]) -> float:

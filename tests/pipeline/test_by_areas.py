@@ -154,6 +154,26 @@ def test_a_stopped_run_writes_what_is_found_so_far_within_the_limit(calls, limit
     assert rasterize(result.svg, 8, 8).shape == (8, 8, 3)
 
 
+@pytest.mark.parametrize("given", [{}, {"max_bytes": 3000}], ids=str)
+@pytest.mark.parametrize("calls", [0, 3, 6])
+def test_a_run_that_is_stopped_before_it_has_areas_is_not_blank(calls, given):
+    drawing = rasterize(FRAME.format(SHADES + SHAPES), 400, 400)
+    left = iter(range(calls))
+    result = vectorize(drawing, **given, stop=lambda: next(left, None) is None)
+    assert result.report["stop_reason"] == "interrupted"
+    assert result.report["svg_bytes"] <= given.get("max_bytes", np.inf)
+    assert result.report["psnr_svg"] > model_psnr(Scene(400, 400), drawing) + 5
+
+
+@pytest.mark.parametrize("cells", [4, 50], ids=["areas", "too many cores"])
+def test_a_run_of_little_time_is_not_blank(cells):
+    colors = np.random.default_rng(1).random((cells, cells, 3)).astype(np.float32)
+    picture = colors.repeat(200 // cells, axis=0).repeat(200 // cells, axis=1)
+    picture += np.linspace(0, 0.01, 200, dtype=np.float32)[:, None]  # it is no pixel art
+    result = vectorize(picture.clip(0, 1), time_limit=1)
+    assert len(result.scene) or result.scene.areas
+
+
 def test_the_command_writes_a_file_that_check_and_other_commands_read(tmp_path, capfd):
     photo, svg, npz = (tmp_path / f"drawing.{suffix}" for suffix in ("png", "svg", "npz"))
     photo.write_bytes(as_png(DRAWING))
@@ -368,6 +388,7 @@ def test_a_photo_in_a_poster_is_one_area_below_gaussians():
     assert result.report["area_count"] <= 6  # the photo, and those of the drawing
     assert psnr(result.raster[photo], poster[photo]) > psnr(areas[photo], poster[photo]) + 10
     assert 255 * np.abs(result.raster - poster)[page].max() < 5
+    assert result.report["psnr_svg"] > 35.2  # as close as the preset asks for without areas
 
 
 @pytest.mark.process
