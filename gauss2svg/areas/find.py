@@ -32,6 +32,7 @@ MERGES = 2
 FIRST_RATE = 0.004  # squared error for a byte below which a layer is not even refined
 EXPLAINED = 0.01  # squared error up to which a pixel counts as explained by areas
 LEAST_ERROR = 1e-12  # mean squared error of an exact picture, for its PSNR
+BAND = 64  # rows of a picture that are compared at once, because this takes memory
 LEAST_OPACITY = 1 / 255  # opacity of a colour that is drawn
 
 
@@ -225,16 +226,21 @@ def first_layers(
 
 def error_and_edges_of(picture: Floats, shares: Shares, paints: list[Paint]) -> tuple[float, int]:
     """Return the squared error of the paints of regions, and the number of px between regions."""
-    label = shares.label[..., 0]
-    drawn = np.array([paint.color for paint in paints], np.float32)[label]
-    for k, paint in enumerate(paints):
-        if paint.is_shaded:
+    colors, error = np.array([paint.color for paint in paints], np.float32), 0.0
+    shaded = [k for k, paint in enumerate(paints) if paint.is_shaded]
+    for top in range(0, len(picture), BAND):
+        band = np.s_[top : top + BAND]
+        label = shares.label[band][..., 0]
+        drawn = colors[label]
+        for k in shaded:
             ys, xs = np.nonzero(label == k)
-            drawn[ys, xs] = paint.at(xs, ys)
-    error = np.where(shares.share[..., 0] == 1, ((drawn - picture) ** 2).sum(axis=2), shares.error)
+            drawn[ys, xs] = paints[k].at(xs, ys + top)
+        squared = ((drawn - picture[band]) ** 2).sum(axis=2)
+        is_pure = shares.share[band][..., 0] == 1
+        error += float(np.where(is_pure, squared, shares.error[band]).sum())
     largest = shares.largest
     edges = np.count_nonzero(np.diff(largest)) + np.count_nonzero(np.diff(largest, axis=0))
-    return float(error.sum()), int(edges)
+    return error, int(edges)
 
 
 def transparent_paint() -> Paint:

@@ -179,8 +179,10 @@ class ByAreas:
         subject, run = self._subject, self._run
         wall_s, cpu_s = time.perf_counter(), time.process_time()
         trial = self._best()
-        is_only = self._plan.options.svg.areas == ALWAYS
-        if self._is_lost and (run.ended or is_only):
+        # If the search for shapes alone is stopped at once, this is the file.
+        goal, is_only = self._plan.goal, self._plan.options.svg.areas == ALWAYS
+        is_free = goal.time_limit is None and self._plan.aim is None
+        if self._is_lost and (run.ended or is_only or is_free):
             trial = self._in_short()
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         reason = "max_bytes" if self._is_cut else "gain"
