@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from gauss2svg.areas.kernels import Floats, Ints, explain, grow_labels, join_alike
+from gauss2svg.areas.kernels import Bools, Floats, Ints, explain, grow_labels, join_alike
 from gauss2svg.areas.masks import BLOCK, LEVEL, Box, dilated, widened
 from gauss2svg.areas.paint import Paint
 
@@ -29,17 +29,26 @@ def cores_of(pixels: Floats) -> tuple[Ints, int]:
     FLAT, or which are shaded evenly. Neighbours of nearly the same values have the same label. All
     other pixels have the label -1. Larger cores have smaller labels.
     """
-    h, w, _ = pixels.shape
-    spread = _over_blocks(pixels, np.maximum) - _over_blocks(pixels, np.minimum)
+    spread = over_blocks(pixels, np.maximum) - over_blocks(pixels, np.minimum)
     spread = spread.max(axis=-1)
-    bend = bend_of(pixels)
-    block = (spread <= FLAT) | ((_over_blocks(bend, np.maximum) <= BEND) & (spread <= STEEP))
+    bend = over_blocks(bend_of(pixels), np.maximum)
+    block = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
+    return cores_of_blocks(pixels, block, max(FLAT, STEEP))
+
+
+def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, int]:
+    """Return the labels (h, w) of cores, and their number.
+
+    block  (h, w) whether the pixels of the block of 2 x 2 that ends at a pixel are alike
+    most   largest difference of neighbours of one core
+    """
+    h, w, _ = pixels.shape
     core = block.copy()
     core[:-1] |= block[1:]
     core[:, :-1] |= block[:, 1:]
     core[:-1, :-1] |= block[1:, 1:]
     component = np.empty(h * w, np.int32)
-    join_alike(pixels, core, max(FLAT, STEEP), component)
+    join_alike(pixels, core, most, component)
     component = component.reshape(h, w)
     names, counts = np.unique(component[core], return_counts=True)
     kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= LEAST_CORE)]
@@ -55,7 +64,7 @@ def bend_of(pixels: Floats) -> Floats:
     return bend
 
 
-def _over_blocks(values: Floats, combine: np.ufunc) -> Floats:
+def over_blocks(values: Floats, combine: np.ufunc) -> Floats:
     """Return the maximum or minimum over the block of 2 x 2 pixels that ends at each pixel."""
     result = values.copy()
     combine(result[1:], values[:-1], out=result[1:])

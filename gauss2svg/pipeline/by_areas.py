@@ -26,6 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.areas.clean import cleaned
 from gauss2svg.areas.find import (
     RATE,
     UNIT,
@@ -137,6 +138,9 @@ class ByAreas:
         if precision is None:
             precision = min(max(scale * UNIT, LEAST_PRECISION), MOST_PRECISION)
             plan = dataclasses.replace(plan, options=plan.options.changed(precision=precision))
+        picture = cleaned(subject.working)
+        if picture is not subject.working:
+            subject = dataclasses.replace(subject, working=picture)
         self._plan, self._subject, self._run = plan, subject, run
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0

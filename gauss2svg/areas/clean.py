@@ -1,0 +1,219 @@
+"""Cleaning: a drawing without the noise that JPEG and resampling leave beside its edges.
+
+A clean drawing is even up to its edges. Noise is measured where it is not: a few px beside crisp
+edges. If there is noise, even cores are found within tolerances that follow it. Each core gets one
+colour, or a smooth shading. Pixels between cores become mixtures of the two cores beside them.
+What is no such mixture, as a thin line, is only smoothed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from gauss2svg.areas.kernels import Bools, Floats, Ints, inner, kernel
+from gauss2svg.areas.masks import BLOCK, LEVEL
+from gauss2svg.areas.regions import bend_of, cores_of_blocks, grown, over_blocks, renamed
+
+EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge
+BESIDE = 1.5, 4.5  # px; distances from edges at which noise is measured
+UNEVEN = 1.01 * LEVEL  # larger second differences do not come from rounding
+NOISY = 0.16  # share of uneven pixels beside edges. Clean drawings have at most .11, JPEG over .27
+QUANTILE, SPREAD = 0.8, 2.2  # quantile of second differences, and its ratio to the noise
+LEAST_NOISE = 0.8 * LEVEL  # noise of pixels that are far from edges
+REACH = 4  # px up to which edges have noise beside them
+FULL_NOISE = 60 * LEVEL  # contrast beside which noise has its full height
+# Luma, and colour differences, which are blurred in most JPEG and therefore count less.
+LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])
+RADIUS, RANGE, PASSES = 3, 3.0, 2  # px, and noise, within which neighbours are averaged
+FLAT, BEND, STEEP, JOINED = 1.5, 1.0, 3.0, 1.2
+EVEN = 1.0  # noise; largest difference of smoothed values from the mean of an even core
+SMOOTHED = 4.0  # px by which shading is smoothed
+EXPLAINED = 4.0  # noise up to which a pixel is a mixture of the cores beside it
+ALONG, ACROSS = 0.15, 0.3  # weight of the error of chroma between the two colours of a mixture
+SNAP = 1.5  # noise up to which a pixel beside a core has the core's colour
+FAR = 4  # px within which the colours of a mixture lie
+
+
+def noise_of(pixels: Floats) -> float:
+    """Return the noise beside crisp edges of a picture (h, w, c). Clean drawings have none: 0."""
+    luma = pixels[..., :3] @ LUMA[0].astype(np.float32)
+    distance: Any = ndimage.distance_transform_edt(_contrast(luma[..., None]) <= EDGE)
+    beside = (distance >= BESIDE[0]) & (distance <= BESIDE[1])
+    beside[[0, -1]] = beside[:, [0, -1]] = False
+    bend = np.zeros_like(luma)
+    for axis, inner in enumerate((bend[1:-1], bend[:, 1:-1])):
+        np.maximum(inner, np.abs(np.diff(luma, 2, axis)), out=inner)
+    bend = bend[beside]
+    if np.count_nonzero(bend > UNEVEN) <= NOISY * len(bend):
+        return 0.0
+    return max(float(np.quantile(bend, QUANTILE)) / SPREAD, LEAST_NOISE)
+
+
+def _contrast(values: Floats) -> Floats:
+    """Return the largest difference (h, w) of values (h, w, c) in 3 x 3 pixels."""
+    high: Any = ndimage.maximum_filter(values, (3, 3, 1))
+    low: Any = ndimage.minimum_filter(values, (3, 3, 1))
+    return (high - low).max(axis=-1)
+
+
+def cleaned(pixels: Floats) -> Floats:
+    """Return a picture without the noise beside its edges, or itself if it has none."""
+    if pixels.shape[2] != 3 or not (noise := noise_of(pixels)):
+        return pixels
+    values = pixels @ LUMA.T.astype(np.float32)
+    near: Any = ndimage.maximum_filter(_contrast(values), 2 * REACH + 1)
+    local = np.clip(noise * near / FULL_NOISE, LEAST_NOISE, noise).astype(np.float32)
+    smooth = values
+    for _ in range(PASSES):
+        smooth = _averaged(smooth, local, np.empty_like(values))
+    spread = over_blocks(smooth, np.maximum) - over_blocks(smooth, np.minimum)
+    bend = over_blocks(bend_of(smooth), np.maximum)
+    spread = spread.max(axis=-1)
+    block = (spread <= FLAT * local) | ((bend <= BEND * local) & (spread <= STEEP * local))
+    cores, count = _wide(*cores_of_blocks(smooth, block, JOINED * noise))
+    if not count:
+        return pixels
+    even = _evened(values, smooth, local, cores, count)
+    labels = grown(smooth, cores)
+    result = smooth.copy()
+    mix(values, even, cores, labels, local, result)
+    back = np.linalg.inv(LUMA).T.astype(np.float32)
+    return np.clip(result @ back, 0, 1)
+
+
+def _wide(cores: Ints, count: int) -> tuple[Ints, int]:
+    """Return the cores that have 3 x 3 pixels, because shades of an edge have not."""
+    inner: Any = ndimage.minimum_filter(cores, 3) == ndimage.maximum_filter(cores, 3)
+    kept = np.unique(cores[inner & (cores >= 0)])
+    return renamed(cores, kept), len(kept)
+
+
+def _evened(values: Floats, smooth: Floats, local: Floats, cores: Ints, count: int) -> Floats:
+    """Return the values (h, w, c) of cores without noise."""
+    result = values.copy()
+    for k, box in enumerate(ndimage.find_objects(cores + 1, max_label=count)):
+        inside = cores[box] == k
+        core: Any = ndimage.binary_erosion(inside, BLOCK, border_value=1)
+        mean = smooth[box][core].mean(axis=0)
+        off = np.abs(smooth[box][inside] - mean).max(axis=1)
+        if np.count_nonzero(off > EVEN * local[box][inside] + 2 * LEVEL) <= 0.1 * len(off):
+            result[box][inside] = _middle(values[box][core])
+            continue
+        weight = ndimage.gaussian_filter(inside.astype(np.float32), SMOOTHED)
+        for c in range(values.shape[2]):
+            total = ndimage.gaussian_filter(values[box][..., c] * inside, SMOOTHED)
+            result[box][..., c][inside] = (total / np.maximum(weight, 1e-6))[inside]
+    return result
+
+
+def _middle(values: Floats) -> Floats:
+    """Return the mean (c,) of the values (n, c) near their median."""
+    median = np.median(values, axis=0)
+    near = np.abs(values - median) <= 2 * LEVEL
+    return (values * near).sum(axis=0) / np.maximum(near.sum(axis=0), 1)
+
+
+@kernel
+def _averaged(values, noise, result):
+    """Return the mean of the neighbours of each pixel that are like it within its noise."""
+    h, w, channels = values.shape
+    for y in range(h):
+        for x in range(w):
+            most = RANGE * noise[y, x]
+            count = 0
+            for c in range(channels):
+                result[y, x, c] = 0.0
+            for v in range(max(0, y - RADIUS), min(h, y + RADIUS + 1)):
+                for u in range(max(0, x - RADIUS), min(w, x + RADIUS + 1)):
+                    difference = 0.0
+                    for c in range(channels):
+                        difference = max(difference, abs(values[v, u, c] - values[y, x, c]))
+                    if difference <= most:
+                        count += 1
+                        for c in range(channels):
+                            result[y, x, c] += values[v, u, c]
+            for c in range(channels):
+                result[y, x, c] /= count
+    return result
+
+
+@inner
+def _mixture(value, a, b, snap):
+    """Return the squared error of the best mixture of two colours, and the share of the first.
+
+    Luma is blurred less than chroma, so that the share is that of luma, unless lumas are alike.
+    """
+    luma, chroma = value[0] - b[0], 0.0
+    contrast = (a[0] - b[0]) ** 2
+    across = 0.0
+    for c in range(1, len(value)):
+        chroma += (value[c] - b[c]) * (a[c] - b[c])
+        across += (a[c] - b[c]) ** 2
+    weight = ALONG * ALONG
+    total = contrast + weight * across
+    share = 0.0
+    if total > 1e-6:
+        share = min(max((luma * (a[0] - b[0]) + weight * chroma) / total, 0.0), 1.0)
+        if share * math.sqrt(total) < snap:
+            share = 0.0
+        elif (1 - share) * math.sqrt(total) < snap:
+            share = 1.0
+    part = 0.0 if across < 1e-6 else min(max(chroma / across, 0.0), 1.0)
+    error = (luma - share * (a[0] - b[0])) ** 2 + weight * (part - share) ** 2 * across
+    for c in range(1, len(value)):
+        error += (ACROSS * (value[c] - b[c] - part * (a[c] - b[c]))) ** 2
+    return error, share
+
+
+@kernel
+def mix(values, even, cores, labels, noise, result):
+    """Write the colours of cores, and mixtures of the two cores beside each pixel between them.
+
+    values, even  (h, w, c) noisy values, and those of cores without noise
+    cores, labels (h, w) labels of the pixels of cores, and of all pixels
+    noise   (h, w) height of the noise
+    result  (h, w, c) output. Pixels that are no mixtures keep what it has
+    """
+    h, w, channels = values.shape
+    color = np.empty((12, channels))
+    names = np.empty(12, np.int64)
+    nearest = np.empty(12, np.int64)
+    for y in range(h):
+        for x in range(w):
+            if cores[y, x] >= 0:
+                for c in range(channels):
+                    result[y, x, c] = even[y, x, c]
+                continue
+            for radius in range(1, FAR + 1):
+                count = 0
+                for v in range(max(0, y - radius), min(h, y + radius + 1)):
+                    for u in range(max(0, x - radius), min(w, x + radius + 1)):
+                        k = cores[v, u]
+                        if k < 0:
+                            continue
+                        place = (v - y) ** 2 + (u - x) ** 2
+                        i = 0
+                        while i < count and names[i] != k:
+                            i += 1
+                        if i == 12 or (i < count and nearest[i] <= place):
+                            continue
+                        names[i], nearest[i] = k, place
+                        count = max(count, i + 1)
+                        for c in range(channels):
+                            color[i, c] = even[v, u, c]
+                best, first, second, share = 1e9, -1, -1, 0.0
+                for i in range(count):
+                    for j in range(i + 1):
+                        error, s = _mixture(values[y, x], color[i], color[j], SNAP * noise[y, x])
+                        if error < best:
+                            best, first, second, share = error, i, j, s
+                if first >= 0 and best <= (EXPLAINED * noise[y, x]) ** 2:
+                    for c in range(channels):
+                        result[y, x, c] = (
+                            share * color[first, c] + (1 - share) * color[second, c]
+                        )
+                    break
