@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from gauss2svg.areas.kernels import Bools, Floats, Ints, inner, kernel
 from gauss2svg.areas.masks import BLOCK, LEVEL
-from gauss2svg.areas.regions import bend_of, cores_of_blocks, grown, over_blocks, renamed
+from gauss2svg.areas.regions import bend_of, cores_of_blocks, over_blocks, renamed
 
 EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge
 BESIDE = 1.5, 4.5  # px; distances from edges at which noise is measured
@@ -35,6 +35,8 @@ SMOOTHED = 4.0  # px by which shading is smoothed
 EXPLAINED = 4.0  # noise up to which a pixel is a mixture of the cores beside it
 ALONG, ACROSS = 0.15, 0.3  # weight of the error of chroma between the two colours of a mixture
 SNAP = 1.5  # noise up to which a pixel beside a core has the core's colour
+LUMA_OFF, CHROMA_OFF, SURE = 1.2, 5.0, 8.0
+MOST_COLORS = 16
 FAR = 4  # px within which the colours of a mixture lie
 
 
@@ -77,10 +79,9 @@ def cleaned(pixels: Floats) -> Floats:
     cores, count = _wide(*cores_of_blocks(smooth, block, JOINED * noise))
     if not count:
         return pixels
-    even = _evened(values, smooth, local, cores, count)
-    labels = grown(smooth, cores)
+    even, colors = _evened(values, smooth, local, cores, count)
     result = smooth.copy()
-    mix(values, even, cores, labels, local, result)
+    mix(values, even, cores, colors[:MOST_COLORS], local, result)
     back = np.linalg.inv(LUMA).T.astype(np.float32)
     return np.clip(result @ back, 0, 1)
 
@@ -92,22 +93,36 @@ def _wide(cores: Ints, count: int) -> tuple[Ints, int]:
     return renamed(cores, kept), len(kept)
 
 
-def _evened(values: Floats, smooth: Floats, local: Floats, cores: Ints, count: int) -> Floats:
-    """Return the values (h, w, c) of cores without noise."""
-    result = values.copy()
+def _evened(
+    values: Floats, smooth: Floats, local: Floats, cores: Ints, count: int
+) -> tuple[Floats, Floats]:
+    """Return the values (h, w, c) of cores without noise, and the colours (k, c) of even cores.
+
+    Cores are in the order of their sizes. A small one gets the colour of a larger one that is alike
+    within the noise.
+    """
+    result, noise = values.copy(), local.max() * np.array([LUMA_OFF, CHROMA_OFF, CHROMA_OFF])
+    colors = np.empty((0, values.shape[2]), values.dtype)
     for k, box in enumerate(ndimage.find_objects(cores + 1, max_label=count)):
         inside = cores[box] == k
         core: Any = ndimage.binary_erosion(inside, BLOCK, border_value=1)
-        mean = smooth[box][core].mean(axis=0)
-        off = np.abs(smooth[box][inside] - mean).max(axis=1)
-        if np.count_nonzero(off > EVEN * local[box][inside] + 2 * LEVEL) <= 0.1 * len(off):
-            result[box][inside] = _middle(values[box][core])
+        color = _middle(values[box][core])
+        off = np.abs(smooth[box][inside] - color).max(axis=1)
+        size = len(off)
+        if np.count_nonzero(off > EVEN * local[box][inside] + 2 * LEVEL) <= 0.1 * size:
+            most = noise * min(1.0, SURE / math.sqrt(size)) + LEVEL
+            far = (np.abs(colors - color) / most).max(axis=1)
+            if far.size and far.min() <= 1:
+                color = colors[far.argmin()]
+            else:
+                colors = np.vstack([colors, color[None]])
+            result[box][inside] = color
             continue
         weight = ndimage.gaussian_filter(inside.astype(np.float32), SMOOTHED)
         for c in range(values.shape[2]):
             total = ndimage.gaussian_filter(values[box][..., c] * inside, SMOOTHED)
             result[box][..., c][inside] = (total / np.maximum(weight, 1e-6))[inside]
-    return result
+    return result, colors
 
 
 def _middle(values: Floats) -> Floats:
@@ -170,16 +185,17 @@ def _mixture(value, a, b, snap):
 
 
 @kernel
-def mix(values, even, cores, labels, noise, result):
+def mix(values, even, cores, colors, noise, result):
     """Write the colours of cores, and mixtures of the two cores beside each pixel between them.
 
     values, even  (h, w, c) noisy values, and those of cores without noise
-    cores, labels (h, w) labels of the pixels of cores, and of all pixels
+    cores   (h, w) labels of the pixels of cores
+    colors  (k, c) colours of which thin parts may be, beside the cores
     noise   (h, w) height of the noise
     result  (h, w, c) output. Pixels that are no mixtures keep what it has
     """
     h, w, channels = values.shape
-    color = np.empty((12, channels))
+    color = np.empty((12 + MOST_COLORS, channels))
     names = np.empty(12, np.int64)
     nearest = np.empty(12, np.int64)
     for y in range(h):
@@ -188,7 +204,7 @@ def mix(values, even, cores, labels, noise, result):
                 for c in range(channels):
                     result[y, x, c] = even[y, x, c]
                 continue
-            for radius in range(1, FAR + 1):
+            for radius in range(1, FAR + 2):
                 count = 0
                 for v in range(max(0, y - radius), min(h, y + radius + 1)):
                     for u in range(max(0, x - radius), min(w, x + radius + 1)):
@@ -205,9 +221,15 @@ def mix(values, even, cores, labels, noise, result):
                         count = max(count, i + 1)
                         for c in range(channels):
                             color[i, c] = even[v, u, c]
+                near = count
+                if radius > FAR:
+                    for i in range(len(colors)):
+                        for c in range(channels):
+                            color[count, c] = colors[i, c]
+                        count += 1
                 best, first, second, share = 1e9, -1, -1, 0.0
                 for i in range(count):
-                    for j in range(i + 1):
+                    for j in range(min(i + 1, near)):
                         error, s = _mixture(values[y, x], color[i], color[j], SNAP * noise[y, x])
                         if error < best:
                             best, first, second, share = error, i, j, s
