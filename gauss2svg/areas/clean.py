@@ -33,9 +33,11 @@ FLAT, BEND, STEEP, JOINED = 1.5, 1.0, 3.0, 1.2
 EVEN = 1.0  # noise; largest difference of smoothed values from the mean of an even core
 SMOOTHED = 4.0  # px by which shading is smoothed
 EXPLAINED = 4.0  # noise up to which a pixel is a mixture of the cores beside it
-ALONG, ACROSS = 0.15, 0.3  # weight of the error of chroma between the two colours of a mixture
-SNAP = 1.5  # noise up to which a pixel beside a core has the core's colour
-LUMA_OFF, CHROMA_OFF, SURE = 1.2, 5.0, 8.0
+CHROMA = 1.0
+BLEEDING = .08  # noise of colour differences as a share of their contrast nearby
+ALONG = 2.5  # noise of the chroma between two colours, in that of chroma
+SNAP = 2.0  # noise up to which a pixel beside a core has the core's colour
+SAME, SURE = 1.5, 8.0
 MOST_COLORS = 16
 FAR = 4  # px within which the colours of a mixture lie
 
@@ -67,15 +69,14 @@ def cleaned(pixels: Floats) -> Floats:
     if pixels.shape[2] != 3 or not (noise := noise_of(pixels)):
         return pixels
     values = pixels @ LUMA.T.astype(np.float32)
-    near: Any = ndimage.maximum_filter(_contrast(values), 2 * REACH + 1)
-    local = np.clip(noise * near / FULL_NOISE, LEAST_NOISE, noise).astype(np.float32)
+    local = _local(values, noise)
     smooth = values
     for _ in range(PASSES):
         smooth = _averaged(smooth, local, np.empty_like(values))
     spread = over_blocks(smooth, np.maximum) - over_blocks(smooth, np.minimum)
-    bend = over_blocks(bend_of(smooth), np.maximum)
-    spread = spread.max(axis=-1)
-    block = (spread <= FLAT * local) | ((bend <= BEND * local) & (spread <= STEEP * local))
+    spread = (spread / local).max(axis=-1)
+    bend = over_blocks(bend_of(smooth), np.maximum) / local[..., 0]
+    block = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
     cores, count = _wide(*cores_of_blocks(smooth, block, JOINED * noise))
     if not count:
         return pixels
@@ -84,6 +85,18 @@ def cleaned(pixels: Floats) -> Floats:
     mix(values, even, cores, colors[:MOST_COLORS], local, result)
     back = np.linalg.inv(LUMA).T.astype(np.float32)
     return np.clip(result @ back, 0, 1)
+
+
+def _local(values: Floats, noise: float) -> Floats:
+    """Return the noise (h, w, 3) of luma and of the colour differences around each pixel."""
+    result = np.empty_like(values)
+    luma, chroma = (
+        ndimage.maximum_filter(_contrast(values[..., part]), 2 * REACH + 1)
+        for part in (np.s_[:1], np.s_[1:])
+    )
+    result[..., 0] = np.clip(noise / FULL_NOISE * luma, LEAST_NOISE, noise)
+    result[..., 1:] = np.maximum(BLEEDING * chroma, CHROMA * result[..., 0])[..., None]
+    return result
 
 
 def _wide(cores: Ints, count: int) -> tuple[Ints, int]:
@@ -101,16 +114,17 @@ def _evened(
     Cores are in the order of their sizes. A small one gets the colour of a larger one that is alike
     within the noise.
     """
-    result, noise = values.copy(), local.max() * np.array([LUMA_OFF, CHROMA_OFF, CHROMA_OFF])
+    result = values.copy()
     colors = np.empty((0, values.shape[2]), values.dtype)
     for k, box in enumerate(ndimage.find_objects(cores + 1, max_label=count)):
         inside = cores[box] == k
         core: Any = ndimage.binary_erosion(inside, BLOCK, border_value=1)
         color = _middle(values[box][core])
-        off = np.abs(smooth[box][inside] - color).max(axis=1)
+        noise = local[box][inside]
+        off = np.abs(smooth[box][inside] - color) > EVEN * noise + 2 * LEVEL
         size = len(off)
-        if np.count_nonzero(off > EVEN * local[box][inside] + 2 * LEVEL) <= 0.1 * size:
-            most = noise * min(1.0, SURE / math.sqrt(size)) + LEVEL
+        if np.count_nonzero(off.any(axis=1)) <= 0.1 * size:
+            most = SAME * noise.mean(axis=0) * min(1.0, SURE / math.sqrt(size)) + LEVEL
             far = (np.abs(colors - color) / most).max(axis=1)
             if far.size and far.min() <= 1:
                 color = colors[far.argmin()]
@@ -138,7 +152,6 @@ def _averaged(values, noise, result):
     h, w, channels = values.shape
     for y in range(h):
         for x in range(w):
-            most = RANGE * noise[y, x]
             count = 0
             for c in range(channels):
                 result[y, x, c] = 0.0
@@ -146,8 +159,9 @@ def _averaged(values, noise, result):
                 for u in range(max(0, x - RADIUS), min(w, x + RADIUS + 1)):
                     difference = 0.0
                     for c in range(channels):
-                        difference = max(difference, abs(values[v, u, c] - values[y, x, c]))
-                    if difference <= most:
+                        d = abs(values[v, u, c] - values[y, x, c]) / noise[y, x, c]
+                        difference = max(difference, d)
+                    if difference <= RANGE:
                         count += 1
                         for c in range(channels):
                             result[y, x, c] += values[v, u, c]
@@ -157,30 +171,30 @@ def _averaged(values, noise, result):
 
 
 @inner
-def _mixture(value, a, b, snap):
+def _mixture(value, a, b, noise):
     """Return the squared error of the best mixture of two colours, and the share of the first.
 
-    Luma is blurred less than chroma, so that the share is that of luma, unless lumas are alike.
+    Errors are counted in noise. Luma is blurred less than chroma, so that the share is that of
+    luma, unless lumas are alike.
     """
-    luma, chroma = value[0] - b[0], 0.0
-    contrast = (a[0] - b[0]) ** 2
-    across = 0.0
+    luma, chroma, contrast, across = value[0] - b[0], 0.0, a[0] - b[0], 0.0
     for c in range(1, len(value)):
         chroma += (value[c] - b[c]) * (a[c] - b[c])
         across += (a[c] - b[c]) ** 2
-    weight = ALONG * ALONG
-    total = contrast + weight * across
-    share = 0.0
+    fine, coarse = noise[0] ** -2, (ALONG * noise[1]) ** -2
+    total = fine * contrast**2 + coarse * across
+    share, part = 0.0, 0.0
     if total > 1e-6:
-        share = min(max((luma * (a[0] - b[0]) + weight * chroma) / total, 0.0), 1.0)
-        if share * math.sqrt(total) < snap:
+        share = min(max((fine * luma * contrast + coarse * chroma) / total, 0.0), 1.0)
+        if share * math.sqrt(total) < SNAP:
             share = 0.0
-        elif (1 - share) * math.sqrt(total) < snap:
+        elif (1 - share) * math.sqrt(total) < SNAP:
             share = 1.0
-    part = 0.0 if across < 1e-6 else min(max(chroma / across, 0.0), 1.0)
-    error = (luma - share * (a[0] - b[0])) ** 2 + weight * (part - share) ** 2 * across
+    if across > 1e-6:
+        part = min(max(chroma / across, 0.0), 1.0)
+    error = fine * (luma - share * contrast) ** 2 + coarse * (part - share) ** 2 * across
     for c in range(1, len(value)):
-        error += (ACROSS * (value[c] - b[c] - part * (a[c] - b[c]))) ** 2
+        error += ((value[c] - b[c] - part * (a[c] - b[c])) / noise[1]) ** 2
     return error, share
 
 
@@ -191,7 +205,7 @@ def mix(values, even, cores, colors, noise, result):
     values, even  (h, w, c) noisy values, and those of cores without noise
     cores   (h, w) labels of the pixels of cores
     colors  (k, c) colours of which thin parts may be, beside the cores
-    noise   (h, w) height of the noise
+    noise   (h, w, c) height of the noise
     result  (h, w, c) output. Pixels that are no mixtures keep what it has
     """
     h, w, channels = values.shape
@@ -230,10 +244,10 @@ def mix(values, even, cores, colors, noise, result):
                 best, first, second, share = 1e9, -1, -1, 0.0
                 for i in range(count):
                     for j in range(min(i + 1, near)):
-                        error, s = _mixture(values[y, x], color[i], color[j], SNAP * noise[y, x])
+                        error, s = _mixture(values[y, x], color[i], color[j], noise[y, x])
                         if error < best:
                             best, first, second, share = error, i, j, s
-                if first >= 0 and best <= (EXPLAINED * noise[y, x]) ** 2:
+                if first >= 0 and best <= EXPLAINED**2:
                     for c in range(channels):
                         result[y, x, c] = (
                             share * color[first, c] + (1 - share) * color[second, c]
