@@ -15,7 +15,8 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg.areas.kernels import Bools, Floats, Ints, inner, kernel
-from gauss2svg.areas.masks import BLOCK, LEVEL
+from gauss2svg.areas.masks import BLOCK, LEVEL, pixels_of
+from gauss2svg.areas.paint import paint_of
 from gauss2svg.areas.regions import bend_of, cores_of_blocks, over_blocks, renamed
 
 EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge
@@ -30,14 +31,15 @@ FULL_NOISE = 60 * LEVEL  # contrast beside which noise has its full height
 LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])
 RADIUS, RANGE, PASSES = 3, 3.0, 2  # px, and noise, within which neighbours are averaged
 FLAT, BEND, STEEP, JOINED = 1.5, 1.0, 3.0, 1.2
-EVEN = 1.0  # noise; largest difference of smoothed values from the mean of an even core
+MOST_OFF = 0.15
+EVEN = 2.0  # noise; largest difference of smoothed values from the mean of an even core
 SMOOTHED = 4.0  # px by which shading is smoothed
 EXPLAINED = 4.0  # noise up to which a pixel is a mixture of the cores beside it
 CHROMA = 1.0
 BLEEDING = .08  # noise of colour differences as a share of their contrast nearby
 ALONG = 2.5  # noise of the chroma between two colours, in that of chroma
 SNAP = 2.0  # noise up to which a pixel beside a core has the core's colour
-SAME, SURE = 1.5, 8.0
+SAME, SURE, OFF, SHADED = 1.5, 8.0, 3.0, 0.7
 MOST_COLORS = 16
 FAR = 4  # px within which the colours of a mixture lie
 
@@ -80,9 +82,9 @@ def cleaned(pixels: Floats) -> Floats:
     cores, count = _wide(*cores_of_blocks(smooth, block, JOINED * noise))
     if not count:
         return pixels
-    even, colors = _evened(values, smooth, local, cores, count)
+    colors = _evened(pixels, smooth, local, cores, count)
     result = smooth.copy()
-    mix(values, even, cores, colors[:MOST_COLORS], local, result)
+    mix(values, smooth, cores, colors[:MOST_COLORS], local, result)
     back = np.linalg.inv(LUMA).T.astype(np.float32)
     return np.clip(result @ back, 0, 1)
 
@@ -106,37 +108,42 @@ def _wide(cores: Ints, count: int) -> tuple[Ints, int]:
     return renamed(cores, kept), len(kept)
 
 
-def _evened(
-    values: Floats, smooth: Floats, local: Floats, cores: Ints, count: int
-) -> tuple[Floats, Floats]:
-    """Return the values (h, w, c) of cores without noise, and the colours (k, c) of even cores.
+def _evened(pixels: Floats, smooth: Floats, local: Floats, cores: Ints, count: int) -> Floats:
+    """Write the values of cores without noise to `smooth`, and return the colours of even cores.
 
     Cores are in the order of their sizes. A small one gets the colour of a larger one that is alike
-    within the noise.
+    within the noise. Pixels that are not like their core are taken out of `cores`.
     """
-    result = values.copy()
-    colors = np.empty((0, values.shape[2]), values.dtype)
+    values, colors = pixels @ LUMA.T.astype(np.float32), np.empty((0, 3), np.float32)
     for k, box in enumerate(ndimage.find_objects(cores + 1, max_label=count)):
         inside = cores[box] == k
         core: Any = ndimage.binary_erosion(inside, BLOCK, border_value=1)
-        color = _middle(values[box][core])
-        noise = local[box][inside]
-        off = np.abs(smooth[box][inside] - color) > EVEN * noise + 2 * LEVEL
-        size = len(off)
-        if np.count_nonzero(off.any(axis=1)) <= 0.1 * size:
-            most = SAME * noise.mean(axis=0) * min(1.0, SURE / math.sqrt(size)) + LEVEL
-            far = (np.abs(colors - color) / most).max(axis=1)
+        color, noise, own = _middle(values[box][core]), local[box][inside], smooth[box][inside]
+        size = len(own)
+        share = min(1.0, SURE / math.sqrt(size))  # of the noise that is left in the mean of a core
+        most = noise.mean(axis=0)
+        off = np.abs(own - color) > EVEN * share * most + 2 * LEVEL
+        if np.count_nonzero(off.any(axis=1)) <= MOST_OFF * size:
+            far = (np.abs(colors - color) / (SAME * share * most + LEVEL)).max(axis=1)
             if far.size and far.min() <= 1:
                 color = colors[far.argmin()]
             else:
                 colors = np.vstack([colors, color[None]])
-            result[box][inside] = color
-            continue
-        weight = ndimage.gaussian_filter(inside.astype(np.float32), SMOOTHED)
-        for c in range(values.shape[2]):
-            total = ndimage.gaussian_filter(values[box][..., c] * inside, SMOOTHED)
-            result[box][..., c][inside] = (total / np.maximum(weight, 1e-6))[inside]
-    return result, colors
+            new = np.broadcast_to(color, own.shape)
+        else:
+            ys, xs = pixels_of(inside, box)
+            paint = paint_of(pixels, ys, xs)
+            new = paint.at(xs, ys) @ LUMA.T.astype(np.float32)
+            if not paint.is_shaded or np.abs(own - new).mean() > SHADED * most[0] + LEVEL:
+                weight = ndimage.gaussian_filter(inside.astype(np.float32), SMOOTHED)
+                new = np.empty_like(own)
+                for c in range(3):
+                    total = ndimage.gaussian_filter(values[box][..., c] * inside, SMOOTHED)
+                    new[:, c] = total[inside] / weight[inside]
+        is_off = (np.abs(own - new) > OFF * noise + 2 * LEVEL).any(axis=1)
+        smooth[box][inside] = np.where(is_off[:, None], own, new)
+        cores[box][inside] = np.where(is_off, -1, k)
+    return colors
 
 
 def _middle(values: Floats) -> Floats:
