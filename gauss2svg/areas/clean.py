@@ -46,7 +46,9 @@ FAR = 4  # px within which the colours of a mixture lie
 
 def noise_of(pixels: Floats) -> float:
     """Return the noise beside crisp edges of a picture (h, w, c). Clean drawings have none: 0."""
-    luma = pixels[..., :3] @ LUMA[0].astype(np.float32)
+    if pixels.shape[2] != 3:
+        return 0.0
+    luma = pixels @ LUMA[0].astype(np.float32)
     distance: Any = ndimage.distance_transform_edt(_contrast(luma[..., None]) <= EDGE)
     beside = (distance >= BESIDE[0]) & (distance <= BESIDE[1])
     beside[[0, -1]] = beside[:, [0, -1]] = False
@@ -66,10 +68,8 @@ def _contrast(values: Floats) -> Floats:
     return (high - low).max(axis=-1)
 
 
-def cleaned(pixels: Floats) -> Floats:
-    """Return a picture without the noise beside its edges, or itself if it has none."""
-    if pixels.shape[2] != 3 or not (noise := noise_of(pixels)):
-        return pixels
+def cleaned(pixels: Floats, noise: float) -> Floats:
+    """Return an opaque picture (h, w, 3) without noise of this height beside its edges."""
     values = pixels @ LUMA.T.astype(np.float32)
     local = _local(values, noise)
     smooth = values

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.areas.clean import cleaned
+from gauss2svg.areas.clean import cleaned, noise_of
 from gauss2svg.areas.find import (
     RATE,
     UNIT,
@@ -59,6 +59,9 @@ from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, Sv
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import ordered_svg
 
+# Factor on RATE for each unit of noise of the picture: 2.5 for a level of 255. Nodes that follow the
+# noise that is left along outlines would save less.
+PRICE_OF_NOISE = 2.5 * 255
 TRIES = 6  # largest number of rates that are tried, or half of it if no file is within the limit
 FULL = 0.9  # no rate between two others is tried if a file uses at least this share of the limit
 # If a file is k times as large as the limit, the rate is multiplied by k ** STEEPNESS, but by at
@@ -138,12 +141,15 @@ class ByAreas:
         if precision is None:
             precision = min(max(scale * UNIT, LEAST_PRECISION), MOST_PRECISION)
             plan = dataclasses.replace(plan, options=plan.options.changed(precision=precision))
-        picture = cleaned(subject.working)
-        if picture is not subject.working:
-            subject = dataclasses.replace(subject, working=picture)
+        noise = noise_of(subject.working)
+        if noise:
+            subject = dataclasses.replace(subject, working=cleaned(subject.working, noise))
+        self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
         self._plan, self._subject, self._run = plan, subject, run
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
+        # Gaussians that fill a limit would draw noise that is left.
+        self._fills = self._limit < math.inf and not noise
         self._is_cut = self._is_late = False
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture
         self._is_lost = False  # whether the file gets no areas
@@ -156,7 +162,7 @@ class ByAreas:
         most = min(MOST_CORES, max(width * height // PIXELS_EACH_CORE, LEAST_CORES))
         self._most_cores = None if plan.options.svg.areas == ALWAYS else most
         self._most = math.inf if plan.goal.count is None else plan.goal.count  # Gaussians
-        self._price = RATE * plan.shape_bytes  # squared error that a Gaussian must save
+        self._price = self._rate * plan.shape_bytes  # squared error that a Gaussian must save
         self._values = 3 * width * height  # numbers of the working picture
 
     def run(self) -> Outcome:
@@ -204,7 +210,7 @@ class ByAreas:
         if self._most < math.inf:
             options = options.changed(gaussians=int(self._most) - len(trial.ground))
         both = ByCount(
-            dataclasses.replace(self._plan, options=options, rate=RATE), above, run
+            dataclasses.replace(self._plan, options=options, rate=self._rate), above, run
         ).run()
         above.release()
         is_closer = both.psnr >= alone.psnr + LEAST_GAIN or self._plan.aim is not None
@@ -269,7 +275,7 @@ class ByAreas:
 
     def _error_of_shapes(self, size: float) -> float:
         """Return the squared error that a trial of shapes leaves in a file of so many bytes."""
-        size = self._limit if self._limit < math.inf else size
+        size = self._limit if self._fills else size
         each = SHAPE_BYTES[2] if self._plan.markup == MINIMAL else USUAL_BYTES
         count = int(min(max(size / each, TRIED), MOST_TRIED))
         if count not in self._shapes_alone:
@@ -327,7 +333,7 @@ class ByAreas:
         """Return whether Gaussians are fitted above the areas of a trial."""
         if len(trial.ground) >= self._most:
             return False
-        if self._limit < math.inf:
+        if self._fills:
             room = self._limit - trial.export.size
             return room < 0 or room >= LEAST_ROOM * self._plan.shape_bytes
         return self._pays(trial) if self._plan.aim is None else not trial.is_met
@@ -345,7 +351,7 @@ class ByAreas:
         is_limited = self._limit < math.inf
         if not is_shaded:
             trials = [self._trial(first)]
-            is_shaded = trials[0].shaded or (is_limited and self._is_visible(trials[0].error))
+            is_shaded = trials[0].shaded or (self._fills and self._is_visible(trials[0].error))
         if trials and not is_limited and self._plan.aim is None:
             # Only fewer areas would go on from the drawing, which takes much memory.
             found = dataclasses.replace(trials[0].found, drawing=None)
@@ -364,7 +370,7 @@ class ByAreas:
             finest = min(trials, key=lambda trial: trial.export.size)
             return self._cut(finest, finest is not trials[0])
         best = min(within, key=lambda trial: trial.cost)
-        rate = RATE
+        rate = self._rate
         while best.is_met and self._tries < TRIES and not self._ends():
             rate *= LESS
             trial = self._trial(self._coarser(best, rate))
@@ -389,15 +395,16 @@ class ByAreas:
             progress(done, present)
 
         picture, most = self._subject.working, self._most_cores
-        return find_areas(picture, RATE, self._unit, checked, True, most)
+        return find_areas(picture, self._rate, self._unit, checked, True, most)
 
     def _cut(self, finest: _Trial, shaded: bool) -> _Trial:
         """Return the best trial within the limit of bytes, which `finest` exceeds.
 
         shaded  whether shading was left to Gaussians when `finest` was found
         """
-        best, rate, self._is_cut = None, RATE, True
-        low, high = RATE, math.inf  # highest rate of a file beyond the limit, lowest of one within
+        best, rate, self._is_cut = None, self._rate, True
+        # The highest rate of a file beyond the limit, and the lowest one of a file within it.
+        low, high = self._rate, math.inf
         rises = False  # whether Gaussians may draw visible errors in the bytes of further areas
         while self._tries < (2 * TRIES if best is None else TRIES) and not self._ends():
             if rises:
@@ -467,7 +474,7 @@ class ByAreas:
                 plan.aim.score(self._exporter.raster(export.svg), subject.photo)
             )
         saved = 0.0
-        if self._limit < math.inf and found.areas:
+        if self._fills and found.areas:
             # As many Gaussians as the limit allows, beside their definitions.
             left = FILLED * (self._limit - export.size) / plan.shape_bytes
             count = int(min(max(left, 0), 6 * count))
@@ -476,11 +483,11 @@ class ByAreas:
             saved = max(error - self._values * 10 ** (-session.population.psnr() / 10), 0.0)
         price = count * self._price
         pays = saved > price
-        if self._limit < math.inf:
+        if self._fills:
             cost = expected = error - saved
         else:
             expected = error - saved if pays else error
-            cost = expected + RATE * export.size + (price if pays else 0.0)
+            cost = expected + self._rate * export.size + (price if pays else 0.0)
         is_shaded = error < first or error - saved < SHADED * error
         return _Trial(found, scene, export, error, saved, expected, cost, is_shaded, is_met)
 
@@ -553,7 +560,7 @@ class ByAreas:
         if (start := subject.start) is None:
             most = self._most_cores
             return find_areas(
-                subject.working, RATE, unit, progress, most_cores=most, glance=self._glance
+                subject.working, self._rate, unit, progress, most_cores=most, glance=self._glance
             )
         # Imported here because few runs have a start.
         from gauss2svg.areas.start import refined_areas
