@@ -23,14 +23,14 @@ EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge
 BESIDE = 1.5, 4.5  # px; distances from edges at which noise is measured
 UNEVEN = 1.01 * LEVEL  # larger second differences do not come from rounding
 NOISY = 0.16  # share of uneven pixels beside edges. Clean drawings have at most .11, JPEG over .27
-QUANTILE, SPREAD = 0.8, 2.2  # quantile of second differences, and its ratio to the noise
+QUANTILE, SPREAD = 0.8, 2.6  # quantile of second differences, and its ratio to the noise
 LEAST_NOISE = 0.8 * LEVEL  # noise of pixels that are far from edges
 REACH = 4  # px up to which edges have noise beside them
 FULL_NOISE = 60 * LEVEL  # contrast beside which noise has its full height
 # Luma, and colour differences, which are blurred in most JPEG and therefore count less.
 LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])
-RADIUS, RANGE, PASSES = 3, 3.0, 2  # px, and noise, within which neighbours are averaged
-FLAT, BEND, STEEP, JOINED = 1.5, 1.0, 3.0, 1.2
+RADIUS, RANGE, PASSES = 3, 1.8, 2  # px, and noise, within which neighbours are averaged
+FLAT, BEND, STEEP, JOINED = 1.3, 0.8, 1.7, 0.5
 MOST_OFF = 0.15
 EVEN = 2.0  # noise; largest difference of smoothed values from the mean of an even core
 SMOOTHED = 4.0  # px by which shading is smoothed
@@ -39,7 +39,7 @@ CHROMA = 1.0
 BLEEDING = .08  # noise of colour differences as a share of their contrast nearby
 ALONG = 2.5  # noise of the chroma between two colours, in that of chroma
 SNAP = 2.0  # noise up to which a pixel beside a core has the core's colour
-SAME, SURE, OFF, SHADED = 1.5, 8.0, 3.0, 0.7
+SAME, SURE, OFF, SHADED = 1.5, 8.0, 1.5, 0.7
 MOST_COLORS = 16
 FAR = 4  # px within which the colours of a mixture lie
 
@@ -55,10 +55,10 @@ def noise_of(pixels: Floats) -> float:
     bend = np.zeros_like(luma)
     for axis, inner in enumerate((bend[1:-1], bend[:, 1:-1])):
         np.maximum(inner, np.abs(np.diff(luma, 2, axis)), out=inner)
-    bend = bend[beside]
-    if np.count_nonzero(bend > UNEVEN) <= NOISY * len(bend):
+    uneven = bend[beside & (bend > UNEVEN)]
+    if len(uneven) <= NOISY * np.count_nonzero(beside):
         return 0.0
-    return max(float(np.quantile(bend, QUANTILE)) / SPREAD, LEAST_NOISE)
+    return max(float(np.quantile(uneven, QUANTILE)) / SPREAD, LEAST_NOISE)
 
 
 def _contrast(values: Floats) -> Floats:
@@ -135,11 +135,7 @@ def _evened(pixels: Floats, smooth: Floats, local: Floats, cores: Ints, count: i
             paint = paint_of(pixels, ys, xs)
             new = paint.at(xs, ys) @ LUMA.T.astype(np.float32)
             if not paint.is_shaded or np.abs(own - new).mean() > SHADED * most[0] + LEVEL:
-                weight = ndimage.gaussian_filter(inside.astype(np.float32), SMOOTHED)
-                new = np.empty_like(own)
-                for c in range(3):
-                    total = ndimage.gaussian_filter(values[box][..., c] * inside, SMOOTHED)
-                    new[:, c] = total[inside] / weight[inside]
+                new = own
         is_off = (np.abs(own - new) > OFF * noise + 2 * LEVEL).any(axis=1)
         smooth[box][inside] = np.where(is_off[:, None], own, new)
         cores[box][inside] = np.where(is_off, -1, k)
