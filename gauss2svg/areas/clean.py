@@ -31,6 +31,7 @@ FULL_NOISE = 60 * LEVEL  # contrast beside which noise has its full height
 LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])
 RADIUS, RANGE, PASSES = 3, 1.8, 2  # px, and noise, within which neighbours are averaged
 FLAT, BEND, STEEP, JOINED = 1.3, 0.8, 1.7, 0.5
+ROUNDS = 3
 MOST_OFF = 0.15
 EVEN = 2.0  # noise; largest difference of smoothed values from the mean of an even core
 SMOOTHED = 4.0  # px by which shading is smoothed
@@ -53,8 +54,8 @@ def noise_of(pixels: Floats) -> float:
     beside = (distance >= BESIDE[0]) & (distance <= BESIDE[1])
     beside[[0, -1]] = beside[:, [0, -1]] = False
     bend = np.zeros_like(luma)
-    for axis, inner in enumerate((bend[1:-1], bend[:, 1:-1])):
-        np.maximum(inner, np.abs(np.diff(luma, 2, axis)), out=inner)
+    for axis, part in enumerate((bend[1:-1], bend[:, 1:-1])):
+        np.maximum(part, np.abs(np.diff(luma, 2, axis)), out=part)
     uneven = bend[beside & (bend > UNEVEN)]
     if len(uneven) <= NOISY * np.count_nonzero(beside):
         return 0.0
@@ -79,10 +80,13 @@ def cleaned(pixels: Floats, noise: float) -> Floats:
     spread = (spread / local).max(axis=-1)
     bend = over_blocks(bend_of(smooth), np.maximum) / local[..., 0]
     block = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
-    cores, count = _wide(*cores_of_blocks(smooth, block, JOINED * noise))
-    if not count:
-        return pixels
-    colors = _evened(pixels, smooth, local, cores, count)
+    cores, colors = np.full(block.shape, -1, np.int32), np.empty((0, 3), np.float32)
+    for _ in range(ROUNDS):
+        # Cores of what the cores of earlier rounds have left.
+        block &= over_blocks(cores[..., None], np.maximum)[..., 0] < 0
+        more, count = _wide(*cores_of_blocks(smooth, block, JOINED * noise))
+        colors = _evened(pixels, smooth, local, more, count, colors)
+        cores = np.where(more >= 0, more + cores.max() + 1, cores)
     result = smooth.copy()
     mix(values, smooth, cores, colors[:MOST_COLORS], local, result)
     back = np.linalg.inv(LUMA).T.astype(np.float32)
@@ -103,19 +107,23 @@ def _local(values: Floats, noise: float) -> Floats:
 
 def _wide(cores: Ints, count: int) -> tuple[Ints, int]:
     """Return the cores that have 3 x 3 pixels, because shades of an edge have not."""
-    inner: Any = ndimage.minimum_filter(cores, 3) == ndimage.maximum_filter(cores, 3)
-    kept = np.unique(cores[inner & (cores >= 0)])
+    is_inner: Any = ndimage.minimum_filter(cores, 3) == ndimage.maximum_filter(cores, 3)
+    kept = np.unique(cores[is_inner & (cores >= 0)])
     return renamed(cores, kept), len(kept)
 
 
-def _evened(pixels: Floats, smooth: Floats, local: Floats, cores: Ints, count: int) -> Floats:
+def _evened(
+    pixels: Floats, smooth: Floats, local: Floats, cores: Ints, count: int, colors: Floats
+) -> Floats:
     """Write the values of cores without noise to `smooth`, and return the colours of even cores.
 
     Cores are in the order of their sizes. A small one gets the colour of a larger one that is alike
     within the noise. Pixels that are not like their core are taken out of `cores`.
     """
-    values, colors = pixels @ LUMA.T.astype(np.float32), np.empty((0, 3), np.float32)
+    values = pixels @ LUMA.T.astype(np.float32)
     for k, box in enumerate(ndimage.find_objects(cores + 1, max_label=count)):
+        if box is None:
+            continue
         inside = cores[box] == k
         core: Any = ndimage.binary_erosion(inside, BLOCK, border_value=1)
         color, noise, own = _middle(values[box][core]), local[box][inside], smooth[box][inside]
@@ -135,7 +143,12 @@ def _evened(pixels: Floats, smooth: Floats, local: Floats, cores: Ints, count: i
             paint = paint_of(pixels, ys, xs)
             new = paint.at(xs, ys) @ LUMA.T.astype(np.float32)
             if not paint.is_shaded or np.abs(own - new).mean() > SHADED * most[0] + LEVEL:
-                new = own
+                weight = ndimage.gaussian_filter(inside.astype(np.float32), SMOOTHED)[inside]
+                new = np.stack([
+                    ndimage.gaussian_filter(values[box][..., c] * inside, SMOOTHED)[inside] / weight
+                    for c in range(3)
+                ], axis=1)
+                new = np.where(np.abs(new - own) <= noise, new, own)
         is_off = (np.abs(own - new) > OFF * noise + 2 * LEVEL).any(axis=1)
         smooth[box][inside] = np.where(is_off[:, None], own, new)
         cores[box][inside] = np.where(is_off, -1, k)
