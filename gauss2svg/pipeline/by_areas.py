@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.areas.clean import cleaned, noise_of
+from gauss2svg.areas.clean import cleaned, enlargement_of, noise_of
 from gauss2svg.areas.find import (
     RATE,
     UNIT,
@@ -136,6 +136,10 @@ class ByAreas:
     """A search for the areas and lines of a picture, and for Gaussians above them."""
 
     def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
+        width, height = subject.size
+        if (times := enlargement_of(subject.working)) > 1:
+            small = shrunk(subject.working, round(height / times), round(width / times))
+            subject = dataclasses.replace(subject, working=small)
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
         precision = plan.options.svg.precision
         if precision is None:
