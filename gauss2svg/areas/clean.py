@@ -1,4 +1,4 @@
-"""Cleaning: a drawing without the noise that JPEG and resampling leave beside its edges.
+"""Cleaning: a drawing without the noise that JPEG leaves beside its edges.
 
 A clean drawing is even up to its edges. Noise is measured where it is not: a few px beside crisp
 edges. If there is noise, even cores are found within tolerances that follow it. Each core gets one
@@ -17,49 +17,66 @@ from scipy import ndimage
 from gauss2svg.areas.kernels import Bools, Floats, Ints, inner, kernel
 from gauss2svg.areas.masks import BLOCK, LEVEL, pixels_of
 from gauss2svg.areas.paint import paint_of
-from gauss2svg.areas.regions import bend_of, cores_of_blocks, over_blocks, renamed
+from gauss2svg.areas.photos import textured
+from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, over_blocks, renamed
 
 EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge
-BESIDE = 1.5, 4.5  # px; distances from edges at which noise is measured
+BESIDE = 2.5, 5.5  # px; distances from edges at which noise is measured
 UNEVEN = 1.01 * LEVEL  # larger second differences do not come from rounding
-NOISY = 0.16  # share of uneven pixels beside edges. Clean drawings have at most .11, JPEG over .27
-QUANTILE, SPREAD = 0.8, 2.6  # quantile of second differences, and its ratio to the noise
+NOISY = 0.17  # share of uneven pixels beside edges. Clean drawings have at most .11, JPEG over .2
+QUANTILE, SPREAD = 0.8, 2.4  # quantile of uneven second differences, and its ratio to the noise
 LEAST_NOISE = 0.8 * LEVEL  # noise of pixels that are far from edges
 REACH = 4  # px up to which edges have noise beside them
-FULL_NOISE = 60 * LEVEL  # contrast beside which noise has its full height
-# Luma, and colour differences, which are blurred in most JPEG and therefore count less.
-LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])
-RADIUS, RANGE, PASSES = 3, 1.8, 2  # px, and noise, within which neighbours are averaged
-FLAT, BEND, STEEP, JOINED = 1.3, 1.0, 3.0, 1.5
-ROUNDS = 3
-MOST_OFF = 0.15
-EVEN = 2.0  # noise; largest difference of smoothed values from the mean of an even core
-SMOOTHED = 4.0  # px by which shading is smoothed
-EXPLAINED = 4.0  # noise up to which a pixel is a mixture of the cores beside it
-CHROMA = 1.0
-BLEEDING = .08  # noise of colour differences as a share of their contrast nearby
-ALONG = 2.5  # noise of the chroma between two colours, in that of chroma
-SNAP = 2.0  # noise up to which a pixel beside a core has the core's colour
-SAME, SURE, OFF, SHADED = 1.5, 8.0, 1.5, 0.7
-MOST_COLORS = 16
-EDGE_STEPS, WIDE_EDGE = 9, 60 * LEVEL
-LEAST_EDGES, CRISPEST, HALF, ONE_STEP = 20, 0.8, 0.5, 0.86
+FULL_NOISE = 60 * LEVEL  # contrast beside which noise of luma has its full height
+# Noise of colour differences is at least that of luma, and this share of their contrast nearby,
+# because JPEG stores them at half the size.
+BLEEDING = 0.08
+ALONG = 2.5  # noise between the chromas of two colours, where they bleed, in noise of chroma
+LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])  # YCbCr
+
+# The rest is counted in noise, if no unit is given.
+RADIUS, RANGE, PASSES = 3, 1.8, 2  # px and noise within which neighbours are averaged
+FLAT, JOINED = 1.3, 1.5  # largest differences in a block of one core, and of its neighbours
+BEND, STEEP = 1.0, 3.0  # largest second and first differences in a block that is evenly shaded
+ROUNDS = 3  # searches for cores, each among the pixels that were unlike the cores before
+EVEN, MOST_OFF = 2.0, 0.15  # an even core has at most this share of pixels that differ more
+SAME = 1.5  # difference of the colours of cores that become one
+SURE = 8.0  # px; side of a core whose mean has the noise of a pixel, and larger ones less
+SHADED = 0.7  # mean difference from a gradient that draws a core
+SMOOTHED = 4.0  # px by which other shading is smoothed
+OFF = 1.5  # a pixel that differs more is no part of its core
+EXPLAINED = 4.0  # largest error of a mixture of colours
+SNAP = 2.0  # a pixel that differs less from a colour is no mixture
 FAR = 4  # px within which the colours of a mixture lie
+MOST_NEAR, MOST_COLORS = 12, 16  # colours that are tried: of cores nearby, and of all even cores
+
+EDGE_STEPS, WIDE_EDGE = 9, 60 * LEVEL  # px and least contrast of edges whose widths are measured
+SAME_WAY = 0.8  # share of all differences along an edge that lead the same way
+# Fewer edges, or a smaller share of all steep places, tell nothing: they may be sides of lines.
+LEAST_EDGES, LEAST_SHARE = 20, 0.25
+# A picture was enlarged if this quantile of the largest step of an edge, as a share of its
+# contrast, is at most NARROW. Clean drawings have at least .74, and JPEGs of quality 75 .64.
+CRISPEST, NARROW = 0.8, 0.6
+ONE_STEP = 0.86  # the quantile in pictures that were not enlarged
+MOST_TIMES = 2.0  # edges that are wider come from blur
 
 
 def noise_of(pixels: Floats) -> float:
-    """Return the noise beside crisp edges of a picture (h, w, c). Clean drawings have none: 0."""
+    """Return the noise beside crisp edges of a picture (h, w, c).
+
+    It is 0 if the picture is clean or transparent, or has a textured part, such as a photo.
+    """
     if pixels.shape[2] != 3:
         return 0.0
     luma = pixels @ LUMA[0].astype(np.float32)
     distance: Any = ndimage.distance_transform_edt(_contrast(luma[..., None]) <= EDGE)
     beside = (distance >= BESIDE[0]) & (distance <= BESIDE[1])
     beside[[0, -1]] = beside[:, [0, -1]] = False
-    bend = np.zeros_like(luma)
-    for axis, part in enumerate((bend[1:-1], bend[:, 1:-1])):
-        np.maximum(part, np.abs(np.diff(luma, 2, axis)), out=part)
+    bend = bend_of(luma[..., None])
     uneven = bend[beside & (bend > UNEVEN)]
     if len(uneven) <= NOISY * np.count_nonzero(beside):
+        return 0.0
+    if textured(pixels, cores_of(pixels)[0]).any():
         return 0.0
     return max(float(np.quantile(uneven, QUANTILE)) / SPREAD, LEAST_NOISE)
 
@@ -90,7 +107,7 @@ def cleaned(pixels: Floats, noise: float) -> Floats:
         colors = _evened(pixels, smooth, local, more, count, colors)
         cores = np.where(more >= 0, more + cores.max() + 1, cores)
     result = smooth.copy()
-    mix(values, smooth, cores, colors[:MOST_COLORS], local, result)
+    _mix(values, smooth, cores, colors[:MOST_COLORS], local, result)
     back = np.linalg.inv(LUMA).T.astype(np.float32)
     return np.clip(result @ back, 0, 1)
 
@@ -103,7 +120,7 @@ def _local(values: Floats, noise: float) -> Floats:
         for part in (np.s_[:1], np.s_[1:])
     )
     result[..., 0] = np.clip(noise / FULL_NOISE * luma, LEAST_NOISE, noise)
-    result[..., 1:] = np.maximum(BLEEDING * chroma, CHROMA * result[..., 0])[..., None]
+    result[..., 1:] = np.maximum(BLEEDING * chroma, result[..., 0])[..., None]
     return result
 
 
@@ -145,16 +162,19 @@ def _evened(
             paint = paint_of(pixels, ys, xs)
             new = paint.at(xs, ys) @ LUMA.T.astype(np.float32)
             if not paint.is_shaded or np.abs(own - new).mean() > SHADED * most[0] + LEVEL:
-                weight = ndimage.gaussian_filter(inside.astype(np.float32), SMOOTHED)[inside]
-                new = np.stack([
-                    ndimage.gaussian_filter(values[box][..., c] * inside, SMOOTHED)[inside] / weight
-                    for c in range(3)
-                ], axis=1)
+                new = _smoothed(values[box], inside)
                 new = np.where(np.abs(new - own) <= noise, new, own)
         is_off = (np.abs(own - new) > OFF * noise + 2 * LEVEL).any(axis=1)
         smooth[box][inside] = np.where(is_off[:, None], own, new)
         cores[box][inside] = np.where(is_off, -1, k)
     return colors
+
+
+def _smoothed(values: Floats, inside: Bools) -> Floats:
+    """Return the values (n, c) of the pixels of a mask (h, w), smoothed within it."""
+    masked = np.dstack([values, np.ones_like(values[..., 0])]) * inside[..., None]
+    sums: Any = ndimage.gaussian_filter(masked, (SMOOTHED, SMOOTHED, 0))
+    return sums[inside][:, :-1] / sums[inside][:, -1:]
 
 
 def _middle(values: Floats) -> Floats:
@@ -217,7 +237,7 @@ def _mixture(value, a, b, noise):
 
 
 @kernel
-def mix(values, even, cores, colors, noise, result):
+def _mix(values, even, cores, colors, noise, result):
     """Write the colours of cores, and mixtures of the two cores beside each pixel between them.
 
     values, even  (h, w, c) noisy values, and those of cores without noise
@@ -227,9 +247,9 @@ def mix(values, even, cores, colors, noise, result):
     result  (h, w, c) output. Pixels that are no mixtures keep what it has
     """
     h, w, channels = values.shape
-    color = np.empty((12 + MOST_COLORS, channels))
-    names = np.empty(12, np.int64)
-    nearest = np.empty(12, np.int64)
+    color = np.empty((MOST_NEAR + MOST_COLORS, channels))
+    names = np.empty(MOST_NEAR, np.int64)
+    nearest = np.empty(MOST_NEAR, np.int64)
     for y in range(h):
         for x in range(w):
             if cores[y, x] >= 0:
@@ -247,7 +267,7 @@ def mix(values, even, cores, colors, noise, result):
                         i = 0
                         while i < count and names[i] != k:
                             i += 1
-                        if i == 12 or (i < count and nearest[i] <= place):
+                        if i == MOST_NEAR or (i < count and nearest[i] <= place):
                             continue
                         names[i], nearest[i] = k, place
                         count = max(count, i + 1)
@@ -267,28 +287,31 @@ def mix(values, even, cores, colors, noise, result):
                             best, first, second, share = error, i, j, s
                 if first >= 0 and best <= EXPLAINED**2:
                     for c in range(channels):
-                        result[y, x, c] = (
-                            share * color[first, c] + (1 - share) * color[second, c]
-                        )
+                        result[y, x, c] = share * color[first, c] + (1 - share) * color[second, c]
                     break
 
 
-def enlargement_of(pixels: Floats) -> int:
+def enlargement_of(pixels: Floats) -> float:
     """Return how many times a picture (h, w, c) was enlarged, by the width of its crispest edges.
 
-    Half of an edge's contrast or more lies between two pixels if the picture was not enlarged.
+    If it was not enlarged, one step between two pixels has most of the contrast of such an edge.
     """
     luma = pixels[..., :3] @ LUMA[0].astype(np.float32)
-    shares = []
+    shares, steep = [], 0
     for rows in (luma, luma.T):
         if rows.shape[1] <= EDGE_STEPS:
-            return 1
-        steps = np.lib.stride_tricks.sliding_window_view(np.diff(rows), EDGE_STEPS, axis=1)
-        step, whole = np.abs(steps[..., EDGE_STEPS // 2]), np.abs(steps.sum(axis=-1))
-        way = np.abs(steps)
-        is_edge = (step >= way.max(axis=-1)) & (whole > WIDE_EDGE) & (whole > 0.8 * way.sum(-1))
-        shares.append((step / np.maximum(whole, LEVEL))[is_edge])
+            return 1.0
+        heights, middle = np.abs(np.diff(rows)), np.s_[:, EDGE_STEPS // 2 : -(EDGE_STEPS // 2)]
+        highest: Any = ndimage.maximum_filter1d(heights, EDGE_STEPS)
+        mean: Any = ndimage.uniform_filter1d(heights, EDGE_STEPS)
+        step, highest, way = heights[middle], highest[middle], EDGE_STEPS * mean[middle]
+        whole = np.abs(rows[:, EDGE_STEPS:] - rows[:, :-EDGE_STEPS])
+        is_steep = (step >= highest) & (way > WIDE_EDGE)
+        is_edge = is_steep & (whole > WIDE_EDGE) & (whole > SAME_WAY * way)
+        shares.append(step[is_edge] / whole[is_edge])
+        steep += np.count_nonzero(is_steep)
     shares = np.concatenate(shares)
-    if len(shares) < LEAST_EDGES or (share := np.quantile(shares, CRISPEST)) > HALF:
-        return 1
-    return round(ONE_STEP / share)
+    if len(shares) < max(LEAST_EDGES, LEAST_SHARE * steep):
+        return 1.0
+    share = float(np.quantile(shares, CRISPEST))
+    return 1.0 if share > NARROW else min(round(2 * ONE_STEP / share) / 2, MOST_TIMES)

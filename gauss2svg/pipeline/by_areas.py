@@ -59,8 +59,8 @@ from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, Sv
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import ordered_svg
 
-# Factor on RATE for each unit of noise of the picture: 2.5 for a level of 255. Nodes that follow the
-# noise that is left along outlines would save less.
+# Factor on RATE for each unit of noise, 2.5 for a level of 255, because nodes that follow the noise
+# that is left along outlines save squared error too.
 PRICE_OF_NOISE = 2.5 * 255
 TRIES = 6  # largest number of rates that are tried, or half of it if no file is within the limit
 FULL = 0.9  # no rate between two others is tried if a file uses at least this share of the limit
@@ -138,7 +138,7 @@ class ByAreas:
     def __init__(self, plan: Plan, subject: Subject, run: Run) -> None:
         width, height = subject.size
         if (times := enlargement_of(subject.working)) > 1:
-            small = shrunk(subject.working, round(height / times), round(width / times))
+            small = shrunk(subject.working, round(height / times), round(width / times), sharp=True)
             subject = dataclasses.replace(subject, working=small)
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
         precision = plan.options.svg.precision

@@ -1,0 +1,78 @@
+"""Properties of noisy and enlarged drawings: their areas are those of the clean drawing."""
+
+import io
+
+import numpy as np
+import pytest
+from flat import vectorize
+from PIL import Image
+from scipy.spatial import KDTree
+from test_find import DRAWINGS, color_of, drawn, points_of
+
+from gauss2svg.areas.clean import enlargement_of, noise_of
+
+NAMES = [name for name in DRAWINGS if name != "a line"]
+
+
+def image_of(picture):
+    """Return a picture as one of Pillow, in 8 bits."""
+    return Image.fromarray(np.round(picture * 255).astype(np.uint8))
+
+
+def as_jpeg(picture, quality: int, subsampling: str = "4:2:0"):
+    """Return a picture that was saved as JPEG."""
+    file = io.BytesIO()
+    image_of(picture).save(file, "JPEG", quality=quality, subsampling=subsampling)
+    return np.asarray(Image.open(file), np.float32) / 255
+
+
+def enlarged(picture, times: float, resampling=Image.Resampling.LANCZOS):
+    """Return an enlarged picture."""
+    size = tuple(round(times * side) for side in picture.shape[1::-1])
+    return np.asarray(image_of(picture).resize(size, resampling), np.float32) / 255
+
+
+def off(areas, others):
+    """Return the largest distance in px of outlines from each other."""
+    first, second = points_of(areas), points_of(others)
+    return max(KDTree(first).query(second)[0].max(), KDTree(second).query(first)[0].max())
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("change", [(90, "4:2:0"), (75, "4:2:0"), (75, "4:4:4")], ids=str)
+def test_a_jpeg_has_the_areas_of_the_clean_drawing(name, change):
+    areas, picture = DRAWINGS[name], as_jpeg(drawn(DRAWINGS[name]), *change)
+    found = vectorize(picture, max_bytes=10000).scene
+    assert len(areas) <= len(found.areas) <= 1 + len(areas)
+    assert len(found) == 0
+    assert off(areas, found.areas) < 0.5
+    for area in areas:
+        own = [np.abs(color_of(area) - color_of(other)).max() for other in found.areas]
+        assert min(own) < 8 / 255
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_enlarged_drawing_has_the_areas_of_its_source(name):
+    areas = DRAWINGS[name]
+    found = vectorize(enlarged(drawn(areas), 2), max_bytes=10000).scene
+    assert len(found.areas) == len(areas)
+    assert off(areas, found.scaled(0.5, 0.5).areas) < 0.3
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_clean_drawings_have_no_noise_and_are_not_enlarged(name):
+    picture = drawn(DRAWINGS[name])
+    assert (noise_of(picture), enlargement_of(picture)) == (0, 1)
+
+
+def test_noise_grows_as_quality_falls():
+    picture = drawn(DRAWINGS["discs in discs"])
+    noise = [noise_of(as_jpeg(picture, quality)) for quality in (95, 75)]
+    assert 0 < noise[0] < noise[1]
+
+
+def test_a_photo_in_a_drawing_is_no_noise():
+    picture = drawn(DRAWINGS["a polygon"], side=256)
+    rng = np.random.default_rng(1)
+    picture[100:230, 20:236] = rng.random((130, 216, 3))
+    assert noise_of(picture) == 0
