@@ -164,7 +164,7 @@ def _evened(
             if not paint.is_shaded or np.abs(own - new).mean() > SHADED * most[0] + LEVEL:
                 new = _smoothed(values[box], inside)
                 new = np.where(np.abs(new - own) <= noise, new, own)
-        is_off = (np.abs(own - new) > OFF * noise + 2 * LEVEL).any(axis=1)
+        is_off: Bools = np.any(np.abs(own - new) > OFF * noise + 2 * LEVEL, axis=1)
         smooth[box][inside] = np.where(is_off[:, None], own, new)
         cores[box][inside] = np.where(is_off, -1, k)
     return colors
