@@ -19,6 +19,7 @@ from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import Shares
 
 THICK = 5  # px; a region that contains a square of this size is no thin part
+LEAST_THICK = 0.5  # share of a ground's pixels in such squares
 PURE = 3  # px; a square of this size whose pixels have one colour is no mixture
 UNEXPLAINED = 0.0015  # squared error of a pixel that regions do not explain
 LEAST_PIXELS, LEAST_CONTRAST = 4, 0.15  # px of a part, and distance of its colour from the ground
@@ -26,6 +27,9 @@ LEAST_OF_LINE = 8  # px of a line of text that are rather of its colour than of 
 RIM = 2  # px around a part in which pixels are mixed of its colour and the ground
 MOST_OFF = 1e-3  # mean squared distance of a part's pixels from the mixtures with its ground
 LEAST_ALIKE = 0.99  # cosine of the angle between the directions of two colours from one ground
+# A pixel is pure if it is at most by the share PALER nearer to the ground than the darkest one. Of
+# thin strokes, a smaller share than FEW_PURE is pure.
+PALER, FEW_PURE = 0.03, 0.1
 SAME_COLOR = 6 * LEVEL  # largest difference of a part's colour from a paint that it takes
 ONE_GROUND = 0.9  # share of the thick pixels around a part that have one paint
 # Parts belong to one line of text if they overlap by this share of the lower one's height, and if
@@ -70,8 +74,8 @@ def add_letters(
         # Slivers at the edges of thick parts are no text.
         if sum(np.count_nonzero(letter.share > half) for letter in line) < LEAST_OF_LINE:
             continue
-        paint = min(flat, key=lambda one: np.abs(one.color - color).max(), default=None)
-        if paint is None or np.abs(paint.color - color).max() > SAME_COLOR:
+        paint = known_paint(longest, np.concatenate([letter.share for letter in line]), flat)
+        if paint is None:
             paint = Paint(color)
             flat.append(paint)
         for letter in line:
@@ -88,6 +92,24 @@ def add_letters(
     return ground
 
 
+def known_paint(longest: Letter, share: Floats, paints: list[Paint]) -> Paint | None:
+    """Return the paint of a line of text if it has that of other regions.
+
+    longest  letter that has the colour that is farthest from the ground
+    share    (n,) distances of the pixels of all its letters
+    """
+    same = [p for p in paints if np.abs(p.color - longest.darkest).max() <= SAME_COLOR]
+    most = longest.share.max()
+    if not same and np.mean(share[share > 0.5 * most] > (1 - PALER) * most) < FEW_PURE:
+        # The strokes are so thin that none of their pixels may be pure.
+        ground = longest.darkest - most * longest.way
+        away = [(p, p.color - ground) for p in paints]
+        same = [
+            p for p, way in away if way @ longest.way > LEAST_ALIKE * max(np.sqrt(way @ way), most)
+        ]
+    return min(same, key=lambda p: np.abs(p.color - longest.darkest).max(), default=None)
+
+
 def inside_of(cores: Ints, size: int) -> Ints:
     """Return the labels (h, w) of pixels around which a square of `size` px has one, or -1."""
     low, high = ndimage.minimum_filter(cores, size), ndimage.maximum_filter(cores, size)
@@ -97,7 +119,10 @@ def inside_of(cores: Ints, size: int) -> Ints:
 def letters_of(pixels: Floats, cores: Ints, shares: Shares, paints: list[Paint]) -> list[Letter]:
     """Return the thin parts of a picture that have one ground and one direction of colours."""
     pure, inside = inside_of(cores, PURE), inside_of(cores, THICK)
-    is_thick = np.bincount(inside[inside >= 0], minlength=len(paints)) > 0
+    # A crossing of lines has squares of this size too, and gaps in it are no letters.
+    opened = ndimage.maximum_filter(inside, THICK)
+    thick, whole = (np.bincount(one[one >= 0], minlength=len(paints)) for one in (opened, cores))
+    is_thick = thick > LEAST_THICK * whole
     solid = (cores >= 0) & is_thick[cores]
     part, boxes = parts_of((~is_thick[shares.largest] | (shares.error > UNEXPLAINED)) & ~solid)
     letters = []

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from gauss2svg.areas.curves import merge_pieces, sample_path
+from gauss2svg.areas.kernels import Floats, Ints
 from gauss2svg.areas.outlines import Path, Weights, lengths_of, weights_by
 from gauss2svg.areas.refine import Drawing, Layer
 
@@ -61,7 +64,7 @@ def _merged_path(path: Path, weight_at: Weights, unit: float, rate: float, noise
 
 
 def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
-    """Return the layers that lower the squared error by at least `rate` for each of their bytes.
+    """Return the layers and lines that lower the squared error by `rate` for each of their bytes.
 
     At most MOST_LAYERS are kept, those that lower it most.
     """
@@ -70,13 +73,26 @@ def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     error = drawing.draw() - drawing.pixels
     cover = drawing.cover.copy()
     drawing.weigh()
-    layers = drawing.current()
-    gains = np.zeros(len(layers))
-    for index, layer in enumerate(layers):
+    layers, gains = list[Layer](), list[float]()
+    for index, layer in enumerate(drawing.current()):
         own, weight = error[drawing.slices(index)], drawing.part(drawing.weight, index)
         without = own - weight * drawing.part(cover, index)[..., None]
+        saved = (without**2 - own**2).sum(axis=-1)
+        if layer.is_line:
+            near = (_sum_around(saved, path, drawing.box[index, :2]) for path in layer.paths)
+            pairs = zip(layer.paths, near, strict=True)
+            layer = layer.replace([path for path, sum_ in pairs if sum_ > rate * path.bytes(unit)])
         size = BYTES_OF_LINE if layer.is_line else BYTES_OF_AREA
         size += sum(path.bytes(unit) for path in layer.paths)
-        gains[index] = (without**2).sum() - (own**2).sum() - rate * size
+        layers.append(layer)
+        gains.append(float(saved.sum()) - rate * size if layer.paths else -math.inf)
     least = max(0.0, np.sort(gains)[-min(MOST_LAYERS, len(gains))])
     return [layer for layer, gain in zip(layers, gains, strict=True) if gain >= least]
+
+
+def _sum_around(values: Floats, path: Path, corner: Ints) -> float:
+    """Return the sum of values (h, w) in the box of a path. `corner` is their left and top."""
+    points = path.segments.reshape(-1, 2) - corner
+    left, top = np.maximum(np.floor(points.min(axis=0)).astype(int) - 1, 0)
+    right, bottom = np.maximum(np.ceil(points.max(axis=0)).astype(int) + 1, 0)
+    return float(values[top:bottom, left:right].sum())

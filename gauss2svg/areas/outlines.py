@@ -18,6 +18,7 @@ from gauss2svg.areas.masks import Box
 Weights = Callable[[Floats], Floats]
 STEP = 0.5  # px between points of a contour
 PIECE = 6  # points of the pieces into which a contour is cut at first
+PAD = 3  # px by which thin masks are continued beyond the border, where fields are uneven
 LEAST_AREA = 1.0  # px^2; smaller contours are noise
 # A corner turns by at least CORNER_RAD between the chords to the points ARM points before and after
 # it. The antialiasing has rounded it, so it is put where lines through the points from CUT to LOOK
@@ -83,13 +84,15 @@ def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]
     A mask that touches the border of the picture is continued beyond it, so that its contour
     leaves the picture.
     """
+    thin = is_thin(share)
+    reach = PAD if thin else 1
     pad = [
-        (int(side.start == 0), int(side.stop == most))
+        (reach * (side.start == 0), reach * (side.stop == most))
         for side, most in zip(box, shape, strict=False)
     ]
     corner = np.array([box[1].start - pad[1][0], box[0].start - pad[0][0]])
     padded, fine = np.pad(share, pad, mode="edge"), 1
-    if is_thin(share):
+    if thin:
         padded, fine = field_of(padded), FINE
     contours = []
     for line in find_contours(np.pad(padded, 1), 0.5):

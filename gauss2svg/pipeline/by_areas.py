@@ -425,7 +425,8 @@ class ByAreas:
             is_better = best is None or trial.cost < best.cost
             if is_better:
                 best, high = trial, rate
-            rises = is_better and trial.shaded and self._is_visible(trial.expected)
+            is_shaded = trial.expected < SHADED * trial.error and bool(trial.found.areas)
+            rises = is_better and is_shaded and self._is_visible(trial.expected)
             if not is_better or (trial.export.size > FULL * self._limit and not rises):
                 break
         return best or self._trial(self._nothing())

@@ -32,7 +32,8 @@ SHAPES = """<circle cx="40" cy="44" r="28" fill="#c0322c"/><circle cx="40" cy="4
 fill="#fff"/><path d="M70 20h44v50z" fill="#17324d"/><path d="M12 108c30-30 70 20 104-14"
 fill="none" stroke="#084" stroke-width="3"/>"""
 FRAME = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 128 128">{}</svg>'
-DRAWING = rasterize(FRAME.format(f'<path fill="#fff" d="M0 0h128v128H0z"/>{SHAPES}'), SIDE, SIDE)
+OPAQUE = FRAME.format(f'<path fill="#fff" d="M0 0h128v128H0z"/>{SHAPES}')
+DRAWING = rasterize(OPAQUE, SIDE, SIDE)
 CLEAR = rasterize_rgba(FRAME.format(SHAPES), SIDE, SIDE)
 SHADES = """<linearGradient id="a"><stop stop-color="#eef"/><stop offset="1" stop-color="#347"/>
 </linearGradient><path fill="url(#a)" d="M0 0h128v128H0z"/>"""
@@ -281,15 +282,19 @@ def test_letters_of_strokes_are_lines_if_bytes_are_scarce():
     ink = f'<g fill="none" stroke="#17324d" stroke-width="1.4">{text}</g>'
     picture = rasterize(FRAME.format(page + ink), SIDE, SIDE)
     free = vectorize(picture, areas="always", markup="minimal")
-    limit = free.report["svg_bytes"] // 2
+    limit = int(0.6 * free.report["svg_bytes"])
     result = vectorize(picture, areas="always", max_bytes=limit)
-    assert result.report["line_count"] > result.report["area_count"]
-    assert result.report["psnr_svg"] > 21  # 23.4, and less than 20 if outlines lose their nodes
+    assert all(area.is_line for area in result.scene.areas)
+    assert sum(len(area.outlines) for area in result.scene.areas) > 60
+    assert result.report["psnr_svg"] > 16  # 18.4, and less than 14 without strokes
 
 
 def test_more_bytes_are_never_worse():
     limits = 300, 500, 1000, 4000
-    reports = [vectorize(DRAWING, max_bytes=limit).report for limit in limits]
+    # If the renderer made the picture, fewer nodes may by chance match its antialiasing better.
+    large = rasterize(OPAQUE, 8 * SIDE, 8 * SIDE).reshape(SIDE, 8, SIDE, 8, 3)
+    picture = large.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)
+    reports = [vectorize(picture, max_bytes=limit).report for limit in limits]
     assert all(one["svg_bytes"] <= limit for one, limit in zip(reports, limits, strict=True))
     for few, many in itertools.pairwise(reports):
         assert many["psnr_svg"] > few["psnr_svg"] - 0.1
