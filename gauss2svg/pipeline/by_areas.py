@@ -49,6 +49,7 @@ from gauss2svg.pipeline.export import Export, Exporter
 from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
+from gauss2svg.pipeline.paper import in_two_inks
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.raster import rasterize_like
@@ -153,7 +154,7 @@ class ByAreas:
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
         # Gaussians that fill a limit would draw noise that is left.
-        self._fills = self._limit < math.inf and not noise
+        self._fills = self._limit < math.inf and not (noise or plan.sketch)
         self._is_cut = self._is_late = False
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture
         self._is_lost = False  # whether the file gets no areas
@@ -164,8 +165,10 @@ class ByAreas:
         self._small = shrunk(subject.working, *small)
         self._shapes_alone = dict[int, float]()  # squared error by the number of shapes
         most = min(MOST_CORES, max(width * height // PIXELS_EACH_CORE, LEAST_CORES))
-        self._most_cores = None if plan.options.svg.areas == ALWAYS else most
+        self._most_cores = None if plan.prefers_areas else most
         self._most = math.inf if plan.goal.count is None else plan.goal.count  # Gaussians
+        if plan.sketch:
+            self._most = 0  # they would draw errors along edges, which look like stains
         self._price = self._rate * plan.shape_bytes  # squared error that a Gaussian must save
         self._values = 3 * width * height  # numbers of the working picture
 
@@ -196,7 +199,7 @@ class ByAreas:
         # If the search for shapes alone is stopped at once, this is the file.
         goal, is_only = self._plan.goal, self._plan.options.svg.areas == ALWAYS
         is_free = goal.time_limit is None and self._plan.aim is None
-        if self._is_lost and (run.ended or is_only or is_free):
+        if self._is_lost and (run.ended or is_only or is_free) and not self._plan.in_inks:
             trial = self._in_short()
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         reason = "max_bytes" if self._is_cut else "gain"
@@ -273,7 +276,7 @@ class ByAreas:
 
         error  squared error of the areas
         """
-        if self._plan.options.svg.areas == ALWAYS:
+        if self._plan.prefers_areas:
             return False
         return self._error_of_shapes(size) < SHAPES_ALONE * error
 
@@ -461,7 +464,7 @@ class ByAreas:
         """Return areas with what `count` Gaussians below or above them are expected to save."""
         plan, subject, scene = self._plan, self._subject, self._scene(found)
         height, width = self._small.shape[:2]
-        count = min(count, height * width // 3)
+        count = int(min(count, self._most, height * width // 3))
         export, is_met = self._exporter.unscored(scene), False
         first = error = cost = self._error(scene)
         scene_of_areas = scene
@@ -557,7 +560,8 @@ class ByAreas:
             pass
         except NoDrawingError:
             self._is_lost = True
-        return newest or self._nothing()
+        found = newest or self._nothing()
+        return in_two_inks(found, self._plan.sketch) if self._plan.sketch else found
 
     def _searched(self, progress: Progress) -> FoundAreas:
         """Return the areas of the picture, or those of the start, at the usual rate."""
@@ -585,7 +589,8 @@ class ByAreas:
     def _in_short(self) -> _Trial:
         """Return shapes alone, fitted in a fraction of a second for a run that ends now."""
         (width, height), (h, w) = self._subject.size, self._small.shape[:2]
-        count = min(SHORT, self._most, self._limit / SHAPE_BYTES[0], h * w // 3)
+        most = self._plan.goal.count or SHORT
+        count = min(SHORT, most, self._limit / SHAPE_BYTES[0], h * w // 3)
         session = self._fitted(self._scene(self._nothing()), int(count), lambda: False)
         scene = session.scene().scaled(width / w, height / h).replace(width=width, height=height)
         trial, export = self._trial(self._nothing(), 0), self._exporter.unscored(scene)

@@ -190,6 +190,8 @@ class Plan:
     has_areas  whether the photo is drawn by areas if the option is auto, False before it is read
     rate       squared error that each byte of a shape above areas must save, else 0
     has_focus  whether the run has a mask. Without one, focus_strength is refused
+    sketch     paper and ink as "#rrggbb,#rrggbb", in which a sketch is drawn by areas alone. It is
+               "" for other pictures, and before the photo is read
     Raise InputError or RendererError if options exclude each other.
     """
 
@@ -202,6 +204,7 @@ class Plan:
     has_areas: bool = False
     rate: float = 0.0
     has_focus: bool = False
+    sketch: str = ""
 
     def __post_init__(self) -> None:
         check_together(self.options)
@@ -226,6 +229,11 @@ class Plan:
         return asked == ALWAYS or (asked == AUTO and self.has_areas)
 
     @property
+    def prefers_areas(self) -> bool:
+        """Whether areas are the file even if shapes alone are closer."""
+        return self.options.svg.areas == ALWAYS or bool(self.sketch)
+
+    @property
     def allows_areas(self) -> bool:
         """Whether the options allow areas. They do not if they ask for the method of the paper."""
         return next(_without_areas(self.options), None) is None
@@ -235,16 +243,32 @@ class Plan:
         """Whether the areas of pixel art are the file. The scene of a start is refined instead."""
         return self.options.svg.areas != NEVER and self.allows_areas and not self.starts
 
+    @property
+    def may_even_paper(self) -> bool:
+        """Whether a sketch on paper is drawn without the stains of the paper.
+
+        It is not if the options ask for more inks than two, or exclude areas for another reason. It
+        is not for a target either, which asks for the likeness of the picture as it is.
+        """
+        names = [name for name, _ in _without_areas(self.options)]
+        is_asked = self.options.svg.areas != NEVER and self.aim is None
+        inks = self.options.fit.inks
+        has_two = inks == 2 or (isinstance(inks, str) and inks.count(",") == 1)
+        is_asked &= not names or (names == ["inks"] and has_two)
+        return is_asked and (self.has_areas or not self.starts)
+
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
         """Return the plan with the decisions that depend on the photo.
 
         If the options give a number of inks, the inks are chosen. Otherwise, has_edges and is_small
-        are set.
+        are set. Nothing else is decided for a sketch.
         """
         fit, svg = self.options.fit, self.options.svg
         if isinstance(fit.inks, int):
-            options = self.options.changed(inks=inks_of(pixels, fit.inks))
+            options = self.options.changed(inks=self.sketch or inks_of(pixels, fit.inks))
             return dataclasses.replace(self, options=options)
+        if self.sketch:
+            return self
         usual = fit.learned_falloff and svg.form == GRADIENT and not svg.portable
         is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
         may = svg.areas == AUTO and self.may_be_exact
@@ -400,7 +424,7 @@ class Plan:
         if self.in_areas:
             # Shapes alone may be closer. `best_of` runs their search only if this is likely.
             options = self.options.changed(areas=NEVER)
-            alone = dataclasses.replace(self, options=options, has_areas=False)
+            alone = dataclasses.replace(self, options=options, has_areas=False, sketch="")
             return [self, *(alone.searches()[:1] if self.has_areas else [])]
         if limit is None:
             return [self]

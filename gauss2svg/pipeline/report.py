@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.measure import SCORES, Scores
+from gauss2svg.measure import SCORES, Scores, decibels
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.measure.paint import paint_ms, shown_width
-from gauss2svg.photo.pixels import Photo, over
+from gauss2svg.photo.pixels import Photo, over, pixels_of
 from gauss2svg.pipeline.budgets import measured_size
 from gauss2svg.pipeline.outcome import Outcome
 from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
@@ -61,6 +61,7 @@ def run_report(
         "focus_strength": None if subject.focus is None else subject.focus.strength,
         "palette": chosen.quantization(count)[0] if is_counted else None,
         "size": document.size,
+        "sketch": plan.sketch or None,
         "threads": run.threads,
         # Results.
         "rounds": fitted.rounds,
@@ -130,6 +131,13 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
         yield (
             "the file is in minimal markup, which is closer in as few bytes but has no names or "
             "layers. For Inkscape, Figma and other editors give --markup editable"
+        )
+    if plan.sketch:
+        whole = decibels(psnr(outcome.measured.raster, pixels_of(photo)))
+        yield (
+            "drawn as a sketch: one ink on paper of one colour. The match is that with the sketch "
+            f"without shadows, grain and stains. With them it is {whole}. For these give --areas "
+            "never"
         )
     inks = plan.options.fit.inks
     if isinstance(inks, str):

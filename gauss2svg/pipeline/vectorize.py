@@ -38,6 +38,7 @@ from gauss2svg.pipeline.options import (
     SvgOptions,
 )
 from gauss2svg.pipeline.outcome import Outcome, Subject, best_of, without_gaussians
+from gauss2svg.pipeline.paper import evened
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.run import Run, watched
@@ -215,9 +216,14 @@ def vectorize_by(
     pixels = working = pixels_of(measured)
     if load.fit != load.measured:
         working = shrunk(pixels_of(photo), *load.fit[::-1], sharp=True)
+    sketch = evened(pixels, working, options.fit.inks) if plan.may_even_paper else None
+    if sketch is not None:
+        pixels, working, inks = sketch
+        plan = dataclasses.replace(plan, has_areas=True, sketch=inks)
     document = plan.options.document.of_photo(*photo.original_size, photo.dpi)
     subject = Subject(pixels, working, photo.original_size, document, mask, start)
-    sprite = _sprite(plan, run, image, photo) if plan.may_be_exact else None
+    is_drawn = plan.may_be_exact and not plan.sketch
+    sprite = _sprite(plan, run, image, photo) if is_drawn else None
     del photo  # frees the photo's pixels, which may be many
     side = max(load.fit) / elongation(*load.fit)
     plan = dataclasses.replace(plan, fit_side=side).for_picture(pixels)

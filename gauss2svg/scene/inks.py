@@ -137,7 +137,8 @@ def ink_name(ink: _Numbers) -> str:
 def inks_of_scene(scene: Scene) -> _Numbers:
     """Return Scene.inks. Raise InputError if it is None."""
     if scene.inks is None:
-        raise refusal("the scene", "of opaque plain ellipses alone", "others", "a fit with inks")
+        rule = "of opaque plain ellipses and areas alone"
+        raise refusal("the scene", rule, "others", "a fit with inks")
     return scene.inks
 
 

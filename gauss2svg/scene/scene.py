@@ -413,13 +413,18 @@ class Scene:
     def inks(self) -> NDArray[np.float64] | None:
         """The inks (k, 3) of the scene, which are its distinct colours, sorted.
 
-        This is None unless all shapes are opaque plain ellipses, and there are no areas. The colour
-        of the background is one of the inks unless the scene is transparent.
+        This is None unless all areas have opaque colours, and all shapes are opaque plain ellipses
+        above them. The colour of the background is one of the inks unless the scene is transparent.
         """
-        if self.areas or not ((self.drawn == PLAIN).all() and (self.opacity == 1).all()):
+        is_plain = (self.drawn == PLAIN).all() and (self.opacity == 1).all()
+        if not is_plain or (self.areas and (self.level != ABOVE).any()):
+            return None
+        paints = [a.paint for a in self.areas if isinstance(a.paint, tuple) and a.opacity == 1]
+        if len(paints) < len(self.areas):
             return None
         ground = np.zeros((0, 3)) if self.transparent else self.background[None]
-        return np.unique(np.round(np.concatenate([ground, self.color]) * 255), axis=0) / 255
+        colors = np.concatenate([ground, np.reshape(paints, (-1, 3)), self.color])
+        return np.unique(np.round(colors * 255), axis=0) / 255
 
     def replace(self, **changes: Any) -> Self:
         """Return a new scene with some fields replaced. Raise what the constructor raises."""

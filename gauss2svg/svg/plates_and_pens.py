@@ -17,6 +17,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -225,8 +226,13 @@ def plate_of(scene: Scene, ink: str) -> Scene:
     if ink not in names:
         raise refusal("ink", f"one of {', '.join(names)}", quoted(ink))
     levels = np.array(list(bytes.fromhex(ink[1:])))
-    printed = (color_levels(scene.color, 6) == levels).all(axis=1)
-    ground = not scene.transparent and bool((color_levels(scene.background, 6) == levels).all())
+
+    def is_ink(color: Any) -> NDArray[np.bool_]:
+        return (color_levels(np.asarray(color), 6) == levels).all(axis=-1)
+
+    printed = is_ink(scene.color)
+    ground = not scene.transparent and bool(is_ink(scene.background))
+    areas = [dataclasses.replace(a, paint=(float(not is_ink(a.paint)),) * 3) for a in scene.areas]
     shows = printed != ground
     # `shows` marks the shapes whose colour on the plate differs from the background of the plate. A
     # shape that is not marked is needed only if it covers a part of a marked shape.
@@ -236,6 +242,7 @@ def plate_of(scene: Scene, ink: str) -> Scene:
     black = np.where(printed, 0.0, 1.0)[:, None]
     plate = scene.replace(
         color=np.broadcast_to(black, (len(scene), 3)),
+        areas=areas,
         background=np.zeros(3) if ground else np.ones(3),
         transparent=False,
     )

@@ -1,5 +1,6 @@
 """Properties of areas in files: read as they were written, short, refused in one line."""
 
+import dataclasses
 import math
 import re
 
@@ -364,8 +365,11 @@ def test_scenes_that_a_file_cannot_have_are_refused():
     scene = Scene(40, 30, areas=[TRIANGLE])
     with pytest.raises(InputError, match="a scene with pens must be without areas; got 1 areas"):
         outline_svg(scene, pens=2)
-    with pytest.raises(InputError, match="the scene must be of opaque plain ellipses alone"):
-        write_svg(scene, SvgFormat(layers="inks"))
+    clear = dataclasses.replace(TRIANGLE, opacity=0.5)
+    shaded = dataclasses.replace(TRIANGLE, paint=LinearGradient((0, 1), (RED, RED)))
+    for area in (clear, shaded):
+        with pytest.raises(InputError, match="must be of opaque plain ellipses and areas alone"):
+            write_svg(Scene(40, 30, areas=[area]), SvgFormat(layers="inks"))
 
 
 def test_outlines_of_areas_are_strokes_of_one_width():

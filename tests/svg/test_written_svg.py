@@ -153,7 +153,7 @@ def test_shapes_that_would_be_written_as_nothing_are_left_out(write, element):
 # The line, the writer, and what it is given.
 REFUSED = [
     ("scene must be a Scene; got int", write_svg, 3),
-    ("of opaque plain ellipses alone", write_svg, ADDITIVE, BY_INK),
+    ("of opaque plain ellipses and areas alone", write_svg, ADDITIVE, BY_INK),
     ("unit must be a number in 0.001..1e", minimal_svg, SCENE, 0),
     ("given with layers inks", write_svg, IN_INKS, BY_INK, Document(animate=2.0)),
     ("one of #000000.*; got '#000'", plate_svg, IN_INKS, "#000"),

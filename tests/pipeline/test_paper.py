@@ -1,0 +1,149 @@
+"""Properties of sketches on paper: the file has their strokes, and nothing of the paper."""
+
+import io
+
+import numpy as np
+import pytest
+from flat import vectorize
+from pictures import badge, ball
+from PIL import Image
+from scipy import ndimage
+from skimage import data
+
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline.paper import evened
+from gauss2svg.raster import rasterize
+from gauss2svg.scene.inks import ink_colors, ink_name
+
+WIDTH, HEIGHT = 320, 240
+PATHS = {
+    "M30 60C90-20 150 140 290 30": 4.0,
+    "M40 200l120-90": 3.0,
+    "M50 110l110 90": 4.0,
+    "M190 215l20-110": 3.0,
+    "M240 110q50 50 20 100": 2.5,
+}
+Y, X = np.mgrid[:HEIGHT, :WIDTH, :1][:2] / WIDTH
+
+
+def lines(color="#1c1c22"):
+    """Return the lines (h, w, 3) on white."""
+    strokes = "".join(f'<path d="{d}" stroke-width="{width}"/>' for d, width in PATHS.items())
+    svg = f"""<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}"><path
+    fill="#fff" d="M0 0h{WIDTH}v{HEIGHT}H0z"/><g fill="none" stroke="{color}"
+    stroke-linecap="round">{strokes}</g></svg>"""
+    return rasterize(svg, WIDTH, HEIGHT)
+
+
+def in_8_bits(picture, quality=None):
+    """Return a picture in levels of 255, saved as JPEG if a quality is given."""
+    image, file = Image.fromarray(np.uint8(np.round(255 * np.clip(picture, 0, 1)))), io.BytesIO()
+    image.save(file, *(["PNG"] if quality is None else ["JPEG"]), quality=quality or 0)
+    return np.asarray(Image.open(file), np.float32) / 255
+
+
+def on_paper(picture, quality=None, grain=0.01):
+    """Return a picture on yellowish paper with the shadow of a hand, a stain, grain and blur."""
+    shadow = ndimage.gaussian_filter(((X > 0.6) & (Y < 0.4)).astype(float), (6, 6, 0))
+    stain = 0.06 * (np.hypot(X - 0.3, Y - 0.5) < 0.1)
+    light = (0.7 + 0.3 * X) * (1 - 0.25 * shadow) * (1 - stain) * [0.97, 0.95, 0.9]
+    photo = ndimage.gaussian_filter(picture * light, (0.6, 0.6, 0))
+    return in_8_bits(photo + np.random.default_rng(0).normal(0, grain, X.shape), quality)
+
+
+SKETCH = on_paper(lines())
+
+
+def widths(scene):
+    """Return the widths of the strokes of a scene that has nothing else."""
+    assert len(scene) == 0
+    assert all(area.width for area in scene.areas)
+    return sorted(area.width for area in scene.areas for _ in area.outlines)
+
+
+@pytest.mark.parametrize("color", ["#1c1c22", "#1d3f9a", "#777777"])
+@pytest.mark.parametrize("quality", [None, 85])
+def test_a_sketch_becomes_its_strokes_on_paper_of_one_colour(color, quality):
+    result = vectorize(on_paper(lines(color), quality))
+    scene, report = result.scene, result.report
+    assert widths(scene) == pytest.approx(sorted(PATHS.values()), rel=0.05)
+    paper, ink = ink_colors(report["sketch"])
+    assert np.abs(ink / paper - ink_colors(color)).max() < 0.12
+    assert np.abs(scene.background - paper).max() < 1e-6
+    assert {area.paint for area in scene.areas} == {tuple(ink)}
+
+
+def test_the_match_is_that_with_the_even_sketch_and_a_note_has_the_other():
+    result = vectorize(SKETCH)
+    bare = result.photo[-20:]  # no line is there
+    assert (bare == bare[0, 0]).all()
+    assert result.report["psnr_svg"] == pytest.approx(psnr(result.raster, result.photo))
+    assert result.report["psnr_svg"] > 38
+    (note,) = result.report["notes"]
+    assert f"With them it is {psnr(result.raster, SKETCH):.2f} dB" in note
+
+
+@pytest.mark.parametrize("inks", [2, "#b01020,#fff8e0"])
+def test_two_inks_have_the_same_strokes_and_a_plate_for_each(inks):
+    result, usual = vectorize(SKETCH, inks=inks), vectorize(SKETCH)
+    assert widths(result.scene) == pytest.approx(widths(usual.scene), abs=0.1)
+    names = result.report["inks"].split(",")
+    assert names == (usual.report["sketch"] if inks == 2 else inks).split(",")
+    assert [ink_name(ink) for ink in result.scene.inks] == sorted(names)
+    plates = {name: rasterize(svg, WIDTH, HEIGHT) for name, svg in result.plates().items()}
+    darker = min(names, key=lambda name: ink_colors(name).sum())
+    assert psnr(plates[darker], lines("#000")) > 30
+    assert plates.keys() == set(names)
+    assert np.abs(sum(plates.values()) - 1).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    "given", [{"areas": "never"}, {"target_psnr": 30}, {"inks": 3}, {"gaussians": 50}], ids=str
+)
+def test_other_options_draw_the_picture_as_it_is(given):
+    result = vectorize(SKETCH, **given)
+    assert result.report["sketch"] is None
+    assert len(result.scene) > 0
+    assert np.abs(result.photo - SKETCH).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["page", "text"])
+def test_uneven_pages_are_sketches(name):
+    gray = getattr(data, name)()
+    page = np.repeat(gray[..., None], 3, axis=2).astype(np.float32) / 255
+    picture = evened(page, page, None)[0]
+    is_ink = picture[..., 0] < picture[..., 0].mean(axis=(0, 1))
+    assert all(is_ink[:, k::4].mean() < 0.2 for k in range(4))
+
+
+SPOTS = np.where(np.hypot(X - 0.5, Y - 0.4) < 0.15, [0.4, 1.0, 0.5], 1.0)
+COFFEE = np.asarray(Image.fromarray(data.coffee()).resize((WIDTH, HEIGHT)), np.float32) / 255
+OTHERS = {
+    "drawn": in_8_bits(lines()),
+    "drawn, as JPEG": in_8_bits(lines(), 75),
+    "drawn on a gradient": in_8_bits(lines() * (0.7 + 0.15 * X + 0.2 * Y)),
+    "drawn on a gradient, as JPEG": in_8_bits(lines() * (0.7 + 0.15 * X + 0.2 * Y), 85),
+    "with a coloured area": on_paper(lines() * SPOTS),
+    "in two colours": on_paper(np.where(X < 0.5, lines("#a00"), lines("#00a"))),
+    "out of focus": ndimage.gaussian_filter(SKETCH, (4, 4, 0)),
+    "on black": 1 - SKETCH,
+    "without a line": on_paper(np.ones((HEIGHT, WIDTH, 3))),
+    "on a photo": np.minimum(lines(), COFFEE),
+    "with alpha": np.dstack([SKETCH, X]),
+    "a ball": ball(256),
+    "a badge": badge(256),
+}
+PHOTOS = "astronaut", "brick", "camera", "cat", "clock", "coins", "moon", "retina"
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_pictures_are_no_sketches(name):
+    assert evened(OTHERS[name], OTHERS[name], None) is None
+
+
+@pytest.mark.parametrize("name", PHOTOS)
+def test_photos_and_parts_of_them_are_no_sketches(name):
+    photo = np.asarray(Image.fromarray(getattr(data, name)()).convert("RGB"), np.float32) / 255
+    parts = [photo[y::times, x::times] for times in (1, 2, 4) for x in (0, 96) for y in (0, 96)]
+    for part in (*parts, photo[:200, :200], photo[-200:, -200:], np.minimum(1.5 * photo, 1)):
+        assert evened(part, part, None) is None
