@@ -26,28 +26,29 @@ Values = NDArray[np.float32]
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 LEVEL = 1 / 255  # smallest difference of two values of a picture of 8 bits
 
-# The light is found in a picture whose longest side has SIDE px or less than twice as many. In each
-# square of so many px as BLOCK of this side, paper is as bright as a quantile, or off by PALE of
-# it. Most of a sketch is such paper, and it is bright at the median. Both are shares of 1.
-SIDE, BLOCK, UPPER, PALE, MOSTLY, BRIGHT = 256, 1 / 16, 0.75, 0.1, 0.7, 0.5
-# As shares of this side: a window that contains paper, and the sigma by which light is smoothed.
-WINDOW, SMOOTH = 1 / 12, 1 / 60
+# The light is found in a reduced picture, whose longest side has SIDE to 2 * SIDE px. Lengths are
+# shares of this side: of the squares in which pixels are compared, of a window that always contains
+# paper, and of the sigma by which light is smoothed.
+SIDE, BLOCK, WINDOW, SMOOTH = 256, 1 / 16, 1 / 12, 1 / 60
+# A pixel may be paper if its luma differs by less than PALE from the upper quartile of its square,
+# as a share of that. MOSTLY is the least share of such pixels, BRIGHT the least median quartile.
+UPPER, PALE, MOSTLY, BRIGHT = 0.75, 0.1, 0.7, 0.5
 FAR, FAR_WEIGHT = 6, 0.02  # factor on this sigma for light from farther away, and its weight
 LEAST_PAPER = 0.5  # share of the picture that is near no ink
 # The grain of paper, in levels, is its median difference from the mean within so many px. Gradients
 # that a program drew have at most .23, and even paper has none.
 GRAIN, AROUND = 0.3, 2
-# Channels of the light and of the ink, divided by the light: largest standard deviation, and
-# largest difference between the medians of two channels of the light.
+# Largest standard deviations of a channel of the light divided by their mean, and of a channel of
+# the ink minus their mean. TINTED is the largest difference between two channels of the light.
 COLORED_PAPER, COLORED_INK, TINTED = 0.05, 0.06, 0.3
-# What is darker than the noise of the paper times NOISES, and than DIRT, may be ink. Its full
-# darkness is this QUANTILE, which is at least LEAST_INK, and the noise divided by MOST_NOISE.
+# What is darker than DIRT, and than NOISES times the noise of the paper, may be ink. The QUANTILE of
+# its darkness is that of full ink: at least LEAST_INK, and the noise divided by MOST_NOISE.
 NOISES, DIRT, QUANTILE, LEAST_INK, MOST_NOISE = 6, 0.1, 0.8, 0.4, 0.08
 INK_SHARE = 0.002, 0.2  # shares of the picture that ink may have
 WIDEST = 1 / 50  # half of the width of the widest ink, as a share of the longest side
 CRISP = 0.15  # least slope of edges of ink, in shares of its darkness, smoothed by a px
-# Largest numbers, for each pixel of ink, of others that are darker than a quarter of it and not
-# within 3 px of it, and of pixels that are brighter than paper.
+# Largest numbers, for each pixel of ink, of pixels that are over 3 px away from ink and have over a
+# quarter of its darkness, and of pixels that are brighter than paper.
 BETWEEN, GLARE = 0.3, 0.05
 
 FINE = 6  # parts of a pixel's side
@@ -59,11 +60,13 @@ BRIGHTEST = 0.9  # quantile of the light that becomes the colour of the paper
 
 
 def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Values, str] | None:
-    """Return a picture of a sketch on paper, and the one that is fitted, in one ink on one colour.
+    """Return a sketch without its paper, at two sizes, and the colours of paper and ink.
 
-    inks  the colours as "#rrggbb,#rrggbb". If it is no text, they are those of the sketch, which
-          are returned too, the paper first
-    Return None for any other picture.
+    Each pixel is a mixture of these colours, which are returned as "#rrggbb,#rrggbb".
+
+    pixels, working  the picture, and the perhaps smaller one that is fitted
+    inks  colours to take, as a text like that. Otherwise they are those of the sketch
+    Return None if the picture is no sketch on paper.
     """
     sketch = _sketch_of(working)
     larger = sketch if pixels is working or sketch is None else _sketch_of(pixels)
