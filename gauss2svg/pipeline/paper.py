@@ -41,17 +41,16 @@ GRAIN, AROUND = 0.3, 2
 # Largest standard deviations of a channel of the light divided by their mean, and of a channel of
 # the ink minus their mean. TINTED is the largest difference between two channels of the light.
 COLORED_PAPER, COLORED_INK, TINTED = 0.05, 0.06, 0.3
-# What is darker than DIRT, and than NOISES times the noise of the paper, may be ink. The QUANTILE of
-# its darkness is that of full ink: at least LEAST_INK, and the noise divided by MOST_NOISE.
-NOISES, DIRT, QUANTILE, LEAST_INK, MOST_NOISE = 6, 0.1, 0.8, 0.4, 0.08
+# What is darker than DIRT, and than NOISES times the noise of the paper, may be ink. The QUANTILE
+# of its darkness is that of full ink, at least LEAST_INK.
+NOISES, DIRT, QUANTILE, LEAST_INK = 6, 0.1, 0.8, 0.4
 INK_SHARE = 0.002, 0.2  # shares of the picture that ink may have
 WIDEST = 1 / 50  # half of the width of the widest ink, as a share of the longest side
-CRISP = 0.15  # least slope of edges of ink, in shares of its darkness, smoothed by a px
 # Largest numbers, for each pixel of ink, of pixels that are over 3 px away from ink and have over a
 # quarter of its darkness, and of pixels that are brighter than paper.
 BETWEEN, GLARE = 0.3, 0.05
 
-FINE = 6  # parts of a pixel's side
+FINE, AT_ONCE = 6, 2**15  # parts of a pixel's side, and pixels that are divided at once
 NEAR = 4  # px within which the darkest pixel tells how dark a line is
 # A line with less of the full darkness than FAINT is drawn from half of its own darkness on, and
 # one with less than FAINTEST is dirt. So are parts of fewer px than SPECK.
@@ -181,20 +180,15 @@ def _is_ink(darkness: Values, noise: float, ink: float) -> bool:
     from gauss2svg.areas.masks import dilated
 
     is_ink, dirt = darkness > ink / 2, max(NOISES * noise, DIRT)
-    if ink < max(LEAST_INK, noise / MOST_NOISE):
-        return False
-    if not INK_SHARE[0] < is_ink.mean() < INK_SHARE[1]:
+    if ink < LEAST_INK or not INK_SHARE[0] < is_ink.mean() < INK_SHARE[1]:
         return False
     wide: Any = ndimage.distance_transform_edt(is_ink)
-    steep: Any = ndimage.gaussian_gradient_magnitude(darkness, 1)
-    steep = np.median(steep[dilated(is_ink, 1, None) & ~is_ink])
     between = np.count_nonzero((darkness > ink / 4) & ~dilated(is_ink, 3, None))
     glare = np.count_nonzero(darkness < -dirt)
     return (
         wide.max() <= WIDEST * max(is_ink.shape)
         and between <= BETWEEN * is_ink.sum()
         and glare <= GLARE * is_ink.sum()
-        and steep >= CRISP * ink
     )
 
 
@@ -209,11 +203,16 @@ def _covered(darkness: Values, noise: float, ink: float) -> Values:
     rim = ink / 2 * np.minimum(own / (FAINT * ink), 1)
     above = np.where(own > max(NOISES * noise, DIRT), darkness - rim, -ink)
     ends: Any = (ndimage.maximum_filter(above, 3) > 0) & (ndimage.minimum_filter(above, 3) <= 0)
-    places, parts = np.stack(np.nonzero(ends)), (np.arange(FINE) + 0.5) / FINE - 0.5
-    within = np.stack(np.meshgrid(parts, parts, indexing="ij")).reshape(2, 1, -1)
-    fine: Any = ndimage.map_coordinates(above, places[..., None] + within, mode="nearest")
     covered: Any = (above > 0).astype(np.float32)
-    covered[ends] = (fine > 0).mean(axis=1)
+    spline: Any = ndimage.spline_filter(above, mode="nearest")
+    places, parts = np.argwhere(ends).T, (np.arange(FINE) + 0.5) / FINE - 0.5
+    within = np.stack(np.meshgrid(parts, parts, indexing="ij")).reshape(2, 1, -1)
+    for k in range(0, places.shape[1], AT_ONCE):
+        some = places[:, k : k + AT_ONCE]
+        fine: Any = ndimage.map_coordinates(
+            spline, some[..., None] + within, mode="nearest", prefilter=False
+        )
+        covered[tuple(some)] = (fine > 0).mean(axis=1)
     labels, _ = parts_of(covered > 0)
     sizes = np.bincount(labels.ravel(), covered.ravel())
     own = np.bincount(labels.ravel(), (own * covered).ravel()) / np.maximum(sizes, 1e-9)
