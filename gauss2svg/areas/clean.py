@@ -31,6 +31,7 @@ FULL_NOISE = 60 * LEVEL  # contrast beside which noise of luma has its full heig
 # Noise of colour differences is at least that of luma, and this share of their contrast nearby,
 # because JPEG stores them at half the size.
 BLEEDING = 0.08
+UNBLED = 0.02  # the same in a picture of which areas tell where colour differences have edges
 ALONG = 2.5  # noise between the chromas of two colours, where they bleed, in noise of chroma
 LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])  # YCbCr
 
@@ -88,10 +89,10 @@ def _contrast(values: Floats) -> Floats:
     return (high - low).max(axis=-1)
 
 
-def cleaned(pixels: Floats, noise: float) -> Floats:
+def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
     """Return an opaque picture (h, w, 3) without noise of this height beside its edges."""
     values = pixels @ LUMA.T.astype(np.float32)
-    local = _local(values, noise)
+    local = _local(values, noise, bleeding)
     smooth = values
     for _ in range(PASSES):
         smooth = _averaged(smooth, local, np.empty_like(values))
@@ -112,7 +113,7 @@ def cleaned(pixels: Floats, noise: float) -> Floats:
     return np.clip(result @ back, 0, 1)
 
 
-def _local(values: Floats, noise: float) -> Floats:
+def _local(values: Floats, noise: float, bleeding: float) -> Floats:
     """Return the noise (h, w, 3) of luma and of the colour differences around each pixel."""
     result = np.empty_like(values)
     luma, chroma = (
@@ -120,7 +121,7 @@ def _local(values: Floats, noise: float) -> Floats:
         for part in (np.s_[:1], np.s_[1:])
     )
     result[..., 0] = np.clip(noise / FULL_NOISE * luma, LEAST_NOISE, noise)
-    result[..., 1:] = np.maximum(BLEEDING * chroma, result[..., 0])[..., None]
+    result[..., 1:] = np.maximum(bleeding * chroma, result[..., 0])[..., None]
     return result
 
 

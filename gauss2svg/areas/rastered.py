@@ -30,7 +30,7 @@ UNLIKE, LIKELY = 8.0, 1.6
 
 def as_rasterized(
     picture: NDArray[np.float32], areas: tuple[Area, ...],
-    background: tuple[float, float, float] | None, rasterize: Rasterize,
+    background: tuple[float, float, float] | None, rasterize: Rasterize, code=None,
 ) -> tuple[Area, ...]:  # fmt: skip
     """Return areas of the same colours, whose raster is closest to a picture.
 
@@ -44,12 +44,13 @@ def as_rasterized(
         return areas
     page = None if background is None else np.array(background)
     drawing = drawing_of(pixels, pixels, areas, page)
-    exact = squared(drawing.draw() - pixels)
+    raw = drawing.draw()
+    exact = squared((raw if code is None else code(raw)) - pixels)
 
     def raster() -> NDArray[np.float32]:
         image = rasterize(shown_areas(drawing)[0])
         if pixels.shape[2] == 3:
-            return image[..., :3]
+            return image[..., :3] if code is None else code(image[..., :3])
         over_black = image[..., :3] * image[..., 3:]
         return np.concatenate([over_black, over_black + 1 - image[..., 3:]], axis=-1)
 
@@ -58,5 +59,7 @@ def as_rasterized(
     if is_closer:
         drawing.refine(STEPS, colors=False)
         is_closer = squared(drawing.draw() - pixels) <= LIKELY * exact
+        import os
+        if os.environ.get("DBG"): print(exact, squared(drawing.draw()-pixels), is_closer)
     drawing.rasterize = None  # it would keep the memory of the drawing
     return shown_areas(drawing)[0] if is_closer else areas

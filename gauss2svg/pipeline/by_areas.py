@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.areas.clean import cleaned, enlargement_of, noise_of
+from gauss2svg.areas.clean import UNBLED, cleaned, enlargement_of, noise_of
 from gauss2svg.areas.find import (
     RATE,
     UNIT,
@@ -36,6 +36,7 @@ from gauss2svg.areas.find import (
     coarser,
     find_areas,
 )
+from gauss2svg.areas.jpeg import Coding, coded, coding_of, decoded
 from gauss2svg.areas.rastered import as_rasterized
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
@@ -63,6 +64,7 @@ from gauss2svg.svg.write import ordered_svg
 # Factor on RATE for each unit of noise, 2.5 for a level of 255, because nodes that follow the noise
 # that is left along outlines save squared error too.
 PRICE_OF_NOISE = 2.5 * 255
+DECODINGS = 2  # searches whose areas tell what JPEG has changed
 TRIES = 6  # largest number of rates that are tried, or half of it if no file is within the limit
 FULL = 0.9  # no rate between two others is tried if a file uses at least this share of the limit
 # If a file is k times as large as the limit, the rate is multiplied by k ** STEEPNESS, but by at
@@ -147,7 +149,9 @@ class ByAreas:
             precision = min(max(scale * UNIT, LEAST_PRECISION), MOST_PRECISION)
             plan = dataclasses.replace(plan, options=plan.options.changed(precision=precision))
         noise = noise_of(subject.working)
+        self._noisy, self._coding = subject.working, None
         if noise:
+            self._coding = coding_of(subject.working)
             subject = dataclasses.replace(subject, working=cleaned(subject.working, noise))
         self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
         self._plan, self._subject, self._run = plan, subject, run
@@ -195,6 +199,9 @@ class ByAreas:
     def _search(self) -> Outcome:
         subject, run = self._subject, self._run
         wall_s, cpu_s = time.perf_counter(), time.process_time()
+        if self._coding is not None:
+            self._decode(self._coding)
+        subject = self._subject
         trial = self._best()
         # If the search for shapes alone is stopped at once, this is the file.
         goal, is_only = self._plan.goal, self._plan.options.svg.areas == ALWAYS
@@ -233,6 +240,22 @@ class ByAreas:
         if self._plan.aim is None:
             both = max(both, self._recolored(both), key=lambda outcome: outcome.psnr)
         return self._judged(both)
+
+    def _decode(self, coding: Coding) -> None:
+        """Take out of the picture what JPEG has changed of its areas."""
+        for _ in range(DECODINGS):
+            picture, most = self._subject.working, self._most_cores
+            found = self._found(lambda p: find_areas(picture, self._rate, self._unit, p, False, most))
+            if self._ends() or found.drawing is None:
+                break
+            picture = decoded(self._noisy, found.drawing.draw(), coding)
+            noise = noise_of(picture)
+            self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
+            if noise:
+                picture = cleaned(picture, noise, UNBLED)
+            self._subject = dataclasses.replace(self._subject, working=picture)
+            self._small = shrunk(picture, *self._small.shape[:2])
+        self._tries = 0
 
     def _judged(self, outcome: Outcome) -> Outcome:
         """Return an outcome that knows whether shapes alone may be closer."""
@@ -326,7 +349,11 @@ class ByAreas:
             svg = ordered_svg(ground.replace(areas=areas), file, Document())
             return rasterize_like(svg, self._subject.working, renderer)
 
-        areas = as_rasterized(self._subject.working, found.areas, found.background, rasterize)
+        coding, picture = self._coding, self._subject.working
+        code = None if coding is None else lambda raster: coded(raster, coding)
+        if code is not None:
+            picture = self._noisy
+        areas = as_rasterized(picture, found.areas, found.background, rasterize, code)
         if areas is found.areas:
             return trial
         scene = ground.replace(areas=areas)
