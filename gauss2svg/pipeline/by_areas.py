@@ -36,7 +36,7 @@ from gauss2svg.areas.find import (
     coarser,
     find_areas,
 )
-from gauss2svg.areas.jpeg import Coding, coded, coding_of, decoded
+from gauss2svg.areas.jpeg import coded, decoded, quality_of
 from gauss2svg.areas.rastered import as_rasterized
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
@@ -64,6 +64,7 @@ from gauss2svg.svg.write import ordered_svg
 # Factor on RATE for each unit of noise, 2.5 for a level of 255, because nodes that follow the noise
 # that is left along outlines save squared error too.
 PRICE_OF_NOISE = 2.5 * 255
+LEFT = 0.45
 DECODINGS = 2  # searches whose areas tell what JPEG has changed
 TRIES = 6  # largest number of rates that are tried, or half of it if no file is within the limit
 FULL = 0.9  # no rate between two others is tried if a file uses at least this share of the limit
@@ -143,15 +144,17 @@ class ByAreas:
         if (times := enlargement_of(subject.working)) > 1:
             small = shrunk(subject.working, round(height / times), round(width / times), sharp=True)
             subject = dataclasses.replace(subject, working=small)
+        self._is_as_given = times == 1  # whether areas are searched in the picture itself
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
         precision = plan.options.svg.precision
         if precision is None:
             precision = min(max(scale * UNIT, LEAST_PRECISION), MOST_PRECISION)
             plan = dataclasses.replace(plan, options=plan.options.changed(precision=precision))
-        noise = noise_of(subject.working)
-        self._noisy, self._coding = subject.working, None
+        self._noise = noise = noise_of(subject.working)
+        self._noisy, self._quality = subject.working, None
         if noise:
-            self._coding = coding_of(subject.working)
+            self._is_as_given = False
+            self._quality = quality_of(subject.working)
             subject = dataclasses.replace(subject, working=cleaned(subject.working, noise))
         self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
         self._plan, self._subject, self._run = plan, subject, run
@@ -199,8 +202,8 @@ class ByAreas:
     def _search(self) -> Outcome:
         subject, run = self._subject, self._run
         wall_s, cpu_s = time.perf_counter(), time.process_time()
-        if self._coding is not None:
-            self._decode(self._coding)
+        if self._quality is not None:
+            self._decode(self._quality)
         subject = self._subject
         trial = self._best()
         # If the search for shapes alone is stopped at once, this is the file.
@@ -227,7 +230,7 @@ class ByAreas:
             dataclasses.replace(self._plan, options=options, rate=self._rate), above, run
         ).run()
         above.release()
-        is_closer = both.psnr >= alone.psnr + LEAST_GAIN or self._plan.aim is not None
+        is_closer = self._psnr(both) >= self._psnr(alone) + LEAST_GAIN or self._plan.aim is not None
         if alone.size <= self._limit and not is_closer:
             reason = "interrupted" if run.ended else reason
             alone = dataclasses.replace(alone, fitted=alone.fitted.after(both.fitted, reason))
@@ -238,21 +241,20 @@ class ByAreas:
             both, subject=subject, found=trial.found, fitted=fitted, corrections=corrections
         )
         if self._plan.aim is None:
-            both = max(both, self._recolored(both), key=lambda outcome: outcome.psnr)
+            both = max(both, self._recolored(both), key=self._psnr)
         return self._judged(both)
 
-    def _decode(self, coding: Coding) -> None:
+    def _decode(self, quality: int) -> None:
         """Take out of the picture what JPEG has changed of its areas."""
         for _ in range(DECODINGS):
             picture, most = self._subject.working, self._most_cores
             found = self._found(lambda p: find_areas(picture, self._rate, self._unit, p, False, most))
             if self._ends() or found.drawing is None:
                 break
-            picture = decoded(self._noisy, found.drawing.draw(), coding)
-            noise = noise_of(picture)
+            picture = decoded(self._noisy, found.drawing.draw(), quality)
+            noise = LEFT * self._noise
             self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
-            if noise:
-                picture = cleaned(picture, noise, UNBLED)
+            picture = cleaned(picture, noise, UNBLED)
             self._subject = dataclasses.replace(self._subject, working=picture)
             self._small = shrunk(picture, *self._small.shape[:2])
         self._tries = 0
@@ -263,11 +265,18 @@ class ByAreas:
         asked = plan.preset.stop_psnr - ENOUGH.too_little
         is_limited = self._limit < math.inf or plan.aim is not None
         # With a time limit, no time is left for two searches, and a preset asks for no more.
-        is_sure = plan.goal.time_limit is not None or (not is_limited and outcome.psnr >= asked)
+        psnr = self._psnr(outcome)
+        is_sure = plan.goal.time_limit is not None or (not is_limited and psnr >= asked)
         if not (unsure or is_sure or self._run.ended):
-            error = self._values * 10 ** (-outcome.psnr / 10)
+            error = self._values * 10 ** (-psnr / 10)
             unsure = self._is_visible(error) and self._shapes_win(outcome.size, error)
         return dataclasses.replace(outcome, unsure=unsure)
+
+    def _psnr(self, outcome: Outcome) -> float:
+        """Return the PSNR (dB) of an outcome against the picture in which areas were searched."""
+        if self._is_as_given:
+            return outcome.psnr
+        return model_psnr(outcome.scene, self._subject.working)
 
     def _recolored(self, both: Outcome) -> Outcome:
         """Return an outcome with solved colours of its areas, or itself if that is too large."""
@@ -349,10 +358,11 @@ class ByAreas:
             svg = ordered_svg(ground.replace(areas=areas), file, Document())
             return rasterize_like(svg, self._subject.working, renderer)
 
-        coding, picture = self._coding, self._subject.working
-        code = None if coding is None else lambda raster: coded(raster, coding)
-        if code is not None:
+        quality, picture = self._quality, self._subject.working
+        code = None
+        if quality is not None:
             picture = self._noisy
+            code = lambda raster: coded(raster, quality, picture)
         areas = as_rasterized(picture, found.areas, found.background, rasterize, code)
         if areas is found.areas:
             return trial
