@@ -30,7 +30,8 @@ UNLIKE, LIKELY = 8.0, 1.6
 
 def as_rasterized(
     picture: NDArray[np.float32], areas: tuple[Area, ...],
-    background: tuple[float, float, float] | None, rasterize: Rasterize, code=None,
+    background: tuple[float, float, float] | None, rasterize: Rasterize,
+    code: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None = None,
 ) -> tuple[Area, ...]:  # fmt: skip
     """Return areas of the same colours, whose raster is closest to a picture.
 
@@ -38,19 +39,20 @@ def as_rasterized(
     they are.
 
     background  colour below the areas, or None if the picture is transparent there
+    code  function that changes a raster as JPEG has changed the picture. None: nothing has
     """
     pixels = channels_of(picture)
     if pixels.shape[0] * pixels.shape[1] > MOST_PIXELS:
         return areas
     page = None if background is None else np.array(background)
     drawing = drawing_of(pixels, pixels, areas, page)
-    raw = drawing.draw()
-    exact = squared((raw if code is None else code(raw)) - pixels)
+    changed = code or (lambda raster: raster)
+    exact = squared(changed(drawing.draw()) - pixels)
 
     def raster() -> NDArray[np.float32]:
         image = rasterize(shown_areas(drawing)[0])
         if pixels.shape[2] == 3:
-            return image[..., :3] if code is None else code(image[..., :3])
+            return changed(image[..., :3])
         over_black = image[..., :3] * image[..., 3:]
         return np.concatenate([over_black, over_black + 1 - image[..., 3:]], axis=-1)
 
@@ -59,7 +61,5 @@ def as_rasterized(
     if is_closer:
         drawing.refine(STEPS, colors=False)
         is_closer = squared(drawing.draw() - pixels) <= LIKELY * exact
-        import os
-        if os.environ.get("DBG"): print(exact, squared(drawing.draw()-pixels), is_closer)
     drawing.rasterize = None  # it would keep the memory of the drawing
     return shown_areas(drawing)[0] if is_closer else areas

@@ -64,8 +64,8 @@ from gauss2svg.svg.write import ordered_svg
 # Factor on RATE for each unit of noise, 2.5 for a level of 255, because nodes that follow the noise
 # that is left along outlines save squared error too.
 PRICE_OF_NOISE = 2.5 * 255
-LEFT = 0.45
-DECODINGS = 2  # searches whose areas tell what JPEG has changed
+# Searches whose areas tell what JPEG changed, and the share of the noise that is left without this
+DECODINGS, LEFT = 2, 0.45
 TRIES = 6  # largest number of rates that are tried, or half of it if no file is within the limit
 FULL = 0.9  # no rate between two others is tried if a file uses at least this share of the limit
 # If a file is k times as large as the limit, the rate is multiplied by k ** STEEPNESS, but by at
@@ -144,24 +144,22 @@ class ByAreas:
         if (times := enlargement_of(subject.working)) > 1:
             small = shrunk(subject.working, round(height / times), round(width / times), sharp=True)
             subject = dataclasses.replace(subject, working=small)
-        self._is_as_given = times == 1  # whether areas are searched in the picture itself
         scale = subject.canvas[0] / subject.size[0]  # px of the canvas for each px of the picture
         precision = plan.options.svg.precision
         if precision is None:
             precision = min(max(scale * UNIT, LEAST_PRECISION), MOST_PRECISION)
             plan = dataclasses.replace(plan, options=plan.options.changed(precision=precision))
-        self._noise = noise = noise_of(subject.working)
-        self._noisy, self._quality = subject.working, None
-        if noise:
-            self._is_as_given = False
+        self._noise, self._noisy, self._quality = noise_of(subject.working), subject.working, None
+        if self._noise:
             self._quality = quality_of(subject.working)
-            subject = dataclasses.replace(subject, working=cleaned(subject.working, noise))
-        self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
+            subject = dataclasses.replace(subject, working=cleaned(subject.working, self._noise))
+        self._is_as_given = times == 1 and not self._noise  # whether areas match the photo itself
+        self._rate = RATE * max(1.0, PRICE_OF_NOISE * self._noise)
         self._plan, self._subject, self._run = plan, subject, run
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
         # Gaussians that fill a limit would draw noise that is left.
-        self._fills = self._limit < math.inf and not (noise or plan.sketch)
+        self._fills = self._limit < math.inf and not (self._noise or plan.sketch)
         self._is_cut = self._is_late = False
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture
         self._is_lost = False  # whether the file gets no areas
@@ -200,12 +198,10 @@ class ByAreas:
         return max(outcome, own, key=lambda one: one.psnr)
 
     def _search(self) -> Outcome:
-        subject, run = self._subject, self._run
-        wall_s, cpu_s = time.perf_counter(), time.process_time()
+        run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
         if self._quality is not None:
             self._decode(self._quality)
-        subject = self._subject
-        trial = self._best()
+        subject, trial = self._subject, self._best()
         # If the search for shapes alone is stopped at once, this is the file.
         goal, is_only = self._plan.goal, self._plan.options.svg.areas == ALWAYS
         is_free = goal.time_limit is None and self._plan.aim is None
@@ -245,19 +241,22 @@ class ByAreas:
         return self._judged(both)
 
     def _decode(self, quality: int) -> None:
-        """Take out of the picture what JPEG has changed of its areas."""
+        """Take out of the picture what JPEG of this quality changed, as its areas tell."""
+        most, noise = self._most_cores, LEFT * self._noise
         for _ in range(DECODINGS):
-            picture, most = self._subject.working, self._most_cores
-            found = self._found(lambda p: find_areas(picture, self._rate, self._unit, p, False, most))
+            found = self._found(
+                lambda p: find_areas(
+                    self._subject.working, self._rate, self._unit, p, most_cores=most
+                )
+            )
             if self._ends() or found.drawing is None:
-                break
-            picture = decoded(self._noisy, found.drawing.draw(), quality)
-            noise = LEFT * self._noise
+                return
+            decoding = decoded(self._noisy, found.drawing.draw(), quality)
+            working = cleaned(decoding, noise, UNBLED)
+            self._subject = dataclasses.replace(self._subject, working=working)
+            self._small = shrunk(working, *self._small.shape[:2])
             self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
-            picture = cleaned(picture, noise, UNBLED)
-            self._subject = dataclasses.replace(self._subject, working=picture)
-            self._small = shrunk(picture, *self._small.shape[:2])
-        self._tries = 0
+        self._price, self._tries = self._rate * self._plan.shape_bytes, 0
 
     def _judged(self, outcome: Outcome) -> Outcome:
         """Return an outcome that knows whether shapes alone may be closer."""
@@ -358,11 +357,8 @@ class ByAreas:
             svg = ordered_svg(ground.replace(areas=areas), file, Document())
             return rasterize_like(svg, self._subject.working, renderer)
 
-        quality, picture = self._quality, self._subject.working
-        code = None
-        if quality is not None:
-            picture = self._noisy
-            code = lambda raster: coded(raster, quality, picture)
+        picture, quality = self._noisy if self._quality else self._subject.working, self._quality
+        code = None if quality is None else lambda raster: coded(raster, quality, picture)
         areas = as_rasterized(picture, found.areas, found.background, rasterize, code)
         if areas is found.areas:
             return trial
