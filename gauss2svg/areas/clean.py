@@ -148,7 +148,8 @@ def _evened(
         core: Any = ndimage.binary_erosion(inside, BLOCK, border_value=1)
         color, noise, own = _middle(values[box][core]), local[box][inside], smooth[box][inside]
         size = len(own)
-        share = min(1.0, SURE / math.sqrt(size))  # of the noise that is left in the mean of a core
+        # This share of the noise is left in the mean of a core.
+        share = min(1.0, SURE / math.sqrt(size))
         most = noise.mean(axis=0)
         off = np.abs(own - color) > EVEN * share * most + 2 * LEVEL
         if np.count_nonzero(off.any(axis=1)) <= MOST_OFF * size:
