@@ -153,13 +153,14 @@ class ByAreas:
         if self._noise:
             self._quality = quality_of(subject.working)
             subject = dataclasses.replace(subject, working=cleaned(subject.working, self._noise))
-        self._is_as_given = times == 1 and not self._noise  # whether areas match the photo itself
+        # Whether areas match the photo itself
+        self._is_as_given = times == 1 and not (self._noise or plan.sketch)
         self._rate = RATE * max(1.0, PRICE_OF_NOISE * self._noise)
         self._plan, self._subject, self._run = plan, subject, run
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
         self._limit, self._tries = plan.goal.byte_limit or math.inf, 0
-        # Gaussians that fill a limit would draw noise that is left.
-        self._fills = self._limit < math.inf and not (self._noise or plan.sketch)
+        # Gaussians that fill a limit would draw noise, or what enlarging has left.
+        self._fills = self._limit < math.inf and self._is_as_given
         self._is_cut = self._is_late = False
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture
         self._is_lost = False  # whether the file gets no areas
