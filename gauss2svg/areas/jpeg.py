@@ -20,7 +20,8 @@ MOST_SIDE = 1024  # rows and columns of a larger picture that are looked at
 QUALITIES = range(20, 100)  # a quality of 100 leaves no noise
 LEAST_STEP = 2  # levels; rounding to whole levels hides finer steps
 # Least mean cosine of the phases of coefficients in their steps, in standard deviations of random
-# phases. It is 14 to 140 for JPEGs of 256 px, and up to 7 for such pictures reduced by half.
+# phases. It is 14 to 140 for JPEGs of 256 px, and up to 6 for pictures reduced by half. Clean
+# ones, which have no noise and are not asked, have up to 14.
 ON_STEPS = 8.0
 LUMA = np.array([0.299, 0.587, 0.114])
 
