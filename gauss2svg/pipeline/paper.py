@@ -126,11 +126,12 @@ def _is_mostly_paper(luma: Values) -> bool:
     """Return whether most pixels (h, w) are nearly as bright as the bright ones around them."""
     block = max(round(BLOCK * max(luma.shape)), 1)
     rows, columns = (side // block for side in luma.shape)
+    if not (rows and columns):  # a strip
+        return False
     blocks = luma[: rows * block, : columns * block].reshape(rows, block, columns, block)
     bright = np.quantile(blocks, UPPER, axis=(1, 3), keepdims=True)
     is_paper = np.abs(blocks - bright) < PALE * bright
-    is_bright = bright.size > 0 and np.median(bright) >= BRIGHT
-    return bool(is_bright and is_paper.mean() >= MOSTLY)
+    return bool(np.median(bright) >= BRIGHT and is_paper.mean() >= MOSTLY)
 
 
 def _light_of(small: Values) -> Values | None:
