@@ -177,6 +177,7 @@ def compile_kernels(blend: str = OVER) -> None:
 def compile_areas() -> None:
     """Compile every kernel that a run needs to find and to draw areas and lines."""
     # These are imported here because few runs have areas.
+    from gauss2svg.areas.clean import LEAST_NOISE, cleaned
     from gauss2svg.areas.find import find_areas
     from gauss2svg.render import render
 
@@ -185,4 +186,6 @@ def compile_areas() -> None:
     disc = np.clip(6.5 - np.hypot(x - 9, y - 9), 0, 1)
     line = np.clip(1.5 - np.abs(x - y - 9), 0, 1)
     picture = np.ones((24, 24, 3)) - disc[..., None] * [0.9, 0.2, 0.1] - 0.8 * line[..., None]
-    render(Scene(24, 24, areas=find_areas(np.clip(picture, 0, 1).astype(np.float32)).areas))
+    picture = np.clip(picture, 0, 1).astype(np.float32)
+    cleaned(picture, LEAST_NOISE)
+    render(Scene(24, 24, areas=find_areas(picture).areas))
