@@ -339,11 +339,14 @@ class ByAreas:
 
         Gaussians below and above these areas take the bytes that the strips of shading took.
         """
-        left = self._first_size - self._exporter.unscored(self._scene(found)).size
+        most = self._limit if self._fills else self._first_size
+        left = most - self._exporter.unscored(self._scene(found)).size
         count = int(min(max(left / self._plan.shape_bytes, TRIED), MOST_TRIED))
         trial = self._trial(found, count)
         least = CLEARLY * self._error_of_shapes(self._first_size)
-        self._is_lost = least < trial.error - trial.saved
+        # In a limit, Gaussians leave little but the errors of outlines, which are refined later.
+        share = UNREFINED if self._fills else 1.0
+        self._is_lost = least < share * (trial.error - trial.saved)
         return self._is_lost
 
     def _rastered(self, trial: _Trial) -> _Trial:
