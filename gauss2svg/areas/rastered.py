@@ -19,9 +19,8 @@ from gauss2svg.scene.areas import Area
 
 # Function that returns the raster (h, w, 3), or (h, w, 4) with straight alpha, of areas
 Rasterize = Callable[[tuple[Area, ...]], NDArray[np.float32]]
-MOST_PIXELS = (
-    400 * 400
-)  # larger pictures take more memory and time, and .2 px of them are seen less
+# Larger pictures take more memory and time, and .2 px of them are seen less.
+MOST_PIXELS = 400 * 400
 STEPS = 4  # number of steps of the refinement
 # Ratios of the errors of the raster and of exact coverage: before the steps, so high that another
 # renderer made the picture, and after them, at most that of a picture of this renderer

@@ -339,14 +339,11 @@ class ByAreas:
 
         Gaussians below and above these areas take the bytes that the strips of shading took.
         """
-        most = self._limit if self._fills else self._first_size
-        left = most - self._exporter.unscored(self._scene(found)).size
+        left = self._first_size - self._exporter.unscored(self._scene(found)).size
         count = int(min(max(left / self._plan.shape_bytes, TRIED), MOST_TRIED))
         trial = self._trial(found, count)
         least = CLEARLY * self._error_of_shapes(self._first_size)
-        # In a limit, Gaussians leave little but the errors of outlines, which are refined later.
-        share = UNREFINED if self._fills else 1.0
-        self._is_lost = least < share * (trial.error - trial.saved)
+        self._is_lost = least < trial.error - trial.saved
         return self._is_lost
 
     def _rastered(self, trial: _Trial) -> _Trial:
@@ -402,7 +399,9 @@ class ByAreas:
             trials[0] = dataclasses.replace(trials[0], found=found)
         if is_shaded and self._subject.start is None and not self._ends():
             count = math.inf if self._has_strips else len(first.areas)
-            so_far, loses = (None, self._loses) if self._has_strips else (first, None)
+            so_far = None if self._has_strips else first
+            # In a limit, a trial of many shapes is closer than their file. So files are compared.
+            loses = self._loses if self._has_strips and not self._fills else None
             with suppress(_NoFewerError):
                 found = self._found(lambda p: self._unshaded(p, count), so_far, loses)
                 if self._is_lost:
