@@ -141,11 +141,6 @@ class FitConfig:
     opaque      whether all opacities stay 1, which makes files shorter
     relocate_rarely  whether the number of steps between two relocations must be at least
                 schedule.RELOCATE_SHARE times the number of all steps. Fits of many steps need this
-    enlarged    factor by which the picture was enlarged before the fit; 1: not enlarged. The last
-                steps reduce the error both at the enlarged and at the original size, because
-                ellipses that match an edge at one size may visibly overlap at the other size
-    skip_quiet  whether most steps of refinement leave out the tiles that have hardly any error. In
-                drawings this saves a sixth of the time, but photos end worse
     """
 
     gaussians: int = 5000
@@ -156,8 +151,6 @@ class FitConfig:
     extend: bool = False
     opaque: bool = False
     relocate_rarely: bool = False
-    enlarged: int = 1
-    skip_quiet: bool = False
 
     def __post_init__(self) -> None:
         Field("gaussians", int, 0, MOST_GAUSSIANS).checked(self.gaussians)

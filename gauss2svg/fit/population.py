@@ -21,12 +21,11 @@ from gauss2svg.fit import FitConfig, FitOptions, adam
 from gauss2svg.fit.adam import OPAQUE_LOGIT, blending_of
 from gauss2svg.fit.colors import Inks, SharedColors
 from gauss2svg.fit.placement import NewGaussians, first_raw_betas, place
-from gauss2svg.fit.schedule import enlarged_reduction, reduction, refinement_reduction, totals
+from gauss2svg.fit.schedule import reduction, refinement_reduction, totals
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import LossAndGradient, Target, TargetPyramid, psnr_of
 from gauss2svg.photo.pixels import has_alpha
 from gauss2svg.render.cpu import Splats
-from gauss2svg.render.tiles import Visits
 from gauss2svg.scene import ADD, PLAIN, SOFT, Scene
 from gauss2svg.scene.inks import ink_colors, inks_of
 from gauss2svg.scene.scene import LEAST_RAW_BETA
@@ -86,7 +85,6 @@ class Population:
             )
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
-        self._visits: dict[int, list[Visits]] = {}  # {reduction of the target: its visits}
         # The background is rounded to 8 bits, because it is rounded in the file too. So the fit can
         # make up for the rounding error.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
@@ -151,42 +149,10 @@ class Population:
             return evaluated.error
         return self._photo.reduced(self.reduction).error_of(evaluated.rendered)
 
-    def evaluate(
-        self, splats: Splats, at_both_sizes: bool = False, skip_quiet: bool = False
-    ) -> LossAndGradient:
-        """Return the loss of the Gaussians and its gradient.
-
-        at_both_sizes  whether to average the loss and the gradient over the enlarged picture and
-                       the picture at its original size. It has no effect if the picture was not
-                       enlarged
-        skip_quiet     whether tiles with hardly any error may be left out, as in Visits
-        """
-        evaluated = self._evaluate(splats, self.reduction, skip_quiet)
-        times = self.config.enlarged
-        if not at_both_sizes or times == 1:
-            return evaluated
-        splats = self.state.scaled(1 / times, 1 / times).splats(
-            self.background, self.config.fit.blend
-        )
-        own = self._evaluate(splats, times, skip_quiet)
-        # Each gradient refers to the frame of its shape. This frame is enlarged together with the
-        # picture, so the gradients of the enlarged picture and of the original one can be added.
-        return evaluated._replace(
-            loss=(evaluated.loss + times**2 * own.loss) / 2,
-            moments=(evaluated.moments + times**2 * own.moments) / 2,
-            pairs=evaluated.pairs + own.pairs,
-        )
-
-    def _evaluate(self, splats: Splats, reduction: int, skip_quiet: bool) -> LossAndGradient:
-        """Return the loss and the gradient on the target that is reduced by this factor."""
-        target, options, visits = self._pyramid.reduced(reduction), self.config.fit, None
-        if skip_quiet:
-            if reduction not in self._visits:
-                self._visits[reduction] = target.visits()
-            visits = self._visits[reduction]
-            for view in visits:
-                view.choose()
-        return target.evaluate(splats, options.loss, options.ssim_weight, visits)
+    def evaluate(self, splats: Splats) -> LossAndGradient:
+        """Return the loss of the Gaussians and its gradient."""
+        options = self.config.fit
+        return self.target.evaluate(splats, options.loss, options.ssim_weight)
 
     def backup(self) -> Backup:
         """Return copies of the state and of the shared colours, for a later call of `restore`."""
@@ -237,21 +203,15 @@ class Population:
         total: number of Gaussians at the end of the round.
         """
         height, width = self._pyramid.pixels.shape[:2]
-        if self.config.enlarged > 1:
-            return enlarged_reduction(0.0, width, height, self.config.enlarged)
         return reduction(total, width, height) if self.config.reduce else 1
 
     def reduction_at(self, done: float) -> int:
         """Return the factor by which the target is reduced in refinement, at progress `done`.
 
-        enlarged_reduction gives the factor of a fit to an enlarged picture. For all other fits,
         refinement_reduction gives the factor, except in two cases in which it is 1. The first case
         is that config.reduce is False. The second is that config.gaussians is 0: then a policy
         decides the number of Gaussians, and the policy needs the errors at full size.
         """
-        if self.config.enlarged > 1:
-            height, width = self._pyramid.pixels.shape[:2]
-            return enlarged_reduction(done, width, height, self.config.enlarged)
         if not (self.config.reduce and self.config.gaussians):
             return 1
         height, width = self._pyramid.pixels.shape[:2]

@@ -12,9 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 LARGEST_REDUCTION = 8  # largest factor by which a target's width and height are divided in growth
-# An enlarged target is never reduced if its longer side is at most this number of px
-# (docs/decisions/enlarged.md).
-LARGEST_UNREDUCED = 640
 
 # Constants of a fit's schedule (docs/decisions/fit.md).
 # Number of rounds of growth. Any number from 4 to 20 gives the same PSNR to within 0.1 dB.
@@ -118,20 +115,6 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
         if done < until and pixels >= PIXELS_PER_GAUSSIAN and fits:
             factor *= 2
     return factor
-
-
-def enlarged_reduction(done: float, width: int, height: int, times: int) -> int:
-    """Return by which number a fit to an enlarged picture divides both sides of the target.
-
-    times: factor by which the picture was enlarged.
-
-    In growth the target has the picture's original size. Then it has half of the enlarged size
-    while the progress `done` is below QUANTIZED_FROM. From there on, and always if the longer side
-    is at most LARGEST_UNREDUCED, it has the enlarged size.
-    """
-    if max(width, height) <= LARGEST_UNREDUCED or done >= QUANTIZED_FROM:
-        return 1
-    return times if done < GROWTH_SHARE else 2
 
 
 def relocates(done: float, iteration: int, rarely: bool = False) -> bool:

@@ -43,8 +43,6 @@ EXACT = 1e-12
 # Values of the progress at which shapes may exchange their colours. There is no later exchange,
 # because hardly any shape would still change its colour.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
-# A fit to an enlarged picture has only these exchanges, because more do not improve it.
-_EXCHANGES_ENLARGED = _EXCHANGES[:2]
 # Number of steps between two exchanges of inks. Exchanges every 10 steps give no better fits
 # (docs/decisions/inks.md).
 INKS_EXCHANGED_EVERY = 20
@@ -328,8 +326,7 @@ class FitSession:
         sizes = (0.0, schedule.HALF_FROM, schedule.FULL_FROM, schedule.QUANTIZED_FROM)
         remaining = [Event(at, self._change_size, needed=True) for at in sizes]
         remaining += [*events, Event(schedule.QUANTIZED_FROM, self._quantize, needed=True)]
-        exchanges = _EXCHANGES if self.config.enlarged == 1 else _EXCHANGES_ENLARGED
-        remaining += [Event(at, self._exchange) for at in exchanges]
+        remaining += [Event(at, self._exchange) for at in _EXCHANGES]
         self._done = start
         while (done := self.clock.refinement_progress()) < 1:
             self._done = done
@@ -408,10 +405,10 @@ class FitSession:
             return
         # Target.loss takes a third of the time of `evaluate`, because it computes no gradient. So
         # it is used in the cases in which both give the same loss.
-        if self.config.fit.loss == DEFAULT_LOSS and self.config.enlarged == 1:
+        if self.config.fit.loss == DEFAULT_LOSS:
             loss = population.target.loss(population.splats())
         else:
-            loss = population.evaluate(population.splats(), self._quantized).loss
+            loss = population.evaluate(population.splats()).loss
         if self.guard.ends_worse(loss, tolerant):
             population.restore(best)
 
@@ -428,8 +425,7 @@ class FitSession:
         if self.clock.iteration % INKS_EXCHANGED_EVERY == 0:
             population.exchange(population.inks)
         splats = population.splats()
-        skip_quiet = self.config.skip_quiet and done >= schedule.GROWTH_SHARE
-        evaluated = population.evaluate(splats, self._quantized, skip_quiet)
+        evaluated = population.evaluate(splats)
         is_sound = guard.accepts(evaluated.loss, evaluated.error, population.backup)
         if is_sound:
             self._errors.append(population.error_of(evaluated))

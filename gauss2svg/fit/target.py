@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property, reduce
-from itertools import repeat
 from operator import add
 from typing import Any, NamedTuple
 
@@ -36,7 +35,6 @@ from gauss2svg.render.cpu import (
     render_planar,
     squared_error,
 )
-from gauss2svg.render.tiles import Visits
 from gauss2svg.scene import Scene
 from gauss2svg.without_scipy import smoothed
 
@@ -198,28 +196,21 @@ class Target:
         """Return the loss that `evaluate` returns for "mse", without computing the gradient."""
         return 0.5 * self.error(splats) * self.planar.size
 
-    def visits(self) -> list[Visits]:
-        """Return the choices of tiles with which steps to this target begin, one for each view."""
-        return [Visits(planar) for planar, _ in self._views]
-
     def evaluate(
         self,
         splats: Splats,
         loss: str,
         ssim_weight: float | None,
-        visits: Sequence[Visits] | None = None,
     ) -> LossAndGradient:
         """Return the loss of the Gaussians and its gradient.
 
         loss         name of the loss, one of the values of FitOptions.loss
         ssim_weight  weight of 1 - SSIM in 0..1, or None for SSIM_WEIGHT
-        visits       the tiles to visit, as returned by `visits`. If it is None, all are visited
         """
         parts: list[LossAndGradient] = []
-        views = zip(self._views, visits or repeat(None))  # noqa: B905 (repeat never ends)
-        for (planar, backdrop), visit in views:
+        for planar, backdrop in self._views:
             on_backdrop = self._over(splats, backdrop)
-            image, squares, moments, rows = squared_error(on_backdrop, planar, self.weight, visit)
+            image, squares, moments, rows = squared_error(on_backdrop, planar, self.weight)
             if self.focus is not None:
                 squares = self._mean_square(image, planar) * planar.size
             value = 0.5 * squares

@@ -8,7 +8,7 @@ a run need these numbers of bytes:
     fitting     12 M + a F, where a depends on the loss
     measuring   57 M + 36 F
 
-For a transparent photo, 70, 28 and 151 replace 31, 12 and 57. Inks and enlarged drawings need more.
+For a transparent photo, 70, 28 and 151 replace 31, 12 and 57. Inks need more.
 The estimate is the sum of the largest stage, the interpreter with its libraries, and the shapes,
 times a margin. benchmarks/memory.py compares it with the memory that processes really take. The
 estimate does not include other programs that rasterise the file, nor the first compilation of the
@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 from gauss2svg.errors import InputError, refusal
 from gauss2svg.fit import has_ssim, schedule
 from gauss2svg.photo.pixels import Header, Size, elongation
-from gauss2svg.pipeline.drawings import LARGEST_ENLARGED
 from gauss2svg.pipeline.plan import CAP_FOR_TARGET, Plan
 from gauss2svg.processes import MEMORY_SHARE, free_bytes, held_bytes
 from gauss2svg.raster import DEFAULT_RENDERER
@@ -49,8 +48,6 @@ FIT_SSIM = 130  # bytes per pixel that a fit takes if its loss includes SSIM
 # Bytes per pixel that a fit in inks takes in addition to FIT, because it needs a target besides the
 # photo.
 INKS = 34
-ENLARGED = 230  # bytes per pixel of an enlarged drawing
-LARGEST = 1024**2  # largest number of pixels that an enlarged drawing may have
 HELD = 36  # bytes per pixel of the fit that stay in memory after the fit
 ADDITIVE = 110e6  # bytes that writing an additive scene takes
 MARGIN = 1.2  # factor on the estimate, for memory that was not measured
@@ -114,8 +111,6 @@ class Load:
         inked = INKS * plan.in_inks
         each = FIT_AREAS if plan.in_areas else FIT_SSIM if has_ssim(options.fit.loss) else FIT
         fitting = held * kept + (each + inked) * fit
-        if plan.goal.byte_limit is not None and max(self.photo.size) <= LARGEST_ENLARGED:
-            fitting += ENLARGED * min(16 * fit, LARGEST)
         measured = max(measured, held + (target.pixel_bytes if target is not None else 0))
         measuring = measured * kept + (HELD + inked) * fit
         measuring += ADDITIVE * (options.fit.blend == ADD)
@@ -255,7 +250,6 @@ STARTS = {"chromium": 2.0, "firefox": 2.0, "inkscape": 2.0}
 STEPS = 100
 # With a time limit, areas are searched in a picture of so many pixels for each second.
 AREA_PIXELS_A_SECOND = 40_000
-STEPS_OF_DRAWING = 180  # number of steps that a fit to a drawing should have
 # At most this share of the time is reserved for the export. If the export needs more, Gaussians are
 # removed.
 MOST_RESERVED = 0.6

@@ -315,7 +315,7 @@ class ByAreas:
     def _error_of_shapes(self, size: float) -> float:
         """Return the squared error that a trial of shapes leaves in a file of so many bytes."""
         size = self._limit if self._fills else size
-        each = SHAPE_BYTES[2] if self._plan.markup == MINIMAL else USUAL_BYTES
+        each = SHAPE_BYTES[1] if self._plan.markup == MINIMAL else USUAL_BYTES
         count = int(min(max(size / each, TRIED), MOST_TRIED))
         if count not in self._shapes_alone:
             shapes = self._trial(self._nothing(), count)

@@ -79,7 +79,7 @@ class ByCount:
             best = max([self._exporter.pruned(best, limit), *within], key=attrgetter("score"))
         run.notify("measure")
         renderer, raster = plan.options.run.renderer, self._exporter.raster(best.svg)
-        measured = round_trip(best.svg, best.scene, subject.photo, renderer, plan.covering, raster)
+        measured = round_trip(best.svg, best.scene, subject.photo, renderer, raster=raster)
         kept = "start" if best in self._first else self._policy.stop_reason
         reason = self._ended(session) or kept
         fitted = session.result().after(additive, reason)

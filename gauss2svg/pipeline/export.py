@@ -19,7 +19,7 @@ from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import Scene
 from gauss2svg.svg import MINIMAL, SvgFormat
 from gauss2svg.svg.file import bytes_by_part, file_bytes
-from gauss2svg.svg.forms import is_plain, with_plain_edges
+from gauss2svg.svg.forms import is_plain
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
 FILLED = 0.995  # a pruned file counts as full if it uses at least this share of the limit of bytes
@@ -32,9 +32,7 @@ class Export:
     size   number of bytes of the file, or of the gzipped file if the limit counts those
     score  value by which a search compares exports. If the plan has an aim, it is the value of the
            aim's score for the rasterised SVG. Without an aim, it is usually the PSNR in dB of the
-           fitted scene against the working image, or that of `scene` if the run has a start. But
-           if the plan is covering, it is the PSNR of the rasterised SVG against the photo, because
-           the shapes of the file then have other falloffs than those of the fit
+           fitted scene against the working image, or that of `scene` if the run has a start
     """
 
     scene: Scene
@@ -65,8 +63,6 @@ class Exporter:
 
         psnr  PSNR of the scene in dB, or None if the scene has already been quantised
         """
-        if psnr is not None and self._plan.covering:
-            scene = with_plain_edges(scene)
         error = None if psnr is None else 10 ** (-psnr / 10)
         plan, subject, (width, height) = self._plan, self._subject, self._subject.canvas
         scaled = scene.scaled(width / scene.width, height / scene.height)
@@ -162,8 +158,6 @@ class Exporter:
         plan, subject = self._plan, self._subject
         if plan.aim is not None:
             return plan.aim.score(self.raster(svg), subject.photo)
-        if plan.covering:
-            return subject.psnr(self.raster(svg))
         return model_psnr(scene, subject.working, subject.weight(subject.working))
 
     def pruned(self, export: Export, limit: int) -> Export:

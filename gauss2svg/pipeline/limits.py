@@ -113,9 +113,6 @@ TELLING = 0.25
 # changes the count by at most MOST_CORRECTED doublings or halvings. A correction that aims at the
 # PSNR of a preset, and not at a target, reduces the count by at most MOST_REDUCED halvings.
 MOST_CORRECTED, MOST_REDUCED = 2.0, 0.5
-# In a drawing whose edges are drawn by plain ellipses, corrections raise the count at most to this
-# multiple of the count of the first export (docs/decisions/enlarged.md).
-FOR_EDGES = 1.4
 
 
 class Limits(DensificationPolicy):
@@ -351,10 +348,6 @@ class Limits(DensificationPolicy):
         # Gaussians would take still more time.
         in_time = max(self._budget.most_gaussians(1.0), count)
         counts = {self._cap_reason: float(self._most), "time_limit": in_time}
-        if plan.covering and not self._wants_best:
-            # The plain ellipses at the edges lower the PSNR. More shapes would not raise it again,
-            # so the count is limited.
-            counts["gain"] = math.ceil(FOR_EDGES * len(exports[0].scene))
         if limit is not None:
             counts["max_bytes"] = self._filling(limit, count, exports)
             is_full = plan.aim is None and last.size > FULL * limit

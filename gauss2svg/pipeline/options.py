@@ -109,8 +109,7 @@ class SvgOptions(OptionGroup):
 
     markup: Literal["auto", "editable", "minimal"] = "auto"
     """editable: named layers, for editors. minimal: only what draws, in fewer bytes. auto:
-    editable. With --max-bytes, auto takes the markup that is closer to the picture. For a drawing
-    that both match with 41 dB or more, it takes the one that is closer when enlarged."""
+    editable. With --max-bytes, auto takes the markup that is closer to the picture."""
 
     areas: Literal["auto", "always", "never"] = "auto"
     """always: draw areas with crisp edges as paths, and thin lines as strokes, below the shapes.

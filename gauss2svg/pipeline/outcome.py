@@ -16,7 +16,7 @@ from gauss2svg.errors import InputError, refusal
 from gauss2svg.fit import FitResult, Tune
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.measure import metrics
-from gauss2svg.measure.roundtrip import RoundTrip, raster_error
+from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.pixels import Focus, shrunk, stacked
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.render.cpu import splats_of
@@ -129,7 +129,6 @@ class Outcome:
     subject      subject of the search
     format       format of the file
     corrections  number of times that the number of Gaussians was changed after the fit
-    enlarged     enlarged drawing, if files are also compared with one, otherwise None
     found        areas on the working canvas, with the costs of finding them. None without areas
     unsure       whether shapes alone may be closer than the areas of this outcome
     aim_score    value of the aim's score for the file, NaN if it is not measured
@@ -143,7 +142,6 @@ class Outcome:
     fitted: FitResult
     measured: RoundTrip
     corrections: int
-    enlarged: NDArray[np.float32] | None = None
     found: FoundAreas | None = None
     unsure: bool = False
     aim_score: float = math.nan
@@ -171,14 +169,10 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
 
     With an aim, an outcome within the limit of bytes is better than one beyond it. If two outcomes
     are both within it, or both beyond it, the one with the higher score is better. Without an aim,
-    the outcome with the higher PSNR at the measured size is better. But if a search has enlarged a
-    drawing, and the PSNRs of two outcomes both reach SEEN_UP_TO dB, the outcome that is closer to
-    the enlarged drawing is better.
+    the outcome with the higher PSNR is better.
 
-    The searches end early if an outcome meets the aim within the limit, or was interrupted. They
-    also end if a search that has enlarged a drawing reaches SEEN_UP_TO dB, because only the shapes
-    of this search stay crisp when the file is enlarged, and if areas are surely closer than shapes
-    alone.
+    The searches end early if an outcome meets the aim within the limit, or was interrupted, and if
+    areas are surely closer than shapes alone.
 
     searched  outcomes of the searches. Each search runs when its outcome is requested
     """
@@ -190,21 +184,14 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
             last = dataclasses.replace(last, aim_score=aim_score)
         outcomes.append(last)
         is_met = aim is not None and aim.is_met_by(last.aim_score) and last.size <= limit
-        is_close = last.enlarged is not None and last.psnr >= SEEN_UP_TO
-        is_close |= last.found is not None and not last.unsure
-        if is_met or is_close or last.fitted.stop_reason == "interrupted":
+        is_sure = last.found is not None and not last.unsure
+        if is_met or is_sure or last.fitted.stop_reason == "interrupted":
             break
-    large = next((outcome.enlarged for outcome in outcomes if outcome.enlarged is not None), None)
 
-    def closeness(outcome: Outcome) -> tuple[float, float]:
-        if aim is not None:
-            return outcome.size <= limit, outcome.aim_score
-        # The file is rasterised at the enlarged size only if the result can matter, because this
-        # takes seconds.
-        if large is None or outcome.psnr < SEEN_UP_TO:
-            return outcome.psnr, 0.0
-        weight, renderer = outcome.subject.weight(large), plan.options.run.renderer
-        return SEEN_UP_TO, -raster_error(outcome.svg, large, renderer, weight)
+    def closeness(outcome: Outcome) -> tuple[bool, float]:
+        if aim is None:
+            return True, outcome.psnr
+        return outcome.size <= limit, outcome.aim_score
 
     best = max(outcomes, key=closeness) if len(outcomes) > 1 else outcomes[0]
     fitted, reason = best.fitted, best.fitted.stop_reason

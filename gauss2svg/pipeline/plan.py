@@ -27,7 +27,6 @@ from gauss2svg.fit import (
 )
 from gauss2svg.measure import Score, Search, require_packages
 from gauss2svg.measure.roundtrip import score_of
-from gauss2svg.pipeline.drawings import has_edges
 from gauss2svg.pipeline.options import ALWAYS, AUTO, NEVER, Goal, Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
@@ -52,9 +51,9 @@ BYTES_IN_LIMIT = 100  # bytes of an ellipse in a file that fills a limit (docs/d
 LEAST_BYTES_IN_LIMIT = 60  # an ellipse in a file that fills a limit takes at least this many bytes
 BYTES_IN_INKS = 60  # bytes of an ellipse in a file with only a few inks (docs/decisions/inks.md)
 LEAST_BYTES_IN_INKS = 20  # an ellipse in a minimal file of inks takes at least this many bytes
-# Bytes that a soft shape, a plain ellipse and a shape of a drawing take in minimal markup: first
-# without compression, then after gzip (docs/decisions/small.md).
-SHAPE_BYTES, SHAPE_GZIPPED_BYTES = (62, 44, 36), (22, 20, 18)
+# Bytes that a soft shape and a plain ellipse take in minimal markup: first without compression,
+# then after gzip (docs/decisions/small.md).
+SHAPE_BYTES, SHAPE_GZIPPED_BYTES = (62, 44), (22, 20)
 
 
 @dataclass(frozen=True)
@@ -184,7 +183,6 @@ class Plan:
     fit_side   longest side in px of the image that the fit runs on, None before the photo is read.
                If the image is longer than 3 : 2, it is that of one of 3 : 2 with as many pixels
     by_bytes   whether the search is a search by bytes. Otherwise it is one by count
-    has_edges  whether the photo is a drawing with antialiased edges, False before it is read
     is_small   whether the photo's longest side is at most WHOLE_SIDE px, False before it is read
     starts     whether the run starts with a scene. No search by bytes can begin with one
     has_areas  whether the photo is drawn by areas if the option is auto, False before it is read
@@ -198,7 +196,6 @@ class Plan:
     options: Options
     fit_side: float | None = None
     by_bytes: bool = False
-    has_edges: bool = False
     is_small: bool = False
     starts: bool = False
     has_areas: bool = False
@@ -260,7 +257,7 @@ class Plan:
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
         """Return the plan with the decisions that depend on the photo.
 
-        If the options give a number of inks, the inks are chosen. Otherwise, has_edges and is_small
+        If the options give a number of inks, the inks are chosen. Otherwise, is_small and has_areas
         are set. Nothing else is decided for a sketch.
         """
         fit, svg = self.options.fit, self.options.svg
@@ -269,11 +266,10 @@ class Plan:
             return dataclasses.replace(self, options=options)
         if self.sketch:
             return self
-        usual = fit.learned_falloff and svg.form == GRADIENT and not svg.portable
         is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
         may = svg.areas == AUTO and self.may_be_exact
         return dataclasses.replace(
-            self, has_edges=usual and has_edges(pixels), is_small=is_small,
+            self, is_small=is_small,
             has_areas=self.has_areas or (may and may_have_areas(pixels)),
         )  # fmt: skip
 
@@ -283,18 +279,6 @@ class Plan:
         if self.in_areas:
             return SHAPE_BYTES[0] if self.markup == MINIMAL else ABOVE_AREAS
         return BYTES_IN_INKS if self.in_inks else USUAL_BYTES
-
-    @property
-    def covering(self) -> bool:
-        """Whether the fit draws a crisp shape by the share of each pixel that the shape covers.
-
-        This is so only for drawings with antialiased edges. It is never so if the user gives a
-        number of Gaussians, a target, or a limit without a preset. Then only the closeness at the
-        picture's own size counts, and at this size soft rims are as close or closer.
-        """
-        goal = self.goal
-        by_preset = goal.count is None and self.aim is None and not goal.is_budget
-        return by_preset and self.has_edges and not self.in_areas
 
     def check_renderer(self) -> None:
         """Raise RendererError if the renderer that draws the file is not installed."""
@@ -437,7 +421,7 @@ class Plan:
         usual = options.densify == DensifyOptions() and options.fit.loss == DEFAULT_LOSS
         usual = usual and options.fit.blend == OVER and not (self.in_inks or self.starts)
         usual = usual and svg.palette is svg.stops is svg.precision is None
-        up_to = math.inf if self.has_edges or self.is_small else BY_BYTES_UP_TO
+        up_to = math.inf if self.is_small else BY_BYTES_UP_TO
         by_bytes = usual and asked != EDITABLE and self.may_be_minimal and limit <= up_to
         if by_bytes:
             plans.append(self._search(MINIMAL, by_bytes=True))

@@ -20,18 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit.colors import solved_colors
-from gauss2svg.fit.target import psnr_of
 from gauss2svg.photo.pixels import BACKDROPS, Size, has_alpha, views
-from gauss2svg.pipeline.outcome import SEEN_UP_TO, Subject
-from gauss2svg.pipeline.palette import Rows, best_palette
+from gauss2svg.pipeline.outcome import Subject
+from gauss2svg.pipeline.palette import Rows
 from gauss2svg.render.weights import color_weights
 from gauss2svg.scene import Scene
 from gauss2svg.svg.minimal import minimal_rounded, whole_unit
 
-# If one file has twice as many shapes as another, it counts as better only if its PSNR against the
-# enlarged picture is higher by more than this number of dB. This is because the enlarged picture
-# consists partly of guesses, and more shapes imitate the guesses too (docs/decisions/enlarged.md).
-LEAST_GAIN = 1.0
 # A file counts as exact if its mean squared error is below that of a picture in which every value
 # is half an 8-bit level too large.
 EXACT_UNDER = (0.5 / 255) ** 2
@@ -56,30 +51,17 @@ class SmallFile:
     error           mean squared error at the size of the working picture. If the file has been
                     rasterised, it is the error of the raster, otherwise that of the model
     size            number of bytes of the file, as the limit counts them
-    enlarged_error  mean squared error of the model against the enlarged picture. NaN if there is
-                    no enlarged picture
     """
 
     svg: str
     scene: Scene
     error: float
     size: int
-    enlarged_error: float = math.nan
 
 
-def closeness(file: SmallFile) -> tuple[float, ...]:
-    """Return a sort key of a file. The closer of two files has the larger key.
-
-    Without an enlarged picture, the file with the smaller error is closer. If there is an enlarged
-    picture, the file with the higher PSNR at the working size is closer, unless both PSNRs are at
-    least SEEN_UP_TO dB. In that case, their PSNRs against the enlarged picture are compared. For
-    this comparison, LEAST_GAIN dB are subtracted from a PSNR for each doubling of the number of
-    shapes. If all this is equal, the file with fewer bytes has the larger key.
-    """
-    if math.isnan(file.enlarged_error):
-        return -file.error, -file.size
-    gain = psnr_of(file.enlarged_error) - LEAST_GAIN * math.log2(max(len(file.scene), 1))
-    return min(psnr_of(file.error), SEEN_UP_TO), gain, -file.size
+def error_and_size(file: SmallFile) -> tuple[float, int]:
+    """Return the sort key of a file. Of two files of one error, the smaller one is better."""
+    return file.error, file.size
 
 
 def flat_scene(subject: Subject, digits: int) -> tuple[Scene, float]:
@@ -115,7 +97,6 @@ def recolored(
     scene: Scene,
     pixels: NDArray[np.float32],
     digits: int,
-    shared: float = 0.0,
     weight: NDArray[np.float32] | None = None,
 ) -> tuple[Scene, float]:
     """Return the scene with the colours that minimise its squared error against a picture.
@@ -125,8 +106,6 @@ def recolored(
     pixels  picture, (h, w, 3) or (h, w, 4) float32 in 0..1. The scene is drawn at the size of the
             picture to compare the two
     digits  number of hex digits, 3 or 6, to which the colours are rounded
-    shared  fraction by which the squared error may grow so that several shapes get the same colour.
-            0: each shape gets its own colour
     weight  (h, w) weight of each pixel's error, of mean 1. If it is None, all weights are 1
     A picture with alpha is compared over white and over black, and its scene has no background. A
     plain ellipse is drawn by the share of each pixel that it covers, as `render` does if its
@@ -159,12 +138,6 @@ def recolored(
         return squares + float(np.sum(color * (products @ color - 2 * sums)))
 
     color = solved_colors(products, sums, levels)
-    if shared and len(color):
-        allowed = shared * residual(color)
-        beta, count = np.ones(len(color)), len(color)
-        entry = best_palette(color, beta, np.diag(products), count, allowed)[2]
-        members = np.eye(entry.max() + 1)[:, entry]
-        color = solved_colors(members @ products @ members.T, members @ sums, levels)[entry]
     error = max(residual(color), 0.0) / (3 * len(targets) * width * height)
     background = scene.background if first else color[0]
     return scene.replace(background=background, color=color[1 - first :]), error

@@ -23,13 +23,11 @@ from gauss2svg.photo.pixels import Header, Photo, elongation, matte_color, pixel
 from gauss2svg.pipeline.budgets import (
     AREA_PIXELS_A_SECOND,
     STEPS,
-    STEPS_OF_DRAWING,
     Load,
     TimeBudget,
     load_of,
     size_that_fits,
 )
-from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.options import (
     Goal,
     Options,
@@ -303,9 +301,8 @@ def _outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite | None) -> 
         if plan.in_areas:
             subject = subject.reduced(AREA_PIXELS_A_SECOND * limit)
         deadline, renderer = run.started + run.first_s + limit, plan.options.run.renderer
-        steps = steps or (STEPS_OF_DRAWING if is_drawing(subject.working) else STEPS)
         pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
-        run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps, renderer)
+        run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps or STEPS, renderer)
     if sprite is not None:
         from gauss2svg.pipeline.by_pixels import exact_outcomes  # few pictures are pixel art
 

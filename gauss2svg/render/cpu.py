@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError
 from gauss2svg.render.kernels import MOMENTS, backpropagate_tile, compose_tile, removal_tile
 from gauss2svg.render.simd import load, splat, store, total
-from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, Visits, find_pairs, in_shares, kernel
+from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs, in_shares, kernel
 from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
 from gauss2svg.scene.falloff import covered_radius, cut_radius, longer_axes
 
@@ -139,11 +139,11 @@ def _weights_of_tile(x0, y0, h, w, weight, out):
 def walk_tiles(
     mode, first_tile, end_tile, shape, opacity_color, background, ground, image, weight,
     gaussian, rows, start, order, alpha, transmittance, steep, logs, color, gradient, behind, below,
-    remaining, inside, columns, quiet, pair_out, out, loss,
+    remaining, inside, columns, pair_out, out, loss,
 ):  # fmt: skip
     """Do the work of a mode for the tiles from first_tile on and before end_tile.
 
-    The results are written to pair_out, out and loss. Nothing is written for tiles that are quiet.
+    The results are written to pair_out, out and loss.
 
     mode    one of the modes of this module
     weight  (h, w) weights of the pixels. SQUARED_ERROR multiplies the gradient by them. REMOVAL
@@ -151,7 +151,6 @@ def walk_tiles(
     ground  (3, h, w) picture below the Gaussians. None if the colour `background` is below them
     gaussian, rows, start, order  fields of gauss2svg.render.tiles.Pairs
     alpha .. columns  buffers from tile_buffers
-    quiet   (tiles,) whether the tile is left out
     pair_out  output for each pair: its moments, or its cost of removal and its mass
     out     (3, h, w) output: the image
     loss    (tiles,) output: the sum of squared errors in each tile
@@ -165,8 +164,6 @@ def walk_tiles(
             for x in range(TILE_WIDTH):
                 below[channel, y, x] = background[channel]
     for tile in range(first_tile, end_tile):
-        if quiet[tile]:
-            continue
         x0 = (tile % tile_columns) * TILE_WIDTH
         y0 = (tile // tile_columns) * TILE_HEIGHT
         h = min(TILE_HEIGHT, height - y0)
@@ -376,16 +373,12 @@ def _visit(
     image: NDArray[Real],
     pair_width: int,
     weight: NDArray[Real] | None = None,
-    visits: Visits | None = None,
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
     """Run the kernels in a mode.
 
     Return four things: the image, the sum of its squared errors, an array (n, pair_width), and the
     number of pair rows. The kernels write pair_width numbers for each pair. Row i of the array is
     the sum of these numbers over all pairs of Gaussian i.
-
-    If `visits` is given, its quiet tiles are left out. Their pixels and errors are those of their
-    last visit, and their pairs count as 0.
     """
     if image.ndim != 3 or image.shape[0] != 3 or image.dtype not in (np.float32, np.float64):
         raise InputError(
@@ -400,14 +393,9 @@ def _visit(
     weight = np.require(weight, image.dtype, ["C", "W"])
     pairs = find_pairs(splats.mean, splats.sigma, splats.rho, splats.radius, *image.shape[1:])
     tiles, work = len(pairs.work) - 1, pairs.work
-    if visits is None:
-        out, loss, quiet = np.empty_like(image), np.zeros(tiles), np.zeros(tiles, np.bool_)
-        pair_out = np.empty((len(pairs.gaussian), pair_width), image.dtype)
-    else:
-        out, loss, quiet = visits.image, visits.error, visits.quiet
-        pair_out = np.zeros((len(pairs.gaussian), pair_width), image.dtype)
-        work = np.append(0, np.cumsum(np.where(quiet, 0, np.diff(work))))
-    row_count = int(work[-1] - TILE_HEIGHT * np.count_nonzero(~quiet))
+    out, loss = np.empty_like(image), np.zeros(tiles)
+    pair_out = np.empty((len(pairs.gaussian), pair_width), image.dtype)
+    row_count = int(work[-1] - TILE_HEIGHT * tiles)
     totals = np.zeros((len(splats.mean), pair_width))
     background, ground = splats.background.astype(image.dtype), splats.ground
     if ground is not None:
@@ -422,7 +410,7 @@ def _visit(
             mode, first, end, splats.shape, splats.opacity_color, background, ground, image, weight,
             pairs.gaussian, pairs.rows, pairs.start, pairs.order,
             *tile_buffers(pairs.most_rows, image.dtype, splats.additive),
-            quiet, pair_out, out, loss,
+            pair_out, out, loss,
         )  # fmt: skip
 
     def add_share(share: int, shares: int) -> None:
@@ -450,20 +438,18 @@ def squared_error(
     splats: Splats,
     target: NDArray[Real],
     weight: NDArray[Real] | None = None,
-    visits: Visits | None = None,
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
     """Return the rendered image, its squared error, moments (n, MOMENTS) and number of pair rows.
 
     target  (3, h, w) float32 or float64, which is the dtype of the whole computation
     weight  (h, w) > 0, or None for 1 everywhere
-    visits  the tiles to visit, or None for all tiles
 
     The squared error is the unweighted sum over all values. The moments, which
     gauss2svg.render.kernels defines, are those of the gradient of
     L = 1/2 sum weight (rendered - target)^2. The forward and the backward pass of a tile follow
     each other, so that each tile is visited only once.
     """
-    return _visit(SQUARED_ERROR, splats, target, MOMENTS, weight, visits)
+    return _visit(SQUARED_ERROR, splats, target, MOMENTS, weight)
 
 
 def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.float64]:

@@ -168,41 +168,6 @@ def find_pairs(
     return Pairs(offset, gaussian, rows, start, order, work, int(tile_rows.max(initial=0)))
 
 
-# Each EVERY-th step of `Visits` visits all tiles. The tiles that other steps leave out had at most
-# the share QUIET_SHARE of the squared error when all tiles were last visited
-# (docs/decisions/enlarged.md).
-EVERY, QUIET_SHARE = 8, 0.03
-
-
-class Visits:
-    """A choice of the tiles that the next step of a fit visits, for one image (3, h, w).
-
-    In a drawing, most tiles soon have hardly any error. All tiles are visited only every EVERY-th
-    time. At other times those tiles are left out whose squared errors were the smallest, if their
-    sum is at most QUIET_SHARE of the whole squared error.
-
-    image  (3, h, w) render of each tile when it was last visited
-    error  (tiles,) squared error of each tile when it was last visited
-    quiet  (tiles,) whether the tile is left out
-    """
-
-    def __init__(self, image: NDArray[np.floating]) -> None:
-        tiles = -(-image.shape[1] // TILE_HEIGHT) * -(-image.shape[2] // TILE_WIDTH)
-        self.image: NDArray[Any] = np.empty_like(image)
-        self.error, self.quiet = np.zeros(tiles), np.zeros(tiles, np.bool_)
-        self._count = 0
-
-    def choose(self) -> None:
-        """Choose the tiles of the next step."""
-        if self._count % EVERY == 0:
-            self.quiet[:] = False
-        elif self._count % EVERY == 1:
-            order = np.argsort(self.error)
-            error = np.cumsum(self.error[order])
-            self.quiet[order] = error <= QUIET_SHARE * error[-1]
-        self._count += 1
-
-
 @kernel
 def _find_strip_rows(share, shares, shape, h, w, column, strip, strip_rows):
     """Write for each strip the image rows in which the Gaussian reaches centres of pixels.

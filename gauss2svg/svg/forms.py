@@ -356,30 +356,6 @@ def with_falloffs(scene: Scene, beta: NDArray[np.float64]) -> Scene:
     return scene.replace(beta=beta, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))
 
 
-# If a picture is a drawing, its crisp shapes become plain ellipses (docs/decisions/enlarged.md). A
-# shape is crisp if its rim is narrow and if the shape is not too thin. The rim is the part in which
-# the opacity falls from 0.9 to 0.1 of its peak. It is narrow if its width along the minor axis is
-# less than this, in px.
-RIM_OF_EDGE = 1.5
-# A shape is too thin if its plain ellipse would have a minor semi-axis of at most this, in px. Such
-# a shape does not look crisp. It keeps the form in which it was fitted, because this form matches
-# the picture better.
-MIDDLE_OF_EDGE = 1.0
-
-
-def with_plain_edges(scene: Scene) -> Scene:
-    """Return the scene with its crisp shapes turned into plain ellipses.
-
-    Each shape keeps its contour at half of its opacity. If a fit goes on with this scene, it draws
-    the plain ellipses without a falloff, and with antialiased edges. If an ellipse covers a third
-    of a pixel, it has a third of its opacity in that pixel.
-    """
-    minor = scene.ellipse_axes[0][:, 1]
-    crisp = RIM_WIDTH * minor < RIM_OF_EDGE * scene.beta
-    plain = is_plain(scene) | (crisp & (minor * covered_radius(scene.beta) > MIDDLE_OF_EDGE))
-    return with_plain(scene, plain).replace(drawn=np.where(plain, PLAIN, scene.drawn))
-
-
 def with_plain(
     scene: Scene, plain: NDArray[np.bool_], beta: NDArray[np.float64] | None = None
 ) -> Scene:
