@@ -83,7 +83,7 @@ FAMILIES = {
     "ssimulacra2": [f"--target-ssimulacra2 {target}" for target in (10, 30, 50, 70, 80)],
 }
 STEP, DECIDED_BY_8_BITS = 0.1, 50.0  # dB (docs/decisions/monotone.md)
-ENLARGED_STEP, SEEN_UP_TO = 0.3, 41.0  # dB, of vector sources (docs/decisions/enlarged.md)
+ENLARGED_STEP, SEEN_UP_TO = 0.3, 41.0  # dB, of vector sources (docs/decisions/areas.md)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ _STOPPED = {
 # Some texts of _STOPPED name the preset. If the run has a limit but no preset, the summary prints
 # the texts below in place of those.
 _NOTHING_TO_GAIN = {
-    "gain": "more would bring it no closer, even if you enlarge it",
+    "gain": "more would improve it too little for their bytes",
     "enough": "more would make no visible difference",
     "cap": "as many as the picture has room for",
 }
@@ -157,9 +157,8 @@ def _stop_text(report: dict[str, Any]) -> str:
         has_space = report["svgz_bytes" if gzipped else "svg_bytes"] < 0.97 * limit
         why = "one more would not fit" if report["gaussians"] < _FEW else "more would not be closer"
         return f"limited by {limit:,} {'gzipped ' * gzipped}bytes{f'; {why}' * has_space}"
-    if reason == "gain" and report["area_share"]:
-        return "more would improve it too little for their bytes"
-    without_preset = _NOTHING_TO_GAIN if report["quality"] is None else {}
+    has_areas = reason == "gain" and report["area_share"]  # they have a price of bytes
+    without_preset = _NOTHING_TO_GAIN if has_areas or report["quality"] is None else {}
     return without_preset.get(reason, _STOPPED[reason]).format(**report)
 
 

@@ -196,12 +196,7 @@ class Target:
         """Return the loss that `evaluate` returns for "mse", without computing the gradient."""
         return 0.5 * self.error(splats) * self.planar.size
 
-    def evaluate(
-        self,
-        splats: Splats,
-        loss: str,
-        ssim_weight: float | None,
-    ) -> LossAndGradient:
+    def evaluate(self, splats: Splats, loss: str, ssim_weight: float | None) -> LossAndGradient:
         """Return the loss of the Gaussians and its gradient.
 
         loss         name of the loss, one of the values of FitOptions.loss

@@ -102,25 +102,9 @@ def model_psnr(
     scene: Scene, picture: NDArray[np.float32], weight: NDArray[np.float32] | None = None
 ) -> float:
     """Return a scene's PSNR in dB against an image, over white and black if the image has alpha."""
-    return metrics.psnr(_model(scene, picture), stacked(picture), weight)
-
-
-def model_error(
-    scene: Scene,
-    picture: NDArray[np.float32],
-    covering: bool = False,
-    weight: NDArray[np.float32] | None = None,
-) -> float:
-    """Return the mean squared error of a scene, over white and black if the image has alpha.
-
-    covering is as in `gauss2svg.render.render`, and weight as in `metrics.mean_squared_error`.
-    """
-    return metrics.mean_squared_error(_model(scene, picture, covering), stacked(picture), weight)
-
-
-def _model(scene: Scene, picture: NDArray[np.float32], covering: bool = False) -> NDArray:
     draw = render_rgba if has_alpha(picture) else render
-    return stacked(draw(scene, *picture.shape[1::-1], covering=covering))
+    model = draw(scene, *picture.shape[1::-1])
+    return metrics.psnr(stacked(model), stacked(picture), weight)
 
 
 def raster_error(

@@ -9,7 +9,7 @@ search      one way to carry out a plan. It ends with an outcome
 by count    a search that fits one scene, and corrects the number of Gaussians until the file meets
             the targets and limits of the user
 by bytes    a search for small files that fill a limit of bytes. It fits a few scenes of few
-            shapes. If the photo is a drawing, it may fit an enlarged picture of the drawing
+            shapes
 subject     the photo as files are compared with it, the photo as it is fitted, and the canvas of
             the file
 export      a scene as it is written, with its file and the file's score

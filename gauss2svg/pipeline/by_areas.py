@@ -49,7 +49,7 @@ from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Export, Exporter
 from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import ALWAYS
-from gauss2svg.pipeline.outcome import SEEN_UP_TO, Outcome, Subject
+from gauss2svg.pipeline.outcome import Outcome, Subject
 from gauss2svg.pipeline.paper import in_two_inks
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
 from gauss2svg.pipeline.run import Run
@@ -85,6 +85,9 @@ FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 FILLED = 0.8  # share of the bytes left by areas that Gaussians take, without their definitions
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
+# If the PSNR in dB between a drawing and its file is less than this, people can see differences at
+# the drawing's own size (docs/decisions/areas.md).
+SEEN_UP_TO = 41.0
 LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this number
 # Shapes alone are tried too if areas leave errors that can be seen, and a trial of as many bytes of
 # shapes leaves less than SHAPES_ALONE times their squared error. Before areas are refined, they are

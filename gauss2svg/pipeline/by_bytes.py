@@ -37,7 +37,7 @@ from gauss2svg.pipeline.small_file import EXACT_UNDER, SmallFile, error_and_size
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, covered_radius
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.forms import with_falloffs, with_plain
+from gauss2svg.svg.forms import drawn_beta, with_falloffs
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 
@@ -116,8 +116,8 @@ class ByBytes:
         self._grids = (1.2, 0.8) if few else (1.0,)
         side *= elongation(*canvas)
         side = min(side, options.run.max_size or side, max(photo.shape[:2]))
-        size = [max(1, round(length * side / max(canvas))) for length in canvas[::-1]]
-        self.subject = dataclasses.replace(self.subject, working=shrunk(photo, *size, sharp=False))
+        width, height = (max(1, round(length * side / max(canvas))) for length in canvas)
+        self.subject = dataclasses.replace(self.subject, working=shrunk(photo, height, width))
         caps = [math.prod(self.subject.size), self._plan.goal.count]
         caps += [self._plan.preset.cap] if self._plan.goal.quality is not None else []
         self._most = min(cap for cap in caps if cap is not None)
@@ -130,16 +130,8 @@ class ByBytes:
         subject.release()
         renderer, later_fits = plan.options.run.renderer, max(len(self.fits) - 1, 0)
         measured = round_trip(best.svg, best.scene, subject.photo, renderer, covering=True)
-        return Outcome(
-            plan,
-            subject,
-            best.scene,
-            best.svg,
-            plan.format_at(),
-            self._costs(),
-            measured,
-            later_fits,
-        )
+        costs, written = self._costs(), plan.format_at()
+        return Outcome(plan, subject, best.scene, best.svg, written, costs, measured, later_fits)
 
     def file(self) -> SmallFile:
         """Search for the best file, and return it."""
@@ -198,7 +190,7 @@ class ByBytes:
         count = SPARE * self._shape_bytes / each - DEFINITION * len(exponents)
         return int(min(max(count, 1), self._most))
 
-    def _fit(self, count: int, init: str, exponents: Exponents, rate: float = 1.0) -> Scene:
+    def _fit(self, count: int, init: str, exponents: Exponents, rate: float) -> Scene:
         """Fit `count` shapes. Return the scene, scaled to the canvas.
 
         init  way in which the fit places shapes, as in DensifyOptions
@@ -296,5 +288,6 @@ def with_few_exponents(scene: Scene, exponents: Exponents) -> Scene:
     classes = np.array([*exponents, BETA_CLASSES[-1]])
     nearest = np.abs(np.log(scene.beta)[:, None] - np.log(classes)).argmin(axis=1)
     plain = nearest == len(exponents)
-    scene = with_plain(scene, plain, classes[nearest])
-    return scene.replace(drawn=np.where(plain, PLAIN, SOFT))
+    beta = classes[nearest]
+    beta[plain] = drawn_beta(scene, plain)
+    return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, SOFT))

@@ -116,11 +116,6 @@ class Subject:
         self._targets.clear()
 
 
-# If the PSNR in dB between a drawing and its file is less than this, people can see differences at
-# the drawing's own size (docs/decisions/enlarged.md).
-SEEN_UP_TO = 41.0
-
-
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """A fitted, written and measured scene on the photo's canvas.

@@ -143,8 +143,8 @@ def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = 
 MINIMAL_UP_TO = 20_000
 
 # The limit of bytes before gzip decides which searches run (docs/decisions/markup.md). A search by
-# bytes runs if this limit is at most BY_BYTES_UP_TO. It runs with every limit for a drawing with
-# antialiased edges, and for a photo whose longest side is at most WHOLE_SIDE px.
+# bytes runs if this limit is at most BY_BYTES_UP_TO. It runs with every limit for a photo whose
+# longest side is at most WHOLE_SIDE px.
 BY_BYTES_UP_TO = 30_000
 WHOLE_SIDE = 256  # px. A search by bytes does not reduce a photo whose longest side is at most this
 # Below this limit, a search by count for minimal markup runs only if no search by bytes runs.

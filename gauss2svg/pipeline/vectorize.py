@@ -315,8 +315,6 @@ def _outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite | None) -> 
             from gauss2svg.pipeline.by_bytes import ByBytes as OneSearch
         else:
             from gauss2svg.pipeline.by_count import ByCount as OneSearch
-        if plan.in_areas and not one.in_areas:  # the search for areas has taken a part of the time
-            run.budget.steps = min(run.budget.steps, STEPS)
         yield OneSearch(one, subject, run).run()
 
 

@@ -38,7 +38,7 @@ def render(
               float64, for very thin shapes
     covering  whether plain ellipses (scene.drawn) are drawn without a falloff. The alpha of such an
               ellipse in a pixel is its opacity times the share of the pixel that it covers. SVG
-              renderers draw it so, and so do fits of small files and of drawings
+              renderers draw it so, and so do fits of small files and in inks
 
     The scene is scaled to the size of the image and sampled at pixel centres. A transparent scene
     is rendered over its background, which is white by default. Areas and lines cover pixels by

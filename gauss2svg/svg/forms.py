@@ -354,17 +354,3 @@ def with_falloffs(scene: Scene, beta: NDArray[np.float64]) -> Scene:
     """
     sigma = scene.sigma * (half_radius(scene.beta) / half_radius(beta))[:, None]
     return scene.replace(beta=beta, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))
-
-
-def with_plain(
-    scene: Scene, plain: NDArray[np.bool_], beta: NDArray[np.float64] | None = None
-) -> Scene:
-    """Return the scene with other exponents. Each shape keeps its contour at half height.
-
-    plain  (n,) mask of the shapes that will be drawn as plain ellipses. Each gets the exponent that
-           `drawn_beta` returns
-    beta   (n,) exponents of the other shapes. By default these keep their exponents
-    """
-    beta = (scene.beta if beta is None else beta).copy()
-    beta[plain] = drawn_beta(scene, plain)
-    return with_falloffs(scene, beta)

@@ -1,6 +1,5 @@
 """The fit: PSNR that it reaches, determinism, bounds, gradients, and the modes of the paper."""
 
-import dataclasses
 import itertools
 
 import numba
@@ -16,7 +15,7 @@ from gauss2svg.fit.adam import LEAST_SIGMA_ABOVE_AREAS
 from gauss2svg.fit.fit import convert_additive, fit
 from gauss2svg.fit.placement import NewGaussians, place
 from gauss2svg.fit.population import LEAST_OPACITY
-from gauss2svg.fit.schedule import enlarged_reduction, rate, reduction, totals
+from gauss2svg.fit.schedule import rate, reduction, totals
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import STEPS, State
 from gauss2svg.fit.target import Target, TargetPyramid
@@ -209,37 +208,6 @@ def test_new_gaussians_go_where_the_error_is_selective_ones_with_its_area_and_co
     np.testing.assert_allclose(new.color[0], [0, 0.75, 0])
 
 
-@pytest.mark.parametrize("times", [2, 4])
-def test_the_gradient_at_two_sizes_is_that_of_finite_differences(photo, times):
-    config = dataclasses.replace(fit_config(12, 20), enlarged=times)
-    session = FitSession(np.ascontiguousarray(photo[:64, :64]), config)
-    session.fit()
-    population, state = session.population, session.state
-    population.reduce_to(1)
-    state.mean += np.random.default_rng(0).normal(scale=2.0, size=state.mean.shape)
-
-    def loss():
-        """Half the mean of both weighted squared errors, as if each were of the larger size."""
-        own = state.scaled(1 / times, 1 / times).splats(population.background)
-        small, _ = population._pyramid.reduced(times).squares(own)
-        large, _ = population.target.squares(population.splats())
-        return (large + times**2 * small) / 4
-
-    # Only the optimiser sees the gradient, and steps by it at once.
-    analytic = population.evaluate(population.splats(), True).moments
-    numeric = np.zeros((len(state), 2))
-    for i, factor in enumerate(state.factor):
-        mean = state.mean[i].copy()
-        for axis, direction in enumerate(([factor[0], factor[1]], [0.0, factor[2]])):
-            moved = []
-            for sign in (1, -1):
-                state.mean[i] = mean + sign * 0.02 * np.array(direction)
-                moved.append(loss())
-            numeric[i, axis] = (moved[0] - moved[1]) / (2 * 0.02)
-        state.mean[i] = mean
-    assert np.linalg.norm(numeric - analytic[:, :2]) < 0.02 * np.linalg.norm(numeric)
-
-
 @pytest.mark.parametrize(("contrast", "relocates"), [(0.2, True), (1e-3, False)])
 def test_nothing_is_relocated_where_the_error_does_not_show(contrast, relocates, monkeypatch):
     calls = []
@@ -343,20 +311,10 @@ def test_rounds_add_as_the_papers_schedules_do(schedule, gaussians, per_round, e
 def test_rounds_grow_on_a_reduced_target_to_the_count_and_rates_decay_to_a_fiftieth():
     counts = totals("exponential", 5000, 300)
     assert [reduction(n, 768, 512) for n in counts] == [8, 4, 4, 2, 2, 1]
-    enlarged = ((0, 640), (0, 641), (0.3, 641), (0.84, 641), (0.85, 641))
-    reductions = [enlarged_reduction(done, width, 480, 4) for done, width in enlarged]
-    assert reductions == [1, 4, 2, 2, 1]
     assert counts[-1] == 5000
     rates = [rate(i / 300) for i in range(300)]
     assert (rates[0], rates[-1]) == (1, pytest.approx(0.02))
     assert (np.diff(rates) <= 0).all()
-
-
-def test_steps_may_leave_out_tiles_with_hardly_any_error():
-    picture = np.ones((128, 128, 3), np.float32)
-    picture[40:70, 40:90] = 0
-    whole, part = (fit(picture, fit_config(4, 60, skip_quiet=skip)) for skip in (False, True))
-    assert part.pixel_pairs < 0.8 * whole.pixel_pairs
 
 
 @pytest.mark.parametrize("iterations", [40, 60])

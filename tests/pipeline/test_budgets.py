@@ -291,30 +291,26 @@ def exported(size, score, count=100):
     return SimpleNamespace(size=size, score=score, scene=range(count))
 
 
-HIGH, FEW_BYTES = {"quality": "high"}, {"max_bytes": 10**5, "markup": "editable"}
+FEW_BYTES = {"max_bytes": 10**5, "markup": "editable"}
 
 
 @pytest.mark.parametrize(
-    ("given", "covers", "exports", "expected"),
+    ("given", "exports", "expected"),
     [
-        # Ellipses do not regain by their number what edges lose.
-        (HIGH, False, [(1000, 34.0, 100)], (200, "enough")),
-        (HIGH, True, [(1000, 34.0, 100)], (140, "gain")),
+        ({"quality": "high"}, [(1000, 34.0, 100)], (200, "enough")),
         # No shapes are removed because there is little time.
-        *(({"target_psnr": 40, "time_limit": left_s}, False, [(10**5, 30.0, 3430)],
+        *(({"target_psnr": 40, "time_limit": left_s}, [(10**5, 30.0, 3430)],
            (3430, "time_limit")) for left_s in (0.01, 0.1)),
         # A file that meets the target, and is too large, will be pruned.
-        ({"target_psnr": 30, **FEW_BYTES}, False, [(90_000, 28.0, 800), (105_000, 30.1, 900)],
+        ({"target_psnr": 30, **FEW_BYTES}, [(90_000, 28.0, 800), (105_000, 30.1, 900)],
          (900, "max_bytes")),
     ],
 )  # fmt: skip
-def test_a_count_is_corrected_by_what_its_exports_show(
-    given, covers, exports, expected, monkeypatch
-):
+def test_a_count_is_corrected_by_what_its_exports_show(given, exports, expected, monkeypatch):
     """The next count of exports is that of the limit that decides, which is the stop reason."""
     monkeypatch.setattr("time.perf_counter", lambda: 0.0)
-    plan = dataclasses.replace(Plan(Options.from_flat(given)), has_edges=covers)
-    limits = limits_by(plan, TimeBudget(given.get("time_limit", math.inf)))
+    budget = TimeBudget(given.get("time_limit", math.inf))
+    limits = limits_by(Plan(Options.from_flat(given)), budget)
     limits.stop_reason, limits.slope = "enough", 6.0
     found = limits.corrected(exports[-1][2], [exported(*one) for one in exports])  # pyright: ignore
     assert (found, limits.stop_reason) == expected

@@ -22,14 +22,12 @@ from with_torch import torch
 from gauss2svg.errors import InputError
 from gauss2svg.render import FrameMaker, render
 from gauss2svg.render.cpu import (
-    moments_of_gradient,
     removal_cost,
     render_planar,
     splats_of,
     squared_error,
 )
 from gauss2svg.render.reference import render_reference
-from gauss2svg.render.tiles import EVERY, QUIET_SHARE, Visits
 from gauss2svg.scene import ADD, OVER, Scene
 
 seeds = st.integers(0, 2**32 - 1)
@@ -142,33 +140,6 @@ def test_shares_of_tiles_are_all_the_tiles_and_change_no_bit(shares, size, monke
     monkeypatch.setattr("gauss2svg.render.cpu.in_shares", in_turn)
     for one, other in zip(squared_error(splats_of(scene), target), expected, strict=True):
         assert np.array_equal(one, other)
-
-
-@pytest.mark.parametrize("size", [(100, 70), (96, 64)])
-def test_steps_leave_out_only_tiles_with_hardly_any_error(size):
-    """What they leave out has no gradient, and keeps its pixels and its error of the last visit."""
-    before, after = (splats_of(random_scene(40, *size, seed)) for seed in (2, 3))
-    target = render_planar(before, *size[::-1])
-    target[:, :20, :20] += 0.5
-    target += np.linspace(0, 0.01, size[0], dtype=np.float32)
-    visits, weight = Visits(target), np.ones(size[::-1], np.float32)
-    for step in range(2 * EVERY):
-        visits.choose()
-        quiet = visits.quiet.reshape(-(-size[1] // 16), -(-size[0] // 16))
-        left_out = quiet.repeat(16, axis=0).repeat(16, axis=1)[: size[1], : size[0]]
-        assert left_out.any() == (step % EVERY > 0)
-        splats = after if step % EVERY > 1 else before
-        expected = np.where(left_out, visits.image, render_planar(splats, *size[::-1]))
-        error = expected - target
-        image, squares, moments, rows = squared_error(splats, target, weight, visits)
-        assert np.array_equal(image, expected)
-        assert squares == pytest.approx(np.square(error).sum(), rel=1e-4)
-        assert np.square(error[:, left_out]).sum() <= QUIET_SHARE * squares * 1.001
-        gradient = np.where(left_out, 0, error).astype(np.float32)
-        np.testing.assert_allclose(
-            moments, moments_of_gradient(splats, gradient), atol=1e-4 * np.abs(moments).max()
-        )
-        assert (rows < squared_error(splats, target)[3]) == left_out.any()
 
 
 def test_python_threads_may_render_at_once():

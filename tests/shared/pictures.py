@@ -116,19 +116,14 @@ def assert_read(source, pixels, notes=(), atol=1e-7, alpha=None):
     return photo
 
 
-def badge(side: int, times: int = 4) -> NDArray[np.float32]:
-    """A disc, a bar and a ring of flat colours, as many times larger than `side` px."""
-    y, x = (np.mgrid[: side * times, : side * times] + 0.5) / times * (64 / side)
+def antialiased_badge(side: int) -> NDArray[np.float32]:
+    """A disc, a bar and a ring of flat colours at `side` px, antialiased."""
+    y, x = (np.mgrid[: side * 4, : side * 4] + 0.5) * (16 / side)
     picture = np.full((*x.shape, 3), 0.95, np.float32)
     picture[np.hypot(x - 24, y - 26) < 17] = 0.1, 0.3, 0.7
     picture[(np.abs(x - y - 20) < 4) & (x + y < 100)] = 0.9, 0.2, 0.1
     picture[np.abs(np.hypot(x - 44, y - 44) - 11) < 3] = 0.1, 0.6, 0.3
-    return picture
-
-
-def antialiased_badge(side: int) -> NDArray[np.float32]:
-    """That drawing at `side` px, whose edges are antialiased."""
-    return shrunk(badge(side), side, side)
+    return shrunk(picture, side, side)
 
 
 def smile(side: int) -> NDArray[np.float32]:
