@@ -166,7 +166,6 @@ def hasty(monkeypatch) -> None:
     for name, preset in PRESETS.items():
         monkeypatch.setitem(PRESETS, name, dataclasses.replace(preset, iterations=8, cap=60))
     monkeypatch.setattr(by_bytes, "ITERATIONS", 8)
-    monkeypatch.setattr(by_bytes, "STEPS", 8)
 
 
 @pytest.fixture

@@ -90,14 +90,6 @@ class Subject:
         """
         return None if self.focus is None else self.focus.weight(*picture.shape[:2])
 
-    def psnr(self, raster: NDArray[np.float32]) -> float:
-        """Return the PSNR in dB of a raster against the photo.
-
-        If there is a mask, it weights the errors of the pixels. A photo with alpha is compared over
-        white and over black.
-        """
-        return metrics.psnr(stacked(raster), stacked(self.photo), self.weight(self.photo))
-
     def by_usefulness(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
         """Return the indices of a scene's shapes, from the most to the least useful.
 
@@ -149,8 +141,12 @@ class Outcome:
 
     @cached_property
     def psnr(self) -> float:
-        """PSNR (dB) of the rasterised file, in which the mask weights the errors."""
-        return self.subject.psnr(self.measured.raster)
+        """PSNR in dB of the rasterised file against the photo. A mask weights the errors.
+
+        A photo with alpha is compared over white and over black.
+        """
+        photo, raster = self.subject.photo, self.measured.raster
+        return metrics.psnr(stacked(raster), stacked(photo), self.subject.weight(photo))
 
 
 def without_gaussians(size: int, limit: int) -> InputError:
