@@ -61,7 +61,6 @@ def round_trip(
     scene: Scene,
     photo: NDArray[np.float32],
     renderer: str = DEFAULT_RENDERER,
-    covering: bool = False,
     raster: NDArray[np.float32] | None = None,
 ) -> RoundTrip:
     """Rasterise the SVG of a scene and compare it with the photo (h, w, 3 or 4) and the scene.
@@ -69,20 +68,17 @@ def round_trip(
     The SVG and the scene are drawn at the size of the photo, even if the scene's canvas has another
     size. Raise RendererError if the renderer cannot draw the SVG.
 
-    covering  as in `gauss2svg.render.render`
-    raster    raster of the SVG if it is known. Otherwise the SVG is rasterised
+    raster  raster of the SVG if it is known. Otherwise the SVG is rasterised
     """
     height, width = photo.shape[:2]
     raster = rasterize_like(svg, photo, renderer) if raster is None else raster
     over_white = over(raster)
     # Rounding in float32 may move values slightly out of 0..1, so they are clipped.
-    model = render(scene, width, height, covering=covering)
+    model = render(scene, width, height)
     np.clip(model, 0, 1, out=model)
     model_black, model_alpha = None, None
     if has_alpha(photo):
-        model_black, model_alpha = _psnr_with_alpha(
-            render_rgba(scene, width, height, covering=covering), photo
-        )
+        model_black, model_alpha = _psnr_with_alpha(render_rgba(scene, width, height), photo)
     return RoundTrip(
         raster=raster,
         renderer=renderer_version(renderer),

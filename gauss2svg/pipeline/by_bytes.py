@@ -129,7 +129,7 @@ class ByBytes:
         self._run.notify("measure", None)
         subject.release()
         renderer, later_fits = plan.options.run.renderer, max(len(self.fits) - 1, 0)
-        measured = round_trip(best.svg, best.scene, subject.photo, renderer, covering=True)
+        measured = round_trip(best.svg, best.scene, subject.photo, renderer)
         costs, written = self._costs(), plan.format_at()
         return Outcome(plan, subject, best.scene, best.svg, written, costs, measured, later_fits)
 
@@ -241,7 +241,7 @@ class ByBytes:
         is too large loses its least useful Gaussians. If a file loses none, coarser ones are not
         tried. Return None if no file has any Gaussians left.
         """
-        order = self.subject.by_usefulness(fitted, self._plan.tune, covering=True)
+        order = self.subject.by_usefulness(fitted, self._plan.tune)
         best, expected, pixels = None, self._expected(exponents), self.subject.working
         weight = self.subject.weight(pixels)
         for grid, digits in itertools.product(self._grids, HEX_DIGITS[::-1]):

@@ -90,7 +90,7 @@ class Subject:
         """
         return None if self.focus is None else self.focus.weight(*picture.shape[:2])
 
-    def by_usefulness(self, scene: Scene, tune: Tune, covering: bool = False) -> NDArray[np.intp]:
+    def by_usefulness(self, scene: Scene, tune: Tune) -> NDArray[np.intp]:
         """Return the indices of a scene's shapes, from the most to the least useful.
 
         The most useful shape is the one without which the weighted error against the working image
@@ -99,7 +99,7 @@ class Subject:
         target = self.targets(tune).reduced(1)
         scale = target.width / scene.width, target.height / scene.height
         above = np.flatnonzero(scene.level == ABOVE)
-        cost = target.removal_cost(splats_of(scene.select(above), scale, covering))[1][:, 0]
+        cost = target.removal_cost(splats_of(scene.select(above), scale))[1][:, 0]
         among = np.flatnonzero(scene.level != ABOVE)  # they belong to the ground
         return np.concatenate([among, above[np.argsort(-cost, kind="stable")]])
 

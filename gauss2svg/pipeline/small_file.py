@@ -107,9 +107,7 @@ def recolored(
             picture to compare the two
     digits  number of hex digits, 3 or 6, to which the colours are rounded
     weight  (h, w) weight of each pixel's error, of mean 1. If it is None, all weights are 1
-    A picture with alpha is compared over white and over black, and its scene has no background. A
-    plain ellipse is drawn by the share of each pixel that it covers, as `render` does if its
-    argument `covering` is True.
+    A picture with alpha is compared over white and over black, and its scene has no background.
     """
     height, width = pixels.shape[:2]
     scaled = scene.scaled(width / scene.width, height / scene.height)

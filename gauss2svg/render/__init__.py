@@ -28,35 +28,31 @@ def render(
     width: int | None = None,
     height: int | None = None,
     dtype: type[Real] = np.float32,
-    covering: bool = False,
 ) -> NDArray[Real]:
     """Return the image (height, width, 3) in 0..1 of a scene, by default at the size of its canvas.
 
-    dtype     np.float32 or np.float64. In float32 most values are within 3e-5 of the model's
-              formula. In float64, which takes twice the time, most are within 1e-12. The largest
-              known errors are 1.5e-4 in float32, where 10 000 equal shapes overlap, and 2.2e-11 in
-              float64, for very thin shapes
-    covering  whether plain ellipses (scene.drawn) are drawn without a falloff. The alpha of such an
-              ellipse in a pixel is its opacity times the share of the pixel that it covers. SVG
-              renderers draw it so, and so do fits of small files and in inks
+    dtype  np.float32 or np.float64. In float32 most values are within 3e-5 of the model's formula.
+           In float64, which takes twice the time, most are within 1e-12. The largest known errors
+           are 1.5e-4 in float32, where 10 000 equal shapes overlap, and 2.2e-11 in float64, for
+           very thin shapes
 
     The scene is scaled to the size of the image and sampled at pixel centres. A transparent scene
-    is rendered over its background, which is white by default. Areas and lines cover pixels by
-    shares. A Gaussian lies above the number of areas that scene.level says. render_reference of
-    gauss2svg.render.reference draws the same image slowly, but has no option `covering`. Raise
-    InputError if `scene` is not a Scene, if the dtype is another one, or if a side is not a whole
-    number of at least 1 px, or if the image has more pixels than any photo.
+    is rendered over its background, which is white by default. Areas, lines and plain ellipses
+    (scene.drawn) have no falloff. They cover pixels by shares, as SVG renderers draw them. A
+    Gaussian lies above the number of areas that scene.level says. render_reference of
+    gauss2svg.render.reference draws the same image slowly. Raise InputError if `scene` is not a
+    Scene, if the dtype is another one, or if a side is not a whole number of at least 1 px, or if
+    the image has more pixels than any photo.
     """
     width, height = output_size(scene, width, height)
     scale = (width / scene.width, height / scene.height)
     if not scene.areas:
-        splats = splats_of(scene, scale, covering)
+        splats = splats_of(scene, scale)
     else:
         from gauss2svg.render.areas import ground_of  # few scenes need its kernels
 
-        splats = splats_of(scene.select(scene.level == ABOVE), scale, covering)
-        ground = ground_of(scene, height, width, dtype, covering=covering)
-        splats = splats._replace(ground=ground)
+        splats = splats_of(scene.select(scene.level == ABOVE), scale)
+        splats = splats._replace(ground=ground_of(scene, height, width, dtype))
     planar = render_planar(splats, height, width, dtype)
     if scene.blend == ADD:
         planar = np.clip(planar, 0, 1)
@@ -68,7 +64,6 @@ def render_rgba(
     width: int | None = None,
     height: int | None = None,
     dtype: type[Real] = np.float32,
-    covering: bool = False,
 ) -> NDArray[np.float32]:
     """Return the colour and straight alpha (height, width, 4) in 0..1 of a scene.
 
@@ -77,13 +72,13 @@ def render_rgba(
     is 0. Arguments and errors are those of `render`.
     """
     if not required(scene, "scene", Scene).transparent:
-        color = np.clip(render(scene, width, height, dtype, covering), 0, 1)
+        color = np.clip(render(scene, width, height, dtype), 0, 1)
         return np.dstack([color, np.ones(color.shape[:2])]).astype(np.float32)
     on_black = scene.replace(background=np.zeros(3))
-    color = render(on_black, width, height, dtype, covering)
+    color = render(on_black, width, height, dtype)
     white_areas = tuple(dataclasses.replace(area, paint=(1.0, 1.0, 1.0)) for area in scene.areas)
     white = on_black.replace(color=np.ones((len(scene), 3)), areas=white_areas)
-    covered = render(white, width, height, dtype, covering)
+    covered = render(white, width, height, dtype)
     return straight(color, covered[:, :, 0])
 
 

@@ -84,17 +84,11 @@ def coverage_of(
 
 
 def ground_of(
-    scene: Scene,
-    height: int,
-    width: int,
-    dtype: type[Real],
-    backdrop: float | None = None,
-    covering: bool = False,
+    scene: Scene, height: int, width: int, dtype: type[Real], backdrop: float | None = None
 ) -> NDArray[Real]:
     """Return the areas of a scene, and the Gaussians that lie among them, (3, height, width).
 
     backdrop  grey level below the areas. If it is None, the scene's background is below them
-    covering  as in gauss2svg.render.render
     """
     image, scale = np.empty((height, width, 3), dtype), (width / scene.width, height / scene.height)
     image[:] = scene.background if backdrop is None else backdrop
@@ -102,7 +96,7 @@ def ground_of(
     for level in np.unique(scene.level[scene.level != ABOVE]).tolist():
         draw_areas(scene.areas[drawn:level], image, scale)
         ground = np.ascontiguousarray(np.moveaxis(image, -1, 0))
-        splats = splats_of(scene.select(scene.level == level), scale, covering)
+        splats = splats_of(scene.select(scene.level == level), scale)
         splats = splats._replace(ground=ground)
         image[:] = np.moveaxis(render_planar(splats, height, width, dtype), 0, -1)
         drawn = level

@@ -341,14 +341,11 @@ def splats_from(
     )
 
 
-def splats_of(
-    scene: Scene, scale: tuple[float, float] = (1.0, 1.0), covering: bool = False
-) -> Splats:
+def splats_of(scene: Scene, scale: tuple[float, float] = (1.0, 1.0)) -> Splats:
     """Return the splats of a scene that is scaled along x and y.
 
-    scale     factors along x and y. The scaled shapes may leave the domain of scenes, which
-              Scene.scaled does not allow
-    covering  as in gauss2svg.render.render
+    scale  factors along x and y. The scaled shapes may leave the domain of scenes, which
+           Scene.scaled does not allow
     """
     # The arrays of a scene are read-only. They are copied, because numba would compile the kernels
     # again for read-only arrays.
@@ -363,7 +360,7 @@ def splats_of(
         beta=scene.beta,
         background=scene.background.copy(),
         additive=scene.blend == ADD,
-        is_plain=scene.drawn == PLAIN if covering else None,
+        is_plain=scene.drawn == PLAIN,
     )
 
 

@@ -7,20 +7,23 @@ or, with additive blending,
 
     C(x) = background + sum_k f(|W_k (x - mean_k)|) c_k
 
-with f of gauss2svg.scene.falloff, sampled at pixel centres. The result is differentiable by
+with f of gauss2svg.scene.falloff, sampled at pixel centres. For a plain ellipse (Scene.drawn),
+`coverage` of that module takes the place of f. The result is differentiable by
 autograd, and there are no tiles and no approximations. Memory and time are proportional to the
 number of Gaussians times the number of pixels, so use this renderer only for small images.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from gauss2svg.errors import InputError
 from gauss2svg.render import TorchMissingError, output_size
 from gauss2svg.render.areas import draw_areas
-from gauss2svg.scene import ABOVE, ADD, MOST_SIGNED, Scene
-from gauss2svg.scene.falloff import CUT, RIM
+from gauss2svg.scene import ABOVE, ADD, MOST_SIGNED, PLAIN, Scene, whitening_of
+from gauss2svg.scene.falloff import CUT, RIM, coverage, covered_radius
 from gauss2svg.scene.scene import PARAMETERS
 
 try:  # autograd.py imports torch from this module, so that only this place reports a missing torch
@@ -75,16 +78,22 @@ def accumulate(
 
 
 def _blended(
-    shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
+    shapes: tuple[torch.Tensor, ...],
+    height: int,
+    width: int,
+    additive: bool,
+    plain: Collection[int] = (),
 ) -> torch.Tensor:
     """Return the image (height, width, 3) of shapes that shapes_of returned.
 
-    additive: whether the shapes are added up. If not, they are alpha-composited.
+    additive  whether the shapes are added up. If not, they are alpha-composited
+    plain     indices of the plain ellipses
     """
     mean, sigma, rho, color, opacity, background, beta = shapes
     image = background.expand(height, width, 3)  # the background is one colour, or an image
     for k in range(len(mean)):
-        falloff = _falloff(mean[k], sigma[k], rho[k], beta[k], height, width)[:, :, None]
+        share = _coverage if k in plain else _falloff
+        falloff = share(mean[k], sigma[k], rho[k], beta[k], height, width)[:, :, None]
         if additive:
             image = image + falloff * color[k]
         else:
@@ -124,6 +133,23 @@ def _falloff(
     return torch.where(inside, (bell - RIM) / (1 - RIM), torch.zeros_like(bell)).to(dtype)
 
 
+def _coverage(
+    mean: torch.Tensor,
+    sigma: torch.Tensor,
+    rho: torch.Tensor,
+    beta: torch.Tensor,
+    height: int,
+    width: int,
+) -> torch.Tensor:
+    """Return how much of each pixel (height, width) a plain ellipse covers. It has no gradient."""
+    (x, y), *others = (t.cpu().double().numpy() for t in (mean, sigma[None], rho[None], beta[None]))
+    whitening, radius = whitening_of(*others[:2])[0], covered_radius(others[2])[0]
+    w11, w21, w22 = whitening
+    v, u = np.mgrid[:height, :width] + 0.5 - np.array([y, x]).reshape(2, 1, 1)
+    z = np.stack([w11 * u, w21 * u + w22 * v], axis=-1)
+    return torch.tensor(coverage(z, whitening, radius), dtype=mean.dtype, device=mean.device)
+
+
 def _widest_float(device: torch.device) -> torch.dtype:
     """Return float64, or float32 if the device has no float64."""
     return torch.float32 if device.type == "mps" else torch.float64
@@ -161,7 +187,9 @@ def render_reference(
         )
         rho = rho.clamp(-below_one(dtype), below_one(dtype))
         with torch.no_grad():
-            image = _blended((mean, sigma, rho, *others), height, width, additive)
+            tensors = mean, sigma, rho, *others
+            plain = np.flatnonzero(shapes.drawn == PLAIN)
+            image = _blended(tensors, height, width, additive, plain)
         ground = image.cpu().to(torch.float64).numpy()
     return image.clamp(0, 1) if additive else image
 

@@ -26,7 +26,7 @@ from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.small_file import recolored
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render, render_rgba
-from gauss2svg.scene import PLAIN, Scene
+from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.svg.minimal import minimal_rounded
 
 # Far enough apart that what a fit gains or loses by chance is less than what the bytes bring.
@@ -255,7 +255,8 @@ def test_plain_ellipses_are_planned_as_renderers_draw_them(picture):
     found = search(picture, 400, iterations=FEW_STEPS).run()
     assert (found.scene.drawn == PLAIN).all()
     raster = rasterize_like(found.svg, picture)
-    model, falloff = (render(found.scene, 64, 64, covering=covers) for covers in (True, False))
+    soft = found.scene.replace(drawn=np.full(len(found.scene), SOFT))
+    model, falloff = (render(scene, 64, 64) for scene in (found.scene, soft))
     assert psnr(model, raster) > psnr(falloff, raster) + 1
     assert found.measured.psnr_roundtrip == pytest.approx(psnr(model, raster), abs=0.01)
 

@@ -14,7 +14,7 @@ from gauss2svg.render.areas import _add_fill, coverage_of, draw_areas
 from gauss2svg.render.coverage import SAGITTA, edge_count
 from gauss2svg.render.coverage_reference import coverage_gradient, polygon_of, winding
 from gauss2svg.render.reference import render_reference
-from gauss2svg.scene import ABOVE, PLAIN, Scene
+from gauss2svg.scene import ABOVE, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline, RadialGradient
 
 BOX = (-2, 3, 11, 8)  # left, top, width, height
@@ -221,11 +221,9 @@ def test_gaussians_lie_over_the_areas(dtype, seed):
 
 
 @in_both
-@given(st.integers(0, 2**16), st.booleans())
-def test_a_gaussian_lies_over_the_areas_of_its_level_and_under_the_others(dtype, seed, covering):
-    scene = with_levels(scene_of(seed), seed)
-    if covering:
-        scene = scene.replace(drawn=np.full(4, PLAIN))
+@given(st.integers(0, 2**16))
+def test_a_gaussian_lies_over_the_areas_of_its_level_and_under_the_others(dtype, seed):
+    scene = with_levels(scene_of(seed), seed).replace(drawn=[PLAIN, SOFT, PLAIN, SOFT])
     # Each area and each Gaussian is drawn over the picture of what is below it.
     image, rest = np.full((8, 9, 3), scene.background), list(scene.areas)
     for i, level in enumerate(scene.level.tolist()):
@@ -233,22 +231,19 @@ def test_a_gaussian_lies_over_the_areas_of_its_level_and_under_the_others(dtype,
         draw_areas(below, image)
         rest = rest[len(below) :]
         one = scene.select([i]).replace(areas=(), level=None)
-        shown = [
-            render(one.replace(background=b), 9, 8, np.float64, covering) for b in (BLACK, WHITE)
-        ]
+        shown = [render(one.replace(background=b), 9, 8, np.float64) for b in (BLACK, WHITE)]
         image = shown[0] + (shown[1] - shown[0]) * image
     draw_areas(rest, image)
-    np.testing.assert_allclose(render(scene, dtype=dtype, covering=covering), image, atol=1e-5)
-    if not covering:
-        np.testing.assert_allclose(render_reference(scene), image, atol=1e-9)
+    np.testing.assert_allclose(render(scene, dtype=dtype), image, atol=1e-5)
+    np.testing.assert_allclose(render_reference(scene), image, atol=1e-9)
 
 
-@given(st.integers(0, 2**16), st.booleans())
-def test_alpha_of_areas_is_that_of_both_backgrounds(seed, covering):
-    scene = with_levels(scene_of(seed), seed).replace(transparent=True)
-    rgba = render_rgba(scene, covering=covering)
+@given(st.integers(0, 2**16))
+def test_alpha_of_areas_is_that_of_both_backgrounds(seed):
+    scene = with_levels(scene_of(seed), seed).replace(transparent=True, drawn=[PLAIN, SOFT] * 2)
+    rgba = render_rgba(scene)
     for backdrop in (BLACK, WHITE, (1.0, 0.0, 1.0)):
-        shown = render(scene.replace(background=backdrop), covering=covering)
+        shown = render(scene.replace(background=backdrop))
         np.testing.assert_allclose(over(rgba, backdrop), shown, atol=1e-5)
 
 

@@ -252,7 +252,7 @@ def test_a_file_draws_gaussians_below_areas_as_the_model_does(seed, markup, cris
         color = np.round(rng.random((12, 1))) * np.ones(3)
         scene = scene.replace(beta=beta, opacity=opacity, color=color, drawn=np.full(12, PLAIN))
     drawn = rasterize(write_svg(scene, SvgFormat(markup=markup, precision=0.01)), 160, 120)
-    assert psnr(drawn, render(scene, 160, 120, covering=True)) > 40
+    assert psnr(drawn, render(scene, 160, 120)) > 40
 
 
 def test_a_page_is_an_area_and_not_the_background():
