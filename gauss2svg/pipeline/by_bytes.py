@@ -35,10 +35,10 @@ from gauss2svg.pipeline.plan import SHAPE_BYTES, SHAPE_GZIPPED_BYTES, WHOLE_SIDE
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.small_file import EXACT_UNDER, SmallFile, error_and_size, flat_scene
 from gauss2svg.scene import PLAIN, SOFT, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, covered_radius
+from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.forms import drawn_beta, with_falloffs
-from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.forms import plain_beta, with_falloffs
+from gauss2svg.svg.minimal import as_written, minimal_svg
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 
 # Exponents that soft shapes may have. All other shapes are plain ellipses.
@@ -225,14 +225,7 @@ class ByBytes:
         self.fits.append(session.result())
         scene, (width, height) = session.scene(), subject.canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
-        # A plain ellipse covers the same area in the file as in the fit. Its exponent becomes
-        # MOST_BETA here, so its sigmas are scaled to keep the area.
-        plain = scene.drawn == PLAIN
-        wider = covered_radius(scene.beta) / covered_radius(np.full(len(scene), MOST_BETA))
-        sigma = scene.sigma * np.where(plain, wider, 1.0)[:, None]
-        beta = np.where(plain, MOST_BETA, scene.beta)
-        scene = scene.replace(width=width, height=height, beta=beta, sigma=sigma)
-        return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, SOFT))
+        return scene.replace(width=width, height=height)
 
     def _written(self, fitted: Scene, exponents: Exponents) -> SmallFile | None:
         """Write a scene with each grid and number of digits. Return the file of the smallest error.
@@ -250,9 +243,9 @@ class ByBytes:
             unit, kept = small_file.unit_of(grid, len(fitted), self.subject.canvas), len(fitted)
             file, each = None, expected
             while kept > 0:
-                scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
-                exact, error = small_file.recolored(scene, pixels, digits, weight)
-                file = self._file(exact, unit, digits, error)
+                scene = as_written(fitted.select(np.sort(order[:kept])), unit, digits)
+                scene, error = small_file.recolored(scene, pixels, digits, weight)
+                file = self._file(scene, unit, digits, error)
                 shapes = file.size - self.flat.size
                 if kept == len(fitted):
                     each = shapes / (kept + DEFINITION * len(exponents))
@@ -288,6 +281,6 @@ def with_few_exponents(scene: Scene, exponents: Exponents) -> Scene:
     classes = np.array([*exponents, BETA_CLASSES[-1]])
     nearest = np.abs(np.log(scene.beta)[:, None] - np.log(classes)).argmin(axis=1)
     plain = nearest == len(exponents)
-    beta = classes[nearest]
-    beta[plain] = drawn_beta(scene, plain)
+    beta, semi_axes = classes[nearest], scene.ellipse_axes[0] * covered_radius(scene.beta)[:, None]
+    beta[plain] = plain_beta(semi_axes[plain])
     return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, SOFT))

@@ -143,9 +143,9 @@ class Exporter:
         # The fit has already given all shapes but the plain ellipses a colour of a palette. A shape
         # that was a plain ellipse at that time may be soft now, and its colour may not be in the
         # palette. So the scene is quantised once more.
-        exact = in_file_order(self.quantized(scene, None), written, document)
-        svg = ordered_svg(exact, written, document)
-        return Export(exact, svg, written, self._size(svg), math.nan)
+        scene = in_file_order(self.quantized(scene, None), written, document)
+        svg = ordered_svg(scene, written, document)
+        return Export(scene, svg, written, self._size(svg), math.nan)
 
     def export(self, scene: Scene) -> Export:
         """Write a scene that is on the working canvas, and return the file with its score."""

@@ -14,9 +14,9 @@ from gauss2svg.errors import quoted, refusal, required
 from gauss2svg.pipeline.clusters import Rows, few_entries
 from gauss2svg.pipeline.hues import LARGEST_CHANGE, HueChange, keep_hues
 from gauss2svg.render.weights import visible_mass
-from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene import ADD, BLURRED, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
-from gauss2svg.svg.forms import GRADIENT, drawn_blurs, is_plain, snapped, with_falloffs
+from gauss2svg.svg.forms import GRADIENT, as_written, is_plain, with_falloffs
 
 # Shapes are clustered by their colours, which are in 0..1, and by their exponents beta. For this,
 # ln beta is multiplied by this factor. This value of the factor is the best for photos, and nearly
@@ -107,22 +107,26 @@ def quantize(
     an additive scene only the colours are quantised, and they are not rounded. Raise InputError for
     an additive scene if the form is not "gradient".
     """
-    additive, exact = required(scene, "scene", Scene).blend == ADD, scene
+    additive = required(scene, "scene", Scene).blend == ADD
     if additive and form != GRADIENT:
         raise refusal("form", f"{GRADIENT!r} for an additive scene", quoted(form))
-    scene = scene if additive else snapped(scene, form)
-    blurred = (drawn_blurs(scene) >= 0) & (form != GRADIENT)
-    shaded = ~is_plain(exact) & ~blurred
+    written = as_written(scene, form)
+    blurred = written.drawn == BLURRED
+    # A shape that only looks the same as a plain ellipse stays soft, because a fit may change it.
+    if not additive:
+        soft = np.where(scene.drawn == BLURRED, SOFT, scene.drawn)
+        written = written.replace(drawn=np.where(blurred, BLURRED, soft))
+    shaded = ~is_plain(scene) & ~blurred
     if not shaded.any() or not (palette or color_error):
-        return scene
+        return written
     count = max(1, math.ceil(palette * (1 - blurred.mean()))) if palette else len(scene)
-    mass, pixels = visible_mass(exact, weight)
+    mass, pixels = visible_mass(scene, weight)
     allowed = color_error * 3 * pixels
     if additive:
         entries, entry = few_entries(scene.color, mass, count, allowed, lambda colors: colors)
         return scene.replace(color=entries[entry])
-    shades = exact.color[shaded], exact.beta[shaded], mass[shaded]
-    colors, exponents, entry = best_palette(*shades, count, allowed, HueChange(exact, shaded))
-    beta, color = scene.beta.copy(), scene.color.copy()
+    shades = scene.color[shaded], scene.beta[shaded], mass[shaded]
+    colors, exponents, entry = best_palette(*shades, count, allowed, HueChange(scene, shaded))
+    beta, color = written.beta.copy(), written.color.copy()
     color[shaded], beta[shaded] = colors[entry], exponents[entry]
-    return with_falloffs(exact, beta).replace(color=color, drawn=scene.drawn)
+    return with_falloffs(scene, beta).replace(color=color, drawn=written.drawn)

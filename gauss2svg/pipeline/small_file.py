@@ -25,7 +25,7 @@ from gauss2svg.pipeline.outcome import Subject
 from gauss2svg.pipeline.palette import Rows
 from gauss2svg.render.weights import color_weights
 from gauss2svg.scene import Scene
-from gauss2svg.svg.minimal import minimal_rounded, whole_unit
+from gauss2svg.svg.minimal import as_written, whole_unit
 
 # A file counts as exact if its mean squared error is below that of a picture in which every value
 # is half an 8-bit level too large.
@@ -74,7 +74,7 @@ def flat_scene(subject: Subject, digits: int) -> tuple[Scene, float]:
     mean = subject.photo.mean(axis=(0, 1), dtype=np.float64)
     background = np.ones(3) if transparent else mean
     scene = Scene(*subject.canvas, background=background, transparent=transparent)
-    return minimal_rounded(scene, unit, digits), unit
+    return as_written(scene, unit, digits), unit
 
 
 def unit_of(grid: float, count: int, canvas: Size) -> float:

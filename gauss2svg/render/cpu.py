@@ -31,7 +31,7 @@ from gauss2svg.render.kernels import MOMENTS, backpropagate_tile, compose_tile, 
 from gauss2svg.render.simd import load, splat, store, total
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs, in_shares, kernel
 from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
-from gauss2svg.scene.falloff import covered_radius, cut_radius, longer_axes
+from gauss2svg.scene.falloff import cut_radius, drawn_radius, longer_axes
 
 # Modes of the kernels. RENDER computes the image. SQUARED_ERROR computes the image and the moments
 # of the gradient of its squared error. GIVEN_GRADIENT computes only the moments of a gradient,
@@ -314,10 +314,10 @@ def splats_from(
     whitening (n, 3) is what gauss2svg.scene.whitening_of returns. is_plain (n,) marks the plain
     ellipses, which cover shares of pixels. If it is None, there are no plain ellipses.
     """
-    radius = cut = cut_radius(beta)
+    cut = radius = cut_radius(beta)
     outer = np.zeros((len(mean), 4))
     if is_plain is not None and is_plain.any():
-        radius = np.where(is_plain, covered_radius(beta), radius)
+        radius = drawn_radius(beta, is_plain)
         longer, max_share = longer_axes(whitening, radius)
         w11, w21, w22 = longer.T
         l11, l22 = 1 / w11, 1 / w22

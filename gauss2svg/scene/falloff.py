@@ -133,6 +133,11 @@ def covered_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sqrt(2 / (1 - RIM) * _lower_gamma(1 + 1 / beta, CUT))
 
 
+def drawn_radius(beta: NDArray[np.float64], is_plain: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the radius (n,) in sigmas of each plain ellipse, or else of the gradient."""
+    return np.where(is_plain, covered_radius(beta), cut_radius(beta))
+
+
 def square_integral(beta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the integrals (n,) of f^2 over the plane, in px^2 if sigma is 1 px.
 

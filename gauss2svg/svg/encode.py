@@ -51,9 +51,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.scene import ABOVE, Scene
+from gauss2svg.scene import ABOVE, BLURRED, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import Area, AreaCounts, counted_areas
-from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
+from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, drawn_radius, nearest_class
 from gauss2svg.svg import INKS, Document, SvgFormat, round_id
 from gauss2svg.svg.areas import area_elements, box_centers, in_units, with_areas
 from gauss2svg.svg.element import (
@@ -66,7 +66,7 @@ from gauss2svg.svg.element import (
     unless,
     writable,
 )
-from gauss2svg.svg.forms import BLURS, CLEAR, Blur, drawn_blurs, drawn_radius, is_plain, snapped
+from gauss2svg.svg.forms import BLURS, CLEAR, Blur, as_written, nearest_blurs
 from gauss2svg.svg.stops import Floats, gradient_stops
 
 _LARGE_RADIUS = 100  # radius of a gradient whose exponent is at least LARGE_FROM
@@ -121,13 +121,11 @@ def encode(scene: Scene, svg_format: SvgFormat, document: Document) -> Drawing:
     Raise SceneError if a visible Gaussian has such numbers, or if the canvas is too small or too
     large.
     """
-    scene = snapped(scene, svg_format.form)
+    scene = as_written(scene, svg_format.form)
     written, kept = in_units(scene.areas, svg_format.precision, svg_format.opacity_decimals)
     scene = with_areas(scene, kept)
-    # Each shape is drawn as a plain ellipse, as a blurred disc, or by a gradient.
-    plain, blur = is_plain(scene), drawn_blurs(scene)
-    blurred = ~plain & (blur >= 0)
-    shaded = ~plain & ~blurred
+    plain, blurred, shaded = (scene.drawn == kind for kind in (PLAIN, BLURRED, SOFT))
+    blur = nearest_blurs(scene)
     color = np.round(scene.color * 255).astype(np.uint8)
     # Shapes that have the same exponent and colour share a gradient. Shapes that have the same blur
     # share a filter.

@@ -23,7 +23,7 @@ top and the crisp rim of a large exponent. So each ratio draws one exponent, and
 docs/decisions/svg.md has the exponents, largest opacities and errors of BLURS, and
 tests/svg/test_blur.py derives them again.
 
-`snapped` rounds the exponents and colours of a scene to those that a file can have.
+`as_written` returns a scene as an editable file has it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,6 @@ from gauss2svg.scene.falloff import (
     MOST_BETA,
     RIM_WIDTH,
     covered_radius,
-    cut_radius,
     half_radius,
     nearest_class,
     profile,
@@ -74,28 +73,24 @@ LARGEST_ON_RIM = 0.013
 CRISP_RIM = 1.0
 
 
-def is_plain(scene: Scene) -> NDArray[np.bool_]:
+def is_plain(scene: Scene, minimal: bool = False) -> NDArray[np.bool_]:
     """Return for each shape (n,) whether a file draws it as a plain ellipse.
 
     That is so if the shape is already a plain ellipse in the scene, or if a plain ellipse looks the
-    same. Whether it looks the same depends on the size of the canvas, because rims are wider on a
-    larger canvas.
+    same: its exponent is at least LEAST_PLAIN_BETA, and the error of the ellipse is within the
+    limits LARGEST_ERROR and LARGEST_ON_RIM. Whether it looks the same depends on the size of the
+    canvas, because rims are wider on a larger canvas.
+
+    minimal  whether the file has minimal markup, in which a plain ellipse also replaces a shape
+             whose rim is narrower than CRISP_RIM
     """
-    return (scene.drawn == PLAIN) | looks_plain(scene.ellipse_axes[0], scene.beta)
-
-
-def looks_plain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return for each shape (n,) whether a plain ellipse looks the same.
-
-    That is so if the error of the ellipse is within the limits LARGEST_ERROR and LARGEST_ON_RIM,
-    and if the exponent of the shape is at least LEAST_PLAIN_BETA.
-
-    axes  (n, 2) one-sigma semi-axes in px, the larger one first
-    beta  (n,) exponents
-    """
-    plain = beta >= LEAST_PLAIN_BETA
-    if plain.any():
-        plain[plain] = _relative_error(axes[plain], beta[plain]) <= 1
+    axes, beta, plain = scene.ellipse_axes[0], scene.beta, scene.drawn == PLAIN
+    maybe = ~plain & (beta >= LEAST_PLAIN_BETA)
+    if minimal:
+        plain |= maybe & (RIM_WIDTH * axes[:, 0] / beta < CRISP_RIM)
+        maybe &= ~plain
+    if maybe.any():
+        plain[maybe] = _relative_error(axes[maybe], beta[maybe]) <= 1
     return plain
 
 
@@ -104,7 +99,7 @@ def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
 
     semi_axes  (n, 2) semi-axes of the ellipses in px, the larger one first
 
-    The difference is measured as the error that `looks_plain` limits. A shape is written as a plain
+    The difference is measured as the error that `is_plain` limits. A shape is written as a plain
     ellipse only if its error is within the limits. When the file is read, the shape gets the
     exponent that this function returns. Its error is then no larger than before, so the shape is
     written as a plain ellipse again.
@@ -127,34 +122,6 @@ def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
     return beta
 
 
-def is_arc(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return for each shape (n,) whether minimal markup draws it as an arc.
-
-    That is so if a plain ellipse looks the same, or if the exponent is at least LEAST_PLAIN_BETA
-    and the rim is narrower than CRISP_RIM.
-
-    axes  (n, 2) one-sigma semi-axes in px, the larger one first
-    beta  (n,) exponents
-    """
-    across = RIM_WIDTH * axes[:, 0] / beta
-    crisp = (beta >= LEAST_PLAIN_BETA) & (across < CRISP_RIM)
-    return looks_plain(axes, beta) | crisp
-
-
-def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the exponents (n,) of the shapes that are read from arcs.
-
-    semi_axes  (n, 2) semi-axes of the arcs in px, the larger one first
-
-    A shape gets the exponent that `plain_beta` returns for a plain ellipse of the same size. But if
-    the arc is thin, a shape of that exponent would not be written as an arc again. So the shape of
-    a thin arc gets the largest exponent.
-    """
-    beta = plain_beta(semi_axes)
-    axes = semi_axes / covered_radius(beta)[:, None]
-    return np.where(is_arc(axes, beta), beta, MOST_BETA)
-
-
 def _relative_error(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the squared error of each plain ellipse (n,), divided by the error that is allowed."""
     angle_rad = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
@@ -166,26 +133,6 @@ def _relative_error(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDA
     error = (np.interp(np.log(width), np.log(_WIDTHS), _errors()) * length).sum(axis=1)
     in_mass = LARGEST_ERROR * square_integral(beta) * axes.prod(axis=1)
     return error / np.minimum(in_mass, LARGEST_ON_RIM * length.sum(axis=1))
-
-
-def drawn_radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the radius (n,), in sigmas, at which each shape is drawn.
-
-    For the shapes in the mask `plain` (n,) it is the radius of the plain ellipse. For the others it
-    is the radius of the gradient.
-    """
-    radius = cut_radius(beta)
-    radius[plain] = covered_radius(beta[plain])
-    return radius
-
-
-def drawn_beta(scene: Scene, plain: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the exponents that shapes get when they become plain ellipses.
-
-    plain  (n,) mask of the shapes that become plain ellipses. The result has only their exponents
-    """
-    radius = covered_radius(scene.beta[plain])
-    return plain_beta(scene.ellipse_axes[0][plain] * radius[:, None])
 
 
 @lru_cache(maxsize=1)
@@ -265,45 +212,31 @@ def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
     return (t * ratio**2 * np.exp(exponent) * ive(0, r[:, None] * t * ratio**2)).mean(axis=1)
 
 
-def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
-    """Return for each shape (n,) the index of its blur in BLURS, or -1 if the shape gets no blur.
+def nearest_blurs(scene: Scene) -> NDArray[np.intp]:
+    """Return for each shape (n,) the index in BLURS of its nearest possible blur.
 
-    form  form of the file
-
-    In a file of the form "gradient" no shape gets a blur. In the other forms, a blur is possible
-    for a shape if the fill-opacity of the blurred disc would be at most 1 + OVERFULL. Of the
-    possible blurs, the nearest one is that whose exponent is nearest to the exponent of the shape.
-
-    A shape that is already a blurred disc in the scene gets the nearest possible blur. This is the
-    blur that it has, if that is still possible. Any other shape also gets the nearest possible
-    blur, unless the shape is small, is drawn as a plain ellipse, or would differ too much from the
-    blurred disc.
-    """
-    index = np.full(len(scene), -1)
-    if form == GRADIENT or not len(scene):
-        return index
-    half_width = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta)
-    large = (half_width >= LEAST_HALF_WIDTH) & ~is_plain(scene)
-    before = drawn_blurs(scene) >= 0
-    candidates = large | before
-    beta, opacity = scene.beta[candidates], scene.opacity[candidates]
-    distance = np.abs(np.log(beta[:, None] / [blur.beta for blur in BLURS]))
-    full = np.array([blur.peak for blur in BLURS]) * opacity[:, None]
-    nearest = np.where(full <= 1 + OVERFULL, distance, np.inf).argmin(axis=1)
-    steps = (round(math.log(b) / _LOG_STEP) for b in beta)
-    difference = opacity * list(map(_difference, steps, nearest))
-    kept = before[candidates] | (difference <= MOST_DIFFERING)
-    index[candidates] = np.where(kept, nearest, -1)
-    return index
-
-
-def drawn_blurs(scene: Scene) -> NDArray[np.intp]:
-    """Return for each shape (n,) the index of its blur in BLURS, or -1 if it is not a blurred disc.
-
-    The blur is the one whose exponent is nearest to that of the shape.
+    A blur is possible if the fill-opacity of the blurred disc would be at most 1 + OVERFULL. The
+    nearest one is that whose exponent is nearest to the exponent of the shape.
     """
     distance = np.abs(np.log(scene.beta[:, None] / [blur.beta for blur in BLURS]))
-    return np.where(scene.drawn == BLURRED, distance.argmin(axis=1), -1)
+    full = np.array([blur.peak for blur in BLURS]) * scene.opacity[:, None]
+    return np.where(full <= 1 + OVERFULL, distance, np.inf).argmin(axis=1)
+
+
+def _becomes_blurred(scene: Scene) -> NDArray[np.bool_]:
+    """Return for each shape (n,) whether a file of the form "blur" draws it as a blurred disc.
+
+    That is so if the shape is already a blurred disc in the scene. It is also so for any other
+    shape, unless the shape is small, is drawn as a plain ellipse, or would differ too much from the
+    blurred disc.
+    """
+    large = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta) >= LEAST_HALF_WIDTH
+    blurred = (scene.drawn == BLURRED) | (large & ~is_plain(scene))
+    others = np.flatnonzero(blurred & (scene.drawn != BLURRED))
+    steps = (round(math.log(beta) / _LOG_STEP) for beta in scene.beta[others])
+    differences = list(map(_difference, steps, nearest_blurs(scene)[others]))
+    blurred[others] = scene.opacity[others] * differences <= MOST_DIFFERING
+    return blurred
 
 
 @lru_cache(maxsize=4096)
@@ -323,28 +256,27 @@ def _difference(step: int, index: int) -> float:
     return float(np.abs(drawn - profile(r, beta)).max())
 
 
-def snapped(scene: Scene, form: str) -> Scene:
-    """Return the scene with the exponents and colours that a file of this form has.
+def as_written(scene: Scene, form: str) -> Scene:
+    """Return the scene that an editable file of this form draws, except for rounded coordinates.
 
-    A shape that the file draws as a blurred disc gets the exponent of its blur. A shape that it
-    draws by a gradient gets the nearest exponent of BETA_CLASSES. The sigmas of these shapes change
-    too, so that each keeps its contour at half height. Plain ellipses keep their exponents. Colours
-    are rounded to 8 bits. If a scene that this function returned is passed to it again, the scene
-    does not change. An additive scene is returned as it is, because its stops are computed from the
-    exact colours.
+    `drawn` says how the file draws each shape. A blurred disc gets the exponent of its blur. A
+    shape that has a gradient gets the nearest exponent of BETA_CLASSES. The sigmas of these shapes
+    change too, so that each keeps its contour at half height. Plain ellipses keep their exponents.
+    Colours are rounded to 8 bits. If a scene that this function returned is passed to it again, the
+    scene does not change. An additive scene is returned as it is, because its stops are computed
+    from the exact colours.
     """
     if scene.blend == ADD:
         return scene
-    blur = chosen_blurs(scene, form)
-    blurred = blur >= 0
-    plain = is_plain(scene)
-    shaded = ~plain & ~blurred
-    beta = scene.beta.copy()
-    beta[blurred] = [BLURS[k].beta for k in blur[blurred]]
+    blurred = np.full(len(scene), False) if form == GRADIENT else _becomes_blurred(scene)
+    shaded, beta = ~is_plain(scene) & ~blurred, scene.beta.copy()
+    beta[blurred] = np.array([blur.beta for blur in BLURS])[nearest_blurs(scene)[blurred]]
     beta[shaded] = np.array(BETA_CLASSES)[nearest_class(beta[shaded])]
-    drawn = np.where(blurred, BLURRED, np.where(scene.drawn == PLAIN, PLAIN, SOFT))
     color = np.round(scene.color * 255) / 255
-    return with_falloffs(scene, beta).replace(color=color, drawn=drawn)
+    written = with_falloffs(scene, beta).replace(color=color)
+    return written.replace(
+        drawn=np.where(is_plain(written), PLAIN, np.where(blurred, BLURRED, SOFT))
+    )
 
 
 def with_falloffs(scene: Scene, beta: NDArray[np.float64]) -> Scene:

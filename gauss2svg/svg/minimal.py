@@ -103,7 +103,7 @@ def minimal_svg(
             many are drawn under masks as MOST_MASKED and FADING of gauss2svg.svg.minimal_shapes
             allow, and the others by gradients
 
-    If opacity_decimals has its default, the file draws minimal_rounded(scene, unit, digits). Shapes
+    If opacity_decimals has its default, the file draws as_written(scene, unit, digits). Shapes
     whose extent or opacity is written as 0 are left out. Title, alt, size and aspect are written if
     the document has them. If the document has no size, the size of the canvas in px is written in
     two cases. The first case is that a unit is less than a pixel. The second case is that a side is
@@ -148,14 +148,14 @@ def minimal_svg(
     return Element("svg", [*named, *defs, *body], **root).text()
 
 
-def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
+def as_written(scene: Scene, unit: float, digits: int = 3) -> Scene:
     """Return the scene that the file of minimal_svg draws.
 
     The scene does not have the areas and shapes that the file leaves out. Numbers of areas, means,
     extents, colours, opacities and exponents are those of the file. A plain ellipse gets the
     exponent of the profile that is closest to it. Arguments and errors are those of minimal_svg.
     """
-    return shapes_of(scene, unit, digits, OPACITY_DIGITS).rounded(scene, unit, digits)
+    return shapes_of(scene, unit, digits, OPACITY_DIGITS).as_written(scene, unit, digits)
 
 
 def whole_unit(width: int, height: int, about: float = 0) -> float:

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Area, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
+from gauss2svg.scene.falloff import BETA_CLASSES, drawn_radius, nearest_class
 from gauss2svg.svg.areas import in_units, with_areas
 from gauss2svg.svg.element import check_view, number, writable
-from gauss2svg.svg.forms import arc_beta, drawn_radius, is_arc, with_falloffs
+from gauss2svg.svg.forms import is_plain, plain_beta, with_falloffs
 
 Floats = NDArray[np.float64]
 HEX_DIGITS = (3, 6)  # a colour may have either of these numbers of hex digits
@@ -76,7 +76,7 @@ class Shapes:
     masked: NDArray[np.bool_]
     areas: list[Area]
 
-    def rounded(self, scene: Scene, unit: float, digits: int) -> Scene:
+    def as_written(self, scene: Scene, unit: float, digits: int) -> Scene:
         """Return the scene that a file with these shapes draws.
 
         scene         scene from which the shapes were made
@@ -84,11 +84,11 @@ class Shapes:
         """
         plain = self.falloff < 0
         beta = np.array([*BETA_CLASSES, 1.0])[self.falloff]
-        beta[plain] = arc_beta(np.sort(unit * self.numbers[plain, :2], axis=1)[:, ::-1])
+        beta[plain] = plain_beta(np.sort(unit * self.numbers[plain, :2], axis=1)[:, ::-1])
         # All shapes are in one round, because a minimal file has no layers, and because its shapes
         # are not in the order of rounds.
         one_round = scene.replace(round_index=None, level=None)
-        rounded = one_round.select(self.index).replace(
+        written = one_round.select(self.index).replace(
             areas=[area.scaled(unit, unit) for area in self.areas],
             level=self.level,
             color=self.color / 255,
@@ -97,7 +97,7 @@ class Shapes:
             beta=beta,
             drawn=np.where(plain, PLAIN, SOFT),
         )
-        return _placed(rounded, self.mean, self.factor, drawn_radius(beta, plain), unit)
+        return _placed(written, self.mean, self.factor, drawn_radius(beta, plain), unit)
 
 
 def shapes_of(
@@ -126,26 +126,26 @@ def shapes_of(
     areas, kept = in_units(scene.areas, unit, opacity_decimals)
     scene = with_areas(scene, kept)
     kind = nearest_class(scene.beta)
-    plain = (scene.drawn == PLAIN) | is_arc(scene.ellipse_axes[0], scene.beta)
+    plain = is_plain(scene, minimal=True)
     opacity = np.round(scene.opacity, opacity_decimals)
     now_plain = np.zeros(0, np.intp)
     while True:
         plain[now_plain] = True
-        snapped = with_falloffs(scene, np.where(plain, scene.beta, np.array(BETA_CLASSES)[kind]))
-        radius = drawn_radius(snapped.beta, plain)
-        factor = snapped.factor * radius[:, None, None]
-        entries = [factor[:, 0, 0], factor[:, 1], snapped.mean]
+        written = with_falloffs(scene, np.where(plain, scene.beta, np.array(BETA_CLASSES)[kind]))
+        radius = drawn_radius(written.beta, plain)
+        factor = written.factor * radius[:, None, None]
+        entries = [factor[:, 0, 0], factor[:, 1], written.mean]
         numbers = np.round(np.column_stack(entries) / unit) + 0.0  # adding 0.0 turns -0 into 0
-        numbers[plain] = arc_numbers(snapped.select(plain), radius[plain], unit)
+        numbers[plain] = arc_numbers(written.select(plain), radius[plain], unit)
         extent = np.where(plain, numbers[:, :2].min(axis=1), numbers[:, 0] * numbers[:, 2])
-        drawn = writable(snapped, radius, unit) & (extent > 0) & (opacity > 0)
-        # After its numbers are rounded, a soft shape may be so crisp that is_arc holds for it. Such
-        # a shape is made a plain ellipse here, and all shapes are rounded again. Otherwise it would
+        drawn = writable(written, radius, unit) & (extent > 0) & (opacity > 0)
+        # After its numbers are rounded, a soft shape may look the same as a plain ellipse. Such a
+        # shape is made a plain ellipse here, and all shapes are rounded again. Otherwise it would
         # become an arc when its file is read and written again.
         soft = np.flatnonzero(drawn & ~plain)
         mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
-        placed = _placed(snapped.select(soft), mean[soft], factor[soft], radius[soft], unit)
-        now_plain = soft[is_arc(placed.ellipse_axes[0], placed.beta)]
+        placed = _placed(written.select(soft), mean[soft], factor[soft], radius[soft], unit)
+        now_plain = soft[is_plain(placed, minimal=True)]
         if not len(now_plain):
             break
     arcs = drawn & plain

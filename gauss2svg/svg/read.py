@@ -52,7 +52,7 @@ from gauss2svg.svg.file import (
     parse,
     read_source,
 )
-from gauss2svg.svg.forms import arc_beta
+from gauss2svg.svg.forms import plain_beta
 from gauss2svg.svg.read_shapes import Affine, Fill, color_of, compose, share_of, styled, target_of
 
 # The default limit on the number of elements in a file. The tree of a file with this many elements
@@ -113,7 +113,7 @@ def read_svg(
     The covariance of a shape is (M / R)(M / R)^T. M is the linear part of all transforms down to
     the unit circle of its gradient, and R = cut_radius(beta). The exponent of a shape is the one of
     BETA_CLASSES to which the stops of its gradient belong. A plain ellipse gets the exponent of the
-    profile that it draws best (gauss2svg.svg.forms.arc_beta). Numbers are as exact as in the file.
+    profile that it draws best (forms.plain_beta). Numbers are as exact as in the file.
 
     The round of a shape comes from the label or the id of its group ("Round 3: ..", "round-3"). It
     is at least the round of the shapes below it. If a group at the top level has no such label or
@@ -377,7 +377,7 @@ class _Reader:
         fills = np.array([(shape.fill.beta, shape.fill.radius) for shape in shapes])
         beta, radius = fills.reshape(-1, 2).T
         plain = beta == 0
-        beta[plain] = arc_beta(np.linalg.svd(rows[plain], compute_uv=False))
+        beta[plain] = plain_beta(np.linalg.svd(rows[plain], compute_uv=False))
         radius[plain] = covered_radius(beta[plain])
         try:
             return Scene(

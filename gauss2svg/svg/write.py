@@ -33,9 +33,9 @@ def write_svg(
 ) -> str:
     """Return the SVG text of a scene. It depends only on the scene, the format and the document.
 
-    Exponents and colours are rounded to those that a file can have (gauss2svg.svg.forms.snapped).
-    The fewer different exponents and colours a scene has, the smaller its file is.
-    gauss2svg.quantize reduces their number. The file of a transparent scene has no <rect>.
+    Exponents and colours are rounded to those that a file can have (forms.as_written). The fewer
+    different exponents and colours a scene has, the smaller its file is. gauss2svg.quantize reduces
+    their number. The file of a transparent scene has no <rect>.
 
     gauss2svg.svg.minimal explains minimal markup. gauss2svg.svg.additive explains the file of an
     additive scene, whose layers are phases. plates_and_pens.grouped_by_ink makes layers by ink.

@@ -27,7 +27,7 @@ from gauss2svg.pipeline.small_file import recolored
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import PLAIN, SOFT, Scene
-from gauss2svg.svg.minimal import minimal_rounded
+from gauss2svg.svg.minimal import as_written
 
 # Far enough apart that what a fit gains or loses by chance is less than what the bytes bring.
 LADDER = (150, 400, 1000, 2600)
@@ -239,7 +239,7 @@ def test_solved_colours_are_writable_and_beat_any_nearby(digits, focused):
 
 @pytest.mark.parametrize("alpha", [False, True])
 def test_the_colours_that_made_a_picture_are_found_again(alpha):
-    scene = minimal_rounded(a_scene(7, np.random.default_rng(1), alpha=alpha), 0.5, 6)
+    scene = as_written(a_scene(7, np.random.default_rng(1), alpha=alpha), 0.5, 6)
     grey = scene.replace(color=np.full((7, 3), 0.5))
     if alpha:
         found, error = recolored(grey, render_rgba(scene), 6)

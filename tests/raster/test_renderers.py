@@ -26,7 +26,7 @@ from gauss2svg.raster import (
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg import SvgFormat
-from gauss2svg.svg.forms import GRADIENT, snapped
+from gauss2svg.svg.forms import GRADIENT, as_written
 from gauss2svg.svg.write import write_svg
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="40" height="30"{}</svg>'
@@ -60,7 +60,7 @@ def refusing(svg: str) -> set[str]:
 
 
 def test_every_renderer_draws_the_model_at_its_decibels(renderer):
-    scene = snapped(random_scene(60, 240, 160, 2, (2.0, 40.0), (1.0, 4.0)), GRADIENT)
+    scene = as_written(random_scene(60, 240, 160, 2, (2.0, 40.0), (1.0, 4.0)), GRADIENT)
     svg = write_svg(scene, SvgFormat(stops=12, precision=0.01))
     for scale in (1,) if renderer in BROWSERS else (1, 2):
         drawn = rasterize(svg, scale * 240, scale * 160, renderer)

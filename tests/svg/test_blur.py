@@ -15,7 +15,7 @@ from gauss2svg.measure import metrics
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import DRAW_ROTATED_BLURS, rasterize
 from gauss2svg.render import render
-from gauss2svg.scene import Scene
+from gauss2svg.scene import BLURRED, Scene
 from gauss2svg.scene.falloff import half_radius, profile
 from gauss2svg.svg import SvgFormat
 from gauss2svg.svg import forms as blurs
@@ -24,11 +24,10 @@ from gauss2svg.svg.forms import (
     BLURS,
     CLEAR,
     Blur,
+    as_written,
     blurred_disc,
-    chosen_blurs,
-    drawn_blurs,
     is_plain,
-    snapped,
+    nearest_blurs,
 )
 from gauss2svg.svg.write import write_svg
 
@@ -73,23 +72,22 @@ def test_the_table_has_the_least_error_in_size_and_exponent_and_its_best_peak(bl
 @given(st.integers(0, 10**6), st.sampled_from([0, 12]))
 def test_blurred_shapes_are_large_keep_their_colours_and_share_their_filters(seed, palette):
     scene = random_scene(15, 90, 70, seed, (0.5, 25))
-    index = chosen_blurs(scene, BLUR)
-    blurred = index >= 0
+    blurred, index = as_written(scene, BLUR).drawn == BLURRED, nearest_blurs(scene)
     half = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta)
     assert (half[blurred] >= blurs.LEAST_HALF_WIDTH).all()
     full = scene.opacity[blurred] * [BLURS[k].peak for k in index[blurred]]
     assert (full <= 1.001 + blurs.OVERFULL).all()
     assert not (blurred & is_plain(scene)).any()
-    kept = snapped(quantize(scene, BLUR, palette), BLUR)
-    assert np.abs(render(snapped(kept, BLUR)) - render(kept)).max() < 0.1
+    kept = as_written(quantize(scene, BLUR, palette), BLUR)
+    assert np.abs(render(as_written(kept, BLUR)) - render(kept)).max() < 0.1
     svg = write_svg(kept, SvgFormat(form=BLUR, precision=0.001, opacity_decimals=4))
     used = re.findall(r'filter="url\(#(\w+)\)"', svg)
-    assert len(used) == np.count_nonzero((drawn_blurs(kept) >= 0) & ~is_plain(kept))
+    assert len(used) == np.count_nonzero(kept.drawn == BLURRED)
     assert set(used) == set(re.findall(r'<filter[^>]* id="(\w+)"', svg))
     ids = re.findall(r' id="([^"]+)"', svg)
     assert len(set(ids)) == len(ids)
     if palette:
-        first = drawn_blurs(snapped(scene, BLUR)) >= 0
+        first = as_written(scene, BLUR).drawn == BLURRED
         np.testing.assert_allclose(kept.color[first], scene.color[first], atol=0.51 / 255)
         assert svg.count("<radialGradient") <= palette
 
@@ -104,23 +102,24 @@ def test_blurring_changes_little_or_is_not_done(beta, opacity, blurred):
         200, 200, mean=[[100, 100]], sigma=[[20, 20]], rho=[0], color=np.ones((1, 3)),
         opacity=[opacity], background=np.zeros(3), beta=[beta],
     )  # fmt: skip
-    index = int(chosen_blurs(scene, BLUR)[0])
-    assert blurred in (None, index >= 0)
-    if index < 0:
+    written = as_written(scene, BLUR)
+    is_blurred = written.drawn[0] == BLURRED
+    assert blurred in (None, is_blurred)
+    if not is_blurred:
         return
-    blur, r = BLURS[index], np.linspace(0, 4, 300)
+    blur, r = BLURS[nearest_blurs(scene)[0]], np.linspace(0, 4, 300)
     sigmas = r * half_radius(blur.beta) / half_radius(beta)
     drawn = blur.peak * blurred_disc(sigmas / blur.radius, 1 / blur.deviation)
     differing = opacity * np.abs(drawn - profile(r, beta)).max()
     assert differing <= 0.09
-    assert np.abs(render(snapped(scene, BLUR)) - render(scene)).max() <= differing + 0.03
+    assert np.abs(render(written) - render(scene)).max() <= differing + 0.03
 
 
 @pytest.mark.parametrize("renderer", DRAW_ROTATED_BLURS)
 def test_blurred_scene_is_drawn_as_the_model_has_it(renderer):
     needs(renderer)
-    scene = snapped(random_scene(60, 200, 160, 4, (1, 40), (0.7, 8)), BLUR)
-    assert (drawn_blurs(scene) >= 0).sum() > 10
+    scene = as_written(random_scene(60, 200, 160, 4, (1, 40), (0.7, 8)), BLUR)
+    assert (scene.drawn == BLURRED).sum() > 10
     svg = write_svg(scene, SvgFormat(form=BLUR, precision=0.01, opacity_decimals=3))
     assert metrics.psnr(rasterize(svg, 200, 160, renderer), render(scene)) > 37
 

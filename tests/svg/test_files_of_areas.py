@@ -19,7 +19,7 @@ from gauss2svg.scene import PLAIN, Area, LinearGradient, Outline, RadialGradient
 from gauss2svg.svg import Document, SvgFormat
 from gauss2svg.svg.areas import path_data
 from gauss2svg.svg.file import bytes_by_part
-from gauss2svg.svg.minimal import minimal_rounded
+from gauss2svg.svg.minimal import as_written
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.untrusted import Survey
 from gauss2svg.svg.write import outline_svg, write_svg
@@ -81,7 +81,7 @@ def test_areas_whose_numbers_a_file_can_hold_are_read_as_they_were(seed, markup)
         assert [o.curved for o in area.outlines] == [o.curved for o in before.outlines]
         assert numbers_of(area) == pytest.approx(numbers_of(before), abs=1e-9)
     if markup == "editable":
-        rounded = minimal_rounded(first, 0.25).areas
+        rounded = as_written(first, 0.25).areas
         assert [numbers_of(one) for one in rounded] == [
             pytest.approx(numbers_of(one), abs=1e-9) for one in first.areas
         ]
@@ -222,7 +222,7 @@ def test_levels_of_a_file_count_the_areas_that_are_written(markup):
     svg = write_svg(scene, svg_format)
     back, levels = read_svg(svg), [0, 1, 1, 2, 2, -1, -1, -1]
     assert (back.level.tolist(), len(back.areas)) == (levels, 3)
-    assert minimal_rounded(scene, 1.0).level.tolist() == levels
+    assert as_written(scene, 1.0).level.tolist() == levels
     assert markup == "minimal" or back.round_index.tolist() == scene.round_index.tolist()
     for other in (svg, outline_svg(scene)):
         ids = re.findall(r' id="([^"]*)"', other)

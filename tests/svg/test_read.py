@@ -16,12 +16,13 @@ from gauss2svg.measure import metrics
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.scene import Scene
+from gauss2svg.scene import BLURRED, PLAIN, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.scene.scene import PARAMETERS
 from gauss2svg.svg import STOP_COUNTS, Document, Form, SvgFormat, minimal_shapes
-from gauss2svg.svg.forms import BLURS, GRADIENT, drawn_blurs, is_plain, snapped
-from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.forms import BLURS, GRADIENT, as_written, is_plain
+from gauss2svg.svg.minimal import as_written as minimal_as_written
+from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
 
@@ -58,12 +59,11 @@ def test_an_editable_file_is_its_scene_within_the_rounding_and_then_the_same_fil
 ):
     svg_format = SvgFormat(form=form, stops=stops, precision=precision, opacity_decimals=4)
     scene = quantize(random_scene(25, 60, 45, seed, sigma=(0.5, 25)), form, 12 * palette)
-    scene = snapped(scene, form)
+    scene = as_written(scene, form)
     large = (np.abs(scene.factor[:, [0, 1], [0, 1]]) * np.sqrt(2) > precision).all(axis=1)
-    scene = snapped(scene.select(large & (scene.opacity > 1e-4)), form)
+    scene = as_written(scene.select(large & (scene.opacity > 1e-4)), form)
     back = read_svg(write_svg(scene, svg_format))
-    solid = is_plain(scene)
-    blurred = ~solid & (drawn_blurs(scene) >= 0) & (form != GRADIENT)
+    solid, blurred = scene.drawn == PLAIN, scene.drawn == BLURRED
     np.testing.assert_allclose(back.beta[~solid], scene.beta[~solid], rtol=1e-12)
     step = 0.5 * precision + 1e-9
     np.testing.assert_allclose(back.mean, scene.mean, atol=step)
@@ -93,7 +93,7 @@ def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
     with patch.object(minimal_shapes, "MOST_MASKED", most_masked):
         svg = write_svg(scene, written)
         back = read_svg(svg)
-        assert_read_as(back, minimal_rounded(scene, precision, 6))
+        assert_read_as(back, minimal_as_written(scene, precision, 6))
         assert (back.width, back.height) == (scene.width, scene.height)
         assert write_svg(back, written) == svg
 
@@ -101,7 +101,7 @@ def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
 def test_a_minimal_file_without_a_size_is_a_scene_in_its_own_units():
     scene = mixed_scene(20, 3).replace(transparent=False)
     svg = minimal_svg(scene, 4, 3, Document(title="a", alt="b"))
-    back, rounded = read_svg(svg), minimal_rounded(scene, 4, 3)
+    back, rounded = read_svg(svg), minimal_as_written(scene, 4, 3)
     assert (back.width, back.height) == (15, 10)
     np.testing.assert_allclose(4 * back.mean, rounded.mean)
     np.testing.assert_allclose(back.color, rounded.color)
@@ -113,7 +113,7 @@ def test_a_minimal_file_without_a_size_is_a_scene_in_its_own_units():
 def test_plain_ellipses_are_read_as_they_are_drawn(seed):
     exact = SvgFormat(precision=0.01, opacity_decimals=3)
     scene = random_scene(200, 300, 200, seed, (2, 60), (1, 64))
-    part = snapped(scene.select(is_plain(scene)), GRADIENT)
+    part = as_written(scene.select(is_plain(scene)), GRADIENT)
     text = write_svg(part, exact)
     back = read_svg(text)
     assert is_plain(back).all()
