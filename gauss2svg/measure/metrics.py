@@ -97,7 +97,11 @@ def psnr(
 
     It is infinite for equal images. weight is as in `mean_squared_error`.
     """
-    error = mean_squared_error(image, other, weight)
+    return psnr_of(mean_squared_error(image, other, weight))
+
+
+def psnr_of(error: float) -> float:
+    """Return the PSNR in dB of a mean squared error, which is infinite for 0."""
     return -10 * math.log10(error) if error > 0 else math.inf
 
 

@@ -103,17 +103,6 @@ def model_psnr(
     return metrics.psnr(stacked(model), stacked(picture), weight)
 
 
-def raster_error(
-    svg: str,
-    picture: NDArray[np.float32],
-    renderer: str,
-    weight: NDArray[np.float32] | None = None,
-) -> float:
-    """Return the mean squared error of a file's raster, over white and black if there is alpha."""
-    raster = rasterize_like(svg, picture, renderer)
-    return metrics.mean_squared_error(stacked(raster), stacked(picture), weight)
-
-
 def score_of(score: Score, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
     """Return the score of a raster against a photo.
 

@@ -41,15 +41,15 @@ from gauss2svg.areas.rastered import as_rasterized
 from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
-from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
+from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import has_alpha, shrunk
 from gauss2svg.pipeline.area_colors import with_solved_colors
 from gauss2svg.pipeline.below import with_gaussians_below
 from gauss2svg.pipeline.by_count import ByCount
-from gauss2svg.pipeline.export import Export, Exporter
+from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import ALWAYS
-from gauss2svg.pipeline.outcome import Outcome, Subject
+from gauss2svg.pipeline.outcome import Export, Outcome, Subject
 from gauss2svg.pipeline.paper import in_two_inks
 from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
 from gauss2svg.pipeline.run import Run
@@ -58,7 +58,6 @@ from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import Area, AreaCounts
 from gauss2svg.scene.scene import PARAMETERS
 from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, SvgFormat
-from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import ordered_svg
 
 # Factor on RATE for each unit of noise, 2.5 for a level of 255, because nodes that follow the noise
@@ -194,11 +193,8 @@ class ByAreas:
         export = self._exporter.unscored(scene.replace(width=width, height=height))
         if export.size > self._limit:
             return outcome
-        own = dataclasses.replace(
-            outcome, scene=export.scene, svg=export.svg, format=export.format,
-            measured=self._measured(export.svg, export.scene), aim_score=math.nan,
-            fitted=outcome.fitted.after(None, "start"),
-        )  # fmt: skip
+        fitted = outcome.fitted.after(None, "start")
+        own = dataclasses.replace(self._with_file(outcome, export), fitted=fitted)
         return max(outcome, own, key=lambda one: one.psnr)
 
     def _search(self) -> Outcome:
@@ -213,7 +209,7 @@ class ByAreas:
             trial = self._in_short()
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         reason = "max_bytes" if self._is_cut else "gain"
-        reason = "interrupted" if run.ended else "time_limit" if self._is_late else reason
+        reason = run.end_reason(reason, self._is_late)
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
         alone = self._outcome(self._rastered(trial), fitted)
         if self._ends() or not self._wants_gaussians(trial):
@@ -231,9 +227,9 @@ class ByAreas:
         ).run()
         above.release()
         is_closer = self._psnr(both) >= self._psnr(alone) + LEAST_GAIN or self._plan.aim is not None
-        if alone.size <= self._limit and not is_closer:
-            reason = "interrupted" if run.ended else reason
-            alone = dataclasses.replace(alone, fitted=alone.fitted.after(both.fitted, reason))
+        if alone.file.size <= self._limit and not is_closer:
+            fitted = alone.fitted.after(both.fitted, run.end_reason(reason))
+            alone = dataclasses.replace(alone, fitted=fitted)
             return self._judged(alone)
         fitted = both.fitted.after(fitted, both.fitted.stop_reason)
         corrections = both.corrections + alone.corrections
@@ -272,39 +268,32 @@ class ByAreas:
         is_sure = plan.goal.time_limit is not None or (not is_limited and psnr >= asked)
         if not (unsure or is_sure or self._run.ended):
             error = self._values * 10 ** (-psnr / 10)
-            unsure = self._is_visible(error) and self._shapes_win(outcome.size, error)
+            unsure = self._is_visible(error) and self._shapes_win(outcome.file.size, error)
         return dataclasses.replace(outcome, unsure=unsure)
 
     def _psnr(self, outcome: Outcome) -> float:
         """Return the PSNR (dB) of an outcome against the picture in which areas were searched."""
         if self._is_as_given:
             return outcome.psnr
-        return model_psnr(outcome.scene, self._subject.working)
+        return model_psnr(outcome.file.scene, self._subject.working)
 
     def _recolored(self, both: Outcome) -> Outcome:
         """Return an outcome with solved colours of its areas, or itself if that is too large."""
-        scene = with_solved_colors(both.scene, self._subject.working)
-        svg = ordered_svg(scene, both.format, self._subject.document)
-        if len(file_bytes(svg, self._plan.counts_gzipped)) > self._limit:
-            return both
-        measured = self._measured(svg, scene)
-        return dataclasses.replace(
-            both, scene=scene, svg=svg, measured=measured, aim_score=math.nan
-        )
+        scene = with_solved_colors(both.file.scene, self._subject.working)
+        file = self._exporter.written(scene, both.file.format)
+        return both if file.size > self._limit else self._with_file(both, file)
 
-    def _measured(self, svg: str, scene: Scene) -> RoundTrip:
-        renderer, raster = self._plan.options.run.renderer, self._exporter.raster(svg)
-        return round_trip(svg, scene, self._subject.photo, renderer, raster=raster)
+    def _with_file(self, outcome: Outcome, file: Export) -> Outcome:
+        measured = self._exporter.measured(file)
+        return dataclasses.replace(outcome, file=file, measured=measured, aim_score=math.nan)
 
     def _outcome(self, trial: _Trial, fitted: FitResult) -> Outcome:
         """Return the outcome of the areas alone."""
-        plan, subject, export = self._plan, self._subject, trial.export
         self._run.notify("measure")
-        measured = self._measured(export.svg, export.scene)
+        measured, corrections = self._exporter.measured(trial.export), max(self._tries - 1, 0)
         return Outcome(
-            plan, subject, export.scene, export.svg, export.format, fitted, measured,
-            max(self._tries - 1, 0), found=trial.found,
-        )  # fmt: skip
+            self._plan, self._subject, trial.export, fitted, measured, corrections, trial.found
+        )
 
     def _shapes_win(self, size: float, error: float) -> bool:
         """Return whether shapes alone, in a file of so many bytes, may be closer than areas.

@@ -1,7 +1,8 @@
 """The search by bytes. It makes files of hundreds to thousands of bytes that fill a limit.
 
     photo -> working picture of 96 to 256 px -> a few fits of as many opaque shapes as the bytes
-    allow, with few exponents -> small files -> the file with the closest raster
+    allow, with few exponents -> coordinates in whole units, colours by least squares -> as many of
+    the most useful shapes as the limit allows -> the file with the closest raster
 
 For example, take Kodak 20, 768 x 512 px, and a limit of 250 bytes. A file without Gaussians has 98
 bytes. The other 152 bytes suffice for 3 plain ellipses of about 44 bytes each, which are fitted at
@@ -13,6 +14,12 @@ all of its shapes fit. Of these files, the one whose model is closest is rasteri
     <path fill="#fbf9e8" d="M1-19a91 20 7.2 101 0"/>
     <path fill="#736031" d="M11 18a10 4 32 101 0"/></svg>
 
+If the shapes are fixed, a picture is a linear function of its colours: each pixel is
+sum_k w_k c_k, where c_k is the colour of shape k, and w_k is its alpha times the transmittance of
+all shapes above it. k = 0 is the background. The best colours within 0..1 are found by solving the
+normal equations, and are then rounded to the digits of the file. These colours regain much of the
+PSNR that is lost when the coordinates are rounded.
+
 docs/decisions/small.md explains the constants.
 """
 
@@ -22,23 +29,36 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable
+from functools import partial
+from operator import attrgetter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.fit import DensifyOptions, FitConfig, FitProgress, FitResult
+from gauss2svg.fit.colors import solved_colors
 from gauss2svg.fit.session import FitSession
-from gauss2svg.measure.roundtrip import raster_error, round_trip
-from gauss2svg.photo.pixels import elongation, has_alpha, shrunk
-from gauss2svg.pipeline import small_file
-from gauss2svg.pipeline.outcome import Outcome, Subject, without_gaussians
-from gauss2svg.pipeline.plan import SHAPE_BYTES, SHAPE_GZIPPED_BYTES, WHOLE_SIDE, Plan
+from gauss2svg.measure.metrics import psnr_of
+from gauss2svg.measure.roundtrip import round_trip
+from gauss2svg.photo.pixels import BACKDROPS, Size, elongation, has_alpha, shrunk, views
+from gauss2svg.pipeline.export import filled
+from gauss2svg.pipeline.outcome import Export, Outcome, Subject, without_gaussians
+from gauss2svg.pipeline.palette import Rows
+from gauss2svg.pipeline.plan import (
+    INDISTINGUISHABLE,
+    SHAPE_BYTES,
+    SHAPE_GZIPPED_BYTES,
+    WHOLE_SIDE,
+    Plan,
+)
 from gauss2svg.pipeline.run import Run
-from gauss2svg.pipeline.small_file import EXACT_UNDER, SmallFile, error_and_size, flat_scene
+from gauss2svg.raster import rasterize_like
+from gauss2svg.render.weights import color_weights
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, covered_radius
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.forms import plain_beta, with_falloffs
-from gauss2svg.svg.minimal import as_written, minimal_svg
+from gauss2svg.svg.minimal import as_written, minimal_svg, whole_unit
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 
 # Exponents that soft shapes may have. All other shapes are plain ellipses.
@@ -71,6 +91,17 @@ ITERATIONS = 200  # number of steps of a fit
 # Each pair is for one fit: the way in which shapes are placed, and a factor on the learning rate.
 FITS = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
 
+# The next three numbers decide the unit of a small file's coordinates (docs/decisions/small.md).
+# The number of units along the longest side is the square root of the number of Gaussians,
+# multiplied by this number.
+UNITS_PER_ROOT = 32.0
+# Smallest number of units along the shortest side. With fewer, the shapes of a long and thin
+# picture would be under half a unit thick, and would not be drawn.
+LEAST_ACROSS = 8
+# To make both sides whole numbers of units, the number of units may be raised by at most this
+# factor.
+MOST_FINER = 10
+
 
 class ByBytes:
     """A search for the best file within a plan's limit of bytes.
@@ -79,7 +110,7 @@ class ByBytes:
     bytes_of    function that takes the text of an SVG, and returns the number of bytes to which the
                 limit applies. None: the bytes of the file
     flat        smallest file without Gaussians
-    best        best file so far, with the error of its raster
+    best        best file so far. Its score is the PSNR of its raster in dB
     fits        results of the fits so far
     Raise InputError if a file without Gaussians exceeds the limit.
     """
@@ -90,18 +121,24 @@ class ByBytes:
         assert plan.goal.byte_limit is not None
         self._plan, self._run, self._limit = plan, run, plan.goal.byte_limit
         self._bytes_of = bytes_of or (lambda svg: len(file_bytes(svg, plan.counts_gzipped)))
-        self.subject, self.fits = subject, list[FitResult]()
-        flat = [self._file(*flat_scene(subject, digits), digits) for digits in HEX_DIGITS]
-        self.flat = min(flat, key=lambda file: file.size)
+        # A flat file needs only the mean colour.
+        self.subject = dataclasses.replace(subject, working=shrunk(subject.photo, 1, 1))
+        self.fits, self._format = list[FitResult](), plan.format_at()
+        empty = Scene(*subject.canvas, transparent=has_alpha(subject.photo))
+        unit = whole_unit(*subject.canvas)
+        flat = [self._file(empty, unit, digits) for digits in HEX_DIGITS]
+        self.flat = min(flat, key=attrgetter("size"))
         self._shape_bytes = self._limit - self.flat.size  # bytes left for shapes
         if self._shape_bytes < 0:
             raise without_gaussians(self.flat.size, self._limit)
         # For each tuple of exponents, the bytes per shape in the last file with these exponents.
         self._each: dict[Exponents, float] = {}
         self._set_up()
-        self._reason = ""  # reason why the search ends before the bytes are used up, or ""
-        fitting = [self._with_error(file) for file in flat if file.size <= self._limit]
-        self.best = min(fitting, key=error_and_size)
+        self._is_late = False
+        self.best = max(
+            [self._rastered(file) for file in flat if file.size <= self._limit],
+            key=attrgetter("score"),
+        )
 
     def _set_up(self) -> None:
         """Reduce the working picture. Decide which fits, exponents, grids and digits to try."""
@@ -130,46 +167,40 @@ class ByBytes:
         subject.release()
         renderer, later_fits = plan.options.run.renderer, max(len(self.fits) - 1, 0)
         measured = round_trip(best.svg, best.scene, subject.photo, renderer)
-        costs, written = self._costs(), plan.format_at()
-        return Outcome(plan, subject, best.scene, best.svg, written, costs, measured, later_fits)
+        return Outcome(plan, subject, best, self._costs(), measured, later_fits)
 
-    def file(self) -> SmallFile:
+    def file(self) -> Export:
         """Search for the best file, and return it."""
         for k, (init, rate) in enumerate(self._fits_to_do):
             exponents = () if self._alternates and k % 2 == 0 else self._exponents
-            if self.best.error < EXACT_UNDER or not self._most or self._stop():
+            if self.best.score > INDISTINGUISHABLE or not self._most or self._stop():
                 break
             fitted = self._fit(self._count(exponents), init, exponents, rate)
-            written = self._written(fitted, exponents)
-            if written is not None:
-                self.best = min(self.best, self._with_error(written), key=error_and_size)
+            written = self._rastered(self._written(fitted, exponents))
+            self.best = max(self.best, written, key=attrgetter("score"))
         return self.best
 
     def _costs(self) -> FitResult:
         """Return a result that has the costs of all fits, and the reason why the search ended."""
         count, reason = len(self.best.scene), "max_bytes"
-        if self._reason:
-            reason = self._reason
-        elif self.best.error < EXACT_UNDER:
+        if self.best.score > INDISTINGUISHABLE:
             reason = "enough"
         elif count == self._most:
             reason = "gaussians" if count == self._plan.goal.count else "cap"
+        reason = self._run.end_reason(reason, self._is_late)
         costs = FitResult(self.best.scene, 0, 0, 0.0, 0.0, 0, reason)
         for fitted in self.fits:
             costs = fitted.after(costs, reason)
         return costs
 
     def _stop(self) -> bool:
-        """Return whether the search must end, and set `_reason` if it must.
+        """Return whether the search must end, and note whether it is for lack of time.
 
         It must end if the run is stopped. After the first fit, it must also end if the time that is
         left is needed for writing and measuring the file.
         """
-        if self._run.stop():
-            self._reason = "interrupted"
-        elif self.fits and self._run.budget.must_export:
-            self._reason = "time_limit"
-        return bool(self._reason)
+        self._is_late |= bool(self.fits) and self._run.budget.must_export
+        return self._run.stop() or self._is_late
 
     def _expected(self, exponents: Exponents) -> float:
         """Return the bytes that a shape usually takes, without regard to files of this search."""
@@ -227,48 +258,47 @@ class ByBytes:
         scene = scene.scaled(width / scene.width, height / scene.height)
         return scene.replace(width=width, height=height)
 
-    def _written(self, fitted: Scene, exponents: Exponents) -> SmallFile | None:
-        """Write a scene with each grid and number of digits. Return the file of the smallest error.
+    def _written(self, fitted: Scene, exponents: Exponents) -> Export:
+        """Write a scene with each grid and number of digits. Return the closest file by its model.
 
-        The error of a file is that of its scene, because files are not rasterised here. A file that
-        is too large loses its least useful Gaussians. If a file loses none, coarser ones are not
-        tried. Return None if no file has any Gaussians left.
+        A file that is too large loses its least useful Gaussians. If a file loses none, coarser
+        ones are not tried.
         """
         order = self.subject.by_usefulness(fitted, self._plan.tune)
-        best, expected, pixels = None, self._expected(exponents), self.subject.working
-        weight = self.subject.weight(pixels)
+        best = self.flat
+
+        def write_in(unit: float, digits: int, count: int) -> Export:
+            scene = as_written(fitted.select(np.sort(order[:count])), unit, digits)
+            return self._file(scene, unit, digits)
+
         for grid, digits in itertools.product(self._grids, HEX_DIGITS[::-1]):
-            if best is not None and self._stop():
+            if best is not self.flat and self._stop():
                 break
-            unit, kept = small_file.unit_of(grid, len(fitted), self.subject.canvas), len(fitted)
-            file, each = None, expected
-            while kept > 0:
-                scene = as_written(fitted.select(np.sort(order[:kept])), unit, digits)
-                scene, error = small_file.recolored(scene, pixels, digits, weight)
-                file = self._file(scene, unit, digits, error)
-                shapes = file.size - self.flat.size
-                if kept == len(fitted):
-                    each = shapes / (kept + DEFINITION * len(exponents))
-                if file.size <= self._limit:
-                    break
-                kept -= math.ceil((file.size - self._limit) / max(expected, shapes / kept))
-                file = None
-            if best is None or (file is not None and file.error < best.error):
-                best = file
-                self._each[exponents] = max(each, expected / SHORTER)
-            if kept == len(fitted):
+            unit = unit_of(grid, len(fitted), self.subject.canvas)
+            write = partial(write_in, unit, digits)
+            whole = write(len(fitted))
+            file = filled(write, (0, self.flat.size), whole, self._limit)
+            if best is self.flat or file.score > best.score:
+                shapes = len(fitted) + DEFINITION * len(exponents)
+                each = (whole.size - self.flat.size) / shapes
+                self._each[exponents] = max(each, self._expected(exponents) / SHORTER)
+                best = file if file.size <= self._limit else best
+            if file is whole:
                 break
         return best
 
-    def _file(self, scene: Scene, unit: float, digits: int, error: float = math.nan) -> SmallFile:
-        svg = minimal_svg(scene, unit, digits, self.subject.document)
-        return SmallFile(svg, scene, error, self._bytes_of(svg))
+    def _file(self, scene: Scene, unit: float, digits: int) -> Export:
+        """Return the file of a scene in the colours that are closest to the working picture."""
+        subject = self.subject
+        scene, error = recolored(scene, subject.working, digits, subject.weight(subject.working))
+        svg = minimal_svg(scene, unit, digits, subject.document)
+        return Export(scene, svg, self._format, self._bytes_of(svg), psnr_of(error))
 
-    def _with_error(self, file: SmallFile) -> SmallFile:
-        """Return a file with the error of its raster."""
-        renderer, subject = self._plan.options.run.renderer, self.subject
-        error = raster_error(file.svg, subject.working, renderer, subject.weight(subject.working))
-        return dataclasses.replace(file, error=error)
+    def _rastered(self, file: Export) -> Export:
+        """Return a file with the PSNR of its raster in place of that of its model."""
+        working = self.subject.working
+        raster = rasterize_like(file.svg, working, self._plan.options.run.renderer)
+        return dataclasses.replace(file, score=self.subject.psnr(raster, working))
 
 
 def with_few_exponents(scene: Scene, exponents: Exponents) -> Scene:
@@ -284,3 +314,67 @@ def with_few_exponents(scene: Scene, exponents: Exponents) -> Scene:
     beta, semi_axes = classes[nearest], scene.ellipse_axes[0] * covered_radius(scene.beta)[:, None]
     beta[plain] = plain_beta(semi_axes[plain])
     return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, SOFT))
+
+
+def unit_of(grid: float, count: int, canvas: Size) -> float:
+    """Return the length in px of the unit in which a file with `count` shapes has its coordinates.
+
+    grid  factor on the usual number of units along a side. The larger it is, the smaller is the
+          unit
+    The unit is chosen so that both sides of the canvas are whole numbers of units, because the file
+    then needs no width and height. But if this takes more than MOST_FINER times as many units as
+    wanted, only the longest side is a whole number of units.
+    """
+    longest, shortest = max(canvas), min(canvas)
+    units = math.ceil(grid * UNITS_PER_ROOT * math.sqrt(max(count, 1)))
+    units = max(units, math.ceil(LEAST_ACROSS * longest / shortest))
+    unit = whole_unit(*canvas, units)
+    return unit if longest / unit <= MOST_FINER * units else longest / units
+
+
+def recolored(
+    scene: Scene,
+    pixels: NDArray[np.float32],
+    digits: int,
+    weight: NDArray[np.float32] | None = None,
+) -> tuple[Scene, float]:
+    """Return the scene with the colours that minimise its squared error against a picture.
+
+    The second value is the mean squared error with these colours.
+
+    pixels  picture, (h, w, 3) or (h, w, 4) float32 in 0..1. The scene is drawn at the size of the
+            picture to compare the two
+    digits  number of hex digits, 3 or 6, to which the colours are rounded
+    weight  (h, w) weight of each pixel's error, of mean 1. If it is None, all weights are 1
+    A picture with alpha is compared over white and over black, and its scene has no background.
+    """
+    height, width = pixels.shape[:2]
+    scaled = scene.scaled(width / scene.width, height / scene.height)
+    weights, products = color_weights(scaled, height, width)
+    targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
+    # Each pixel gives an equation. Both of its sides are multiplied by the square root of the
+    # pixel's weight, so that the squared error of the equation gets this weight.
+    if weight is not None:
+        root = np.sqrt(weight.reshape(-1, 1).astype(np.float64))
+        weights, targets = weights.multiply(root.T).tocsr(), [root * target for target in targets]
+        products = (weights @ weights.T).toarray()
+    first = int(has_alpha(pixels))  # index of the first weight that belongs to an unknown colour
+    # For a picture with alpha, the targets are the picture over white and over black. Weight 0 says
+    # how much of the white or black is visible at each pixel. As this colour is known, its part is
+    # subtracted from the targets.
+    if first:
+        through = weights[[0]].toarray().reshape(-1, 1)
+        targets = [t - b * through for t, b in zip(targets, BACKDROPS, strict=True)]
+    products = products[first:, first:] * len(targets)
+    # Right-hand sides of the normal equations.
+    sums = (weights @ np.sum(targets, axis=0))[first:]
+    levels = 15 if digits == 3 else 255
+    squares = sum(float(np.square(target).sum()) for target in targets)
+
+    def residual(color: Rows) -> float:
+        return squares + float(np.sum(color * (products @ color - 2 * sums)))
+
+    color = solved_colors(products, sums, levels)
+    error = max(residual(color), 0.0) / (3 * len(targets) * width * height)
+    background = scene.background if first else color[0]
+    return scene.replace(background=background, color=color[1 - first :]), error

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.session import DensificationPolicy, FitSession
-from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.pixels import over
-from gauss2svg.pipeline.export import Export, Exporter
+from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.limits import Limits
-from gauss2svg.pipeline.outcome import Outcome, Subject
+from gauss2svg.pipeline.outcome import Export, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import ADD, Scene
@@ -67,7 +66,8 @@ class ByCount:
             count = len(session.state)
             is_small_part = plan.rate and plan.aim is None and count >= FEW
             most = CORRECTIONS_ABOVE_AREAS if is_small_part else CORRECTIONS
-            if not plan.goal.count_adapts or len(exports) > most or self._ended(session):
+            ends = run.ended or session.clock.out_of_time
+            if ends or not plan.goal.count_adapts or len(exports) > most:
                 break
             if (wanted := limits.corrected(count, exports)) == count:
                 break
@@ -78,13 +78,12 @@ class ByCount:
             within = [export for export in candidates if export.size <= limit]
             best = max([self._exporter.pruned(best, limit), *within], key=attrgetter("score"))
         run.notify("measure")
-        renderer, raster = plan.options.run.renderer, self._exporter.raster(best.svg)
-        measured = round_trip(best.svg, best.scene, subject.photo, renderer, raster=raster)
+        measured = self._exporter.measured(best)
         kept = "start" if best in self._first else self._policy.stop_reason
-        reason = self._ended(session) or kept
+        reason = run.end_reason(kept, session.clock.out_of_time)
         fitted = session.result().after(additive, reason)
         return Outcome(
-            plan, subject, best.scene, best.svg, best.format, fitted, measured, len(exports) - 1,
+            plan, subject, best, fitted, measured, len(exports) - 1,
             aim_score=math.nan if plan.aim is None else best.score,
         )  # fmt: skip
 
@@ -163,8 +162,3 @@ class ByCount:
             stop=lambda: run.ended, targets=targets,
         )  # fmt: skip
         return session
-
-    def _ended(self, session: FitSession) -> str:
-        """Return the reason why the fit ended before its last step, or "" if it did not."""
-        late = "time_limit" * session.clock.out_of_time
-        return "interrupted" if self._run.ended else late

@@ -15,7 +15,7 @@ from gauss2svg.areas.pixels import Sprite, areas_of_sprite
 from gauss2svg.fit import FitResult
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.pipeline.options import AUTO
-from gauss2svg.pipeline.outcome import Outcome, Subject
+from gauss2svg.pipeline.outcome import Export, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
@@ -46,12 +46,14 @@ def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> It
         run.notify("write")
         written = _format(one, scene)
         svg = write_svg(scene, written, subject.document)
-        if len(file_bytes(svg, plan.counts_gzipped)) <= (plan.goal.byte_limit or math.inf):
+        size = len(file_bytes(svg, plan.counts_gzipped))
+        if size <= (plan.goal.byte_limit or math.inf):
             run.notify("measure")
             measured = round_trip(svg, scene, subject.photo, plan.options.run.renderer)
             found = FoundAreas(areas, ground, 1.0, measured.psnr_model, fitted_s[0], 0.0)
             fitted = FitResult(scene, 0, 0, *fitted_s, 0, "gain")
-            yield Outcome(one, subject, scene, svg, written, fitted, measured, 0, found=found)
+            file = Export(scene, svg, written, size)
+            yield Outcome(one, subject, file, fitted, measured, 0, found=found)
             return
 
 

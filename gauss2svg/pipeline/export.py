@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
 from gauss2svg.fit import PERCEPTUAL
-from gauss2svg.measure.roundtrip import model_psnr
+from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
 from gauss2svg.photo.pixels import has_alpha
-from gauss2svg.pipeline.outcome import Subject
+from gauss2svg.pipeline.outcome import Export, Subject
 from gauss2svg.pipeline.palette import quantize
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.raster import rasterize_like
@@ -23,23 +23,6 @@ from gauss2svg.svg.forms import is_plain
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
 FILLED = 0.995  # a pruned file counts as full if it uses at least this share of the limit of bytes
-
-
-@dataclass(frozen=True, eq=False)
-class Export:
-    """A quantised scene on the canvas of the file, and the SVG that shows it.
-
-    size   number of bytes of the file, or of the gzipped file if the limit counts those
-    score  value by which a search compares exports. If the plan has an aim, it is the value of the
-           aim's score for the rasterised SVG. Without an aim, it is usually the PSNR in dB of the
-           fitted scene against the working image, or that of `scene` if the run has a start
-    """
-
-    scene: Scene
-    svg: str
-    format: SvgFormat
-    size: int
-    score: float
 
 
 class Exporter:
@@ -139,13 +122,23 @@ class Exporter:
 
     def unscored(self, scene: Scene) -> Export:
         """Write a scene that is on the working canvas. The score of the export is NaN."""
-        written, document = self._plan.format_at(self._highest_psnr), self._subject.document
+        form = self._plan.format_at(self._highest_psnr)
         # The fit has already given all shapes but the plain ellipses a colour of a palette. A shape
         # that was a plain ellipse at that time may be soft now, and its colour may not be in the
         # palette. So the scene is quantised once more.
-        scene = in_file_order(self.quantized(scene, None), written, document)
-        svg = ordered_svg(scene, written, document)
-        return Export(scene, svg, written, self._size(svg), math.nan)
+        scene = in_file_order(self.quantized(scene, None), form, self._subject.document)
+        return self.written(scene, form)
+
+    def written(self, scene: Scene, form: SvgFormat) -> Export:
+        """Write a quantised scene whose shapes are in the order of the file."""
+        svg = ordered_svg(scene, form, self._subject.document)
+        return Export(scene, svg, form, self._size(svg))
+
+    def measured(self, export: Export) -> RoundTrip:
+        """Return the measurements of a file against the photo."""
+        renderer, raster = self._plan.options.run.renderer, self.raster(export.svg)
+        photo = self._subject.photo
+        return round_trip(export.svg, export.scene, photo, renderer, raster=raster)
 
     def export(self, scene: Scene) -> Export:
         """Write a scene that is on the working canvas, and return the file with its score."""
@@ -167,20 +160,38 @@ class Exporter:
         if it has more than `limit` bytes.
         """
         order = self._subject.by_usefulness(export.scene, self._plan.tune)
-        written, document = export.format, self._subject.document
-        # Each of these is a number of Gaussians and the bytes of their file. `fewer` is for the
-        # largest file so far within the limit, and `more` for the smallest file so far beyond it.
-        fewer, more = (self._in_ground, self.empty_bytes), (len(order), export.size)
-        best = None
-        while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
-            share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
-            count = int(fewer[0] + share * (more[0] - fewer[0]))
-            count = min(max(count, fewer[0] + (best is not None)), max(more[0] - 1, 0))
-            scene = in_file_order(export.scene.select(np.sort(order[:count])), written, document)
-            svg = ordered_svg(scene, written, document)
-            part = Export(scene, svg, written, self._size(svg), math.nan)
-            if part.size > limit and count > self._in_ground:
-                more = count, part.size
-            else:
-                fewer, best = (count, part.size), part
+        form, document = export.format, self._subject.document
+
+        def write(count: int) -> Export:
+            scene = export.scene.select(np.sort(order[:count]))
+            return self.written(in_file_order(scene, form, document), form)
+
+        best = filled(write, (self._in_ground, self.empty_bytes), export, limit)
         return dataclasses.replace(best, score=self._score(best.scene, best.svg))
+
+
+def filled(
+    write: Callable[[int], Export], empty: tuple[int, int], whole: Export, limit: int
+) -> Export:
+    """Return the file of as many of the most useful shapes as a limit of bytes allows.
+
+    write  function that returns the file of so many of the most useful shapes
+    empty  number of shapes and bytes of a file that has no fewer. It is returned even if it has
+           more than `limit` bytes
+    whole  file of all shapes
+    """
+    if whole.size <= limit:
+        return whole
+    # Each of these is a number of shapes and the bytes of their file. `fewer` is for the largest
+    # file so far within the limit, and `more` for the smallest file so far beyond it.
+    fewer, more, best = empty, (len(whole.scene), whole.size), None
+    while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
+        share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
+        count = int(fewer[0] + share * (more[0] - fewer[0]))
+        count = min(max(count, fewer[0] + (best is not None)), max(more[0] - 1, 0))
+        part = write(count)
+        if part.size > limit and count > empty[0]:
+            more = count, part.size
+        else:
+            fewer, best = (count, part.size), part
+    return best

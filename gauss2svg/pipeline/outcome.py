@@ -90,6 +90,13 @@ class Subject:
         """
         return None if self.focus is None else self.focus.weight(*picture.shape[:2])
 
+    def psnr(self, raster: NDArray[np.float32], picture: NDArray[np.float32]) -> float:
+        """Return the PSNR in dB of a raster against a picture, whose errors a mask weights.
+
+        If the picture has alpha, both are compared over white and over black.
+        """
+        return metrics.psnr(stacked(raster), stacked(picture), self.weight(picture))
+
     def by_usefulness(self, scene: Scene, tune: Tune) -> NDArray[np.intp]:
         """Return the indices of a scene's shapes, from the most to the least useful.
 
@@ -109,12 +116,28 @@ class Subject:
 
 
 @dataclass(frozen=True, eq=False)
+class Export:
+    """A quantised scene on the canvas of the file, and the SVG that shows it.
+
+    size   number of bytes of the file, or of the gzipped file if the limit counts those
+    score  value by which a search compares exports: that of the aim's score for the rasterised SVG,
+           or without an aim the PSNR in dB against the working image. It is that of the fitted
+           scene, in a search by bytes and after a start that of `scene`, and NaN if not measured
+    """
+
+    scene: Scene
+    svg: str
+    format: SvgFormat
+    size: int
+    score: float = math.nan
+
+
+@dataclass(frozen=True, eq=False)
 class Outcome:
-    """A fitted, written and measured scene on the photo's canvas.
+    """The file that a search chose, with its measurements and costs.
 
     plan         plan of the search
     subject      subject of the search
-    format       format of the file
     corrections  number of times that the number of Gaussians was changed after the fit
     found        areas on the working canvas, with the costs of finding them. None without areas
     unsure       whether shapes alone may be closer than the areas of this outcome
@@ -123,9 +146,7 @@ class Outcome:
 
     plan: Plan
     subject: Subject
-    scene: Scene
-    svg: str
-    format: SvgFormat
+    file: Export
     fitted: FitResult
     measured: RoundTrip
     corrections: int
@@ -133,20 +154,10 @@ class Outcome:
     unsure: bool = False
     aim_score: float = math.nan
 
-    @property
-    def size(self) -> int:
-        """Number of bytes of the file, or of the gzipped file if the limit counts those."""
-        measured = self.measured
-        return measured.svgz_bytes if self.plan.counts_gzipped else measured.svg_bytes
-
     @cached_property
     def psnr(self) -> float:
-        """PSNR in dB of the rasterised file against the photo. A mask weights the errors.
-
-        A photo with alpha is compared over white and over black.
-        """
-        photo, raster = self.subject.photo, self.measured.raster
-        return metrics.psnr(stacked(raster), stacked(photo), self.subject.weight(photo))
+        """PSNR in dB of the rasterised file against the photo."""
+        return self.subject.psnr(self.measured.raster, self.subject.photo)
 
 
 def without_gaussians(size: int, limit: int) -> InputError:
@@ -174,7 +185,7 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
             aim_score = aim.score(last.measured.raster, last.subject.photo)
             last = dataclasses.replace(last, aim_score=aim_score)
         outcomes.append(last)
-        is_met = aim is not None and aim.is_met_by(last.aim_score) and last.size <= limit
+        is_met = aim is not None and aim.is_met_by(last.aim_score) and last.file.size <= limit
         is_sure = last.found is not None and not last.unsure
         if is_met or is_sure or last.fitted.stop_reason == "interrupted":
             break
@@ -182,7 +193,7 @@ def best_of(searched: Iterable[Outcome], plan: Plan) -> Outcome:
     def closeness(outcome: Outcome) -> tuple[bool, float]:
         if aim is None:
             return True, outcome.psnr
-        return outcome.size <= limit, outcome.aim_score
+        return outcome.file.size <= limit, outcome.aim_score
 
     best = max(outcomes, key=closeness) if len(outcomes) > 1 else outcomes[0]
     fitted, reason = best.fitted, best.fitted.stop_reason

@@ -37,11 +37,12 @@ def run_report(
 
     docs/reference/report.md explains its keys.
     """
+    file, svg = outcome.file, outcome.file.svg
     chosen, subject, document = outcome.plan, outcome.subject, outcome.subject.document
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
-    total_s, count = time.perf_counter() - run.started, len(outcome.scene)
-    shown, scored = shown_width(document, outcome.scene), vars(measured) | _by_focus(outcome)
-    counts, found = AreaCounts.of(outcome.scene.areas), outcome.found
+    total_s, count = time.perf_counter() - run.started, len(file.scene)
+    shown, scored = shown_width(document, file.scene), vars(measured) | _by_focus(outcome)
+    counts, found = AreaCounts.of(file.scene.areas), outcome.found
     is_counted = options.svg.palette is not None or not options.goal.count_adapts
     return {
         **options.flat(),
@@ -55,8 +56,8 @@ def run_report(
         "iterations": fitted.iterations,
         "falloff": chosen.fit_config.fit.shaped,
         "markup": chosen.markup,
-        "stops": outcome.format.stops,
-        "precision": None if chosen.by_bytes else outcome.format.precision,
+        "stops": file.format.stops,
+        "precision": None if chosen.by_bytes else file.format.precision,
         "tune": chosen.tune,
         "focus_strength": None if subject.focus is None else subject.focus.strength,
         "palette": chosen.quantization(count)[0] if is_counted else None,
@@ -67,8 +68,8 @@ def run_report(
         "rounds": fitted.rounds,
         "corrections": outcome.corrections,
         "rollbacks": fitted.rollbacks,
-        "colors": len(np.unique(np.round(_colors(outcome.scene) * 255), axis=0)),
-        "gradients": outcome.svg.count("<radialGradient") + outcome.svg.count("<linearGradient"),
+        "colors": len(np.unique(np.round(_colors(file.scene) * 255), axis=0)),
+        "gradients": svg.count("<radialGradient") + svg.count("<linearGradient"),
         "area_share": 0.0 if found is None else found.explained,
         "stop_reason": fitted.stop_reason,
         "unreached": [*unreached(plan, outcome, total_s - run.first_s)],
@@ -81,8 +82,8 @@ def run_report(
         # The PSNR of equal images is infinite. It becomes None, because JSON has no infinity.
         **{k: None if v == math.inf else v for k, v in scored.items() if k != "raster"},
         **scores.report,
-        "bytes_by_part": bytes_by_part(outcome.svg),
-        "paint_ms": paint_ms(outcome.scene, outcome.svg, shown),
+        "bytes_by_part": bytes_by_part(svg),
+        "paint_ms": paint_ms(file.scene, svg, shown),
         "paint_width": shown,
         "transparent": photo.alpha is not None,
         "notes": [*photo.notes, *_notes(plan, photo, outcome)],
@@ -117,14 +118,14 @@ def _by_focus(outcome: Outcome) -> dict[str, float | None]:
 
 def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
     """Yield notes on choices of the run that a user may want to know about or to change."""
-    chosen, count, rate = outcome.plan, len(outcome.scene), plan.options.fit.learning_rate
+    chosen, count, rate = outcome.plan, len(outcome.file.scene), plan.options.fit.learning_rate
     usual = measured_size(photo.original_size, outcome.subject.size)
     size = photo.width, photo.height
     if plan.goal.time_limit is not None and size < usual:
         yield f"measured at {photo.width}x{photo.height} px to meet the time limit"
     # If the bytes suffice for no shape, `unreached` reports it.
     is_clear = photo.alpha is not None and photo.alpha.any()
-    is_empty = not count and not outcome.scene.areas
+    is_empty = not count and not outcome.file.scene.areas
     if is_clear and is_empty and outcome.fitted.stop_reason != "max_bytes":
         yield "the SVG is empty, because the photo is too transparent to be visible"
     if chosen.markup == MINIMAL != plan.options.svg.markup:
@@ -141,7 +142,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
         )
     inks = plan.options.fit.inks
     if isinstance(inks, str):
-        used = used_inks(outcome.scene, inks)
+        used = used_inks(outcome.file.scene, inks)
         unused = ", ".join(ink for ink in inks.split(",") if ink not in used)
         if unused:
             yield f"not used: {unused} of the inks, because other inks are closer everywhere"
@@ -167,7 +168,7 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
         sign, unit = aim.of.sign, f" {aim.of.unit}".rstrip()
         target = f"{'' if unit else aim.of.name + ' '}{sign * aim.value:g}{unit}"
         yield f"target of {target} not reached: {sign * outcome.aim_score:.2f}{unit}{ended}"
-    if reason == "max_bytes" and not len(outcome.scene) and not outcome.scene.areas:
+    if reason == "max_bytes" and not len(outcome.file.scene) and not outcome.file.scene.areas:
         none = f"limit of {goal.max_bytes} bytes leaves no room for a shape: the file has none"
         yield f"{none}. Try a larger --max-bytes"
     if limit is not None and seconds > 1.1 * limit + 0.1:

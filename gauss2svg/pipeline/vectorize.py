@@ -229,8 +229,8 @@ def vectorize_by(
         outcome = best_of(_outcomes(plan, run, subject, sprite), plan)
     subject.release()
     # Every search prunes its file until it is within the limit. So this one has no shapes left.
-    if (limit := plan.goal.byte_limit) is not None and outcome.size > limit:
-        raise without_gaussians(outcome.size, limit)
+    if (limit := plan.goal.byte_limit) is not None and outcome.file.size > limit:
+        raise without_gaussians(outcome.file.size, limit)
     return _result(plan, run, measured, outcome)
 
 
@@ -329,7 +329,8 @@ def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
 
         scores = perceptual_scores(raster, subject.photo, run.most_bytes - held_bytes(), known)
     report = run_report(plan, photo, outcome, scores, run)
-    return Result(outcome.svg, outcome.scene, report, raster, subject.photo, subject.document)
+    svg, scene = outcome.file.svg, outcome.file.scene
+    return Result(svg, scene, report, raster, subject.photo, subject.document)
 
 
 def warm_up(given: Mapping[str, Any]) -> Result:

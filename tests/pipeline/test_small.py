@@ -11,7 +11,7 @@ from flat import vectorize
 
 from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.pipeline.by_bytes import ByBytes
+from gauss2svg.pipeline.by_bytes import ByBytes, recolored
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.outcome import Subject, best_of
 from gauss2svg.pipeline.plan import (
@@ -23,7 +23,6 @@ from gauss2svg.pipeline.plan import (
     Plan,
 )
 from gauss2svg.pipeline.run import Run
-from gauss2svg.pipeline.small_file import recolored
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import PLAIN, SOFT, Scene
@@ -253,10 +252,11 @@ def test_the_colours_that_made_a_picture_are_found_again(alpha):
 @pytest.mark.parametrize("picture", [shapes(), hills(64, 64)], ids=["drawing", "photo"])
 def test_plain_ellipses_are_planned_as_renderers_draw_them(picture):
     found = search(picture, 400, iterations=FEW_STEPS).run()
-    assert (found.scene.drawn == PLAIN).all()
-    raster = rasterize_like(found.svg, picture)
-    soft = found.scene.replace(drawn=np.full(len(found.scene), SOFT))
-    model, falloff = (render(scene, 64, 64) for scene in (found.scene, soft))
+    scene = found.file.scene
+    assert (scene.drawn == PLAIN).all()
+    raster = rasterize_like(found.file.svg, picture)
+    soft = scene.replace(drawn=np.full(len(scene), SOFT))
+    model, falloff = (render(one, 64, 64) for one in (scene, soft))
     assert psnr(model, raster) > psnr(falloff, raster) + 1
     assert found.measured.psnr_roundtrip == pytest.approx(psnr(model, raster), abs=0.01)
 
@@ -276,7 +276,8 @@ def test_the_closest_file_is_kept_if_a_later_search_is_stopped():
     outcome = search(hills(), 1000, iterations=2).run()
     stopped = dataclasses.replace(outcome.fitted, stop_reason="interrupted")
     further = SimpleNamespace(raster=np.zeros_like(hills()))
-    other = dataclasses.replace(outcome, svg="<svg/>", measured=further)
-    assert best_of([other, outcome], outcome.plan).svg == outcome.svg
+    file = dataclasses.replace(outcome.file, svg="<svg/>")
+    other = dataclasses.replace(outcome, file=file, measured=further)
+    assert best_of([other, outcome], outcome.plan).file is outcome.file
     best = best_of([outcome, dataclasses.replace(other, fitted=stopped)], outcome.plan)
-    assert (best.svg, best.fitted.stop_reason) == (outcome.svg, "interrupted")
+    assert (best.file, best.fitted.stop_reason) == (outcome.file, "interrupted")
