@@ -21,7 +21,6 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,25 +37,22 @@ from gauss2svg.areas.find import (
 )
 from gauss2svg.areas.jpeg import coded, decoded, quality_of
 from gauss2svg.areas.rastered import as_rasterized
-from gauss2svg.fit import GAUSSIAN, PSNR, FitConfig, FitOptions, FitProgress, FitResult
-from gauss2svg.fit.session import FitSession
-from gauss2svg.fit.target import TargetPyramid
+from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
-from gauss2svg.photo.pixels import has_alpha, shrunk
+from gauss2svg.photo.pixels import shrunk
 from gauss2svg.pipeline.area_colors import with_solved_colors
-from gauss2svg.pipeline.below import with_gaussians_below
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Exporter
 from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.outcome import Export, Outcome, Subject
 from gauss2svg.pipeline.paper import in_two_inks
-from gauss2svg.pipeline.plan import SHAPE_BYTES, USUAL_BYTES, Plan
+from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
+from gauss2svg.pipeline.trials import SHADED, Trial, Trials, nothing, scene_of
 from gauss2svg.raster import rasterize_like
-from gauss2svg.scene import ABOVE, Scene
+from gauss2svg.scene import ABOVE
 from gauss2svg.scene.areas import Area, AreaCounts
-from gauss2svg.scene.scene import PARAMETERS
 from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, SvgFormat
 from gauss2svg.svg.write import ordered_svg
 
@@ -72,31 +68,14 @@ FULL = 0.9  # no rate between two others is tried if a file uses at least this s
 STEEPNESS, LEAST_RAISE, MOST_RAISE = 8.0, 3.0, 300.0
 LESS = 8.0  # factor on the rate as long as a file reaches the target
 BETWEEN = 0.2  # share of a search between two reports of its progress
-# A trial fits this many Gaussians in so many steps, to a picture of at most so many px a side.
-TRIED, TRIAL_STEPS, TRIAL_SIDE = 24, 80, 256
-COUNTS_BELOW = 8, 24, 72  # numbers of Gaussians below areas that are tried, as long as they pay
-MOST_TRIED = 1000
-# If a trial leaves less than this share of the squared error, the picture has shading that areas
-# only imitate.
-SHADED = 0.85
 # A picture is searched without its shading only if it then has less than this share of the areas.
 FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
-FILLED = 0.8  # share of the bytes left by areas that Gaussians take, without their definitions
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
-# If the PSNR in dB between a drawing and its file is less than this, people can see differences at
-# the drawing's own size (docs/decisions/areas.md).
-SEEN_UP_TO = 41.0
-LEAST_ROOM = 2  # Gaussians are fitted if a limit has room for at least this number
-# Shapes alone are tried too if areas leave errors that can be seen, and a trial of as many bytes of
-# shapes leaves less than SHAPES_ALONE times their squared error. Before areas are refined, they are
-# expected to keep UNREFINED of their error.
-SHAPES_ALONE, UNREFINED = 2.0, 0.4
+UNREFINED = 0.4  # share of their error that areas are expected to keep when they are refined
 EDGE_BYTES = 4.0  # bytes of areas for each px of the edges between regions
-CLEARLY = 0.8  # the same for areas without shading, with Gaussians, whose error a trial tells
 FIND_SHARE = 0.5  # share of a time limit in which the first areas must be found
 QUICK = 3 * 256 * 256  # values of a picture whose areas are found in half a second
-SHORT = 200  # shapes that are fitted if a run ends before it has found areas
 # A picture with more even cores is no drawing. A smaller one may have fewer of them.
 MOST_CORES, PIXELS_EACH_CORE, LEAST_CORES = 800, 100, 100
 
@@ -111,31 +90,6 @@ class _StripsError(Exception):
 
 class _NoFewerError(Exception):
     """A picture without its shading has hardly fewer areas than with it."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """Areas with Gaussians below them, their file, and what some Gaussians above would save.
-
-    ground  scene of the areas, and of Gaussians below them if these pay
-    error   squared error of this scene, summed over pixels and channels of the working picture
-    saved   by how much Gaussians above lower it
-    expected  squared error that is expected of the best file with these areas
-    cost    value by which trials are compared: `expected`, to which the price of the bytes is added
-            if there is no limit. Without shading it is divided by STRIPS
-    shaded  whether the picture has shading that Gaussians draw better than areas
-    is_met  whether the file reaches the target. False if there is none
-    """
-
-    found: FoundAreas
-    ground: Scene
-    export: Export
-    error: float
-    saved: float
-    expected: float
-    cost: float
-    shaded: bool
-    is_met: bool
 
 
 class ByAreas:
@@ -168,17 +122,8 @@ class ByAreas:
         self._is_lost = False  # whether the file gets no areas
         self._first_size = 0.0  # bytes of the first areas, before they are refined
         width, height = subject.size
-        share = min(1.0, TRIAL_SIDE / max(width, height))
-        small = max(1, round(share * height)), max(1, round(share * width))
-        self._small = shrunk(subject.working, *small)
-        self._shapes_alone = dict[int, float]()  # squared error by the number of shapes
         most = min(MOST_CORES, max(width * height // PIXELS_EACH_CORE, LEAST_CORES))
         self._most_cores = None if plan.prefers_areas else most
-        self._most = math.inf if plan.goal.count is None else plan.goal.count  # Gaussians
-        if plan.sketch:
-            self._most = 0  # they would draw errors along edges, which look like stains
-        self._price = self._rate * plan.shape_bytes  # squared error that a Gaussian must save
-        self._values = 3 * width * height  # numbers of the working picture
 
     def run(self) -> Outcome:
         """Find areas, fit Gaussians above them, and return the file with its measurements.
@@ -201,30 +146,30 @@ class ByAreas:
         run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
         if self._quality is not None:
             self._decode(self._quality)
-        subject, trial = self._subject, self._best()
+        subject, plan = self._subject, dataclasses.replace(self._plan, rate=self._rate)
+        self._trials = Trials(plan, subject, self._exporter, self._fills, self._is_over)
+        trial = self._best()
         # If the search for shapes alone is stopped at once, this is the file.
         goal, is_only = self._plan.goal, self._plan.options.svg.areas == ALWAYS
         is_free = goal.time_limit is None and self._plan.aim is None
         if self._is_lost and (run.ended or is_only or is_free) and not self._plan.in_inks:
-            trial = self._in_short()
+            trial = self._trials.in_short()
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         reason = "max_bytes" if self._is_cut else "gain"
         reason = run.end_reason(reason, self._is_late)
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
         alone = self._outcome(self._rastered(trial), fitted)
-        if self._ends() or not self._wants_gaussians(trial):
+        if self._ends() or not self._trials.wants_gaussians(trial):
             return self._judged(alone)
         start = subject.start
         if start is not None:
             start = start.select(start.level == ABOVE)
         start = start if start is not None and len(start) else None
         above = dataclasses.replace(subject, ground=trial.ground, start=start)
-        options = self._plan.options
-        if self._most < math.inf:
-            options = options.changed(gaussians=int(self._most) - len(trial.ground))
-        both = ByCount(
-            dataclasses.replace(self._plan, options=options, rate=self._rate), above, run
-        ).run()
+        if (most := self._trials.most) < math.inf:
+            options = plan.options.changed(gaussians=int(most) - len(trial.ground))
+            plan = dataclasses.replace(plan, options=options)
+        both = ByCount(plan, above, run).run()
         above.release()
         is_closer = self._psnr(both) >= self._psnr(alone) + LEAST_GAIN or self._plan.aim is not None
         if alone.file.size <= self._limit and not is_closer:
@@ -254,21 +199,20 @@ class ByAreas:
             decoding = decoded(self._noisy, found.drawing.draw(), quality)
             working = cleaned(decoding, noise, UNBLED)
             self._subject = dataclasses.replace(self._subject, working=working)
-            self._small = shrunk(working, *self._small.shape[:2])
             self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
-        self._price, self._tries = self._rate * self._plan.shape_bytes, 0
+        self._tries = 0
 
     def _judged(self, outcome: Outcome) -> Outcome:
         """Return an outcome that knows whether shapes alone may be closer."""
-        plan, unsure = self._plan, self._is_lost
+        plan, unsure, trials = self._plan, self._is_lost, self._trials
         asked = plan.preset.stop_psnr - ENOUGH.too_little
         is_limited = self._limit < math.inf or plan.aim is not None
         # With a time limit, no time is left for two searches, and a preset asks for no more.
         psnr = self._psnr(outcome)
         is_sure = plan.goal.time_limit is not None or (not is_limited and psnr >= asked)
         if not (unsure or is_sure or self._run.ended):
-            error = self._values * 10 ** (-psnr / 10)
-            unsure = self._is_visible(error) and self._shapes_win(outcome.file.size, error)
+            error = trials.values * 10 ** (-psnr / 10)
+            unsure = trials.is_visible(error) and trials.shapes_win(outcome.file.size, error)
         return dataclasses.replace(outcome, unsure=unsure)
 
     def _psnr(self, outcome: Outcome) -> float:
@@ -287,7 +231,7 @@ class ByAreas:
         measured = self._exporter.measured(file)
         return dataclasses.replace(outcome, file=file, measured=measured, aim_score=math.nan)
 
-    def _outcome(self, trial: _Trial, fitted: FitResult) -> Outcome:
+    def _outcome(self, trial: Trial, fitted: FitResult) -> Outcome:
         """Return the outcome of the areas alone."""
         self._run.notify("measure")
         measured, corrections = self._exporter.measured(trial.export), max(self._tries - 1, 0)
@@ -295,50 +239,23 @@ class ByAreas:
             self._plan, self._subject, trial.export, fitted, measured, corrections, trial.found
         )
 
-    def _shapes_win(self, size: float, error: float) -> bool:
-        """Return whether shapes alone, in a file of so many bytes, may be closer than areas.
-
-        error  squared error of the areas
-        """
-        if self._plan.prefers_areas:
-            return False
-        return self._error_of_shapes(size) < SHAPES_ALONE * error
-
-    def _error_of_shapes(self, size: float) -> float:
-        """Return the squared error that a trial of shapes leaves in a file of so many bytes."""
-        size = self._limit if self._fills else size
-        each = SHAPE_BYTES[1] if self._plan.markup == MINIMAL else USUAL_BYTES
-        count = int(min(max(size / each, TRIED), MOST_TRIED))
-        if count not in self._shapes_alone:
-            shapes = self._trial(self._nothing(), count)
-            self._shapes_alone[count] = shapes.error - shapes.saved
-        return self._shapes_alone[count]
-
     def _glance(self, error: float, edges: int) -> None:
         """End the search for areas if shapes alone may be closer before outlines are found.
 
         The picture then has shading or a photo, which areas imitate by strips.
         """
         error *= UNREFINED
-        if self._is_visible(error):
+        if self._trials.is_visible(error):
             self._first_size = EDGE_BYTES * edges
-            self._has_strips = self._shapes_win(self._first_size, error)
+            self._has_strips = self._trials.shapes_win(self._first_size, error)
         if self._has_strips:
             raise _StripsError
 
     def _loses(self, found: FoundAreas) -> bool:
-        """Return whether shapes alone are expected closer than areas without shading.
-
-        Gaussians below and above these areas take the bytes that the strips of shading took.
-        """
-        left = self._first_size - self._exporter.unscored(self._scene(found)).size
-        count = int(min(max(left / self._plan.shape_bytes, TRIED), MOST_TRIED))
-        trial = self._trial(found, count)
-        least = CLEARLY * self._error_of_shapes(self._first_size)
-        self._is_lost = least < trial.error - trial.saved
+        self._is_lost = self._trials.lose(found, self._first_size)
         return self._is_lost
 
-    def _rastered(self, trial: _Trial) -> _Trial:
+    def _rastered(self, trial: Trial) -> Trial:
         """Return a trial whose areas are fitted to what resvg draws, if there are areas alone."""
         ground, found, renderer = trial.ground, trial.found, self._plan.options.run.renderer
         # Other renderers take too long for a step of a fit.
@@ -362,29 +279,18 @@ class ByAreas:
         found = dataclasses.replace(found, areas=areas)
         return dataclasses.replace(trial, found=found, ground=scene, export=export)
 
-    def _wants_gaussians(self, trial: _Trial) -> bool:
-        """Return whether Gaussians are fitted above the areas of a trial."""
-        if len(trial.ground) >= self._most:
-            return False
-        if self._fills:
-            room = self._limit - trial.export.size
-            return room < 0 or room >= LEAST_ROOM * self._plan.shape_bytes
-        return self._pays(trial) if self._plan.aim is None else not trial.is_met
-
-    def _pays(self, trial: _Trial) -> bool:
-        return trial.saved > TRIED * self._price
-
-    def _best(self) -> _Trial:
+    def _best(self) -> Trial:
         """Return the trial whose areas the file gets."""
         first = self._found(self._searched)
         self._is_lost |= self._has_strips and self._ends()
         if self._is_lost:
-            return self._trial(self._nothing(), 0)
-        trials, is_shaded = list[_Trial](), self._has_strips
+            return self._trials.trial(nothing(self._subject.working), 0)
+        trials, is_shaded = list[Trial](), self._has_strips
         is_limited = self._limit < math.inf
         if not is_shaded:
-            trials = [self._trial(first)]
-            is_shaded = trials[0].shaded or (self._fills and self._is_visible(trials[0].error))
+            trials = [self._trials.trial(first)]
+            is_seen = self._fills and self._trials.is_visible(trials[0].error)
+            is_shaded = trials[0].shaded or is_seen
         if trials and not is_limited and self._plan.aim is None:
             # Only fewer areas would go on from the drawing, which takes much memory.
             found = dataclasses.replace(trials[0].found, drawing=None)
@@ -397,8 +303,8 @@ class ByAreas:
             with suppress(_NoFewerError):
                 found = self._found(lambda p: self._unshaded(p, count), so_far, loses)
                 if self._is_lost:
-                    return self._trial(self._nothing(), 0)
-                trial = self._trial(found)
+                    return self._trials.trial(nothing(self._subject.working), 0)
+                trial = self._trials.trial(found)
                 trials.append(dataclasses.replace(trial, cost=trial.cost / STRIPS))
         within = [trial for trial in trials if trial.export.size <= self._limit]
         if not within:
@@ -408,7 +314,7 @@ class ByAreas:
         rate = self._rate
         while best.is_met and self._tries < TRIES and not self._ends():
             rate *= LESS
-            trial = self._trial(self._coarser(best, rate))
+            trial = self._trials.trial(self._coarser(best, rate))
             if not trial.is_met:
                 break
             best = trial
@@ -432,7 +338,7 @@ class ByAreas:
         picture, most = self._subject.working, self._most_cores
         return find_areas(picture, self._rate, self._unit, checked, True, most)
 
-    def _cut(self, finest: _Trial, shaded: bool) -> _Trial:
+    def _cut(self, finest: Trial, shaded: bool) -> Trial:
         """Return the best trial within the limit of bytes, which `finest` exceeds.
 
         shaded  whether shading was left to Gaussians when `finest` was found
@@ -449,7 +355,7 @@ class ByAreas:
             else:
                 raised = (finest.export.size / self._limit) ** STEEPNESS
                 rate *= min(max(raised, LEAST_RAISE), MOST_RAISE)
-            trial = self._trial(self._dearer(finest, rate, shaded))
+            trial = self._trials.trial(self._dearer(finest, rate, shaded))
             if trial.export.size > self._limit:
                 low, finest = rate, trial
                 continue
@@ -457,12 +363,12 @@ class ByAreas:
             if is_better:
                 best, high = trial, rate
             is_shaded = trial.expected < SHADED * trial.error and bool(trial.found.areas)
-            rises = is_better and is_shaded and self._is_visible(trial.expected)
+            rises = is_better and is_shaded and self._trials.is_visible(trial.expected)
             if not is_better or (trial.export.size > FULL * self._limit and not rises):
                 break
-        return best or self._trial(self._nothing())
+        return best or self._trials.trial(nothing(self._subject.working))
 
-    def _dearer(self, trial: _Trial, rate: float, shaded: bool) -> FoundAreas:
+    def _dearer(self, trial: Trial, rate: float, shaded: bool) -> FoundAreas:
         """Return areas for a higher rate than those of `trial` were found for.
 
         They are found anew, because more thin parts are lines if bytes are dear. Only the areas of
@@ -476,7 +382,7 @@ class ByAreas:
             trial.found,
         )
 
-    def _coarser(self, trial: _Trial, rate: float) -> FoundAreas:
+    def _coarser(self, trial: Trial, rate: float) -> FoundAreas:
         return self._found(lambda p: coarser(trial.found, rate, self._unit, p), trial.found)
 
     def _is_over(self) -> bool:
@@ -487,62 +393,6 @@ class ByAreas:
 
     def _ends(self) -> bool:
         return self._run.ended or self._is_late or self._is_lost
-
-    def _trial(self, found: FoundAreas, count: int = TRIED) -> _Trial:
-        """Return areas with what `count` Gaussians below or above them are expected to save."""
-        plan, subject, scene = self._plan, self._subject, self._scene(found)
-        height, width = self._small.shape[:2]
-        count = int(min(count, self._most, height * width // 3))
-        export, is_met = self._exporter.unscored(scene), False
-        first = error = cost = self._error(scene)
-        scene_of_areas = scene
-        for below in COUNTS_BELOW if found.areas and not len(scene) else ():
-            if self._is_over() or cost <= self._price * below or below > self._most:
-                break
-            tried = with_gaussians_below(scene_of_areas, self._small, below, self._is_over)
-            tried_export, tried_error = self._exporter.unscored(tried), self._error(tried)
-            if tried_export.size > self._limit or tried_error + self._price * below >= cost:
-                break
-            scene, export, error = tried, tried_export, tried_error
-            cost = error + self._price * below
-        if plan.aim is not None:
-            is_met = plan.aim.is_met_by(
-                plan.aim.score(self._exporter.raster(export.svg), subject.photo)
-            )
-        saved = 0.0
-        if self._fills and found.areas:
-            # As many Gaussians as the limit allows, beside their definitions.
-            left = FILLED * (self._limit - export.size) / plan.shape_bytes
-            count = int(min(max(left, 0), 6 * count))
-        if count and error > self._price * count / 2:
-            session = self._fitted(scene, count, self._is_over)
-            saved = max(error - self._values * 10 ** (-session.population.psnr() / 10), 0.0)
-        price = count * self._price
-        pays = saved > price
-        if self._fills:
-            cost = expected = error - saved
-        else:
-            expected = error - saved if pays else error
-            cost = expected + self._rate * export.size + (price if pays else 0.0)
-        is_shaded = error < first or error - saved < SHADED * error
-        return _Trial(found, scene, export, error, saved, expected, cost, is_shaded, is_met)
-
-    def _fitted(self, ground: Scene, count: int, stop: Callable[[], bool]) -> FitSession:
-        """Return a short fit of `count` Gaussians to the small picture, above a ground."""
-        options = FitOptions(tune=PSNR, falloff=GAUSSIAN)
-        config = FitConfig(gaussians=count, iterations=TRIAL_STEPS, fit=options)
-        targets = TargetPyramid(self._small, PSNR, ground=ground)
-        session = FitSession(self._small, config, stop=stop, targets=targets)
-        session.fit()
-        return session
-
-    def _is_visible(self, error: float) -> bool:
-        """Return whether people can see a squared error at the picture's own size."""
-        return error > self._values * 10 ** (-SEEN_UP_TO / 10)
-
-    def _error(self, scene: Scene) -> float:
-        """Return the squared error of a scene, measured on the small picture."""
-        return self._values * 10 ** (-model_psnr(scene, self._small) / 10)
 
     def _found(
         self, search: Callable[[Progress], FoundAreas], so_far: FoundAreas | None = None,
@@ -559,7 +409,7 @@ class ByAreas:
         def progress(done: float, present: Callable[[], FoundAreas] | None) -> None:
             nonlocal newest, due, is_first
             # The areas of a small picture are found so fast that a stopped run waits for them.
-            waits = newest is None and self._values <= QUICK
+            waits = newest is None and 3 * math.prod(self._subject.size) <= QUICK
             ends = self._is_over() and (self._is_late or not waits)
             ends |= newest is None and time.perf_counter() > latest
             if done < due and not ends:
@@ -570,7 +420,7 @@ class ByAreas:
                 if is_first and ends_with is not None and not ends:
                     ends = ends_with(newest)
                 is_first = False
-                scene, seconds = self._scene(newest), time.perf_counter() - begun
+                scene, seconds = scene_of(self._subject, newest), time.perf_counter() - begun
                 left_s, counts = seconds / done * (1 - done), str(AreaCounts.of(newest.areas))
                 psnr = newest.psnr
                 now = FitProgress(1, 0, done, 0, psnr, seconds, left_s, lambda: scene, counts)
@@ -588,7 +438,7 @@ class ByAreas:
             pass
         except NoDrawingError:
             self._is_lost = True
-        found = newest or self._nothing()
+        found = newest or nothing(self._subject.working)
         return in_two_inks(found, self._plan.sketch) if self._plan.sketch else found
 
     def _searched(self, progress: Progress) -> FoundAreas:
@@ -607,34 +457,3 @@ class ByAreas:
         # Its nodes are kept, and Gaussians draw the shading if it has any.
         shaded = len(start) > 0
         return refined_areas(subject.working, areas, start.background, 0.0, unit, progress, shaded)
-
-    def _nothing(self) -> FoundAreas:
-        """Return no areas, on the mean colour of the picture."""
-        picture = self._subject.working
-        background = None if has_alpha(picture) else tuple(picture.mean(axis=(0, 1)).tolist())
-        return FoundAreas((), background, 0.0, 0.0, 0.0, 0.0)
-
-    def _in_short(self) -> _Trial:
-        """Return shapes alone, fitted in a fraction of a second for a run that ends now."""
-        (width, height), (h, w) = self._subject.size, self._small.shape[:2]
-        most = self._plan.goal.count or SHORT
-        count = min(SHORT, most, self._limit / SHAPE_BYTES[0], h * w // 3)
-        session = self._fitted(self._scene(self._nothing()), int(count), lambda: False)
-        scene = session.scene().scaled(width / w, height / h).replace(width=width, height=height)
-        trial, export = self._trial(self._nothing(), 0), self._exporter.unscored(scene)
-        if export.size > self._limit:
-            export = self._exporter.pruned(export, int(self._limit))
-        return dataclasses.replace(trial, ground=export.scene, export=export)
-
-    def _scene(self, found: FoundAreas) -> Scene:
-        """Return a scene of the areas, and of the Gaussians of a start that lie among them."""
-        (width, height), start = self._subject.size, self._subject.start
-        is_clear = found.background is None
-        background = np.ones(3) if found.background is None else np.array(found.background)
-        scene = Scene(width, height, background=background, transparent=is_clear, areas=found.areas)
-        if start is None or (start.level == ABOVE).all():
-            return scene
-        below = start.select(start.level != ABOVE)
-        below = below.scaled(width / start.width, height / start.height)
-        shapes = {p.name: getattr(below, p.name) for p in PARAMETERS}
-        return scene.replace(**{**shapes, "level": np.minimum(below.level, len(found.areas))})
