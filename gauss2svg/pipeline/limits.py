@@ -95,8 +95,6 @@ FULL = 0.985  # a file is full if it has more than this share of the allowed byt
 # A file that is too large is pruned until it fits, but only if it has at most this multiple of the
 # allowed bytes. Otherwise the fit goes on with fewer Gaussians, and another file is written.
 TOO_LARGE = 1.1
-# An export is expected to lose this many dB each time that pruning halves its bytes.
-PRUNED = 8.0
 # A preset aims at its stop_psnr, with these tolerances. The PSNRs of two presets differ by at least
 # 4 dB. This is more than too_little + too_good, so a preset never accepts a result that is worse
 # than one that a cheaper preset accepts.
@@ -433,8 +431,9 @@ class Limits(DensificationPolicy):
         With a target or a preset, it is the smallest file whose score is within the tolerances. If
         no score is within them, it is the smallest file whose score is above them. If no score is
         above them either, it is the file with the highest score.
-        With a limit or a given count, it is the file that has the highest expected score after it
-        is pruned to the limit. If all files are too large, it is the smallest one.
+        With a limit or a given count, it is the file with the highest score that is within the
+        limit or so little beyond it that it will be pruned. If all files are too large, it is the
+        smallest one.
         """
         limit = self._plan.goal.byte_limit or math.inf
         largest = limit if self._plan.aim is not None else TOO_LARGE * limit
@@ -442,7 +441,7 @@ class Limits(DensificationPolicy):
         if not small:
             return min(exports, key=attrgetter("size"))
         if self._wants_best:
-            return max(small, key=lambda e: e.score - PRUNED * math.log2(max(e.size / limit, 1)))
+            return max(small, key=attrgetter("score"))
         met = [e for e in small if self._aim.is_met_by(e.score)]
         close = [e for e in met if e.score <= self._aim.value + self._aim.search.too_good]
         if not met:
