@@ -22,8 +22,6 @@ from gauss2svg.svg.file import bytes_by_part, file_bytes
 from gauss2svg.svg.forms import is_plain
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
-FILLED = 0.995  # a pruned file counts as full if it uses at least this share of the limit of bytes
-
 
 class Exporter:
     """A writer that turns scenes on the working canvas into files for the photo, and scores them.
@@ -168,6 +166,9 @@ class Exporter:
 
         best = filled(write, (self._in_ground, self.empty_bytes), export, limit)
         return dataclasses.replace(best, score=self._score(best.scene, best.svg))
+
+
+FILLED = 0.995  # a file that uses at least this share of the limit of bytes is not enlarged further
 
 
 def filled(

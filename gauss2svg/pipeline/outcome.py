@@ -120,9 +120,10 @@ class Export:
     """A quantised scene on the canvas of the file, and the SVG that shows it.
 
     size   number of bytes of the file, or of the gzipped file if the limit counts those
-    score  value by which a search compares exports: that of the aim's score for the rasterised SVG,
-           or without an aim the PSNR in dB against the working image. It is that of the fitted
-           scene, in a search by bytes and after a start that of `scene`, and NaN if not measured
+    score  value by which a search compares exports. With an aim, it is the aim's score of the
+           rasterised SVG. Without one, it is a PSNR in dB against the working image: usually that
+           of the fitted scene, after a start that of `scene`, and in a search by bytes that of
+           `scene` and then of the raster. It is NaN if it is not measured
     """
 
     scene: Scene

@@ -31,7 +31,7 @@ MOST_TRIED = 1000
 # If a trial leaves less than this share of the squared error, the picture has shading that areas
 # only imitate.
 SHADED = 0.85
-FILLED = 0.8  # share of the bytes left by areas that Gaussians take, without their definitions
+FOR_GAUSSIANS = 0.8  # share of the bytes beside areas that Gaussians take, without definitions
 # If the PSNR in dB between a drawing and its file is less than this, people can see differences at
 # the drawing's own size (docs/decisions/areas.md).
 SEEN_UP_TO = 41.0
@@ -118,7 +118,7 @@ class Trials:
         saved = 0.0
         if self._fills and found.areas:
             # As many Gaussians as the limit allows, beside their definitions.
-            left = FILLED * (self._limit - export.size) / plan.shape_bytes
+            left = FOR_GAUSSIANS * (self._limit - export.size) / plan.shape_bytes
             count = int(min(max(left, 0), 6 * count))
         if count and error > self._price * count / 2:
             session = self._fitted(scene, count, self._is_over)
