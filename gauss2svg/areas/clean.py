@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
+from gauss2svg.areas.evened import textured
 from gauss2svg.areas.kernels import Bools, Floats, Ints, inner, kernel
 from gauss2svg.areas.masks import BLOCK, LEVEL, pixels_of
 from gauss2svg.areas.paint import paint_of
-from gauss2svg.areas.photos import textured
 from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, over_blocks, renamed
 
 EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge

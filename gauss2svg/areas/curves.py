@@ -24,12 +24,7 @@ BYTES_OF_PATH = 7.0  # the first node of a path, and its end
 @inner
 def _digits(value, unit):
     """Return the number of digits of a coordinate in user units."""
-    v = abs(round(value / unit))
-    count = 1
-    while v >= 10:
-        v = v // 10
-        count += 1
-    return count
+    return math.floor(math.log10(max(abs(round(value / unit)), 1))) + 1
 
 
 @inner
@@ -144,14 +139,6 @@ def _fit_cubic(points, weight, first, last, noise, p, t):
 
 
 @inner
-def _copy(source, target):
-    """Copy a segment (4, 2)."""
-    for i in range(4):
-        for c in range(2):
-            target[i, c] = source[i, c]
-
-
-@inner
 def _straighten(p):
     """Make a segment (4, 2) the straight line between its ends."""
     for c in range(2):
@@ -202,8 +189,8 @@ def _move_joins(
                     rest = _fit_cubic(points, weight, middle, end, noise, trial[1], t)
                     if new_error + rest >= error[i] + error[j]:
                         break
-                    _copy(trial[0], segment[i])
-                    _copy(trial[1], segment[j])
+                    segment[i] = trial[0]
+                    segment[j] = trial[1]
                     error[i], size[i] = new_error, _segment_bytes(segment[i], True, unit)
                     error[j], size[j] = rest, _segment_bytes(segment[j], True, unit)
                     steps[i] += by
@@ -253,7 +240,7 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
                 if stage == 0 or (
                     not kind and new_error + rate * new_size < error[i] + rate * size[i]
                 ):
-                    _copy(p, segment[i])
+                    segment[i] = p
                     curved[i], error[i], size[i] = kind, new_error, new_size
                 elif not curved[i]:
                     size[i] = _segment_bytes(segment[i], False, unit)
@@ -277,7 +264,7 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
             if at < 0:
                 break
             j = following[at]
-            _copy(pair[at], segment[at])
+            segment[at] = pair[at]
             curved[at], error[at], size[at] = pair_curved[at], pair_error[at], pair_size[at]
             steps[at] += steps[j]
             following[at] = following[j]
@@ -298,11 +285,11 @@ def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit
     # Neighbours share their nodes exactly.
     i = first
     for k in range(left):
-        _copy(segment[i], pair[k])
+        pair[k] = segment[i]
         pair_curved[k] = curved[i]
         i = following[i]
     for k in range(left):
-        _copy(pair[k], segment[k])
+        segment[k] = pair[k]
         curved[k] = pair_curved[k]
     for k in range(left):
         if k > 0 or closed:

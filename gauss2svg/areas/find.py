@@ -10,23 +10,21 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.areas.caps import with_caps
+from gauss2svg.areas.evened import with_even_photos, without_shading
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.layers import join_touching, masks_of
 from gauss2svg.areas.letters import add_letters
-from gauss2svg.areas.merge import merged, without_cheap
+from gauss2svg.areas.merge import merged, with_caps, without_cheap
 from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
 from gauss2svg.areas.paint import Paint, join_parts_of_gradients, paints_of
-from gauss2svg.areas.photos import with_even_photos
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Palette, Shares, cores_of, grown, shares_of, without_edge_shades
-from gauss2svg.areas.shades import without_shading
 from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
 RATE = 0.0012  # squared error that a byte of an area must save
 UNIT = 1 / 32  # px of path data
-STEPS, LATER_STEPS = 20, 20  # steps of refinement before and after nodes are merged
+STEPS = 20  # steps of refinement before nodes are merged, and after each time that they are
 USUAL_PIXELS, LEAST_STEPS = 320 * 320, 6  # pictures of more pixels are refined in fewer steps
 MERGES = 2
 FIRST_RATE = 0.004  # squared error for a byte below which a layer is not even refined
@@ -49,7 +47,7 @@ class FoundAreas:
     explained   share of the pixels whose colour the areas draw
     psnr        PSNR in dB of their exact raster against the picture
     find_s, refine_s  seconds in which they were found, and in which they were refined
-    drawing     the same areas as arrays, from which `coarser` goes on
+    drawing     the same areas as arrays, from which `refined` goes on
     """
 
     areas: tuple[Area, ...]
@@ -91,36 +89,23 @@ def find_areas(
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
     drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll, glance)
     find_s = time.perf_counter() - started
-    return _refined(drawing, STEPS, rate, unit, find_s, 0.0, progress)
-
-
-def coarser(
-    found: FoundAreas, rate: float, unit: float = UNIT, progress: Progress | None = None
-) -> FoundAreas:
-    """Return fewer areas and nodes than `found` has, for a higher rate than it was found for."""
-    assert found.drawing is not None
-    return _refined(found.drawing, 0, rate, unit, found.find_s, found.refine_s, progress)
+    return refined(drawing, rate, unit, progress, STEPS, find_s)
 
 
 def refined(
-    drawing: Drawing, rate: float, unit: float, progress: Progress | None = None
-) -> FoundAreas:
-    """Return the areas of a drawing whose outlines have not been refined yet."""
-    return _refined(drawing, STEPS, rate, unit, 0.0, 0.0, progress)
-
-
-def _refined(
-    drawing: Drawing, steps: int, rate: float, unit: float, find_s: float, refine_s: float,
-    progress: Progress | None,
+    drawing: Drawing, rate: float, unit: float, progress: Progress | None = None,
+    steps: int = STEPS, find_s: float = 0.0, refine_s: float = 0.0,
 ) -> FoundAreas:  # fmt: skip
     """Refine a drawing, merge its nodes, and leave out what does not pay. Return its areas.
 
-    steps  of the refinement before nodes are merged
+    steps  of the refinement before nodes are merged. With 0, a drawing that was refined for a lower
+           rate gets fewer areas and nodes
+    find_s, refine_s  seconds that the search has taken before
     """
     started = time.perf_counter()
     # In larger pictures, first outlines are off by a smaller part of what is seen.
     share = min(1.0, math.sqrt(USUAL_PIXELS / math.prod(drawing.shape[:2])))
-    steps, later = round(share * steps), max(LEAST_STEPS, round(share * LATER_STEPS))
+    steps, later = round(share * steps), max(LEAST_STEPS, round(share * STEPS))
     whole, done = steps + (MERGES + 1) * later, 0
 
     def so_far() -> FoundAreas:
@@ -169,18 +154,6 @@ def first_drawing(
 
     poll  function that is called often. An exception ends the search
     """
-    pixels, ground, paints, layers = first_layers(
-        picture, unit, rate, shaded, most_cores, poll, glance
-    )
-    drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
-    return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
-
-
-def first_layers(
-    picture: Floats, unit: float, rate: float, shaded: bool, most_cores: int | None,
-    poll: Callable[[], None], glance: Glance,
-) -> tuple[Floats, Paint, list[Paint], list[Layer]]:  # fmt: skip
-    """Return a picture without its photos, its ground, and the paints and the layers above it."""
     poll()
     cores, count = cores_of(picture)
     pixels = with_even_photos(picture, cores)
@@ -194,7 +167,7 @@ def first_layers(
     if most_cores is not None and count > most_cores:
         raise NoDrawingError
     if not count:  # no two pixels are alike
-        return pixels, Paint(np.median(pixels, axis=(0, 1))), [], []
+        return Drawing(pixels, Paint(np.median(pixels, axis=(0, 1))), [], [], picture=picture)
     paints = paints_of(pixels, cores, count)
     join_parts_of_gradients(pixels, cores, paints)
     poll()
@@ -221,7 +194,9 @@ def first_layers(
         if paths:
             layers.append(Layer(mask.region, paths))
     layers += grouped(lines, paints)
-    return pixels, ground, with_opacity(paints, opacity, is_opaque), layers
+    paints = with_opacity(paints, opacity, is_opaque)
+    drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
+    return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
 
 
 def error_and_edges_of(picture: Floats, shares: Shares, paints: list[Paint]) -> tuple[float, int]:

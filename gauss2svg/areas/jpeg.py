@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.fft import dctn
 
+from gauss2svg.areas.clean import LUMA
 from gauss2svg.areas.kernels import Floats
 
 SIDE = 8  # px of the blocks that JPEG transforms
@@ -23,7 +24,6 @@ LEAST_STEP = 2  # levels; rounding to whole levels hides finer steps
 # phases. It is 14 to 140 for JPEGs of 256 px, and up to 6 for pictures reduced by half. Clean
 # ones, which have no noise and are not asked, have up to 14.
 ON_STEPS = 8.0
-LUMA = np.array([0.299, 0.587, 0.114])
 
 
 def quality_of(picture: Floats) -> int | None:
@@ -31,7 +31,7 @@ def quality_of(picture: Floats) -> int | None:
 
     It is that of libjpeg's tables. Return None if the picture has no such tables.
     """
-    luma = 255 * picture[:MOST_SIDE, :MOST_SIDE] @ LUMA
+    luma = 255 * picture[:MOST_SIDE, :MOST_SIDE] @ LUMA[0]
     h, w = (side - side % SIDE for side in luma.shape)
     blocks = luma[:h, :w].reshape(h // SIDE, SIDE, w // SIDE, SIDE)
     values: Any = dctn(blocks, axes=(1, 3), norm="ortho")

@@ -22,6 +22,8 @@ _OPTIONS["no_cpython_wrapper"] = True
 inner = njit(**_OPTIONS)  # decorator of a function that kernels call
 FLAT, LINEAR, RADIAL = range(3)  # forms of paints
 SHADES = 1024  # colours of a gradient's table
+NEAR, FAR = 1, 2  # px; distances within which the colours of a pixel's mixture lie
+ENOUGH = 0.0006  # squared error at which colours farther away are not tried
 MOST_NEAR = 12  # largest number of labels around a pixel that are tried in mixtures
 # A mixture of three colours must lower the squared error by this, and one of two by less, because
 # three colours can make nearly every other.
@@ -45,43 +47,6 @@ def shade_index(form, place, x, y):
         across, down = place[2] * (x - place[0]), place[3] * (y - place[1])
         at = math.sqrt(across * across + down * down)
     return int(min(max(at, 0.0), 1.0) * (SHADES - 1) + 0.5)
-
-
-@inner
-def _root(labels, i):
-    """Return the smallest index of the component of a pixel, and shorten the way to it."""
-    while labels[i] != i:
-        labels[i] = labels[labels[i]]
-        i = labels[i]
-    return i
-
-
-@kernel
-def join_alike(pixels, core, most, labels):
-    """Write the components of pixels of cores whose neighbours differ by at most `most`.
-
-    labels  (h * w,) output: the smallest index of a pixel of the component, -1 outside the cores
-    """
-    h, w, channels = pixels.shape
-    for y in range(h):
-        for x in range(w):
-            i = y * w + x
-            labels[i] = i if core[y, x] else -1
-            if not core[y, x]:
-                continue
-            for side in range(2):
-                v, u = y - side, x - 1 + side
-                if v < 0 or u < 0 or not core[v, u]:
-                    continue
-                difference = 0.0
-                for c in range(channels):
-                    difference = max(difference, abs(pixels[y, x, c] - pixels[v, u, c]))
-                if difference <= most:
-                    a, b = _root(labels, i), _root(labels, v * w + u)
-                    labels[max(a, b)] = min(a, b)
-    for i in range(h * w):
-        if labels[i] >= 0:
-            labels[i] = labels[labels[i]]
 
 
 @inner
@@ -236,17 +201,15 @@ def _mix(pixel, color, count, names, label, share):
 
 @kernel
 def explain(
-    pixels, labels, form, place, table, ys, xs, near, far, enough, extra, extra_name,
-    label, share, error,
+    pixels, labels, form, place, table, ys, xs, extra, extra_name, label, share, error,
 ):  # fmt: skip
     """Explain pixels as mixtures of the colours of the labels around them.
 
     labels    (h, w) label of each pixel
     form, place, table  (k,), (k, 4) and (k, SHADES, c) paints of the labels (shade_index)
     ys, xs    (n,) pixels
-    near, far  distances in px within which labels are tried. The second one is tried if the error
-              with the first one is not below `enough`
-    extra     (c,) one more colour, whose label is `extra_name`, or -1 to leave it out
+    extra     (c,) one more colour, whose label is `extra_name`, or -1 to leave it out. With it,
+              labels within FAR are tried. Else those within NEAR are tried first
     label, share, error  (n, 3), (n, 3) and (n,) outputs
     """
     h, w, channels = pixels.shape
@@ -254,7 +217,7 @@ def explain(
     names = np.empty(MOST_NEAR + 1, np.int64)
     for n in range(len(ys)):
         y, x = ys[n], xs[n]
-        for radius in (near, far):
+        for radius in range(NEAR if extra_name < 0 else FAR, FAR + 1):
             count = 0
             for v in range(max(0, y - radius), min(h, y + radius + 1)):
                 for u in range(max(0, x - radius), min(w, x + radius + 1)):
@@ -276,5 +239,5 @@ def explain(
                     color[count, c] = extra[c]
                 count += 1
             error[n] = _mix(pixels[y, x], color, count, names, label[n], share[n])
-            if error[n] < enough:
+            if error[n] < ENOUGH:
                 break

@@ -1,16 +1,22 @@
-"""Outlines of masks: contours at half share, their corners, and the first curves through them."""
+"""Outlines of masks: contours at half share, their corners, and the first curves through them.
+
+A contour through linearly interpolated shares cuts corners of thin masks, breaks lines of one
+pixel, and leaves out those between two rows, because no share of theirs reaches a half. So thin
+masks have fields, functions finer than pixels, which are changed until what lies inside the contour
+covers each pixel by its share.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import ndimage
 from skimage.measure import find_contours
 
 from gauss2svg.areas.curves import merge_pieces, path_bytes
-from gauss2svg.areas.fields import FINE, field_of, is_thin
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.masks import Box
 
@@ -29,6 +35,16 @@ NOISE = 0.05  # px by which points of a contour are off
 # Least weight, and that beyond the picture. Without them, hidden outlines would have no shape, and
 # would show at the next step.
 HIDDEN, BEYOND = 0.015, 0.003
+
+FINE = 3  # samples of a field for each px
+FIELD_STEPS, FIELD_STEP = (
+    4,
+    0.7,
+)  # changes of a field, and the part of the error that each of them takes away
+SMOOTH = 0.22  # px, standard deviation of the smoothing after each change
+SLOPE = 2.0  # change of a field for each px across a crisp edge
+INSIDE, MOST_INSIDE = 0.98, 0.3  # share of a pixel that is inside, and part of a thin mask inside
+LEAST_SHARE = 12.0  # px^2 of a thin mask; smaller ones may be slivers beside other areas
 
 
 class Path(NamedTuple):
@@ -74,6 +90,28 @@ def contrast_of(pixels: Floats) -> Weights:
     across = ((padded[2:-2, 4:] - padded[2:-2, :-4]) ** 2).sum(axis=-1)
     down = ((padded[4:, 2:-2] - padded[:-4, 2:-2]) ** 2).sum(axis=-1)
     return weights_by(np.maximum(across, down), 0, 0, pixels.shape)
+
+
+def field_of(share: Floats) -> Floats:
+    """Return a field (FINE h, FINE w) for the shares (h, w) of a mask."""
+    h, w = share.shape
+    field: Any = ndimage.zoom(
+        share.astype(np.float32), FINE, order=3, mode="nearest", grid_mode=True
+    )
+    for _ in range(FIELD_STEPS):
+        inside = np.clip((field - 0.5) * (SLOPE * FINE / 2) + 0.5, 0, 1)
+        error = share - inside.reshape(h, FINE, w, FINE).mean(axis=(1, 3))
+        field += FIELD_STEP * ndimage.zoom(error, FINE, order=1, mode="nearest", grid_mode=True)
+        field = ndimage.gaussian_filter(field, SMOOTH * FINE, truncate=3)
+    return field
+
+
+def is_thin(share: Floats) -> bool:
+    """Return whether few pixels of a mask are inside it."""
+    total = share.sum()
+    if total < LEAST_SHARE:
+        return False
+    return np.count_nonzero(ndimage.minimum_filter(share, 3) > INSIDE) < MOST_INSIDE * total
 
 
 def contours_of(share: Floats, box: Box, shape: tuple[int, ...]) -> list[Floats]:

@@ -19,9 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.areas.composition import compose, weigh
+from gauss2svg.areas.composition import (
+    ACROSS,
+    compose,
+    gradient,
+    list_samples,
+    solve,
+    weigh,
+)
 from gauss2svg.areas.kernels import Floats, Ints
-from gauss2svg.areas.newton import ACROSS, gradient, list_samples, solve
 from gauss2svg.areas.outlines import Path, lengths_of
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.regions import Palette
@@ -377,7 +383,7 @@ class Drawing:
         damping  (p,) of the paths
         """
         widths = self.point.size
-        r, diagonal, step = np.empty((3, widths + len(self.width)))
+        r, diagonal = np.empty((2, widths + len(self.width)))
         ties, squared_ties = self.ties[1:], (*self.ties[1:4], self.ties[4] ** 2, self.ties[5] ** 2)
         rows = rows.astype(np.float64)
         gradient(place, owner, jacobian, weights, self._column, ties, -rows, r)
@@ -392,9 +398,9 @@ class Drawing:
             damping[self.point_path][:, None] * by_point, WIDTH_DAMPING * diagonal[widths:]
         )
         damp += BASE
-        solve(
+        step = solve(
             place, owner, jacobian, weights, self._column, ties, np.empty_like(rows), r,
-            diagonal + damp, damp, CG_STEPS, step,
+            diagonal + damp, damp, CG_STEPS,
         )  # fmt: skip
         move = step[:widths].reshape(-1, 2)
         move *= np.minimum(1, MOST_STEP / np.maximum(np.hypot(*move.T), 1e-9))[:, None]

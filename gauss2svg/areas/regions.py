@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
-from gauss2svg.areas.kernels import Bools, Floats, Ints, explain, grow_labels, join_alike
+from gauss2svg.areas.kernels import Bools, Floats, Ints, explain, grow_labels
 from gauss2svg.areas.masks import BLOCK, LEVEL, Box, dilated, widened
 from gauss2svg.areas.paint import Paint
 
@@ -18,8 +18,6 @@ FLAT = 4 * LEVEL  # largest difference of values in a block of pixels of one col
 BEND = 2.1 * LEVEL  # largest second difference of values that are evenly shaded
 STEEP = 0.03  # largest difference of neighbouring values that are evenly shaded
 LEAST_CORE = 4  # px; smaller cores are no regions
-NEAR, FAR = 1, 2  # px; distances within which the colours of a pixel's mixture lie
-ENOUGH = 0.0006  # squared error at which colours farther away are not tried
 
 
 def cores_of(pixels: Floats) -> tuple[Ints, int]:
@@ -42,17 +40,26 @@ def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, in
     block  (h, w) whether the pixels of the block of 2 x 2 that ends at a pixel are alike
     most   largest difference of neighbours of one core
     """
-    h, w, _ = pixels.shape
     core = block.copy()
     core[:-1] |= block[1:]
     core[:, :-1] |= block[:, 1:]
     core[:-1, :-1] |= block[1:, 1:]
-    component = np.empty(h * w, np.int32)
-    join_alike(pixels, core, most, component)
-    component = component.reshape(h, w)
+    # Every other row and column are pixels. Those between tell which neighbours are joined.
+    h, w = core.shape
+    joined = np.zeros((2 * h - 1, 2 * w - 1), bool)
+    joined[::2, ::2] = core
+    joined[1::2, ::2] = core[1:] & core[:-1] & _are_near(pixels[1:], pixels[:-1], most)
+    joined[::2, 1::2] = core[:, 1:] & core[:, :-1] & _are_near(pixels[:, 1:], pixels[:, :-1], most)
+    labels: Any = ndimage.label(joined)
+    component = labels[0][::2, ::2]
     names, counts = np.unique(component[core], return_counts=True)
     kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= LEAST_CORE)]
     return renamed(component, kept), len(kept)
+
+
+def _are_near(one: Floats, other: Floats, most: float) -> Bools:
+    """Return which pixels (h, w) of two pictures differ by at most `most`."""
+    return np.abs(one - other).max(axis=-1) <= most
 
 
 def bend_of(pixels: Floats) -> Floats:
@@ -130,8 +137,8 @@ class Palette(NamedTuple):
         return cls(*(np.array([getattr(p, name) for p in paints]) for name in cls._fields))
 
     def explain(
-        self, pixels: Floats, labels: Ints, at: tuple[Ints, Ints], near: int, far: int,
-        enough: float, extra: Floats | None = None, name: int = -1,
+        self, pixels: Floats, labels: Ints, at: tuple[Ints, Ints], extra: Floats | None = None,
+        name: int = -1,
     ) -> tuple[Ints, Floats, Floats]:  # fmt: skip
         """Return the labels (n, 3), shares (n, 3) and squared errors (n,) of mixtures at pixels.
 
@@ -141,9 +148,7 @@ class Palette(NamedTuple):
         label = np.empty((n, 3), np.int32)
         share, error = np.empty((n, 3), np.float32), np.empty(n, np.float32)
         color = np.zeros(pixels.shape[2]) if extra is None else np.asarray(extra, np.float64)
-        explain(
-            pixels, labels, *self, *at, near, far, enough, color, name, label, share, error
-        )  # fmt: skip
+        explain(pixels, labels, *self, *at, color, name, label, share, error)
         return label, share, error
 
 
@@ -155,7 +160,7 @@ def shares_of(pixels: Floats, cores: Ints, labels: Ints, palette: Palette) -> Sh
     label[..., 0], share[..., 0] = labels, 1.0
     ys, xs = np.nonzero(cores < 0)
     at = ys, xs
-    label[at], share[at], error[at] = palette.explain(pixels, labels, at, NEAR, FAR, ENOUGH)
+    label[at], share[at], error[at] = palette.explain(pixels, labels, at)
     return Shares(label, share, error)
 
 

@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from gauss2svg.areas.caps import rounded
 from gauss2svg.areas.junctions import Chain, chains_of
 from gauss2svg.areas.kernels import Bools, Floats, Ints
-from gauss2svg.areas.masks import LEVEL, Box, dilated, distance_to, parts_of, pixels_of, widened
+from gauss2svg.areas.letters import SAME_COLOR, UNEXPLAINED
+from gauss2svg.areas.masks import Box, dilated, distance_to, parts_of, pixels_of, widened
+from gauss2svg.areas.merge import rounded
 from gauss2svg.areas.outlines import (
     Path,
     Weights,
@@ -30,9 +31,8 @@ from gauss2svg.areas.outlines import (
 )
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer
-from gauss2svg.areas.regions import FAR, Palette, Shares
+from gauss2svg.areas.regions import Palette, Shares
 
-UNEXPLAINED = 0.0015  # squared error of a pixel that is not explained
 LEAST_PIXELS, LEAST_ERROR = 3, 0.02  # px and squared error of a part that gets its own colour
 LEAST_GAIN = 1e-4  # squared error of a pixel by which a new colour must be better to be taken
 MOST_COUNTED = 0.02  # a pixel's squared error counts at most this, because outliers do not decide
@@ -41,7 +41,6 @@ ROUNDS = 3
 PRICE_OF_COLOR = 1e-4  # squared error for each pixel by which a new colour must be better
 # Photos have thousands of parts. The strongest parts, and the colours nearest to a part, decide.
 MOST_PARTS, MOST_COLORS = 1000, 24
-SAME_COLOR = 6 * LEVEL  # largest difference of a thin part's colour from one that it takes
 # Px. A disc of radius THICK fits into no narrow part. One of radius WIDE fits into a wide part only
 # where lines cross.
 THICK, WIDE = 2.4, 3.2
@@ -101,9 +100,7 @@ def add_thin_regions(
             box = widened(boxes[q], 2, labels.shape)
             grown_part = dilated(part[box] == q + 1) & (cores[box] < 0)
             at = pixels_of(grown_part, box)
-            label, share, error = palette.explain(
-                pixels, labels, at, FAR, FAR, -1.0, paint.color, name
-            )
+            label, share, error = palette.explain(pixels, labels, at, paint.color, name)
             better = (error < shares.error[at] - LEAST_GAIN) & (label == name).any(axis=1)
             at = at[0][better], at[1][better]
             shares.label[at], shares.share[at] = label[better], share[better]
@@ -125,7 +122,7 @@ def _paint_of_part(
     count = len(error)
 
     def cost(color: Floats) -> float:
-        error = palette.explain(pixels, labels, at, FAR, FAR, -1.0, color, len(paints))[2]
+        error = palette.explain(pixels, labels, at, color, len(paints))[2]
         return float(np.minimum(error, MOST_COUNTED).sum())
 
     # The pixels that are explained worst may have the pure colour.

@@ -32,11 +32,11 @@ from gauss2svg.areas.find import (
     FoundAreas,
     NoDrawingError,
     Progress,
-    coarser,
     find_areas,
+    refined,
 )
 from gauss2svg.areas.jpeg import coded, decoded, quality_of
-from gauss2svg.areas.rastered import as_rasterized
+from gauss2svg.areas.scenes import as_rasterized, refined_areas
 from gauss2svg.fit import FitProgress, FitResult
 from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import shrunk
@@ -383,7 +383,10 @@ class ByAreas:
         )
 
     def _coarser(self, trial: Trial, rate: float) -> FoundAreas:
-        return self._found(lambda p: coarser(trial.found, rate, self._unit, p), trial.found)
+        found = trial.found
+        drawing, taken = found.drawing, (found.find_s, found.refine_s)
+        assert drawing is not None
+        return self._found(lambda p: refined(drawing, rate, self._unit, p, 0, *taken), found)
 
     def _is_over(self) -> bool:
         """Return whether the run has to end: it is stopped, or its time for fitting is over."""
@@ -449,8 +452,6 @@ class ByAreas:
             return find_areas(
                 subject.working, self._rate, unit, progress, most_cores=most, glance=self._glance
             )
-        # Imported here because few runs have a start.
-        from gauss2svg.areas.start import refined_areas
 
         width, height = subject.size
         areas = start.scaled(width / start.width, height / start.height).areas

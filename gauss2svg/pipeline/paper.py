@@ -44,7 +44,6 @@ COLORED_PAPER, COLORED_INK, TINTED = 0.05, 0.06, 0.3
 # What is darker than DIRT, and than NOISES times the noise of the paper, may be ink. The QUANTILE
 # of its darkness is that of full ink, at least LEAST_INK.
 NOISES, DIRT, QUANTILE, LEAST_INK = 6, 0.1, 0.8, 0.4
-INK_SHARE = 0.002, 0.2  # shares of the picture that ink may have
 WIDEST = 1 / 50  # half of the width of the widest ink, as a share of the longest side
 # Largest numbers, for each pixel of ink, of pixels that are over 3 px away from ink and have over a
 # quarter of its darkness, and of pixels that are brighter than paper.
@@ -181,7 +180,7 @@ def _is_ink(darkness: Values, noise: float, ink: float) -> bool:
     from gauss2svg.areas.masks import dilated
 
     is_ink, dirt = darkness > ink / 2, max(NOISES * noise, DIRT)
-    if ink < LEAST_INK or not INK_SHARE[0] < is_ink.mean() < INK_SHARE[1]:
+    if ink < LEAST_INK:
         return False
     wide: Any = ndimage.distance_transform_edt(is_ink)
     between = np.count_nonzero((darkness > ink / 4) & ~dilated(is_ink, 3, None))

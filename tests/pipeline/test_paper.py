@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 from flat import vectorize
-from pictures import badge, ball
+from pictures import antialiased_badge, ball
 from PIL import Image
 from scipy import ndimage
 from skimage import data
@@ -131,7 +131,7 @@ OTHERS = {
     "on a photo": np.minimum(lines(), COFFEE),
     "with alpha": np.dstack([SKETCH, X]),
     "a ball": ball(256),
-    "a badge": badge(256),
+    "a badge": antialiased_badge(256),
 }
 PHOTOS = "astronaut", "brick", "camera", "cat", "clock", "coins", "moon", "retina"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gauss2svg.areas.find import find_areas
-from gauss2svg.areas.rastered import as_rasterized
+from gauss2svg.areas.scenes import as_rasterized
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize, rasterize_rgba
 from gauss2svg.scene import Scene
