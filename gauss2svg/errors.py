@@ -58,9 +58,18 @@ def on_one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
-def error_line(text: str) -> str:
-    """Return the text of an error as one line of at most 400 characters, for a record."""
-    return " ".join(text.split())[:400]
+def error_line(error: Exception, advice: str) -> str:
+    """Return an error as one line of at most 400 characters, for a record.
+
+    The message of a Gauss2SvgError says enough. For any other exception, the line begins with the
+    type of the exception. If memory ran out, `advice` follows "Try".
+    """
+    line = str(error)
+    if isinstance(error, MemoryError):
+        line = f"out of memory ({line}). Try {advice}"
+    elif not isinstance(error, Gauss2SvgError):
+        line = f"{type(error).__name__}: {line}"
+    return " ".join(on_one_line(line).split())[:400]
 
 
 def quoted(value: Any) -> str:

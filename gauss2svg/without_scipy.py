@@ -122,3 +122,19 @@ def nearest_entry(
         squares[first : first + step] = square.min(axis=1)
         nearest[first : first + step] = square.argmin(axis=1)
     return np.sqrt(squares), nearest
+
+
+def weighted_means(
+    points: NDArray[np.float64],
+    weight: NDArray[np.floating],
+    entry: NDArray[np.intp],
+    others: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the weighted mean (k, d) of the points (n, d) of each entry, for k-means.
+
+    entry   index (n,) of each point's entry
+    others  (k, d) rows that entries without points get
+    """
+    mass = np.bincount(entry, weight, len(others))[:, None]
+    sums = np.stack([np.bincount(entry, weight * c, len(others)) for c in points.T], axis=1)
+    return np.divide(sums, mass, out=others.copy(), where=mass > 0)

@@ -179,12 +179,9 @@ def vectorize_photo(spec: BatchSpec, photo: Photo) -> PhotoRecord:
             is_of_name = is_of_name or getattr(cause, "filename2", None) is not None
         if isinstance(error, OutputError) and not is_of_name:
             raise
-        line, code = str(error), type(error).__name__
-        if isinstance(error, MemoryError):
-            line = f"out of memory ({line}). Try --max-size, or workers with more memory"
-        elif not isinstance(error, Gauss2SvgError):
-            line = f"{code}: {line}"
-        return PhotoRecord(*photo, spec.identity, error=error_line(line), error_code=code)
+        line = error_line(error, "--max-size, or workers with more memory")
+        code = type(error).__name__
+        return PhotoRecord(*photo, spec.identity, error=line, error_code=code)
 
 
 def _write_svg(spec: BatchSpec, photo: Photo) -> dict[str, Any]:

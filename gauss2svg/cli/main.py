@@ -23,7 +23,7 @@ from gauss2svg.cli.terminal import (
     say,
     status_of,
 )
-from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.errors import Gauss2SvgError, error_line
 from gauss2svg.options import Renderer, flag_of
 from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.version import __version__
@@ -111,7 +111,7 @@ def main(arguments: list[str] | None = None) -> int:
     except Gauss2SvgError as error:
         return _refuse(_with_dashes(str(error), words))
     except MemoryError as error:
-        return _refuse(f"out of memory ({error}). Try a smaller photo or fewer --gaussians")
+        return _refuse(error_line(error, "a smaller photo or fewer --gaussians"))
     except OSError as error:
         # This is an error of a standard stream. An error of any other file would be a
         # Gauss2SvgError.

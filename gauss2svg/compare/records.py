@@ -14,7 +14,7 @@ from typing import Any
 
 import psutil
 
-from gauss2svg.errors import Gauss2SvgError, OutputError, error_line, on_one_line
+from gauss2svg.errors import OutputError, error_line
 
 Row = dict[str, Any]
 TOOL = "gauss2svg"  # value of "tool" in the records of gauss2svg itself
@@ -29,15 +29,9 @@ def record_or_error(make: Callable[..., Mapping[str, Any]], *arguments: Any) -> 
     """
     try:
         return json_safe(make(*arguments))
-    except OutputError as error:
-        return {"error": error_line(str(error)), "fatal": True}
-    except MemoryError as error:
-        line = f"out of memory ({error}). Try smaller photos or fewer Gaussians"
-    except Exception as error:
-        # Another tool may raise any exception. The message of a Gauss2SvgError says enough. For any
-        # other exception, the line begins with the type of the exception.
-        line = f"{type(error).__name__}: " * (not isinstance(error, Gauss2SvgError)) + str(error)
-    return {"error": error_line(on_one_line(line))}
+    except Exception as error:  # another tool may raise any exception
+        record = {"error": error_line(error, "smaller photos or fewer Gaussians")}
+        return record | ({"fatal": True} if isinstance(error, OutputError) else {})
 
 
 def json_safe(value: Any) -> Any:

@@ -12,10 +12,15 @@
 When the target, the number of Gaussians or the exponents change, losses before the change cannot be
 compared with losses after it. So `FitSession` restores the best state just before such an event,
 and resets its guard just after it.
+
+The constants of this package come from ablations, which are in fit.md, placement.md, palette.md,
+divergence.md and numbers.md of docs/decisions. This file has over 500 lines, because a fit and all
+of its events are one class.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import time
@@ -28,13 +33,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.errors import refusal
 from gauss2svg.fit import DEFAULT_LOSS, FitConfig, FitProgress, FitResult, schedule
 from gauss2svg.fit.adam import NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.population import AsWritten, Backup, Population
 from gauss2svg.fit.schedule import Clock
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid, psnr_of
-from gauss2svg.scene import Scene
+from gauss2svg.render import render
+from gauss2svg.render.cpu import kernel_lock
+from gauss2svg.scene import ADD, OVER, Scene
 
 # At this mean squared error (120 dB), even the worst pixel of a picture of a million pixels is off
 # by less than half a level of 255. Adam would still take full steps, which could make the fit
@@ -459,3 +467,47 @@ class FitSession:
         yield
         self.wall_s += time.perf_counter() - wall_s
         self.cpu_s += time.process_time() - cpu_s
+
+
+def fit(
+    pixels: NDArray[np.float32],
+    config: FitConfig | None = None,
+    progress: Callable[[FitProgress], None] | None = None,
+) -> FitResult:
+    """Fit config.gaussians Gaussians to pixels (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha.
+
+    The same seed gives the same result. `progress` is called after every iteration, in the thread
+    that calls this function.
+    """
+    with kernel_lock:
+        session = FitSession(pixels, config or FitConfig(), progress=progress)
+        session.fit()
+        return session.result()
+
+
+def convert_additive(
+    scene: Scene,
+    pixels: NDArray[np.float32] | None = None,
+    config: FitConfig | None = None,
+    progress: Callable[[FitProgress], None] | None = None,
+) -> FitResult:
+    """Convert an additive scene to the same number of alpha-composited shapes.
+
+    Alpha-composited shapes are useful because every renderer draws them. They are fitted to
+    `pixels`, which are (h, w, 3) float32 in 0..1, or to the render of the scene if `pixels` is
+    None. The module gauss2svg.fit.population describes the method. The values of config.gaussians
+    and config.densify are ignored. Raise InputError unless the scene is additive and
+    config.fit.blend is "over".
+    """
+    config = config or FitConfig()
+    config = dataclasses.replace(config, gaussians=len(scene), densify=FitConfig.densify)
+    blends = scene.blend, config.fit.blend
+    if blends != (ADD, OVER):
+        needed = f"additive, and fitted by a config of blend {OVER!r}"
+        raise refusal("the scene", needed, f"blends {blends[0]!r} and {blends[1]!r}")
+    with kernel_lock:
+        photo = render(scene) if pixels is None else pixels
+        session = FitSession(photo, config, progress=progress)
+        session.adopt(scene, len(scene))
+        session.fit()
+        return session.result()

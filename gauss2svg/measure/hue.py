@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.measure.metrics import check_shapes
-from gauss2svg.photo.pixels import BACKDROPS, has_alpha, over
+from gauss2svg.photo.pixels import BACKDROPS, has_alpha, linear_light, over
 from gauss2svg.without_scipy import mirrored
 
 WINDOW = 9  # px, side of the box over which errors are averaged (docs/decisions/metrics.md)
@@ -90,9 +90,7 @@ def chroma(rgb: NDArray[np.floating]) -> NDArray[np.float32]:
 @cache
 def _light() -> NDArray[np.float32]:
     """Return the linear light of sRGB values at even steps from 0 to 1."""
-    value = np.linspace(0, 1, 255 * _STEPS + 1)
-    light = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return light.astype(np.float32)
+    return linear_light(np.linspace(0, 1, 255 * _STEPS + 1)).astype(np.float32)
 
 
 def box_mean(planes: NDArray[np.floating], window: int) -> NDArray[np.floating]:

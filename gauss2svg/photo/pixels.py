@@ -247,6 +247,11 @@ def from_views(white: NDArray[np.floating], black: NDArray[np.floating]) -> NDAr
     return straight(black, np.clip(1 - (white - black).mean(axis=2), 0, 1))
 
 
+def linear_light(value: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return the linear light of sRGB values in 0..1 (IEC 61966-2-1)."""
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
 def matte_color(text: str, name: str = "matte") -> tuple[float, float, float]:
     """Return the colour, in 0..1, that a text names: white, black, #rgb or #rrggbb.
 

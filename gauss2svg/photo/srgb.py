@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from gauss2svg.photo.libvips import samples
-from gauss2svg.photo.pixels import unit
+from gauss2svg.photo.pixels import linear_light, unit
 
 CMYK_CHANNELS = 4
 # Number of channels for each colour space of an ICC profile.
@@ -146,16 +146,10 @@ def _by_gamma(
         return color, [f"{space.source} unusable; sRGB assumed"]
     if is_same and (color.shape[2] == 1 or not has_primaries):
         return color, []
-    light = _srgb_light(color) if is_same else color ** np.float32(1 / space.gamma)
+    light = linear_light(color) if is_same else color ** np.float32(1 / space.gamma)
     if color.shape[2] == 3 and has_primaries:
         light = np.clip(light @ matrix.T.astype(np.float32), 0, 1)
     return _srgb_value(light), [f"converted from {space.source} to sRGB"]
-
-
-def _srgb_light(value: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the linear light of sRGB values (IEC 61966-2-1)."""
-    light = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return light.astype(np.float32)
 
 
 def _srgb_value(light: NDArray[np.float32]) -> NDArray[np.float32]:

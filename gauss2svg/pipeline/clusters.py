@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.without_scipy import nearest_entry
+from gauss2svg.without_scipy import nearest_entry, weighted_means
 
 # The next constants control the search for a palette (docs/decisions/palette.md).
 # Number of iterations of Lloyd's algorithm. Twice as many improve the result by less than 2 %.
@@ -59,9 +59,7 @@ def few_entries(
         """
         for _ in range(ITERATIONS):
             entry = nearest_entry(entries, features)[1]
-            mass = np.bincount(entry, weight, len(entries))
-            sums = [np.bincount(entry, weight * column, len(entries)) for column in features.T]
-            entries = np.stack(sums, axis=1)[mass > 0] / mass[mass > 0, None]
+            entries = weighted_means(features, weight, entry, entries)[np.unique(entry)]
         entries = np.unique(rounded(entries), axis=0)
         return entries, nearest_entry(entries, features)[1]
 

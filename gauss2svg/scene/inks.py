@@ -159,21 +159,20 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
         return inks
     import numpy as np
 
-    from gauss2svg.without_scipy import nearest_entry
+    from gauss2svg.photo.pixels import linear_light
+    from gauss2svg.without_scipy import nearest_entry, weighted_means
 
     colors, counts = _colors(pixels)
     if inks > len(colors):
         needed = f"at most {len(colors)}, the number of colours in the picture"
         raise refusal("inks", needed, str(inks))
-    color = colors / 255
-    linear = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
-    points = np.cbrt(linear @ np.transpose(_TO_CONES)) @ np.transpose(_TO_LAB)
+    points = np.cbrt(linear_light(colors / 255) @ np.transpose(_TO_CONES)) @ np.transpose(_TO_LAB)
     points *= [1, _CHROMA_FACTOR, _CHROMA_FACTOR]
     cell = np.unique(colors // _CELL_SIDE @ _CODE, return_inverse=True)[1]
     if cell.max() + 1 < _CELLS_PER_INK * inks:
         cell = np.arange(len(colors))
     cell_counts = np.bincount(cell, counts)
-    cells = _means(points, counts, cell, np.zeros((len(cell_counts), 3)))
+    cells = weighted_means(points, counts, cell, np.zeros((len(cell_counts), 3)))
     weight = np.asarray(cell_counts**_WEIGHT_POWER, np.float64)
     if inks >= _COLORFUL_INKS:
         weight *= 1 + _CHROMA_WEIGHT * np.hypot(*cells.T[1:])
@@ -186,7 +185,7 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
         squares = np.minimum(squares, np.square(cells - cells[seeds[-1]]).sum(axis=1))
     centers = cells[seeds]
     for _ in range(_ITERATIONS):
-        centers = _means(cells, weight, nearest_entry(centers, cells)[1], centers)
+        centers = weighted_means(cells, weight, nearest_entry(centers, cells)[1], centers)
     cluster = nearest_entry(centers, cells)[1]
     if 2 < inks < _WIDE_INKS:
         # The lightest ink becomes the mean of the lightest part of its cluster. The darkest ink
@@ -238,19 +237,6 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], _Numbers]:
     levels = np.round(flat * 255).astype(np.uint8)
     _, first, inverse = np.unique(levels @ _CODE, return_index=True, return_inverse=True)
     return levels[first], np.bincount(inverse, share).astype(np.float64)
-
-
-def _means(points: _Numbers, weight: _Numbers, entry: Any, others: _Numbers) -> _Numbers:
-    """Return the weighted mean (k, 3) of the points of each entry.
-
-    An entry without points gets its row of `others` (k, 3).
-    """
-    import numpy as np
-
-    mass = np.bincount(entry, weight, len(others))
-    sums = [np.bincount(entry, weight * column, len(others)) for column in points.T]
-    means = np.stack(sums, axis=1) / np.maximum(mass, 1e-12)[:, None]
-    return np.where(mass[:, None] > 0, means, others)
 
 
 def _read_palette(name: str, path: str) -> list[str]:

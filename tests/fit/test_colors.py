@@ -10,9 +10,8 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from gauss2svg.fit import FitOptions
 from gauss2svg.fit.adam import blending_of
 from gauss2svg.fit.colors import Inks, SharedColors
-from gauss2svg.fit.fit import fit
 from gauss2svg.fit.population import Population
-from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.session import FitSession, fit
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics

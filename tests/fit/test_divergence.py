@@ -5,8 +5,7 @@ import pytest
 from flat import fit_config, vectorize
 
 from gauss2svg.fit.adam import GENTLE, STALLED_STEPS, DivergenceGuard
-from gauss2svg.fit.fit import fit
-from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.session import FitSession, fit
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.scene import BLENDS

@@ -12,11 +12,10 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit import PSNR, FitOptions, adam
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit.adam import LEAST_SIGMA_ABOVE_AREAS
-from gauss2svg.fit.fit import convert_additive, fit
 from gauss2svg.fit.placement import NewGaussians, place
 from gauss2svg.fit.population import LEAST_OPACITY
 from gauss2svg.fit.schedule import rate, reduction, totals
-from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.session import FitSession, convert_additive, fit
 from gauss2svg.fit.state import STEPS, State
 from gauss2svg.fit.target import Target, TargetPyramid
 from gauss2svg.measure import metrics
