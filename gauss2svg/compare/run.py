@@ -30,7 +30,7 @@ from gauss2svg.measure.check import check, enlarged
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.photo.load import WHITE, header_of, load_image
+from gauss2svg.photo.load import WHITE_MATTE, header_of, load_image
 from gauss2svg.photo.pixels import over, pixels_of, shrunk
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
@@ -151,7 +151,7 @@ def _by_peer(request: Request) -> Run:
     """Run another tool on the photo, with white behind its transparent parts."""
     tool, settings, limit_s = (request[name] for name in ("tool", "settings", "peer_timeout"))
     most = request["options"]["max_pixels"]
-    photo = load_image(request["source"], matte=WHITE, max_pixels=most).pixels
+    photo = load_image(request["source"], matte=WHITE_MATTE, max_pixels=most).pixels
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as folder:
         png, output = Path(folder) / "photo.png", Path(folder) / f"output{PEERS[tool].suffix}"
         png.write_bytes(as_png(photo))
@@ -174,7 +174,7 @@ def _by_peer(request: Request) -> Run:
 def _measured_image(
     data: bytes, photo: NDArray[np.float32]
 ) -> tuple[dict[str, Any], NDArray[np.float32]]:
-    raster = load_image(data, matte=WHITE).pixels
+    raster = load_image(data, matte=WHITE_MATTE).pixels
     (height, width), (h, w) = photo.shape[:2], raster.shape[:2]
     if (height, width) != (h, w):
         raise RendererError(f"image must be {width}x{height} px; got {w}x{h}")

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit import FitOptions
-from gauss2svg.fit.state import FARTHEST, GEOMETRY, STEPS, State
+from gauss2svg.fit.state import COLUMN_COUNT, FARTHEST, GEOMETRY, State
 from gauss2svg.render.cpu import Splats
 from gauss2svg.render.tiles import kernel
 from gauss2svg.scene import ADD
@@ -67,7 +67,7 @@ LEAST_RIM = 0.5
 
 # Least semi-axis in px. Every renderer draws shapes below 0.3 px too faintly
 # (docs/decisions/renderers.md).
-LEAST_SIGMA = 0.35
+LEAST_FITTED_SIGMA = 0.35
 # The same above areas. Smaller shapes draw what the outlines miss of single pixels, which makes an
 # enlarged drawing worse (docs/decisions/areas.md).
 LEAST_SIGMA_ABOVE_AREAS = 0.8
@@ -102,7 +102,7 @@ class Blending:
 
     @cached_property
     def columns(self) -> NDArray[np.float64]:
-        """Learning rate, least and largest value (STEPS, 3) of each column of Adam's arrays.
+        """Learning rate, least and largest value (COLUMN_COUNT, 3) of each column of Adam's arrays.
 
         The columns of mean and shape have no bounds here.
         """
@@ -156,7 +156,7 @@ def step(
     most_sigma: float,
     price: float = 0.0,
     rate: float = 1.0,
-    least_sigma: float = LEAST_SIGMA,
+    least_sigma: float = LEAST_FITTED_SIGMA,
 ) -> bool:
     """Take an Adam step with every Gaussian of the state, in place.
 
@@ -174,7 +174,7 @@ def step(
     return _step(
         moments, splats.opacity_color, splats.shape, state.mean, state.factor, state.raw_opacity,
         state.color, state.raw_beta, state.adam_m, state.adam_v, state.age, blending.columns,
-        least_sigma, most_sigma, price, rate, np.empty(STEPS),
+        least_sigma, most_sigma, price, rate, np.empty(COLUMN_COUNT),
     )  # fmt: skip
 
 
@@ -188,13 +188,13 @@ def _step(
     opacity_color, shape  fields of Splats
     mean .. age           fields of State
     columns               Blending.columns
-    d                     (STEPS,) buffer
+    d                     (COLUMN_COUNT,) buffer
     """
     all_finite = True
     for i in range(len(age)):
         # d is first the gradient with respect to t1, t2, A11, A12, A22, logit opacity, r, g, b and
         # ln beta, and then the step of these.
-        for k in range(STEPS):
+        for k in range(COLUMN_COUNT):
             d[k] = moments[i, k]
         d[3] *= 2
         d[5] *= 1 - opacity_color[i, 0]
@@ -205,7 +205,7 @@ def _step(
         unbiased = -np.sqrt(1 - SECOND_DECAY ** age[i]) / (1 - FIRST_DECAY ** age[i])
         rim_factor = np.exp(STEP_BY_BETA * raw_beta[i])
         total = 0.0
-        for k in range(STEPS):
+        for k in range(COLUMN_COUNT):
             adam_m[i, k] = FIRST_DECAY * adam_m[i, k] + (1 - FIRST_DECAY) * d[k]
             adam_v[i, k] = SECOND_DECAY * adam_v[i, k] + (1 - SECOND_DECAY) * (d[k] * d[k])
             direction = adam_m[i, k] / (np.sqrt(adam_v[i, k]) + EPSILON)
@@ -248,7 +248,7 @@ def _step(
         reach = abs(x) + abs(y) + l11 + abs(l21) + l22
         if not (reach < FARTHEST and l22 > 0 and abs(total) < np.inf):
             all_finite, age[i] = False, 0
-            for k in range(STEPS):
+            for k in range(COLUMN_COUNT):
                 adam_m[i, k] = adam_v[i, k] = 0
             continue
         mean[i, 0], mean[i, 1] = x, y
@@ -336,11 +336,11 @@ class DivergenceGuard(Generic[_Backup]):
         """Forget the recent least loss, because a relocation may raise the loss for a while."""
         self._recent_least = math.inf
 
-    def accepts(self, loss: float, error: float, backup: Callable[[], _Backup]) -> bool:
-        """Return False if a fit with this loss and mean squared error has diverged, else True.
+    def observe(self, loss: float, error: float, backup: Callable[[], _Backup]) -> bool:
+        """Take note of the loss and mean squared error of a step, and return whether it is sound.
 
-        If it has not diverged, raise the rate. If the loss is also the least so far, keep the copy
-        of the state that backup() returns.
+        A step is not sound if the fit has diverged. If the step is sound, raise the rate. If its
+        loss is also the least so far, keep the copy of the state that backup() returns.
         """
         if not math.isfinite(loss):
             return False

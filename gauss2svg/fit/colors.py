@@ -147,7 +147,7 @@ _BAND_PIXELS = 32_768
 
 
 @dataclass(frozen=True)
-class Inks:
+class InkColors:
     """The k inks of a fit.
 
     color  (k, 3) their colours, sRGB in 0..1

@@ -25,7 +25,9 @@ _PIXEL_VARIANCE = 1 / 12
 # (docs/decisions/placement.md).
 INITIAL_SIGMA = 0.3  # sigma of a Gaussian that `by_error` places, as a share of _Placer's spacing
 FIRST_RAW_BETA = 0.1  # ln beta of a new Gaussian with a learned falloff. The value hardly matters
-LEAST_SIGMA = 0.8  # least sigma in px of a new Gaussian, before it is stretched in one direction
+LEAST_NEW_SIGMA = (
+    0.8  # least sigma in px of a new Gaussian, before it is stretched in one direction
+)
 LEAST_MINOR = 0.6  # least minor semi-axis in px of a new Gaussian on a component
 # At an edge, `by_error` stretches a round Gaussian: along the edge it becomes longer by a factor of
 # up to e^ELONGATION, and across the edge it becomes narrower by the same factor.
@@ -143,7 +145,7 @@ class _Placer:
         if not total[-1] > 0:  # the render equals the target, so any pixel is as good as another
             pixel = self._rng.integers(total.size, size=count)
         y, x = np.divmod(pixel, self._target.width)
-        sigma = max(self._spacing * INITIAL_SIGMA, LEAST_SIGMA)
+        sigma = max(self._spacing * INITIAL_SIGMA, LEAST_NEW_SIGMA)
         along, coherence = self._target.edges
         stretch = np.exp(ELONGATION * coherence[y, x])
         factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])
@@ -162,7 +164,7 @@ class _Placer:
         parts = self._components(count)
         if parts is None:
             return self.by_error(count)
-        sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), LEAST_SIGMA)
+        sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), LEAST_NEW_SIGMA)
         xx, xy, yy = parts.moments()
         spread = np.hypot(xx - yy, 2 * xy)
         aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 2 * _PIXEL_VARIANCE))
@@ -188,7 +190,7 @@ class _Placer:
             return self.at_random(count)
         # In the paper, sigma is sqrt(A / (r s^2)) with r = 0.07, in units of s / 10 px. Times
         # s / 10, this is sqrt(A / (r 10^2)) px, so s cancels.
-        sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), LEAST_SIGMA)
+        sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), LEAST_NEW_SIGMA)
         center = parts.center()
         x, y = np.round(center).astype(np.intp).T
         factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
@@ -199,14 +201,14 @@ class _Placer:
     def at_random(self, count: int) -> NewGaussians:
         """Return Gaussians on random visible pixels.
 
-        Their sigmas are random from LEAST_SIGMA to `spacing`, and |rho| < 0.95.
+        Their sigmas are random from LEAST_NEW_SIGMA to `spacing`, and |rho| < 0.95.
         """
         target, rng = self._target, self._rng
         mean = rng.random((count, 2)) * [target.width, target.height]
         if target.visible is not None:
             y, x = np.divmod(rng.choice(np.flatnonzero(target.visible), count), target.width)
             mean = rng.random((count, 2)) + np.stack([x, y], axis=1)
-        sigma = np.maximum(rng.random((count, 2)) * self._spacing, LEAST_SIGMA)
+        sigma = np.maximum(rng.random((count, 2)) * self._spacing, LEAST_NEW_SIGMA)
         # If |rho| were nearer to 1, some Gaussians would start as needles.
         rho = rng.uniform(-1, 1, count) * 0.95
         x, y = np.minimum(mean.astype(np.intp), [target.width - 1, target.height - 1]).T

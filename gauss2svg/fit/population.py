@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit import FitConfig, FitOptions, adam
 from gauss2svg.fit.adam import OPAQUE_LOGIT, blending_of
-from gauss2svg.fit.colors import Inks, SharedColors
+from gauss2svg.fit.colors import InkColors, SharedColors
 from gauss2svg.fit.placement import NewGaussians, first_raw_betas, place
 from gauss2svg.fit.schedule import reduction, refinement_reduction, totals
 from gauss2svg.fit.state import State
@@ -75,10 +75,10 @@ class Population:
         self.round_index = 0
         self.rng = np.random.default_rng(config.fit.seed)
         self._photo = self._pyramid = targets or TargetPyramid(pixels, config.fit.tuned)
-        self.inks: Inks | None = None
+        self.inks: InkColors | None = None
         if config.fit.inks is not None:
             inks: Any = config.fit.inks  # already checked by check_inks
-            self.inks = Inks(ink_colors(inks_of(pixels, inks)))
+            self.inks = InkColors(ink_colors(inks_of(pixels, inks)))
             focus = self._photo.focus
             self._pyramid = TargetPyramid(
                 pixels, config.fit.tuned, transform=self.inks.inked, focus=focus
@@ -95,7 +95,7 @@ class Population:
         elif self.inks is not None:
             self.background = self.inks.background(self.target)
         self._ground = self._photo.ground
-        self._least_sigma = adam.LEAST_SIGMA
+        self._least_sigma = adam.LEAST_FITTED_SIGMA
         if self._ground is not None:
             self.background = self._ground.background
             self._least_sigma = adam.LEAST_SIGMA_ABOVE_AREAS
@@ -337,7 +337,7 @@ class Population:
             self.state.raw_beta = np.maximum(self.state.raw_beta, LEAST_RAW_BETA)
             self.state.drawn[:] = SOFT
 
-    def exchange(self, choices: SharedColors | Inks | None) -> None:
+    def exchange(self, choices: SharedColors | InkColors | None) -> None:
         """Let each shape change to its best shared colour or ink, if this lowers the total error.
 
         Shapes that overlap and change together may overshoot, so that the error rises. In this case

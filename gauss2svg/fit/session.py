@@ -434,7 +434,7 @@ class FitSession:
             population.exchange(population.inks)
         splats = population.splats()
         evaluated = population.evaluate(splats)
-        is_sound = guard.accepts(evaluated.loss, evaluated.error, population.backup)
+        is_sound = guard.observe(evaluated.loss, evaluated.error, population.backup)
         if is_sound:
             self._errors.append(population.error_of(evaluated))
             if evaluated.error > EXACT:

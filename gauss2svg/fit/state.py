@@ -24,7 +24,7 @@ _ENDS = np.cumsum([len(GEOMETRY), *(p.width for p, _ in STEPPED)]).tolist()
 COLUMNS = {
     p.name: slice(end - p.width, end) for (p, _), end in zip(STEPPED, _ENDS[1:], strict=True)
 }
-STEPS = _ENDS[-1]  # number of columns of a gradient and of each of Adam's arrays
+COLUMN_COUNT = _ENDS[-1]  # number of columns of a gradient and of each of Adam's arrays
 COLOR = COLUMNS["color"]
 
 
@@ -39,8 +39,8 @@ class State:
     raw_beta     (n,) natural logarithm of the exponent of the falloff
     round_index  (n,) int32, the round of growth that added each Gaussian
     drawn        (n,) int8, how a file draws each shape (Scene.drawn)
-    adam_m       (n, STEPS) Adam's first moments
-    adam_v       (n, STEPS) Adam's second moments
+    adam_m       (n, COLUMN_COUNT) Adam's first moments
+    adam_v       (n, COLUMN_COUNT) Adam's second moments
     age          (n,) number of Adam steps that each Gaussian has taken
     """
 
@@ -71,7 +71,7 @@ class State:
         count = len(mean)
         for parameter, raw_form in STEPPED:
             raw.setdefault(raw_form.name, np.full(parameter.shape(count), raw_form.first))
-        moments = np.zeros((count, STEPS))
+        moments = np.zeros((count, COLUMN_COUNT))
         # The arrays are copied to C order, because the kernels are compiled for it.
         return cls(
             mean=np.array(mean, order="C"),

@@ -310,7 +310,7 @@ def check_size(size: Size, name: str, max_pixels: int) -> None:
 
 _CHANNELS = 1, 3, 4  # numbers of channels: grey, RGB, and RGB with alpha
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
-WHITE = (1.0, 1.0, 1.0)  # sRGB colour of the background on which browsers show a picture
+WHITE_MATTE = (1.0, 1.0, 1.0)  # sRGB colour of the background on which browsers show a picture
 
 
 def load_image(

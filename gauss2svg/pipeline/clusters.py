@@ -16,7 +16,7 @@ ITERATIONS = 6
 # Clusters are split until their error is at most a bound. The first bound is the allowed error
 # multiplied by this factor. The factor may be larger than 1, because Lloyd's algorithm then removes
 # about a tenth of the clusters' error.
-SPARE = 1.12
+CLUSTER_SPARE = 1.12
 # If the error after Lloyd's algorithm is still larger than allowed, the bound on the error of the
 # clusters is lowered by the excess, and at least to this share of it. Then more clusters are split.
 LESS = 0.94
@@ -66,7 +66,7 @@ def few_entries(
     if distinct <= count and loss(*exact) > allowed:
         # Rounding alone causes more error than is allowed. Fewer entries would cause still more.
         return exact
-    most, aim = min(count, distinct), allowed * SPARE
+    most, aim = min(count, distinct), allowed * CLUSTER_SPARE
     clusters = Clusters(features, weight)
     while True:
         clusters.split(most, aim)

@@ -12,11 +12,14 @@ import time
 import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gauss2svg.errors import on_one_line
 from gauss2svg.fit import FitProgress
 from gauss2svg.pipeline.options import Progress, ProgressCallback
+
+if TYPE_CHECKING:
+    from gauss2svg.scene import Scene
 
 _PHASES = {
     "read": "reading the photo",
@@ -108,17 +111,52 @@ def _terminal() -> Iterator[ProgressCallback | None]:
         yield None if show is None else lambda progress: show(*_text_and_share(progress))
 
 
+# Limits on the cost of a fit's frames (docs/decisions/studio.md).
+_MOST_FRAMES_A_SECOND = 15
+_CPU_SHARE = 0.06  # share of a fit's CPU time that its frames may take
+
+
+class FrameMaker:
+    """Maker of the frames that show a fit in progress.
+
+    The first frame is due at once. A later frame is due when enough time has passed since the last
+    one. Two limits determine this time: the number of frames per second, and the share of the CPU
+    time that frames may take.
+
+    size  arguments of gauss2svg.render.as_jpeg
+    """
+
+    def __init__(self, most_a_second: float = _MOST_FRAMES_A_SECOND, **size: int) -> None:
+        self._between_s, self._size = 1 / most_a_second, size
+        self._due = self._cpu_due = 0.0
+
+    def frame(self, scene: Callable[[], Scene]) -> bytes:
+        """Return a JPEG of the scene that `scene` returns. If no frame is due, return b""."""
+        started, cpu_started = time.perf_counter(), time.process_time()
+        if started < self._due or cpu_started < self._cpu_due:
+            return b""
+        from gauss2svg.render import as_jpeg  # imported here because it imports numba
+
+        data = as_jpeg(scene(), **self._size)
+        cpu_ended = time.process_time()
+        self._due = started + self._between_s
+        # This limit counts CPU time and not wall-clock time, because other programs on the machine
+        # do not change the CPU time of this process.
+        self._cpu_due = cpu_ended + (cpu_ended - cpu_started) / _CPU_SHARE
+        return data
+
+
 @contextmanager
 def _notebook() -> Iterator[ProgressCallback]:
     """Yield a callback that updates the output of the notebook's cell.
 
     At the end, the last picture and its figures stay in the output.
     """
-    from gauss2svg.render import FrameMaker, as_jpeg
+    from gauss2svg.render import as_jpeg
     from gauss2svg.svg.file import image
 
     display: Any = importlib.import_module("IPython.display")
-    frames = FrameMaker(_FRAMES_A_SECOND, _MOST_SIDE)
+    frames = FrameMaker(_FRAMES_A_SECOND, most_side=_MOST_SIDE)
     handle = display.display(display.HTML("starting"), display_id=True)
     newest: FitProgress | None = None
     last = ""

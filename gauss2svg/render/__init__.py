@@ -1,11 +1,9 @@
-"""Renderers of scenes: the fast CPU renderer, the reference in PyTorch, and frames of a fit."""
+"""Renderers of scenes: the fast CPU renderer, the reference in PyTorch, and small JPEGs."""
 
 from __future__ import annotations
 
 import dataclasses
 import io
-import time
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,37 +100,6 @@ def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[in
 
 
 MOST_SIDE = 768  # the longer side of a frame is at most this number of px
-# Limits on the cost of a fit's frames (docs/decisions/studio.md).
-_MOST_FRAMES_A_SECOND = 15
-_CPU_SHARE = 0.06  # share of a fit's CPU time that its frames may take
-
-
-class FrameMaker:
-    """Maker of the frames that show a fit in progress.
-
-    The first frame is due at once. A later frame is due when enough time has passed since the last
-    one. Two limits determine this time: the number of frames per second, and the share of the CPU
-    time that frames may take.
-    """
-
-    def __init__(
-        self, most_a_second: float = _MOST_FRAMES_A_SECOND, most_side: int = MOST_SIDE
-    ) -> None:
-        self._between_s, self._most_side = 1 / most_a_second, most_side
-        self._due = self._cpu_due = 0.0
-
-    def frame(self, scene: Callable[[], Scene]) -> bytes:
-        """Return a JPEG of the scene that `scene` returns. If no frame is due, return b""."""
-        started, cpu_started = time.perf_counter(), time.process_time()
-        if started < self._due or cpu_started < self._cpu_due:
-            return b""
-        data = as_jpeg(scene(), self._most_side)
-        cpu_ended = time.process_time()
-        self._due = started + self._between_s
-        # This limit counts CPU time and not wall-clock time, because other programs on the machine
-        # do not change the CPU time of this process.
-        self._cpu_due = cpu_ended + (cpu_ended - cpu_started) / _CPU_SHARE
-        return data
 
 
 def as_jpeg(scene: Scene, most_side: int = MOST_SIDE) -> bytes:

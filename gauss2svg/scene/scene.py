@@ -267,7 +267,7 @@ class Scene:
     areas: tuple[Area, ...] = ()
     level: NDArray[np.int32] = _DEFAULT
 
-    as_html: ClassVar[Callable[[Scene], str] | None] = None  # set by gauss2svg.svg.file
+    _repr_html_: ClassVar[Callable[[Scene], str]]  # set by gauss2svg.svg.file, for notebooks
 
     def __post_init__(self) -> None:
         for name, choices in (("blend", BLENDS), ("transparent", (False, True))):
@@ -348,9 +348,6 @@ class Scene:
         areas = f", {len(self.areas)} areas" if self.areas else ""
         size = f"{self.width:g}x{self.height:g}"
         return f"<gauss2svg.Scene {size}{areas}, {len(self)} Gaussians{blend}>"
-
-    def _repr_html_(self) -> str | None:
-        return None if Scene.as_html is None else Scene.as_html(self)
 
     @property
     def covariance(self) -> NDArray[np.float64]:

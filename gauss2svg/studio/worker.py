@@ -24,8 +24,9 @@ from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.options import Options, Progress
 from gauss2svg.pipeline.plan import USUAL_BYTES, Plan
+from gauss2svg.pipeline.progress_display import FrameMaker
 from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
-from gauss2svg.render import FrameMaker, as_jpeg
+from gauss2svg.render import as_jpeg
 from gauss2svg.svg import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 

@@ -5,9 +5,9 @@ parser nor a renderer sees a document type or a declared encoding. A file is ref
 bytes than the limit, or a document type with declarations other than those of plain texts, which
 Illustrator writes. References to these are replaced by the texts.
 
-IPython shows a scene by the HTML that `Scene.as_html` returns. `gauss2svg.scene` cannot define this
-method, because it must not import a renderer. So this module sets the method, and both the package
-and the reader import `Scene` from here.
+IPython shows a scene by its method `_repr_html_`. `gauss2svg.scene` cannot define this method,
+because it must not import a renderer. So this module sets it, and both the package and the reader
+import `Scene` from here.
 """
 
 from __future__ import annotations
@@ -345,4 +345,4 @@ def picture(scene: Scene) -> str:
     return image(as_jpeg(scene), "image/jpeg", repr(scene))
 
 
-Scene.as_html = picture
+Scene._repr_html_ = picture

@@ -1,5 +1,9 @@
 """Write SVG files: write_svg, outline_svg and plate_svg. Only this module imports svgwrite.
 
+svgwrite writes the root of an editable file, with its size, namespaces, title and description. It
+does not write the shapes, because its elements take five times as long as those of
+gauss2svg.svg.element (docs/decisions/svg.md). It writes nothing of minimal files.
+
 gauss2svg.svg.encode makes the elements of an editable file. Other elements could draw the same
 picture, but each of them is drawn wrongly by at least one renderer (docs/decisions/svg.md).
 gauss2svg.svg.additive makes the elements of an additive file, which draws by differences.

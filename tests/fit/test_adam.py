@@ -7,7 +7,7 @@ import pytest
 
 from gauss2svg.fit import FitOptions, adam
 from gauss2svg.fit.adam import EPSILON, blending_of
-from gauss2svg.fit.state import GEOMETRY, STEPS, State
+from gauss2svg.fit.state import COLUMN_COUNT, GEOMETRY, State
 from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.scene import LEAST_RAW_BETA, MOST_RAW_BETA, STEPPED
 
@@ -45,7 +45,7 @@ def step_by_linear_algebra(
             continue
         state.age[i] += 1
         d = []
-        for k in range(STEPS):
+        for k in range(COLUMN_COUNT):
             g = gradient[i, k]
             state.adam_m[i, k] += (1 - adam.FIRST_DECAY) * (g - state.adam_m[i, k])
             state.adam_v[i, k] += (1 - adam.SECOND_DECAY) * (g * g - state.adam_v[i, k])
@@ -77,13 +77,13 @@ def step_by_linear_algebra(
 
 
 @pytest.mark.parametrize("rate", [0.02, 1.0, 5.0])
-@pytest.mark.parametrize("least", [adam.LEAST_SIGMA, adam.LEAST_SIGMA_ABOVE_AREAS])
+@pytest.mark.parametrize("least", [adam.LEAST_FITTED_SIGMA, adam.LEAST_SIGMA_ABOVE_AREAS])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_kernel_steps_as_linear_algebra_does(seed, least, rate):
     fast, rng = random_state(90, seed), np.random.default_rng(seed)
     slow = fast.copy()
     for _ in range(4):
-        moments = rng.normal(size=(90, STEPS)) * 10.0 ** rng.integers(-6, 6, (90, 1))
+        moments = rng.normal(size=(90, COLUMN_COUNT)) * 10.0 ** rng.integers(-6, 6, (90, 1))
         splats = fast.splats(np.zeros(3))
         assert adam.step(fast, moments, splats, OVER, MOST_SIGMA, 0.1, rate, least)
         assert step_by_linear_algebra(slow, moments, splats, OVER, MOST_SIGMA, 0.1, rate, least)
@@ -96,12 +96,12 @@ def test_the_kernel_steps_as_linear_algebra_does(seed, least, rate):
 @pytest.mark.parametrize("bad", [math.nan, -math.inf, 1e200])
 def test_only_gaussians_whose_step_is_not_finite_stay_and_forget(bad):
     state = random_state(20, 1)
-    moments = np.random.default_rng(2).normal(size=(20, STEPS))
+    moments = np.random.default_rng(2).normal(size=(20, COLUMN_COUNT))
     splats = state.splats(np.zeros(3))
     adam.step(state, moments, splats, OVER, MOST_SIGMA, rate=0.1)
     good, others = state.copy(), np.arange(20) != 7
     adam.step(good, moments, splats, OVER, MOST_SIGMA, rate=0.1)
-    for k in range(STEPS):
+    for k in range(COLUMN_COUNT):
         spoilt, moved = moments.copy(), state.copy()
         spoilt[7, k] = bad
         assert not adam.step(moved, spoilt, splats, OVER, MOST_SIGMA, rate=0.1)

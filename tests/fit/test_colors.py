@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from gauss2svg.fit import FitOptions
 from gauss2svg.fit.adam import blending_of
-from gauss2svg.fit.colors import Inks, SharedColors
+from gauss2svg.fit.colors import InkColors, SharedColors
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import FitSession, fit
 from gauss2svg.fit.state import State
@@ -214,7 +214,7 @@ def test_bytes_and_psnr_are_held(picture):
 
 
 def test_reducible_error_is_what_another_ink_would_save_in_any_bands(picture, monkeypatch):
-    target, inks = target_of(picture, np.float32, "psnr"), Inks(ink_colors(INKS))
+    target, inks = target_of(picture, np.float32, "psnr"), InkColors(ink_colors(INKS))
     whole = inks.inked(picture)
     monkeypatch.setattr("gauss2svg.fit.colors._BAND_PIXELS", 3 * picture.shape[1])
     np.testing.assert_array_equal(inks.inked(picture), whole)

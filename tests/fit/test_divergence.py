@@ -61,26 +61,26 @@ def test_worse_last_steps_are_rolled_back(photo, monkeypatch):
 
 def test_guard_rolls_back_to_the_best_state_where_the_loss_rises_for_long_and_shows():
     guard, copy = DivergenceGuard(), iter("abcdefgh").__next__
-    assert not guard.accepts(np.inf, np.inf, copy)
-    assert guard.accepts(1.0, 0.1, copy)
-    assert guard.accepts(1.5, 0.15, copy)
+    assert not guard.observe(np.inf, np.inf, copy)
+    assert guard.observe(1.0, 0.1, copy)
+    assert guard.observe(1.5, 0.15, copy)
     for bad in (2.1, np.nan, np.inf):
-        assert not guard.accepts(bad, 0.1 * bad, copy)
+        assert not guard.observe(bad, 0.1 * bad, copy)
     guard.roll_back()
     assert guard.best == "a"
     assert guard.rate < 1
     assert guard.rollbacks == 1
     steps = 0
-    while guard.accepts(1.6, 0.16, copy):
+    while guard.observe(1.6, 0.16, copy):
         steps += 1
         assert steps < 100
     assert steps == STALLED_STEPS  # counted from the rollback on
     relocating, invisible = DivergenceGuard(), DivergenceGuard()
-    assert relocating.accepts(1.0, 0.1, copy)
+    assert relocating.observe(1.0, 0.1, copy)
     relocating.allow_rise()
-    assert relocating.accepts(5.0, 0.5, copy)
-    assert invisible.accepts(1e-9, 1e-10, copy)
-    assert invisible.accepts(1e-6, 1e-7, copy)
+    assert relocating.observe(5.0, 0.5, copy)
+    assert invisible.observe(1e-9, 1e-10, copy)
+    assert invisible.observe(1e-6, 1e-7, copy)
 
 
 def test_finished_fit_continues_in_small_steps_that_grow():
@@ -88,7 +88,7 @@ def test_finished_fit_continues_in_small_steps_that_grow():
     guard.begin_gently()
     rates = [guard.rate]
     while guard.rate < 1 and len(rates) < 50:
-        assert guard.accepts(1.0, 1.0, object)
+        assert guard.observe(1.0, 1.0, object)
         rates.append(guard.rate)
     assert rates[0] == GENTLE
     assert rates == sorted(rates)

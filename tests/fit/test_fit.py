@@ -16,7 +16,7 @@ from gauss2svg.fit.placement import NewGaussians, place
 from gauss2svg.fit.population import LEAST_OPACITY
 from gauss2svg.fit.schedule import rate, reduction, totals
 from gauss2svg.fit.session import FitSession, convert_additive, fit
-from gauss2svg.fit.state import STEPS, State
+from gauss2svg.fit.state import COLUMN_COUNT, State
 from gauss2svg.fit.target import Target, TargetPyramid
 from gauss2svg.measure import metrics
 from gauss2svg.photo.pixels import stacked
@@ -171,7 +171,7 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     adam.step(state, moments, splats, adam.blending_of(FitOptions()), 40.0)
     fast = state.adam_m / (1 - adam.FIRST_DECAY)  # Adam's first moment after one step
 
-    step = torch.zeros((6, STEPS), dtype=torch.float64, requires_grad=True)
+    step = torch.zeros((6, COLUMN_COUNT), dtype=torch.float64, requires_grad=True)
     factor = torch.tensor(scene.factor)
     mean = torch.tensor(scene.mean) + torch.einsum("nij,nj->ni", factor, step[:, :2])
     a11, a12, a22 = step[:, 2], step[:, 3], step[:, 4]
@@ -187,7 +187,7 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     image = composite(mean, sigma, rho, color, opacity, ground, 30, 40, beta)
     (0.5 * (image - torch.tensor(np.moveaxis(target, 0, -1))) ** 2).sum().backward()
     assert step.grad is not None
-    for column in range(STEPS):
+    for column in range(COLUMN_COUNT):
         slow = step.grad[:, column].numpy()
         scale = np.abs(slow).max()
         np.testing.assert_allclose(fast[:, column] / scale, slow / scale, atol=off)

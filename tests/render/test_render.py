@@ -1,6 +1,5 @@
 """Properties of the two renderers, and that they are one."""
 
-import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -20,7 +19,7 @@ from scenes import random_scene
 from with_torch import torch
 
 from gauss2svg.errors import InputError
-from gauss2svg.render import FrameMaker, render
+from gauss2svg.render import render
 from gauss2svg.render.cpu import (
     removal_cost,
     render_planar,
@@ -172,18 +171,3 @@ def test_sizes_and_types_that_no_image_has_are_refused(size, dtype, message):
     if dtype == np.float32:
         with pytest.raises(InputError, match=message):
             render_reference(Scene(4, 4), *size)
-
-
-def test_frames_of_a_fit_take_a_small_share_of_its_cpu_time(monkeypatch):
-    cpu_s, frames, maker = 0.0, 0, FrameMaker(most_a_second=1e9)
-    monkeypatch.setattr(time, "process_time", lambda: cpu_s)
-
-    def scene():
-        nonlocal cpu_s, frames
-        cpu_s, frames = cpu_s + 6, frames + 1
-        return Scene(4, 4)
-
-    for _ in range(30):
-        maker.frame(scene)
-        cpu_s += 10
-    assert 0.04 < 6 * frames / cpu_s < 0.08
