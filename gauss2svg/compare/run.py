@@ -8,7 +8,6 @@ memory can be measured.
 
 from __future__ import annotations
 
-import gzip
 import json
 import tempfile
 from collections.abc import Callable, Mapping
@@ -36,6 +35,7 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
 from gauss2svg.pool import Pool
 from gauss2svg.processes import held_bytes
+from gauss2svg.svg.file import file_bytes
 
 Request = Mapping[str, Any]
 # Keys that a record of the benchmark takes from a report: _FILE_KEYS for all tools, and _FIT_KEYS
@@ -179,7 +179,7 @@ def _measured_image(
     if (height, width) != (h, w):
         raise RendererError(f"image must be {width}x{height} px; got {w}x{h}")
     columns = {"width": width, "height": height, "renderer": "Pillow"}
-    zipped = gzip.compress(data, compresslevel=9, mtime=0)
+    zipped = file_bytes(data, gzipped=True)
     scores = measure_pixels(raster, photo) | perceptual_scores(raster, photo).report
     return columns | scores | {"svg_bytes": len(data), "svgz_bytes": len(zipped)}, raster
 

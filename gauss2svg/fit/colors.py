@@ -106,26 +106,31 @@ class SharedColors:
         """Return the entry (n,) of each shape of the state."""
         return self.entry
 
-    def best(
-        self, state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
-    ) -> NDArray[Any]:
-        """Return an array (n,): for each shape, the entry that would give the least error.
+    def nearest(self, color: NDArray[np.float64], state: State) -> NDArray[Any]:
+        """Return for each shape the entry (n,) nearest to the colour (n, 3).
 
         Only entries with the same exponent as the shape are considered.
-
-        gradient  (n, ...) has the gradients of the shapes' colours in the columns COLOR
-        mass      (n,) is, for each shape, the sum of its squared weights over all pixels
-
-        If the colour of a single shape changes by d, half the squared error changes by
-        g d + mass d^2 / 2, where g is the gradient of the colour. So the best colour of a shape is
-        color - g / mass, and its best entry is the one whose colour is nearest to that.
         """
-        divisor = np.maximum(mass, LEAST_MASS)[:, None]
-        change = np.where(mass[:, None] > LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
         entries = np.hstack([self.color, _FIXED_FACTOR * self.fixed])
-        targets = np.hstack([state.color - change, _FIXED_FACTOR * _fixed_values(state)])
+        targets = np.hstack([color, _FIXED_FACTOR * _fixed_values(state)])
         distance, entry = nearest_entry(entries, targets)
         return np.where(distance < _FIXED_FACTOR * 0.1, entry, self.entry)
+
+
+def best_colors(
+    state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return for each shape the colour (n, 3) that would give the least error.
+
+    gradient  (n, ...) has the gradients of the shapes' colours in the columns COLOR
+    mass      (n,) is, for each shape, the sum of its squared weights over all pixels
+
+    If the colour of a single shape changes by d, half the squared error changes by
+    g d + mass d^2 / 2, where g is the gradient of the colour. So the best colour of a shape is
+    color - g / mass. A shape of a mass up to LEAST_MASS keeps its colour.
+    """
+    change = gradient[:, COLOR] / np.maximum(mass, LEAST_MASS)[:, None]
+    return state.color - np.where(mass[:, None] > LEAST_MASS, change, 0.0)
 
 
 def _fixed_values(state: State) -> NDArray[np.float64]:
@@ -211,7 +216,9 @@ class InkColors:
             entries[rows] = nearest_entry(self.color, flat)[1].reshape(-1, width)
         return entries
 
-    def nearest(self, color: NDArray[np.float64]) -> NDArray[np.float64]:
+    def nearest(
+        self, color: NDArray[np.float64], _state: State | None = None
+    ) -> NDArray[np.float64]:
         """Return for each colour (n, 3) the nearest ink (n, 3)."""
         return self.color[nearest_entry(self.color, color)[1]]
 
@@ -255,16 +262,6 @@ class InkColors:
     def current(self, state: State) -> NDArray[Any]:
         """Return the ink (n, 3) of each shape of the state."""
         return state.color
-
-    def best(
-        self, state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
-    ) -> NDArray[Any]:
-        """Return for each shape the ink (n, 3) that would give the least error.
-
-        SharedColors.best has the formula.
-        """
-        best = state.color - gradient[:, COLOR] / np.maximum(mass, LEAST_MASS)[:, None]
-        return np.where(mass[:, None] > LEAST_MASS, self.nearest(best), state.color)
 
     def assign(self, state: State, entry: NDArray[Any]) -> None:
         """Set the ink of each shape i of the state to entry[i]. `entry` is (n, 3)."""

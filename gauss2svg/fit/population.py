@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit import FitConfig, FitOptions, adam
 from gauss2svg.fit.adam import OPAQUE_LOGIT, blending_of
-from gauss2svg.fit.colors import InkColors, SharedColors
+from gauss2svg.fit.colors import InkColors, SharedColors, best_colors
 from gauss2svg.fit.placement import NewGaussians, first_raw_betas, place
 from gauss2svg.fit.schedule import reduction, refinement_reduction, totals
 from gauss2svg.fit.state import State
@@ -348,7 +348,7 @@ class Population:
         current = choices.current(self.state)
         before, moments = self.target.squares(self.splats())
         mass = self.target.removal_cost(self.splats())[1][:, 1]
-        best = choices.best(self.state, moments, mass)
+        best = choices.nearest(best_colors(self.state, moments, mass), self.state)
         changes = self.rng.random(len(current)) < 0.5
         half = np.where(changes if current.ndim == 1 else changes[:, None], best, current)
         for choice in (best, half):
@@ -415,7 +415,7 @@ def composited(scene: Scene, target: Target, options: FitOptions) -> State:
     height, width = target.height, target.width
     scene = scene.scaled(width / scene.width, height / scene.height)
     order = np.argsort(-scene.sigma.prod(axis=1) * np.sqrt(1 - scene.rho**2), kind="stable")
-    mean, factor = scene.mean[order], scene.factor[order]
+    mean, factor = scene.mean[order], scene.cholesky[order]
     x, y = np.clip(mean.astype(np.intp), 0, [width - 1, height - 1]).T
     if target.visible is not None:
         visible = target.visible[y, x]
@@ -423,7 +423,7 @@ def composited(scene: Scene, target: Target, options: FitOptions) -> State:
     count = len(mean)
     state = State.of(
         mean,
-        np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1),
+        factor,
         0,
         raw_opacity=target.opacity_logits(mean, adam.INITIAL_OPACITY_LOGIT),
         color=target.source_color[:, y, x].T.astype(np.float64),

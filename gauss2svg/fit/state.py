@@ -93,7 +93,7 @@ class State:
             with np.errstate(divide="ignore"):
                 values = form.inverse(getattr(scene, parameter.name))
             raw[form.name] = np.clip(values, form.least, form.most)
-        state = cls.of(scene.mean, scene.factor.reshape(-1, 4)[:, [0, 2, 3]], 0, **raw)
+        state = cls.of(scene.mean, scene.cholesky, 0, **raw)
         rounds, drawn = scene.round_index.copy(), scene.drawn.copy()
         return dataclasses.replace(state, round_index=rounds, drawn=drawn)
 
@@ -123,7 +123,6 @@ class State:
         factors, `drawn` and the shared parameters. Adam's moments of the shared parameters become
         0.
         """
-        l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         adam_m, adam_v = self.adam_m.copy(), self.adam_v.copy()
         shared = {}
         for parameter, raw in STEPPED:
@@ -132,7 +131,7 @@ class State:
                 shared[raw.name] = raw.inverse(getattr(scene, parameter.name).copy())
         return dataclasses.replace(
             self,
-            factor=np.stack([l11, l21, l22], axis=1),
+            factor=scene.cholesky,
             drawn=scene.drawn.copy(),
             adam_m=adam_m,
             adam_v=adam_v,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import math
 import os
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from gauss2svg.svg.file import (
     BLANKS,
     Frame,
     SvgSource,
+    file_bytes,
     frame_of,
     from_root,
     read_source,
@@ -214,7 +214,7 @@ def check(
         **{name.replace("_svg", ""): v for name, v in measure_pixels(raster, pixels).items()},
         ms_ssim=metrics.ms_ssim(over(raster), over(pixels)) if is_measurable else None,
         svg_bytes=len(data),
-        svgz_bytes=len(gzip.compress(data, compresslevel=9, mtime=0)),
+        svgz_bytes=len(file_bytes(data, gzipped=True)),
         survey=surveyed,
         frame=frame,
         renderer=renderer,

@@ -361,9 +361,14 @@ class Scene:
 
         [[sx, 0], [rho sy, sqrt(1 - rho^2) sy]] maps the unit circle to the one-sigma ellipse.
         """
+        l11, l21, l22 = self.cholesky.T
+        return np.stack([l11, np.zeros_like(l11), l21, l22], axis=1).reshape(-1, 2, 2)
+
+    @property
+    def cholesky(self) -> NDArray[np.float64]:
+        """Entries l11, l21, l22 (n, 3) of `factor`, in px."""
         sx, sy = self.sigma.T
-        entries = [sx, np.zeros_like(sx), self.rho * sy, narrowing_of(self.rho) * sy]
-        return np.stack(entries, axis=1).reshape(-1, 2, 2)
+        return np.stack([sx, self.rho * sy, narrowing_of(self.rho) * sy], axis=1)
 
     @property
     def whitening(self) -> NDArray[np.float64]:
@@ -397,8 +402,7 @@ class Scene:
         direction is that of the larger semi-axis. It is an angle in -pi/2..pi/2, which is measured
         from +x towards +y. +y points down.
         """
-        factor = self.factor
-        l11, l21, l22 = factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]
+        l11, l21, l22 = self.cholesky.T
         axis_sum = np.hypot(l11 + l22, l21)
         axis_difference = np.hypot(l11 - l22, l21)
         major = 0.5 * (axis_sum + axis_difference)

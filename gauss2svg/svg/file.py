@@ -297,12 +297,12 @@ def _type_of(path: str) -> str | None:
     return mimetypes.guess_type(os.path.basename(path), strict=False)[0]
 
 
-def file_bytes(svg: str, gzipped: bool) -> bytes:
+def file_bytes(svg: str | bytes, gzipped: bool) -> bytes:
     """Return the bytes of the file of an SVG.
 
     gzip writes no date into it, so the same SVG always gives the same bytes.
     """
-    data = svg.encode()
+    data = svg.encode() if isinstance(svg, str) else svg
     return gzip.compress(data, compresslevel=9, mtime=0) if gzipped else data
 
 

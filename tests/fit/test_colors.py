@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from gauss2svg.fit import FitOptions
 from gauss2svg.fit.adam import blending_of
-from gauss2svg.fit.colors import InkColors, SharedColors
+from gauss2svg.fit.colors import InkColors, SharedColors, best_colors
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.session import FitSession, fit
 from gauss2svg.fit.state import State
@@ -141,7 +141,7 @@ def test_exchanged_colours_leave_the_least_error_if_the_others_stay(session):
     shared = SharedColors.of(state, blending_of(FitOptions()))
     splats = state.splats(session.population.background)
     mass = removal_cost(splats, target)[1][:, 1]
-    wanted = shared.best(state, squared_error(splats, target)[2], mass)
+    wanted = shared.nearest(best_colors(state, squared_error(splats, target)[2], mass), state)
     for i in np.flatnonzero(mass > 1.0):
         errors = {}
         for k in np.unique(shared.entry[state.raw_beta == state.raw_beta[i]]):
