@@ -12,15 +12,17 @@ from urllib.parse import quote
 
 import numpy as np
 
+from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.options import Field, byte_size
 from gauss2svg.photo.load import ImageSource
 from gauss2svg.photo.pixels import Size, elongation, has_alpha, pixels_of, shrunk
 from gauss2svg.pipeline.by_bytes import ByBytes
-from gauss2svg.pipeline.options import Options, ProgressCallback
-from gauss2svg.pipeline.outcome import Subject
+from gauss2svg.pipeline.options import ALWAYS, Options, ProgressCallback
+from gauss2svg.pipeline.outcome import Export, Subject
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
 from gauss2svg.pipeline.run import Run, watched
+from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like
 from gauss2svg.svg import MINIMAL
 from gauss2svg.svg.element import hex_color
 
@@ -47,7 +49,8 @@ class Placeholder:
     svg            text of the file
     width, height  size of the photo in px. The SVG has the same proportions
     color          mean colour of the photo's visible pixels, such as #8a7f6d
-    gaussians      number of Gaussians in the SVG. 0 if the limit of bytes leaves none
+    gaussians      number of Gaussians in the SVG. 0 if areas draw all of it, or if the limit leaves
+                   no bytes for them
     transparent    whether the photo has alpha
     """
 
@@ -168,11 +171,27 @@ def placeholder(
         plan, run = Plan(options, by_bytes=True), Run(options.run, callback, stop)
         photo = run.read(image, needed=_size_read)
         pixels = pixels_of(photo)
-        with run.compiled():
-            found = ByBytes(plan, Subject.of(pixels, photo.original_size), run, count).file()
+        subject, has_areas = Subject.of(pixels, photo.original_size), may_have_areas(pixels)
+        with run.compiled(areas=has_areas):
+            found = ByBytes(plan, subject, run, count).file()
+            if has_areas and not run.ended:
+                share = len(found.svg.encode()) / count(found.svg)
+                areas = options.changed(max_bytes=int(share * limit), areas=ALWAYS)
+                # Imported here because it loads the kernels of areas.
+                from gauss2svg.pipeline.by_areas import ByAreas
+
+                other = ByAreas(Plan(areas), subject, run).run().file
+                if count(other.svg) <= limit:
+                    found = max(found, other, key=lambda file: _psnr(file, subject))
     mean = shrunk(pixels, 1, 1)[0, 0, :3]  # mean of the visible pixels
     color = hex_color(np.round(255 * mean).astype(np.intp))
     return Placeholder(found.svg, *photo.original_size, color, len(found.scene), has_alpha(pixels))
+
+
+def _psnr(file: Export, subject: Subject) -> float:
+    """Return the PSNR (dB) of a file against the picture as it was read."""
+    raster = rasterize_like(file.svg, subject.photo, DEFAULT_RENDERER)
+    return subject.psnr(raster, subject.photo)
 
 
 def _size_read(width: int, height: int) -> Size:

@@ -6,14 +6,17 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from pictures import antialiased_badge
 from PIL import Image, ImageColor
 from screens import drawn_in_pages
 
 import gauss2svg
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
+from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.placeholder import Placeholder
 from gauss2svg.raster import rasterize
+from gauss2svg.scene.areas import AreaCounts
 
 pytestmark = pytest.mark.usefixtures("hasty")
 
@@ -35,6 +38,15 @@ def test_a_record_has_the_keys_of_sqip(picture):
     }  # fmt: skip
     assert (record["metadata"]["width"], record["metadata"]["height"]) == (36, 24)
     assert record["content"] == found.inline
+
+
+def test_the_placeholder_of_a_drawing_has_areas_if_they_are_closer():
+    drawing = antialiased_badge(96)
+    for form in ("svg", "data_uri"):
+        found = gauss2svg.placeholder(drawing, 700, bytes_of=form)
+        assert len(getattr(found, form)) <= 700
+        assert psnr(rasterize(found.svg, 96, 96), drawing) > 30  # and 22 as shapes alone
+    assert AreaCounts.of(gauss2svg.read_svg(found.svg).areas).areas > 0
 
 
 @pytest.mark.parametrize(
