@@ -27,11 +27,15 @@ def cores_of(pixels: Floats) -> tuple[Ints, int]:
     FLAT, or which are shaded evenly. Neighbours of nearly the same values have the same label. All
     other pixels have the label -1. Larger cores have smaller labels.
     """
+    return cores_of_blocks(pixels, _even_blocks(pixels), max(FLAT, STEEP))
+
+
+def _even_blocks(pixels: Floats) -> Bools:
+    """Return whether the pixels of the block of 2 x 2 that ends at each pixel are even (h, w)."""
     spread = over_blocks(pixels, np.maximum) - over_blocks(pixels, np.minimum)
     spread = spread.max(axis=-1)
     bend = over_blocks(bend_of(pixels), np.maximum)
-    block = (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
-    return cores_of_blocks(pixels, block, max(FLAT, STEEP))
+    return (spread <= FLAT) | ((bend <= BEND) & (spread <= STEEP))
 
 
 def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, int]:
@@ -51,7 +55,8 @@ def cores_of_blocks(pixels: Floats, block: Bools, most: float) -> tuple[Ints, in
     joined[1::2, ::2] = core[1:] & core[:-1] & _are_near(pixels[1:], pixels[:-1], most)
     joined[::2, 1::2] = core[:, 1:] & core[:, :-1] & _are_near(pixels[:, 1:], pixels[:, :-1], most)
     labels: Any = ndimage.label(joined)
-    component = labels[0][::2, ::2]
+    component = labels[0][::2, ::2].copy()
+    del labels, joined  # four times as large
     names, counts = np.unique(component[core], return_counts=True)
     kept = names[np.argsort(-counts, kind="stable")][: np.count_nonzero(counts >= LEAST_CORE)]
     return renamed(component, kept), len(kept)

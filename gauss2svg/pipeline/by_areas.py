@@ -49,7 +49,7 @@ from gauss2svg.pipeline.outcome import Export, Outcome, Subject
 from gauss2svg.pipeline.paper import in_two_inks
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.pipeline.trials import SHADED, Trial, Trials, nothing, scene_of
+from gauss2svg.pipeline.trials import SHADED, UNREFINED, Trial, Trials, nothing, scene_of
 from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import ABOVE
 from gauss2svg.scene.areas import Area, AreaCounts
@@ -72,7 +72,6 @@ BETWEEN = 0.2  # share of a search between two reports of its progress
 FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
-UNREFINED = 0.4  # share of their error that areas are expected to keep when they are refined
 EDGE_BYTES = 4.0  # bytes of areas for each px of the edges between regions
 FIND_SHARE = 0.5  # share of a time limit in which the first areas must be found
 QUICK = 3 * 256 * 256  # values of a picture whose areas are found in half a second

@@ -28,6 +28,7 @@ from gauss2svg.svg import MINIMAL
 TRIED, TRIAL_STEPS, TRIAL_SIDE = 24, 80, 256
 COUNTS_BELOW = 8, 24, 72  # numbers of Gaussians below areas that are tried, as long as they pay
 MOST_TRIED = 1000
+UNREFINED = 0.4  # share of their error that areas are expected to keep when they are refined
 # If a trial leaves less than this share of the squared error, the picture has shading that areas
 # only imitate.
 SHADED = 0.85
@@ -176,10 +177,13 @@ class Trials:
 
         size  bytes of a file that has these strips
         """
-        left = size - self._exporter.unscored(scene_of(self._subject, found)).size
+        most = self._limit if self._fills else size
+        left = most - self._exporter.unscored(scene_of(self._subject, found)).size
         count = int(min(max(left / self._plan.shape_bytes, TRIED), MOST_TRIED))
         trial = self.trial(found, count)
-        return CLEARLY * self._error_of_shapes(size) < trial.error - trial.saved
+        # In a limit, Gaussians leave little but the errors of outlines, which are refined later.
+        share = UNREFINED if self._fills else 1.0
+        return CLEARLY * self._error_of_shapes(size) < share * (trial.error - trial.saved)
 
     def wants_gaussians(self, trial: Trial) -> bool:
         """Return whether Gaussians are fitted above the areas of a trial."""
