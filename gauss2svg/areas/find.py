@@ -88,6 +88,7 @@ def find_areas(
     started = time.perf_counter()
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
     drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll, glance)
+    drawing = drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
     find_s = time.perf_counter() - started
     return refined(drawing, rate, unit, progress, STEPS, find_s)
 
@@ -195,8 +196,7 @@ def first_drawing(
             layers.append(Layer(mask.region, paths))
     layers += grouped(lines, paints)
     paints = with_opacity(paints, opacity, is_opaque)
-    drawing = Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
-    return drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
+    return Drawing(pixels, ground, paints, layers, is_tied=False, picture=picture)
 
 
 def error_and_edges_of(picture: Floats, shares: Shares, paints: list[Paint]) -> tuple[float, int]:
