@@ -88,6 +88,12 @@ PLAIN_UNDER = 900
 # grids. If more shapes fit, there are 2 fits, and each is written with 1 grid.
 FEW_UP_TO = 60
 ITERATIONS = 200  # number of steps of a fit
+
+# A picture is flat if at least FLAT_SHARE of its pixels have one of its FLAT_COLORS most frequent
+# colours. Its edges are crisp, so it is fitted at FLAT_SIDE px, in more steps, with plain ellipses
+# alone, and written in finer units (docs/decisions/small.md).
+FLAT_SHARE, FLAT_COLORS = 0.4, 4
+FLAT_SIDE, FLAT_ITERATIONS, FLAT_UNITS = 640, 600, 3.0
 # Each pair is for one fit: the way in which shapes are placed, and a factor on the learning rate.
 FITS = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
 
@@ -144,13 +150,17 @@ class ByBytes:
         """Reduce the working picture. Decide which fits, exponents, grids and digits to try."""
         photo, canvas, options = self.subject.photo, self.subject.canvas, self._plan.options
         learned = options.fit.learned_falloff
+        self._is_flat = learned and flat_share(photo) >= FLAT_SHARE
         exponents = next(classes for least, classes in EXPONENTS if self._limit >= least)
+        exponents = () if self._is_flat else exponents
         self._exponents: Exponents = exponents if learned else (1.0,)
         count = self._shape_bytes / self._expected(exponents)
         few = count <= FEW_UP_TO
         side = min(max(SIDE_PER_ROOT * math.sqrt(max(count, 1)), LEAST_SIDE), WHOLE_SIDE)
         self._fits_to_do = FITS if few else FITS[:2]
         self._grids = (1.2, 0.8) if few else (1.0,)
+        if self._is_flat:
+            side, self._grids = FLAT_SIDE, tuple(FLAT_UNITS * grid for grid in self._grids)
         side *= elongation(*canvas)
         side = min(side, options.run.max_size or side, max(photo.shape[:2]))
         width, height = (max(1, round(length * side / max(canvas))) for length in canvas)
@@ -231,7 +241,7 @@ class ByBytes:
         tune, rate = self._plan.tune, rate * options.learning_rate
         config = FitConfig(
             gaussians=count,
-            iterations=options.iterations or ITERATIONS,
+            iterations=options.iterations or (FLAT_ITERATIONS if self._is_flat else ITERATIONS),
             fit=dataclasses.replace(options, tune=tune, learning_rate=rate),
             densify=DensifyOptions(init=init),  # pyright: ignore[reportArgumentType]
             reduce=False,
@@ -299,6 +309,15 @@ class ByBytes:
         working = self.subject.working
         raster = rasterize_like(file.svg, working, self._plan.options.run.renderer)
         return dataclasses.replace(file, score=self.subject.psnr(raster, working))
+
+
+def flat_share(pixels: NDArray[np.float32]) -> float:
+    """Return the share of pixels (h, w, c) that have one of the most frequent 8-bit colours."""
+    down, across = (max(1, side // WHOLE_SIDE) for side in pixels.shape[:2])
+    levels = np.round(pixels[::down, ::across] * 255).astype(np.int64)
+    numbers = levels @ 256 ** np.arange(pixels.shape[2])
+    counts = np.sort(np.unique(numbers, return_counts=True)[1])
+    return float(counts[-FLAT_COLORS:].sum() / numbers.size)
 
 
 def with_few_exponents(scene: Scene, exponents: Exponents) -> Scene:

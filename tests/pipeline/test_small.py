@@ -261,6 +261,12 @@ def test_plain_ellipses_are_planned_as_renderers_draw_them(picture):
     assert found.measured.psnr_roundtrip == pytest.approx(psnr(model, raster), abs=0.01)
 
 
+@pytest.mark.parametrize(("picture", "is_flat"), [(shapes(), True), (hills(), False)])
+def test_a_flat_picture_gets_plain_ellipses_alone_in_any_limit(picture, is_flat):
+    scene = search(picture, 6000, iterations=FEW_STEPS).run().file.scene
+    assert (scene.drawn == PLAIN).all() == is_flat
+
+
 @pytest.mark.parametrize("picture", [shapes(), hills()], ids=["drawing", "photo"])
 def test_a_search_that_is_stopped_early_has_a_file_with_shapes(picture):
     for limit in (400, 3000, 20_000):
