@@ -19,6 +19,7 @@ from gauss2svg.areas.outlines import contours_of, contrast_of, first_path
 from gauss2svg.areas.paint import Paint, join_parts_of_gradients, paints_of
 from gauss2svg.areas.refine import Drawing, Layer
 from gauss2svg.areas.regions import Palette, Shares, cores_of, grown, shares_of, without_edge_shades
+from gauss2svg.areas.rows import with_sure_widths
 from gauss2svg.areas.thin import add_thin_regions, grouped, take_lines
 from gauss2svg.scene.areas import CAPS, Area, Outline
 
@@ -182,6 +183,7 @@ def first_drawing(
     glance(*error_and_edges_of(picture, shares, paints))
     weight_at = contrast_of(pixels)
     lines = take_lines(pixels, shares, paints, weight_at, unit, rate, letter_ground, poll)
+    lines = with_sure_widths(pixels, cores, lines, paints)
     labels = join_touching(shares, paints)
     opacity = np.array([opacity_of(paint.color) for paint in paints])
     ground = ground_of(labels, paints, opacity)

@@ -143,3 +143,68 @@ def test_a_corner_of_a_line_is_a_node():
     assert len(area.outlines) == 1
     for corner in zigzag.points:
         assert np.hypot(*(nodes - corner).T).min() < 0.4
+
+
+BLACK, GREY, PALE = (0.0,) * 3, (187 / 255,) * 3, (221 / 255,) * 3
+BLUE = (0.73, 0.87, 0.98)
+
+
+def level(y: float, left: float = 20) -> Outline:
+    return line((left, y), (108, y))
+
+
+def upright(x: float) -> Outline:
+    return line((x, 12), (x, 100))
+
+
+def box(left: float, top: float, right: float, bottom: float) -> Outline:
+    return line((left, top), (right, top), (right, bottom), (left, bottom), closed=True)
+
+
+# Lines as they are drawn, with their colour and width, and what lies below and above them
+IN_TWO_ROWS = {
+    "between two rows": ([level(y) for y in (20, 45, 70)], GREY, 1, [], []),
+    "nearer to one row": ([level(y + 0.25) for y in (20, 45, 70)], GREY, 1, [], []),
+    "of several offsets": ([level(y) for y in (20, 45.25, 70.5, 95.6)], GREY, 1, [], []),
+    "of one row, and between columns": (
+        [*(level(y + 0.5) for y in (20, 45)), *map(upright, (60, 90))], GREY, 1, [], [],
+    ),
+    "with crossings": ([*map(level, (20, 45, 70)), *map(upright, (60, 90))], GREY, 1, [], []),
+    "on two grounds": (
+        [level(y) for y in (20, 45, 85, 100)], GREY, 1, [Area((box(10, 60, 118, 116),), BLUE)], [],
+    ),
+    "beside an area of their colour": (
+        [level(y) for y in (20, 45)], GREY, 1, [], [Area((box(30, 70, 80, 100),), GREY)],
+    ),
+    "black": ([level(y) for y in (20, 45)], BLACK, 1, [], []),
+    "wider, of several offsets": ([level(y) for y in (20, 45.25, 70.5, 95)], GREY, 1.5, [], []),
+    "2 px wide, beside an area of their colour": (
+        [level(y) for y in (20, 45)], PALE, 2, [], [Area((box(30, 70, 80, 100),), PALE)],
+    ),
+    "2 px wide, beside a wider line of their colour": (
+        [level(y) for y in (20, 45)], PALE, 2, [], [Area((level(80),), PALE, width=4)],
+    ),
+    "2 px wide, with crossings": (
+        [*map(level, (20, 45, 70)), *map(upright, (60, 90))], PALE, 2, [], [],
+    ),
+    "2 px wide, too dark to be half of a colour": (
+        [level(y) for y in (20, 45)], (0.3,) * 3, 2, [], [],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", IN_TWO_ROWS)
+def test_lines_in_two_rows_have_their_width_and_colour(case):
+    outlines, color, width, below, above = IN_TWO_ROWS[case]
+    others = [
+        area
+        for area in found([*below, Area(tuple(outlines), color, width=width), *above])
+        if area.is_line and area.width < 3
+    ]
+    length = 0.0
+    for area in others:
+        assert area.width == pytest.approx(width, rel=0.1)
+        assert area.paint == pytest.approx(color, abs=3 / 255)
+        length += sum(np.hypot(*np.subtract(o.points[-1], o.points[0])) for o in area.outlines)
+    drawn = sum(np.hypot(*np.subtract(o.points[-1], o.points[0])) for o in outlines)
+    assert length == pytest.approx(drawn, rel=0.05)
