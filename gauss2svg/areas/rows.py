@@ -142,20 +142,10 @@ def pieces_of(pixels: Floats, index: int, path: Path) -> list[Piece]:
             and np.abs(off - share[:, None] * total).max() <= EVEN
         ):
             middle = top + 0.5 + float(share @ np.arange(6))
-            pieces.append(
-                Piece(
-                    index,
-                    segment,
-                    axis,
-                    low[axis],
-                    high[axis],
-                    middle,
-                    top + row,
-                    share[row],
-                    ground,
-                    total,
-                )
-            )
+            pieces.append(Piece(
+                index, segment, axis, low[axis], high[axis], middle, top + row, share[row], ground,
+                total,
+            ))  # fmt: skip
     return pieces
 
 
