@@ -30,8 +30,8 @@ from gauss2svg.version import __version__
 # The name of a mark is the name of its SVG, followed by this suffix.
 MARK = ".gauss2svg.json"
 _REPORT_KEYS = {
-    "width", "height", "gaussians", "psnr_svg", "ssim_svg", "ssimulacra2_svg", "flip_svg",
-    "paint_ms", "stop_reason",
+    "width", "height", "gaussians", "area_count", "line_count", "node_count", "psnr_svg",
+    "ssim_svg", "ssimulacra2_svg", "flip_svg", "paint_ms", "stop_reason",
 }  # fmt: skip
 # Error numbers (errno) of a write that fails because of the file's name. The batch goes on after
 # such an error, because files with other names can still be written.
@@ -57,6 +57,7 @@ class PhotoRecord(NamedTuple):
     stop_reason           reason why the fit ended, as in the report
     error_code            class of the error, or "WorkerDied" if the worker died. None if no error
     skipped               True if an earlier run wrote the SVG
+    area_count, line_count, node_count  numbers of areas, of lines, and of their nodes
     """
 
     input: str
@@ -79,6 +80,9 @@ class PhotoRecord(NamedTuple):
     skipped: bool = False
     ssimulacra2_svg: float | None = None
     flip_svg: float | None = None
+    area_count: int | None = None
+    line_count: int | None = None
+    node_count: int | None = None
 
 
 Photo = tuple[str, str]  # path or URL of a photo, and the name of its output

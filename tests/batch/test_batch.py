@@ -9,7 +9,10 @@ from types import SimpleNamespace
 
 import pytest
 from batches import TINY_COMMAND, left_parts, marks, outputs, save_photo, save_photos, tiny
+from galleries import save
+from pictures import antialiased_badge
 
+from gauss2svg import read_svg
 from gauss2svg.batch import many, worker
 from gauss2svg.batch.many import vectorize_many
 from gauss2svg.batch.stores import PARTS, STATE, prepare, write
@@ -19,8 +22,10 @@ from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
 from gauss2svg.photo.pixels import Header
 from gauss2svg.pipeline import budgets
+from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pool import WorkerDiedError
+from gauss2svg.scene.areas import AreaCounts
 
 pytestmark = pytest.mark.usefixtures("pool_here")
 NAMES = ["a.png", "b/a.jpg", "b/c d.png", "e.tif"]
@@ -83,6 +88,15 @@ def test_each_photo_has_a_row_and_each_svg_a_mark_with_all_that_is_asked_for(run
     parquet = pytest.importorskip("pyarrow.parquet").read_table(out / PARQUET).to_pydict()
     assert parquet["output"] == list(table)
     assert sorted(filter(None, parquet["width"])) == [12] * 4
+
+
+def test_a_row_counts_the_areas_lines_and_nodes_of_its_svg(tmp_path):
+    drawing = save(antialiased_badge(64), tmp_path / "badge.png")
+    (row,) = vectorize_many([drawing], tmp_path / "out", Options())
+    svg = (tmp_path / "out" / row.output).read_text()
+    counts = AreaCounts.of(read_svg(svg).areas)
+    assert (row.area_count, row.line_count, row.node_count) == counts
+    assert row.area_count > 0 == row.gaussians
 
 
 def test_what_is_done_needs_no_worker_and_stays_as_it_is(
