@@ -24,6 +24,7 @@ from gauss2svg.pipeline.outcome import Export, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene.areas import AreaCounts
 
 # Corrections of the number of Gaussians (docs/decisions/monotone.md).
 CORRECTIONS = 5  # largest number of corrections
@@ -147,11 +148,15 @@ class ByCount:
 
     def _session(self, pixels: NDArray[np.float32], config: FitConfig) -> FitSession:
         """Return a fit that reports its progress under the present phase of the search."""
-        subject, run = self._subject, self._run
+        subject, run, ground = self._subject, self._run, self._subject.ground
+        areas = "" if ground is None else str(AreaCounts.of(ground.areas))
 
         def progress(now: FitProgress) -> None:
             target = session.population.target
             run.budget.note_step(target.width * target.height, now.gaussians, now.done)
+            if ground is not None:
+                gaussians = now.gaussians + len(ground)
+                now = dataclasses.replace(now, gaussians=gaussians, areas=areas)
             run.notify(self._phase, now)
             run.stop()
 

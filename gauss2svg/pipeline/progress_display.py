@@ -201,4 +201,5 @@ def _text_and_share(progress: Progress) -> tuple[str, float | None]:
 
 
 def _figures(now: FitProgress) -> str:
-    return f"{now.areas or f'{now.gaussians} shapes'}, {now.psnr:.2f} dB"
+    shapes = f"{now.gaussians} shapes" if now.gaussians or not now.areas else ""
+    return ", ".join(filter(None, [now.areas, shapes, f"{now.psnr:.2f} dB"]))

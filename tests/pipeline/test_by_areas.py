@@ -350,11 +350,17 @@ def test_a_run_without_time_writes_the_areas_that_it_has_found():
 
 @pytest.mark.parametrize("given", [{"max_bytes": 6000}, {"target_psnr": 46}], ids=str)
 def test_a_run_that_is_stopped_while_it_fits_gaussians_keeps_its_areas(given):
-    phases = list[str]()
-    result = vectorize(
-        GLOWS, **given, progress=lambda now: phases.append(now.phase),
-        stop=lambda: phases.count("fit") > 20,
-    )  # fmt: skip
+    phases, states = [], []
+
+    def progress(now):
+        phases.append(now.phase)
+        if now.fit is not None:
+            counts = AreaCounts.of(now.fit.scene().areas), len(now.fit.scene())
+            states.append((now.fit.areas, now.fit.gaussians, *counts))
+
+    result = vectorize(GLOWS, **given, progress=progress, stop=lambda: phases.count("fit") > 20)
+    assert [state[:2] for state in states] == [(str(counts), n) for *_, counts, n in states]
+    assert states[0][1] == 0 < states[-1][1]
     assert result.report["stop_reason"] == "interrupted"
     assert min(result.report["area_count"], result.report["gaussians"]) > 0
     assert result.report["svg_bytes"] <= given.get("max_bytes", np.inf)
