@@ -32,10 +32,14 @@ class GalleryCommand(OptionGroup):
 
     variants: str | None = None
     """Presets to compare, separated by commas: draft, fast, balanced, high, max. Without --counts
-    the default is draft,balanced,high."""
+    or --axis the default is draft,balanced,high."""
 
     counts: str | None = None
     """Numbers of Gaussians to compare, separated by commas: 500,2000,8000."""
+
+    axis: tuple[str, ...] = ()
+    """Option to vary, as NAME=VALUE,VALUE, or as NAME for all values of an option that has only a
+    few: areas=auto,never. Several axes give all combinations."""
 
     peers: str = ""
     """Other tools to compare if they are installed, separated by commas: vtracer, splatthis,
@@ -52,6 +56,7 @@ SECTIONS = {"Parameters": GalleryCommand, "Gallery": GalleryOptions}
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
     from gauss2svg.compare.pages.build import build_gallery
+    from gauss2svg.compare.variants import parse_axes
     from gauss2svg.measure import packages_missing
 
     command = GalleryCommand.of(given)
@@ -67,6 +72,7 @@ def run(given: dict[str, Any]) -> int:
             variants=None if command.variants is None else words(command.variants),
             counts=None if counts is None else [_COUNT.parsed(word) for word in words(counts)],
             peers=words(command.peers),
+            axes=parse_axes(command.axis),
             options=GalleryOptions.of(given),
             command=command_line(["gauss2svg", *sys.argv[1:]]),
             progress=lambda state: update("; ".join(state.now), state.done, state.total),

@@ -38,10 +38,14 @@ from gauss2svg.processes import held_bytes
 from gauss2svg.svg.file import file_bytes
 
 Request = Mapping[str, Any]
+# {key of a report: what it counts}
+COUNTS = {
+    "area_count": "Areas", "line_count": "Lines", "node_count": "Nodes", "gaussians": "Gaussians",
+}  # fmt: skip
 # Keys that a record of the benchmark takes from a report: _FILE_KEYS for all tools, and _FIT_KEYS
 # only for gauss2svg.
 _FIT_KEYS = (
-    "fit_width", "fit_height", "gaussians", "iterations", "rounds", "stop_reason", "threads",
+    "fit_width", "fit_height", *COUNTS, "iterations", "rounds", "stop_reason", "threads",
     "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs", "versions",
 )  # fmt: skip
 _FILE_KEYS = (
@@ -223,7 +227,7 @@ def make_svg(request: Request) -> dict[str, Any]:
     }
     if finished.result is not None:
         files[SCENE] = saved(finished.result.scene.save)
-        files[OUTLINES] = finished.result.outline().encode()
+        files[OUTLINES] = outlines_with_nodes(finished.result)
     _write(request["folder"], files)
     return {
         "report": finished.report,
@@ -231,6 +235,25 @@ def make_svg(request: Request) -> dict[str, Any]:
         "rounds": rounds_of(finished.result.svg) if finished.result else [],
         "crops": crops_of(raster, photo),
     }
+
+
+# Outlines of areas and lines are one px of the screen wide at any zoom, with a dot on each node.
+_NODES = (
+    "<style>path{{vector-effect:non-scaling-stroke;stroke-linecap:round}}"
+    "[id|=area]{{stroke:#d0f;stroke-width:1px}}</style>"
+    '<defs><path id="nodes" d="{}"/></defs><use href="#nodes" stroke="#d0f" stroke-width="6"/>'
+    '<use href="#nodes" stroke="#fff" stroke-width="4"/></svg>'
+)
+
+
+def outlines_with_nodes(result: Result) -> bytes:
+    """Return outlines that pages lay over a picture, as SVG. Those of areas and lines have nodes.
+
+    Raise InputError for an additive picture, which has no outlines.
+    """
+    outlines = (outline for area in result.scene.areas for outline in area.outlines)
+    dots = "".join(f"M{x:.2f} {y:.2f}h0" for outline in outlines for x, y in outline.nodes)
+    return (result.outline().rpartition("</svg>")[0] + _NODES.format(dots)).encode()
 
 
 def rounds_of(svg: str) -> list[list[int]]:

@@ -22,7 +22,7 @@ from gauss2svg.compare import BenchOptions
 from gauss2svg.compare.chart import Cost, machine_text, scatter, template_environment
 from gauss2svg.compare.grid import Grid, Progress, Task, csv_text, output_folder
 from gauss2svg.compare.records import TOOL, Row
-from gauss2svg.compare.run import measure_alone
+from gauss2svg.compare.run import COUNTS, measure_alone
 from gauss2svg.compare.variants import Variant, peer_variants, settings_of
 from gauss2svg.errors import refusal
 from gauss2svg.files import as_json, write_all_atomically
@@ -38,7 +38,7 @@ TOLERANCE = 0.1
 # The table shows these columns of the records as means over the photos.
 _MEANS = (
     *(axis.key for axis in SCORES), "hue_error_svg", "hue_error_999_svg", "psnr_svg_enlarged",
-    "psnr_model", "cpu_s", "total_s", "svg_bytes", "svgz_bytes", "gaussians",
+    "psnr_model", "cpu_s", "total_s", "svg_bytes", "svgz_bytes", *COUNTS,
 )  # fmt: skip
 # {name of a Pareto front: keys of the costs that count for this front}. Each front has a column in
 # the table. For example, the column of the front "both" is below_both_dB.
@@ -55,6 +55,7 @@ _COLUMNS = (
     ("kB raw", "svg_bytes", ".1f", 1e-3),
     ("kB gzipped", "svgz_bytes", ".1f", 1e-3),
     ("peak MB", "peak_bytes", ".0f", 1e-6),
+    *((name, key, ".1f", 1) for key, name in COUNTS.items()),
     *((f"below by {word}, dB", f"below_{word}_dB", ".2f", 1) for word in _BELOW),
 )
 _COSTS = (

@@ -14,6 +14,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -69,7 +70,7 @@ class Variant(NamedTuple):
     @property
     def slug(self) -> str:
         """Name of the variant's folder: "draft", "gaussians-500", "vtracer"."""
-        return (self.label if self.is_own else self.name).replace(" ", "-")
+        return re.sub(r"[^\w.-]+", "-", self.label if self.is_own else self.name)
 
     @property
     def columns(self) -> dict[str, Any]:
@@ -108,38 +109,46 @@ def variants_of(
     presets: Iterable[str] | None = None,
     counts: Iterable[int] | None = None,
     peers: Iterable[str] = (),
+    axes: Mapping[str, Sequence[Any]] | None = None,
 ) -> tuple[list[Variant], list[str]]:
     """Return the variants of a gallery, each once, and the peers that are not installed.
 
     presets  names of PRESETS
-    counts   numbers of Gaussians, 0..MOST_GAUSSIANS. If neither presets nor counts are given, the
-             presets are draft, balanced and high.
+    counts   numbers of Gaussians, 0..MOST_GAUSSIANS
+    axes     the values of each option that is varied. Every combination is a variant. If there are
+             no presets, counts or axes, the presets are draft, balanced and high.
     peers    tools that write SVGs. "vtracer" stands for VTracer with the first of its settings in
              gauss2svg.compare.peers, and "vtracer:detailed" for VTracer with the settings
              "detailed"
     Raise InputError for any other value, and if there is no variant.
     """
-    if presets is None and counts is None:
+    if presets is None and counts is None and not axes:
         presets = ("draft", "balanced", "high")
     preset = Field("variant", words=tuple(PRESETS))
     count = Field("count", int, 0, MOST_GAUSSIANS)
     own = [("quality", preset.checked(name)) for name in _sequence("variants", presets)]
     own += [("gaussians", count.checked(number)) for number in _sequence("counts", counts)]
+    settings = [*((setting,) for setting in own), *(settings_of(axes) if axes else ())]
+    for name in (name for name, _ in chain(*settings) if "." in name):
+        # A process of a gallery makes several SVGs, and would keep the value for all of them.
+        raise refusal("axes of a gallery", "options", name, "gauss2svg bench")
     others, absent = peer_variants(peers, 1, ".svg")
-    variants = [*(Variant((setting,)) for setting in dict.fromkeys(own)), *others]
+    variants = [*map(Variant, dict.fromkeys(settings)), *others]
     if not variants:
         got = f"only peers that are not installed: {', '.join(absent)}" if absent else "none"
-        raise InputError(f"variants must be at least one preset, count or peer; got {got}")
+        raise InputError(f"variants must be at least one preset, count, axis or peer; got {got}")
     return variants, absent
 
 
 def main_variant(variants: Sequence[Variant]) -> Variant:
     """Return the variant that pages show first.
 
-    It is the default preset, or if that is missing, the variant in the middle of the list.
+    It is that of the default options, or if that is missing, the variant in the middle of the list.
     """
     own = [variant for variant in variants if variant.is_own] or variants
-    return next((v for v in own if v.preset == DEFAULT_PRESET), own[len(own) // 2])
+    defaults = {name: field.default for name, field in AXES.items()} | {"quality": DEFAULT_PRESET}
+    usual = (v for v in own if v.is_own and dict(v.settings).items() <= defaults.items())
+    return next(usual, own[len(own) // 2])
 
 
 def _sequence(name: str, values: Any) -> list[Any]:

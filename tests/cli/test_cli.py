@@ -157,6 +157,7 @@ MISTAKES = [
     ("studio --no-browser --port 70000", "port"),
     ("studio --no-browser none", "FOLDER"),
     ("studio --no-browser --host 300.1.1.1", "host and port"),
+    ("gallery PHOTO -o FOLDER/x --axis pipeline.limits.FULL=1", "axes of a gallery must be"),
     ("gallery PHOTO -o FOLDER/x --jobs 0", "jobs must be a whole number in 1..256; got 0"),
 ]  # fmt: skip
 

@@ -9,6 +9,7 @@ from galleries import cells_expected, cells_of, save
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import BenchOptions, table
+from gauss2svg.compare.run import COUNTS
 from gauss2svg.compare.table import run_bench, summarise
 from gauss2svg.errors import InputError
 
@@ -35,6 +36,7 @@ def requests(monkeypatch):
             "ssimulacra2_svg": 9.0 - count, "flip_svg": 0.5 / count,
             "cpu_s": 0.01 * count, "total_s": 0.01 * count, "peak_bytes": 10**8,
             "svg_bytes": 200 * count, "svgz_bytes": 20 * count, "gaussians": count,
+            "area_count": 3 * count, "line_count": count // 2, "node_count": 9 * count,
         }  # fmt: skip
 
     monkeypatch.setattr(table, "Pool", PoolHere)
@@ -54,7 +56,7 @@ def test_real_run_has_all_that_was_promised_and_a_failing_one_is_an_error_row(
     assert main([*words, "--axis", "renderer=resvg,inkscape", "--quiet"]) == 1
     document = json.loads((folder / "bench.json").read_text())
     good, bad, *others = document["rows"]
-    assert good.keys() >= {"key", "machine", "versions", "date", "peak_bytes", "flip_svg"}
+    assert good.keys() >= {"key", "machine", "versions", "date", "peak_bytes", "flip_svg", *COUNTS}
     assert (good["gaussians"], good["used"]["init"], good["threads"]) == (10, "selective", 1)
     assert good["cpu_s"] >= good["fit_cpu_s"] > 0
     assert good["svg_bytes"] > good["svgz_bytes"] > 0
@@ -96,6 +98,8 @@ def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_pa
     five, seven = summarise(rows, 2)
     assert (five["images"], five["cpu_s"], seven["cpu_s"]) == (2, 2.0, 5.0)
     assert (five["peak_bytes"], seven["peak_bytes"]) == (3.0, 6.0)
+    assert [five[key] for key in COUNTS] == [15, 2, 45, 5]
+    assert "| 15.0 | 2.0 | 45.0 | 5.0 |" in (tmp_path / "summary.md").read_text()
     assert five["below_both_dB"] == seven["below_both_dB"] == 0
     rows[2]["cpu_s"] = rows[3]["cpu_s"] = 0.5
     five, seven = summarise(rows, 2)

@@ -1,19 +1,23 @@
 """A real gallery: its files and pages, and that all its numbers are those of the reports."""
 
 import json
+import re
 import statistics
 from itertools import product
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
-from galleries import Page, cells_expected, cells_of
+from flat import build_gallery
+from galleries import Page, cells_expected, cells_of, save
 from gallery_site import BAD, COUNTS, HOSTILE, SECRET, hastily
+from pictures import antialiased_badge
 from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import chart
 from gauss2svg.compare.pages.build import NUMBERS
+from gauss2svg.compare.run import COUNTS as COUNTS_OF_PARTS
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure import SCORES
 from gauss2svg.measure.heatmap import error_map
@@ -80,6 +84,26 @@ def test_numbers_of_the_pages_are_those_of_the_data(gallery):
         assert set(texts(median, "4")) <= set(told)
 
 
+def test_pages_count_what_a_drawing_is_made_of_and_its_outlines_have_all_nodes(tmp_path):
+    """An axis shows what areas bring; the variant with the default value is shown first."""
+    drawing, site = save(antialiased_badge(64), tmp_path / "badge.png"), tmp_path / "site"
+    with hastily():
+        found = build_gallery([drawing], site, axes={"areas": ["never", "auto"]})
+    shapes_alone, row = found.rows
+    assert row["psnr_svg"] > shapes_alone["psnr_svg"] + 3
+    assert shapes_alone["area_count"] == shapes_alone["node_count"] == 0
+    outlines = (site / row["files"]["outlines"]).read_text()
+    assert outlines.count('id="area-') == row["area_count"] + row["line_count"] > 0
+    dots = re.search('id="nodes" d="(.*?)"', outlines)[1]
+    assert dots.count("M") == row["node_count"] > 0
+    counts = [chart.whole(row[key]) for key in COUNTS_OF_PARTS if row[key]]
+    page = Page(site / row["page"])
+    assert page.rows[2][: 1 + len(counts)] == ["areas auto", *counts]
+    assert ("value", "areas-auto") in next(a for t, a in page.parts if ("checked", None) in a)
+    for name in ("index.html", "trade-off.html"):
+        assert set(counts) <= set(Page(site / name).rows[2]), name
+
+
 def test_every_page_names_the_renderer_and_links_to_what_is_there(gallery):
     pages = list(gallery.directory.rglob("*.html"))
     assert len(pages) == 3 + len(NAMES)
@@ -108,7 +132,8 @@ def test_svg_and_report_are_those_of_the_command_line(gallery, tmp_path):
     with hastily():
         assert main(words) == 0
     assert (tmp_path / "x.svg").read_bytes() == made["SVG"].read_bytes()
-    assert (tmp_path / "o.svg").read_bytes() == made["outlines"].read_bytes()
+    outlines = (tmp_path / "o.svg").read_text().removesuffix("</svg>\n")
+    assert made["outlines"].read_text().startswith(outlines)
     one, other = (json.loads(p.read_text()) for p in (tmp_path / "x.json", made["report"]))
     assert one.keys() == other.keys()
     assert {key for key in one if one[key] != other[key]} <= {

@@ -31,6 +31,11 @@ def rows_of(gallery, variant):
     return [row for row in gallery.rows if f"/{variant}/" in row["files"]["SVG"]]
 
 
+# Crops beside the screen, and px by which a card is wider than its numbers
+OUTSIDE = "all => all.filter((e) => e.getBoundingClientRect().right > innerWidth).length"
+LEFT = "all => Math.min(0, ...all.map((e) => e.closest('.card').clientWidth - e.scrollWidth))"
+
+
 @pytest.mark.parametrize("at", range(4))  # the page of one photo is enough
 def test_no_page_has_a_grave_accessibility_fault_or_is_wider_than_its_screen(gallery, visit, at):
     page = visit(viewport=PHONE).go(pages_of(gallery.directory)[at])
@@ -38,6 +43,12 @@ def test_no_page_has_a_grave_accessibility_fault_or_is_wider_than_its_screen(gal
         if page.get_by_label(name).count():
             page.get_by_label(name).check()
     check_access(page, WIDE, PHONE)
+    assert page.locator(".crop").evaluate_all(OUTSIDE) == 0
+    # The longest score, which photos of this size do not have
+    page.locator(".card dt").evaluate_all(
+        "all => all.map((e) => { e.textContent = 'SSIMULACRA2'; })"
+    )
+    assert page.locator(".card dl").evaluate_all(LEFT) == 0
 
 
 def test_index_sorts_filters_and_links_by_the_numbers_of_the_data(gallery, visit):

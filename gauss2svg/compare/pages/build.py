@@ -31,10 +31,10 @@ from gauss2svg.version import __version__
 GalleryProgress = Progress
 # A row of gallery.json has these numbers of a report. The reports of other tools lack some of them.
 NUMBERS = (
-    "gaussians", "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
+    *run.COUNTS, "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
     *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
 )  # fmt: skip
-_MEDIANS = ("gaussians", "svg_bytes", "svgz_bytes", "total_s", *(score.key for score in SCORES))
+_MEDIANS = (*run.COUNTS, "svg_bytes", "svgz_bytes", "total_s", *(score.key for score in SCORES))
 _TOTALS = ("svg_bytes", "total_s")
 
 _RECORDS, _DATA, _TABLE = "gallery.jsonl", "gallery.json", "gallery.csv"
@@ -76,6 +76,7 @@ def build_gallery(
     variants: Iterable[str] | None = None,
     counts: Iterable[int] | None = None,
     peers: Iterable[str] = (),
+    axes: Mapping[str, Sequence[Any]] | None = None,
     options: GalleryOptions | None = None,
     command: str | None = None,
     progress: Callable[[GalleryProgress], None] | None = None,
@@ -85,10 +86,12 @@ def build_gallery(
     photos     paths of the photos
     directory  folder of the pages. It is created if it does not exist.
     variants   names of presets
-    counts     numbers of Gaussians. If neither variants nor counts are given, the presets draft,
-               balanced and high are compared.
+    counts     numbers of Gaussians
     peers      names of other tools that write SVGs, such as "vtracer", or "vtracer:detailed" for
                other settings. Tools that are not installed are skipped.
+    axes       the values of each option of `vectorize` that is varied. Every combination is a
+               variant. If there are no variants, counts or axes, the presets draft, balanced and
+               high are compared.
     options    all other options, such as GalleryOptions(jobs=2, title="Flowers")
     command    command line that the pages show
     progress   called with a GalleryProgress when a step begins or ends
@@ -101,7 +104,7 @@ def build_gallery(
     has other files with the names of the pages.
     """
     listed = listed_photos(photos)
-    chosen, absent = variants_of(variants, counts, peers)
+    chosen, absent = variants_of(variants, counts, peers, axes)
     options = options or GalleryOptions()
     jobs, size, seed = options.jobs, options.photo_size, options.seed
     # If no number of threads is given, the processes share the cores.
@@ -215,6 +218,9 @@ def write_pages(
             for t, error in failed.items()
         ],
     }
+    # A gallery of photos alone has no columns for areas, lines and nodes.
+    in_any = {key for row in rows for key in run.COUNTS if row[key]} | {"gaussians"}
+    parts = {key: name for key, name in run.COUNTS.items() if key in in_any}
     scores = [s for s in SCORES if s.always or any(row[s.key] is not None for row in rows)]
     versions = {version for report in reports for version in report.get("versions", {}).items()}
     versions |= {(row["tool"], row["tool_version"]) for row in rows if row["tool"] != TOOL}
@@ -226,7 +232,8 @@ def write_pages(
     environment.globals |= {
         **document,
         "variants": variants, "main": main_variant(variants), "results": results,
-        "reports": reports, "scores": scores, "explained": ON_REQUEST, "costs": chart.COSTS,
+        "reports": reports, "scores": scores, "parts": parts, "explained": ON_REQUEST,
+        "costs": chart.COSTS,
         "chart_of": partial(chart_of, results, variants), "versions": sorted(versions),
         "origins": origins, "heatmap": heatmap, "files": run,
     }  # fmt: skip
@@ -277,6 +284,7 @@ def _svg(photo: Row, record: Row, variant: Variant) -> Row:
     }
     shapes = chart.whole(report["gaussians" if variant.is_own else "elements"])
     texts = {
+        **{key: chart.whole(numbers[key]) for key in run.COUNTS},
         "shapes": shapes if variant.is_own else f"{shapes} elements",
         "svg_bytes": chart.size(report["svg_bytes"]),
         "total_s": chart.seconds(report["total_s"]),
