@@ -40,7 +40,10 @@ router = APIRouter()
 _TEMPLATES = template_environment("gauss2svg.compare.pages", "gauss2svg.studio")
 _AXES = {axis.key: axis for axis in SCORES}
 _COSTS = {cost.key: cost for cost in COSTS}
-_FIGURES = ("gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s", "stop_reason")
+_FIGURES = (
+    "area_count", "line_count", "gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s",
+    "stop_reason",
+)  # fmt: skip
 _FILES = (MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz")
 
 

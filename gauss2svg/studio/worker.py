@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.compare.records import json_safe, record_or_error
+from gauss2svg.compare.run import outlines_with_nodes
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.files import as_json, as_png, saved, write_whole
 from gauss2svg.measure.heatmap import error_map
@@ -97,7 +98,8 @@ def _result(request: Mapping[str, Any], options: Options) -> Result:
             frames += 1
             _write(folder / "frame.jpg", frame)
             figures |= {name: getattr(now.fit, name) for name in _FIT_ATTRIBUTES}
-            figures["bytes_estimate"] = USUAL_BYTES * now.fit.gaussians
+            if not now.fit.areas:
+                figures["bytes_estimate"] = USUAL_BYTES * now.fit.gaussians
         _write(folder / "progress.json", as_json(json_safe({**figures, "frame": frames})))
 
     share = memory_limit(None) // request["workers"]
@@ -125,7 +127,7 @@ def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
     yield "errors.png", saved(lambda stream: errors.save(stream, "PNG"))
     # For an additive picture, which has no outlines, this raises an error, and no file is written.
     with suppress(Gauss2SvgError):
-        yield "outlines.svg", result.outline().encode()
+        yield "outlines.svg", outlines_with_nodes(result)
     other = MINIMAL if result.report["markup"] == EDITABLE else EDITABLE
     # The page also offers the SVG in the markup that was not asked for. Some options do not allow
     # that markup. The block then raises an error, and no file is written.

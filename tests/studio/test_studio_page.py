@@ -7,7 +7,9 @@ import zipfile
 import numpy as np
 import pytest
 import studio_site
+from galleries import save
 from gallery_site import HOSTILE, PHONE, WIDE, box
+from pictures import antialiased_badge
 from PIL import Image
 from screens import OVERFLOW, check_access, expect
 from studio_site import PLAIN, UPRIGHT, aim, await_run, difference, draft, job_of, pick
@@ -89,6 +91,38 @@ def test_the_pictures_are_those_of_the_service_and_the_figures_those_of_the_repo
     page.get_by_label("Error map").check()
     expect(page.locator("#legend")).to_be_visible()
     assert difference(page, f"{home}/errors.png") == 0
+
+
+def test_areas_and_lines_are_counted_and_each_kind_can_be_hidden(visit, server, photos, tmp_path):
+    """In both markups. In minimal markup lines share an attribute, which tells them from areas."""
+    drawing = antialiased_badge(96)
+    for k, color in enumerate(((0.5, 0.1, 0.6), (0.1, 0.1, 0.1), (0.9, 0.5, 0.1))):
+        drawing[6 + 7 * k : 9 + 7 * k, 50:90] = color
+    save(drawing, tmp_path / "badge.png")
+    page = visit(viewport=SCREEN).open()
+    page.locator("#files").set_input_files(tmp_path / "badge.png")
+    await_run(page, 1)
+    aim(page, "kB", 3)
+    page.locator("#run").click()
+    await_run(page, 2)
+    for run, markup in enumerate(("editable", "minimal")):
+        page.locator(f"[data-action=show-{run + 1}]").click()
+        report, file = report_of(page, server), f"api/jobs/{job_of(page)}/picture.svg"
+        assert report["markup"] == markup
+        counts = [report[key] for key in ("area_count", "line_count", "gaussians")]
+        cells = page.locator("#runs tbody tr").nth(run).locator("td").all_text_contents()
+        assert cells[1:4] == [chart.whole(count) for count in counts]
+        for part in ("areas", "lines"):
+            page.locator(f"[name={part}]").uncheck()
+            assert difference(page, file) > 30
+            page.locator(f"[name={part}]").check()
+            assert difference(page, file) == 0
+    words = f"{counts[0]} areas, {counts[1]} lines"
+    expect(page.locator("#figures")).to_contain_text(words)
+    assert words in page.locator("#chart .point").first.get_attribute("aria-label")
+    page.locator("#files").set_input_files(photos[PLAIN])
+    await_run(page, 3)
+    assert not page.locator("[name=areas]").is_visible()
 
 
 def test_shapes_are_seen_as_they_are_fitted_and_a_fit_is_canceled_or_stopped(visit, server):

@@ -15,6 +15,7 @@ import pytest
 from batches import PoolHere
 from fastapi import FastAPI
 from flat import vectorize
+from pictures import ball
 from PIL import Image
 from studio_server import answer_of, running, with_client
 
@@ -87,6 +88,18 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo, drawn_here):
     archive = zipfile.ZipFile(io.BytesIO(zipped))
     assert archive.namelist() == ["p.svg", "p-2.svg"]
     assert {archive.read(name).decode() for name in archive.namelist()} == {svg}
+
+
+def test_the_first_frame_of_a_drawing_has_its_areas_and_later_ones_shapes_too(server):
+    job = server.submit(as_png(ball(96)), max_bytes=6000)
+    with server.client.stream("GET", f"/api/jobs/{job['id']}/events") as stream:
+        lines = [line[6:] for line in stream.iter_lines() if line.startswith("data: ")]
+    states = (json.loads(line)["progress"] or {} for line in lines)
+    frames = [now for now in states if "gaussians" in now]
+    assert (frames[0]["gaussians"], frames[0]["areas"] > "") == (0, True)
+    assert frames[-1]["gaussians"] > 0
+    assert all(now["areas"] and "bytes_estimate" not in now for now in frames)
+    assert server.state(job)["report"]["area_count"] == int(frames[-1]["areas"].split()[0])
 
 
 def test_a_fit_is_stopped_with_a_result_and_one_that_nobody_wants_frees_its_place(server, png):

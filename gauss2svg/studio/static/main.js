@@ -304,14 +304,16 @@ class Studio {
     const { photo, shown, beside, viewer } = this;
     if (photo === null) return;
     const done = hasPicture(shown) ? shown : null, outlined = all("[name=outlined]", this.look, HTMLInputElement)[0];
-    const sides = all("[name=side]", this.look, HTMLInputElement);
+    const sides = all("[name=side]", this.look, HTMLInputElement), parts = all("[data-part]", this.look, HTMLInputElement);
+    for (const one of parts) one.labels?.[0].toggleAttribute("hidden", !done?.report[one.dataset.part ?? ""]);
+    const hidden = parts.filter((one) => !one.checked).map((one) => one.name);
     this.listSides(done);
     if (beside) viewer.show("left", pictureSide(beside, beside.picture.whole));
     else viewer.show("left", photo.cannotBeSeen ? null : { src: photo.url, name: "photo", alt: `The photo ${photo.name}`, badge: "Photo" });
     for (const control of [outlined, ...sides]) control.disabled = !done;
     const isErrors = sides.some((one) => one.checked && one.value === "errors");
     if (done && isErrors) viewer.show("right", { src: ofJob(done.id, "errors.png"), name: "error map", alt: `Error map of ${named(done)}`, badge: `Errors, run ${done.number}`, isErrors });
-    else if (done) viewer.show("right", pictureSide(done, done.picture.upTo(viewer.round), !beside));
+    else if (done) viewer.show("right", pictureSide(done, done.picture.part(viewer.round, hidden), !beside));
     else viewer.show("right", frameSide(shown));
     // The page shows the photo until there are shapes, then the shapes alone, and half of each in the end.
     viewer.divide(done ? 50 : frameSide(shown) ? 0 : 100);

@@ -25,11 +25,15 @@ export function size(count) {
     if (count >= 0.9995 * unit) return threeDigits(count / unit) + SPACE + name;
   return `${Math.round(count)}${SPACE}B`;
 }
-/** @param {import("./api.js").Report} report @returns {string} "12 areas, 3 lines", or "100 shapes" */
-export function drawn({ area_count: areas, line_count: lines, gaussians }) {
-  const counts = /** @type {[number | null, string][]} */ ([[areas, "areas"], [lines, "lines"], [gaussians, "shapes"]]);
-  const some = counts.filter(([count]) => count);
-  return (some.length ? some : counts.slice(2)).map(([count, name]) => `${whole(count)} ${name}`).join(", ");
+// Keys of a report, and what they count.
+export const PARTS = /** @type {[string, string][]} */ ([["area_count", "Areas"], ["line_count", "Lines"], ["gaussians", "Shapes"]]);
+/** @param {import("./api.js").Report} report @returns {string} "12 areas, 1 line", or "100 shapes" */
+export function drawn(report) {
+  const some = PARTS.filter(([key]) => report[key]);
+  return (some.length ? some : PARTS.slice(2)).map(([key, name]) => {
+    const word = name.toLowerCase();
+    return `${whole(report[key])} ${report[key] === 1 ? word.slice(0, -1) : word}`;
+  }).join(", ");
 }
 /** @param {Some} value */
 export function seconds(value) {

@@ -8,7 +8,7 @@ import { decibels, drawn, seconds, size, whole } from "./numbers.js";
 
 const PHASES = /** @type {Record<string, string>} */ ({
   read: "Reading the photo", compile: "Compiling, in the first run only", write: "Writing the SVG",
-  measure: "Measuring the SVG", areas: "Finding areas", correct: "Correcting colours",
+  measure: "Measuring the SVG", correct: "Correcting the number of shapes",
 });
 /** @param {number} place */
 const ahead = (place) => (place === 1 ? "one before it" : `${place} before it`);
@@ -22,6 +22,7 @@ function standing(run) {
   if (run.state === "queued") return place > 1 ? `In the queue, ${ahead(place - 1)}` : "In the queue, next";
   const now = run.progress;
   if (!now) return "Starting";
+  if (now.phase === "areas") return now.areas ? "Refining areas" : "Finding areas";
   return PHASES[now.phase ?? ""] ?? `Round ${now.round}`;
 }
 
@@ -39,7 +40,7 @@ export function showProgress(run) {
   else bar.value = now.done ?? 0;
   const has = figures.gaussians !== undefined;
   for (const [id, text] of [
-    ["now-shapes", has ? figures.areas || whole(figures.gaussians) : ""], ["now-psnr", has ? decibels(figures.psnr) : ""],
+    ["now-areas", figures.areas ?? ""], ["now-shapes", figures.gaussians || (has && !figures.areas) ? whole(figures.gaussians) : ""], ["now-psnr", has ? decibels(figures.psnr) : ""],
     ["now-size", has && figures.bytes_estimate ? `about ${size(figures.bytes_estimate)}` : ""], ["now-time", has ? seconds(figures.elapsed_s) : ""],
     ["now-left", has && isFitting && Number(now.remaining_s) > 0 ? seconds(now.remaining_s) : ""],
   ]) {

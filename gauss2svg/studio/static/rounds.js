@@ -3,6 +3,7 @@
 import { getText, ofJob } from "./api.js";
 
 const ROUND = /^round-(\d+)$/;
+const PATHS = 'path[d^="m"]'; // areas and lines; path data of shapes and of the background begin with M
 /** @param {string} text */
 const address = (text) => URL.createObjectURL(new Blob([text], { type: "image/svg+xml" }));
 
@@ -16,7 +17,7 @@ export class Picture {
   constructor(text) {
     this.text = text;
     this.whole = address(text);
-    this.addresses = /** @type {Map<number, string>} */ (new Map());
+    this.addresses = /** @type {Map<string, string>} */ (new Map());
     let count = 0;
     // Each round has the number of shapes up to its end. Minimal markup has no groups of rounds.
     this.rounds = this.groups(this.parsed()).map((group) => {
@@ -37,15 +38,20 @@ export class Picture {
   /**
    * Returns the address of the picture with only the first rounds.
    * @param {number} count number of these rounds
+   * @param {string[]} without "areas" or "lines", if these are hidden
    */
-  upTo(count) {
-    if (count >= this.rounds.length) return this.whole;
-    const kept = this.addresses.get(count);
+  part(count, without) {
+    if (count >= this.rounds.length && !without.length) return this.whole;
+    const key = [count, ...without].join(), kept = this.addresses.get(key);
     if (kept) return kept;
     const tree = this.parsed();
     for (const group of this.groups(tree).slice(count)) group.remove();
+    for (const path of tree.querySelectorAll(PATHS)) {
+      const isLine = path.closest("[fill]")?.getAttribute("fill") === "none"; // a group may have it
+      if (without.includes(isLine ? "lines" : "areas")) path.remove();
+    }
     const partial = address(new XMLSerializer().serializeToString(tree));
-    this.addresses.set(count, partial);
+    this.addresses.set(key, partial);
     return partial;
   }
 }

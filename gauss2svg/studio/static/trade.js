@@ -3,7 +3,7 @@
 import { ApiError } from "./api.js";
 import { chartOf, mark, ring } from "./chart.js";
 import { complain, make } from "./dom.js";
-import { score, seconds, size, whole } from "./numbers.js";
+import { drawn, PARTS, score, seconds, size, whole } from "./numbers.js";
 
 /** @import { Score } from "./api.js" */
 /** @import { DoneRun, Run } from "./job.js" */
@@ -59,12 +59,12 @@ export class Trade {
     const has = (run) => axis.best === null || (run.report[axis.key] ?? null) !== null;
     const points = this.runs.filter(has).map((run) => ({
       cost: Number(run.report[cost]), score: run.report[axis.key], series: run.photo.series ?? 0, run: run.number,
-      text: `${named(run)}: ${score(axis, run.report[axis.key])}, ${size(run.report.svg_bytes)}, ${seconds(run.report.total_s)}`,
+      text: `${named(run)}: ${drawn(run.report)}, ${score(axis, run.report[axis.key])}, ${size(run.report.svg_bytes)}, ${seconds(run.report.total_s)}`,
       choose: (/** @type {MouseEvent | KeyboardEvent} */ event) => (event.shiftKey ? this.compare(run) : this.show(run)),
     }));
-    const drawn = JSON.stringify([axis.key, cost, points]);
-    if (drawn !== this.drawn) {
-      this.drawn = drawn;
+    const request = JSON.stringify([axis.key, cost, points]);
+    if (request !== this.drawn) {
+      this.drawn = request;
       this.asking.abort();
       this.asking = new AbortController();
       try {
@@ -82,8 +82,13 @@ export class Trade {
     ring(by("chart"), this.shown?.number, this.compared?.number);
   }
 
+  // Returns what the runs are made of. Runs of photos alone have no areas and lines.
+  parts() {
+    return PARTS.filter(([key]) => key === "gaussians" || this.runs.some((run) => run.report[key]));
+  }
+
   fillTable() {
-    const columns = ["Run", "Aim", "Shapes", ...this.measured.map((axis) => axis.name), "Size", "Gzipped", "Time", "Compare"];
+    const columns = ["Run", "Aim", ...this.parts().map(([, name]) => name), ...this.measured.map((axis) => axis.name), "Size", "Gzipped", "Time", "Compare"];
     const texts = ["Run", "Aim", "Compare"];
     const heads = columns.map((name) => make("th", { scope: "col", class: texts.includes(name) ? "text" : null }, name));
     const focused = document.activeElement?.getAttribute("data-action");
@@ -109,7 +114,7 @@ export class Trade {
         class: "plain-button", type: "button", "data-action": `show-${run.number}`, click: () => this.show(run),
       }, `${run.number}, ${run.photo.name}`)),
       make("td", { class: "text" }, run.aim),
-      cell(whole(report.gaussians)), ...this.measured.map((axis) => cell(score(axis, report[axis.key]))),
+      ...this.parts().map(([key]) => cell(whole(report[key]))), ...this.measured.map((axis) => cell(score(axis, report[axis.key]))),
       cell(size(report.svg_bytes)), cell(size(report.svgz_bytes)), cell(seconds(report.total_s)),
       make("td", { class: "text" }, compare));
   }
