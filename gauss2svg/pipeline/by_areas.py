@@ -43,10 +43,15 @@ from gauss2svg.photo.pixels import shrunk
 from gauss2svg.pipeline.area_colors import with_solved_colors
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Exporter
+from gauss2svg.pipeline.inked import (
+    LEAST_EXPLAINED,
+    areas_in_inks,
+    found_in_inks,
+    picture_in_inks,
+)
 from gauss2svg.pipeline.limits import ENOUGH
 from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.outcome import Export, Outcome, Subject
-from gauss2svg.pipeline.paper import in_two_inks
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.trials import SHADED, UNREFINED, Trial, Trials, nothing, scene_of
@@ -73,6 +78,7 @@ FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
 EDGE_BYTES = 4.0  # bytes of areas for each px of the edges between regions
+IN_INKS = 25.0  # least PSNR in dB of areas in inks. Narrow bands seem to be a gradient of one ink
 FIND_SHARE = 0.5  # share of a time limit in which the first areas must be found
 QUICK = 3 * 256 * 256  # values of a picture whose areas are found in half a second
 # A picture with more even cores is no drawing. A smaller one may have fewer of them.
@@ -109,7 +115,7 @@ class ByAreas:
             self._quality = quality_of(subject.working)
             subject = dataclasses.replace(subject, working=cleaned(subject.working, self._noise))
         # Whether areas match the photo itself
-        self._is_as_given = times == 1 and not (self._noise or plan.sketch)
+        self._is_as_given = times == 1 and not (self._noise or plan.sketch or plan.in_inks)
         self._rate = RATE * max(1.0, PRICE_OF_NOISE * self._noise)
         self._plan, self._subject, self._run = plan, subject, run
         self._unit, self._exporter = precision / scale, Exporter(plan, subject)
@@ -120,6 +126,12 @@ class ByAreas:
         self._has_strips = False  # whether areas without Gaussians would only imitate the picture
         self._is_lost = False  # whether the file gets no areas
         self._first_size = 0.0  # bytes of the first areas, before they are refined
+        self._so_far = None  # areas that were found before the picture was drawn in inks
+        self._inks = plan.sketch  # inks that all areas get, "" if they have any colours
+        if plan.in_inks and subject.start is not None:
+            areas = areas_in_inks(subject.start.areas, str(plan.options.fit.inks))
+            start = subject.start.select([]).replace(areas=areas)
+            self._subject = dataclasses.replace(subject, start=start)
         width, height = subject.size
         most = min(MOST_CORES, max(width * height // PIXELS_EACH_CORE, LEAST_CORES))
         self._most_cores = None if plan.prefers_areas else most
@@ -145,13 +157,15 @@ class ByAreas:
         run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
         if self._quality is not None:
             self._decode(self._quality)
+        if self._plan.in_inks and not self._inks:
+            self._ink(str(self._plan.options.fit.inks))
         subject, plan = self._subject, dataclasses.replace(self._plan, rate=self._rate)
         self._trials = Trials(plan, subject, self._exporter, self._fills, self._is_over)
         trial = self._best()
         # If the search for shapes alone is stopped at once, this is the file.
         goal, is_only = self._plan.goal, self._plan.options.svg.areas == ALWAYS
         is_free = goal.time_limit is None and self._plan.aim is None
-        if self._is_lost and (run.ended or is_only or is_free) and not self._plan.in_inks:
+        if self._is_lost and (run.ended or is_only or is_free) and not self._plan.sketch:
             trial = self._trials.in_short()
         wall_s, cpu_s = time.perf_counter() - wall_s, time.process_time() - cpu_s
         reason = "max_bytes" if self._is_cut else "gain"
@@ -200,6 +214,23 @@ class ByAreas:
             self._subject = dataclasses.replace(self._subject, working=working)
             self._rate = RATE * max(1.0, PRICE_OF_NOISE * noise)
         self._tries = 0
+
+    def _ink(self, inks: str) -> None:
+        """Draw the picture in inks, in which areas are then found.
+
+        A picture that areas do not explain, such as a photo in a drawing, gets no areas.
+        """
+        width, height = self._subject.size
+        found = self._so_far = self._found(
+            lambda p: find_areas(
+                self._subject.working, self._rate, self._unit, p, most_cores=self._most_cores
+            )
+        )
+        self._is_lost |= found.explained < LEAST_EXPLAINED and self._most_cores is not None
+        if not self._is_lost:
+            picture = picture_in_inks(found, inks, width, height)
+            self._subject = dataclasses.replace(self._subject, working=picture)
+        self._inks, self._quality, self._tries = inks, None, 0
 
     def _judged(self, outcome: Outcome) -> Outcome:
         """Return an outcome that knows whether shapes alone may be closer."""
@@ -280,7 +311,7 @@ class ByAreas:
 
     def _best(self) -> Trial:
         """Return the trial whose areas the file gets."""
-        first = self._found(self._searched)
+        first = self._found(self._searched, self._so_far)
         self._is_lost |= self._has_strips and self._ends()
         if self._is_lost:
             return self._trials.trial(nothing(self._subject.working), 0)
@@ -288,6 +319,9 @@ class ByAreas:
         is_limited = self._limit < math.inf
         if not is_shaded:
             trials = [self._trials.trial(first)]
+            if self._plan.in_inks and trials[0].error > 10 ** (-IN_INKS / 10) * self._trials.values:
+                self._is_lost = True
+                return self._trials.trial(nothing(self._subject.working), 0)
             is_seen = self._fills and self._trials.is_visible(trials[0].error)
             is_shaded = trials[0].shaded or is_seen
         if trials and not is_limited and self._plan.aim is None:
@@ -441,7 +475,7 @@ class ByAreas:
         except NoDrawingError:
             self._is_lost = True
         found = newest or nothing(self._subject.working)
-        return in_two_inks(found, self._plan.sketch) if self._plan.sketch else found
+        return found_in_inks(found, self._inks) if self._inks else found
 
     def _searched(self, progress: Progress) -> FoundAreas:
         """Return the areas of the picture, or those of the start, at the usual rate."""

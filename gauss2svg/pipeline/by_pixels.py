@@ -14,6 +14,7 @@ from gauss2svg.areas.find import FoundAreas
 from gauss2svg.areas.pixels import Sprite, areas_of_sprite
 from gauss2svg.fit import FitResult
 from gauss2svg.measure.roundtrip import round_trip
+from gauss2svg.pipeline.inked import sprite_in_inks
 from gauss2svg.pipeline.options import AUTO
 from gauss2svg.pipeline.outcome import Export, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
@@ -33,6 +34,8 @@ def exact_outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite) -> It
     If the file is too large, it is tried in minimal markup, unless the user asks for another one,
     and then without overlaps.
     """
+    if isinstance(inks := plan.options.fit.inks, str):
+        sprite = sprite_in_inks(sprite, inks)
     markups = [plan.markup]
     if plan.options.svg.markup == AUTO and plan.may_be_minimal and plan.markup != MINIMAL:
         markups.append(MINIMAL)

@@ -9,18 +9,13 @@ stains, which nobody wants in a drawing:
 
 from __future__ import annotations
 
-import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.photo.pixels import shrunk
 from gauss2svg.scene.inks import ink_colors, ink_name
-
-if TYPE_CHECKING:
-    from gauss2svg.areas.find import FoundAreas
-    from gauss2svg.scene.areas import Area
 
 Values = NDArray[np.float32]
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
@@ -77,21 +72,6 @@ def evened(pixels: Values, working: Values, inks: object) -> tuple[Values, Value
         for covered in (larger[0], sketch[0])
     )
     return picture, picture if larger is sketch else fitted, ",".join(map(ink_name, colors))
-
-
-def in_two_inks(found: FoundAreas, inks: str) -> FoundAreas:
-    """Return areas and a background that each have the nearer one of two inks."""
-    colors = ink_colors(inks)
-
-    def nearer(color: Any) -> Any:
-        return tuple(colors[np.square(colors - color).sum(axis=1).argmin()].tolist())
-
-    def paint(area: Area) -> Any:
-        flat = area.paint if isinstance(area.paint, tuple) else np.mean(area.paint.colors, axis=0)
-        return nearer(flat)
-
-    areas = tuple(dataclasses.replace(one, paint=paint(one), opacity=1.0) for one in found.areas)
-    return dataclasses.replace(found, areas=areas, background=nearer(found.background))
 
 
 def _sketch_of(pixels: Values) -> tuple[Values, Any] | None:

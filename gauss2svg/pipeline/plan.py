@@ -237,8 +237,13 @@ class Plan:
 
     @property
     def may_be_exact(self) -> bool:
-        """Whether the areas of pixel art are the file. The scene of a start is refined instead."""
-        return self.options.svg.areas != NEVER and self.allows_areas and not self.starts
+        """Whether the areas of pixel art are the file.
+
+        The scene of a start is refined instead. A target in inks asks for shapes, which come closer
+        to colours between the inks.
+        """
+        may_have = self.options.svg.areas != NEVER and self.allows_areas and not self.starts
+        return may_have and not (self.in_inks and self.aim is not None)
 
     @property
     def may_even_paper(self) -> bool:
@@ -247,29 +252,26 @@ class Plan:
         It is not if the options ask for more inks than two, or exclude areas for another reason. It
         is not for a target either, which asks for the likeness of the picture as it is.
         """
-        names = [name for name, _ in _without_areas(self.options)]
-        is_asked = self.options.svg.areas != NEVER and self.aim is None
         inks = self.options.fit.inks
-        has_two = inks == 2 or (isinstance(inks, str) and inks.count(",") == 1)
-        is_asked &= not names or (names == ["inks"] and has_two)
-        return is_asked and (self.has_areas or not self.starts)
+        may_have_two = inks in (None, 2) or (isinstance(inks, str) and inks.count(",") == 1)
+        is_asked = self.options.svg.areas != NEVER and self.aim is None and may_have_two
+        return is_asked and self.allows_areas and (self.has_areas or not self.starts)
 
     def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
         """Return the plan with the decisions that depend on the photo.
 
-        If the options give a number of inks, the inks are chosen. Otherwise, is_small and has_areas
-        are set. Nothing else is decided for a sketch.
+        If the options give a number of inks, the inks are chosen. Nothing else is decided for a
+        sketch.
         """
-        fit, svg = self.options.fit, self.options.svg
-        if isinstance(fit.inks, int):
-            options = self.options.changed(inks=self.sketch or inks_of(pixels, fit.inks))
-            return dataclasses.replace(self, options=options)
+        options, svg = self.options, self.options.svg
+        if isinstance(inks := options.fit.inks, int):
+            options = options.changed(inks=self.sketch or inks_of(pixels, inks))
         if self.sketch:
-            return self
+            return dataclasses.replace(self, options=options)
         is_small = max(pixels.shape[:2]) <= WHOLE_SIDE
         may = svg.areas == AUTO and self.may_be_exact
         return dataclasses.replace(
-            self, is_small=is_small,
+            self, options=options, is_small=is_small,
             has_areas=self.has_areas or (may and may_have_areas(pixels)),
         )  # fmt: skip
 
@@ -537,8 +539,7 @@ def _layered(options: Options) -> list[str]:
 def _without_areas(options: Options) -> Iterator[tuple[str, object]]:
     """Yield the names and values of given options with which a file has no areas.
 
-    They ask for the method of the paper, whose pictures are a given number of Gaussians, or for a
-    picture in inks.
+    They ask for the method of the paper, whose pictures are a given number of Gaussians.
     """
     goal, fit = options.goal, options.fit
     if not goal.count_adapts:
@@ -547,8 +548,6 @@ def _without_areas(options: Options) -> Iterator[tuple[str, object]]:
         yield "blend", fit.blend
     if fit.falloff == GAUSSIAN:
         yield "falloff", fit.falloff
-    if fit.inks is not None:
-        yield "inks", fit.inks
 
 
 def _exclusions(options: Options) -> Iterator[tuple[str, str, object, str]]:

@@ -92,7 +92,7 @@ class Trials:
         small = max(1, round(share * height)), max(1, round(share * width))
         self._small, self.values = shrunk(subject.working, *small), 3 * width * height
         self.most = math.inf if plan.goal.count is None else plan.goal.count
-        if plan.sketch:
+        if plan.sketch or plan.in_inks:
             self.most = 0  # they would draw errors along edges, which look like stains
 
     def trial(self, found: FoundAreas, count: int = TRIED) -> Trial:
@@ -136,7 +136,8 @@ class Trials:
 
     def _fitted(self, ground: Scene, count: int, stop: Callable[[], bool]) -> FitSession:
         """Return a short fit of `count` Gaussians to the small picture, above a ground."""
-        options = FitOptions(tune=PSNR, falloff=GAUSSIAN)
+        inks = self._plan.options.fit.inks
+        options = FitOptions(tune=PSNR, falloff=GAUSSIAN if inks is None else None, inks=inks)
         config = FitConfig(gaussians=count, iterations=TRIAL_STEPS, fit=options)
         targets = TargetPyramid(self._small, PSNR, ground=ground)
         session = FitSession(self._small, config, stop=stop, targets=targets)

@@ -200,9 +200,7 @@ def vectorize_by(
         raise refusal("start", "alpha-composited, like the file", got, "--blend over for both")
     if start is not None and start.areas and not (plan.in_areas and plan.allows_areas):
         got, rule = str(AreaCounts.of(start.areas)), "a scene without areas"
-        raise refusal(
-            "start", rule, got, "--areas auto without --gaussians, --blend, --falloff and --inks"
-        )
+        raise refusal("start", rule, got, "--areas auto without --gaussians, --blend and --falloff")
     if start is not None and plan.in_areas and not start.areas:
         got = f"{len(start)} Gaussians"
         raise refusal("start", "a scene that has areas", got, "--areas auto")

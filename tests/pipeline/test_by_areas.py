@@ -24,6 +24,7 @@ from gauss2svg.measure.roundtrip import model_psnr
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize, rasterize_rgba
 from gauss2svg.scene.areas import AreaCounts, Outline
+from gauss2svg.scene.inks import ink_name
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.write import write_svg
 
@@ -311,13 +312,68 @@ def test_a_photo_has_the_file_that_it_has_without_areas(photo, given):
 
 @pytest.mark.parametrize(
     "given",
-    [{"gaussians": 9}, {"blend": "add"}, {"falloff": "gaussian"}, {"inks": 3}, {"areas": "never"}],
+    [
+        {"gaussians": 9},
+        {"blend": "add"},
+        {"falloff": "gaussian"},
+        {"areas": "never"},
+        {"inks": 3, "areas": "never"},
+        {"inks": 3, "gaussians": 9},
+        {"inks": 3, "target_psnr": 12},
+    ],
     ids=str,
 )
-def test_a_drawing_has_no_areas_if_the_paper_or_inks_are_asked_for(given):
+def test_a_drawing_has_no_areas_if_the_paper_or_other_shapes_are_asked_for(given):
     result = vectorize(DRAWING, iterations=4, quality="draft", **given)
     assert (result.report["area_count"], result.scene.areas) == (0, ())
     assert result.report["gaussians"] > 0
+
+
+INKS = "#ffffff,#d03020,#203050,#108040"
+MIXED = (
+    np.array([[255, 255, 255], [0xD0, 0x30, 0x20], [0x20, 0x30, 0x50], [0x10, 0x80, 0x40]]) / 255
+)
+
+
+@pytest.mark.parametrize("given", [{}, {"markup": "minimal"}, {"max_bytes": 2000}], ids=str)
+@pytest.mark.parametrize("picture", [DRAWING, CLEAR, SHADED], ids=["flat", "alpha", "gradient"])
+def test_a_drawing_in_inks_is_areas_that_each_have_one_of_them(picture, given):
+    result = vectorize(picture, inks=INKS, **given)
+    assert result.report["area_count"] >= 2
+    assert len(result.scene) == 0
+    assert {ink_name(ink) for ink in result.scene.inks} <= set(INKS.split(","))
+    # Antialiased pixels along outlines mix two inks. All others have one.
+    off = np.abs(rasterize(result.svg, 512, 512)[:, :, None] - MIXED).max(axis=-1).min(axis=-1)
+    assert (off > 0.01).mean() < 0.05
+    plates = result.plates()
+    assert (
+        sum(rasterize(svg, SIDE, SIDE)[..., 0] for svg in plates.values()).max() < len(plates) + 0.1
+    )
+
+
+def test_a_drawing_has_the_nearest_ink_everywhere():
+    nearest = MIXED[np.square(DRAWING[:, :, None] - MIXED).sum(axis=-1).argmin(axis=-1)]
+    raster = vectorize(DRAWING, inks=INKS).raster
+    assert (np.abs(raster - nearest).max(axis=-1) > 0.1).mean() < 0.04
+
+
+def test_pixel_art_in_inks_has_an_ink_in_each_cell():
+    rng = np.random.default_rng(0)
+    cells = (
+        (rng.integers(256, size=(7, 3)) / 255)[rng.integers(7, size=(8, 8))]
+        .repeat(6, axis=0)
+        .repeat(6, axis=1)
+    )
+    result = vectorize(cells.astype(np.float32), inks=INKS)
+    assert result.report["gaussians"] == 0
+    nearest = MIXED[np.square(cells[:, :, None] - MIXED).sum(axis=-1).argmin(axis=-1)]
+    np.testing.assert_allclose(result.raster, nearest, atol=0.01)
+
+
+def test_a_drawing_with_a_photo_in_it_has_ellipses_in_inks():
+    picture = SHADED.copy()
+    picture[8:104, 8:104] = data.astronaut()[40:136, 180:276] / 255
+    assert vectorize(picture, inks=4, quality="draft").report["area_count"] == 0
 
 
 def test_a_count_is_a_bound_beside_a_limit_and_leaves_areas():
