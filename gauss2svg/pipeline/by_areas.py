@@ -43,6 +43,7 @@ from gauss2svg.photo.pixels import shrunk
 from gauss2svg.pipeline.area_colors import with_solved_colors
 from gauss2svg.pipeline.by_count import ByCount
 from gauss2svg.pipeline.export import Exporter
+from gauss2svg.pipeline.films import kept
 from gauss2svg.pipeline.inked import (
     LEAST_EXPLAINED,
     areas_in_inks,
@@ -54,9 +55,17 @@ from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.outcome import Export, Outcome, Subject
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
-from gauss2svg.pipeline.trials import SHADED, UNREFINED, Trial, Trials, nothing, scene_of
+from gauss2svg.pipeline.trials import (
+    SEEN_UP_TO,
+    SHADED,
+    UNREFINED,
+    Trial,
+    Trials,
+    nothing,
+    scene_of,
+)
 from gauss2svg.raster import rasterize_like
-from gauss2svg.scene import ABOVE
+from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import Area, AreaCounts
 from gauss2svg.svg import LEAST_PRECISION, MINIMAL, MOST_PRECISION, Document, SvgFormat
 from gauss2svg.svg.write import ordered_svg
@@ -132,6 +141,7 @@ class ByAreas:
             areas = areas_in_inks(subject.start.areas, str(plan.options.fit.inks))
             start = subject.start.select([]).replace(areas=areas)
             self._subject = dataclasses.replace(subject, start=start)
+        self._start = self._subject.start  # scene whose unchanged areas stay as they are
         width, height = subject.size
         most = min(MOST_CORES, max(width * height // PIXELS_EACH_CORE, LEAST_CORES))
         self._most_cores = None if plan.prefers_areas else most
@@ -142,16 +152,22 @@ class ByAreas:
         If the file of a start is closer than what is made of it, that is returned.
         """
         outcome = self._search()
-        if (start := self._subject.start) is None:
+        if (start := self._scaled_start()) is None:
             return outcome
-        width, height = self._subject.size
-        scene = start.scaled(width / start.width, height / start.height)
-        export = self._exporter.unscored(scene.replace(width=width, height=height))
+        export = self._exporter.unscored(start)
         if export.size > self._limit:
             return outcome
         fitted = outcome.fitted.after(None, "start")
         own = dataclasses.replace(self._with_file(outcome, export), fitted=fitted)
         return max(outcome, own, key=lambda one: one.psnr)
+
+    def _scaled_start(self) -> Scene | None:
+        """Return the scene of the start, scaled to the working picture."""
+        if (start := self._start) is None:
+            return None
+        width, height = self._subject.size
+        start = start.scaled(width / start.width, height / start.height)
+        return start.replace(width=width, height=height)
 
     def _search(self) -> Outcome:
         run, wall_s, cpu_s = self._run, time.perf_counter(), time.process_time()
@@ -159,6 +175,10 @@ class ByAreas:
             self._decode(self._quality)
         if self._plan.in_inks and not self._inks:
             self._ink(str(self._plan.options.fit.inks))
+        start = self._scaled_start()
+        if start is not None and model_psnr(start, self._subject.working) < SEEN_UP_TO:
+            # Things have moved, as from a frame of a film to the next, so areas are found anew.
+            self._subject = dataclasses.replace(self._subject, start=None)
         subject, plan = self._subject, dataclasses.replace(self._plan, rate=self._rate)
         self._trials = Trials(plan, subject, self._exporter, self._fills, self._is_over)
         trial = self._best()
@@ -171,7 +191,7 @@ class ByAreas:
         reason = "max_bytes" if self._is_cut else "gain"
         reason = run.end_reason(reason, self._is_late)
         fitted = FitResult(trial.ground, 0, 0, wall_s, cpu_s, 0, reason)
-        alone = self._outcome(self._rastered(trial), fitted)
+        alone = self._outcome(self._steady(self._rastered(trial)), fitted)
         if self._ends() or not self._trials.wants_gaussians(trial):
             return self._judged(alone)
         start = subject.start
@@ -307,6 +327,25 @@ class ByAreas:
         if export.size > self._limit:
             return trial
         found = dataclasses.replace(found, areas=areas)
+        return dataclasses.replace(trial, found=found, ground=scene, export=export)
+
+    def _steady(self, trial: Trial) -> Trial:
+        """Return a trial whose areas are those of the start where these draw the same."""
+        start, ground, photo = self._scaled_start(), trial.ground, self._subject.photo
+        if start is None or len(ground) or len(start) or self._ends():
+            return trial
+
+        def error_of(areas: tuple[Area, ...]) -> float:
+            export = self._exporter.unscored(ground.replace(areas=areas))
+            if export.size > self._limit:
+                return math.inf
+            psnr = self._subject.psnr(self._exporter.raster(export.svg), photo)
+            return 3 * math.prod(photo.shape[:2]) * 10 ** (-psnr / 10)
+
+        areas = kept(ground.areas, start.areas, error_of)
+        found = dataclasses.replace(trial.found, areas=areas)
+        scene = ground.replace(areas=found.areas)
+        export = self._exporter.unscored(scene)
         return dataclasses.replace(trial, found=found, ground=scene, export=export)
 
     def _best(self) -> Trial:

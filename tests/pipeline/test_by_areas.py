@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import os
+import re
 import subprocess
 import sys
 import tracemalloc
@@ -203,6 +204,28 @@ def test_the_areas_of_a_start_are_refined_and_not_found_again():
     assert again.report["psnr_svg"] > result.report["psnr_svg"] - 1
     larger = result.scene.scaled(2)
     assert vectorize(DRAWING, areas="always", start=larger).report["psnr_svg"] > 40
+
+
+FRAMES = {
+    "moved": 'transform="translate(9 4)"', "turned": 'transform="rotate(25 40 44)"',
+    "recoloured": 'fill-opacity=".6"',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change", FRAMES)
+def test_areas_that_no_frame_of_a_film_changes_stay_as_they_are(change):
+    rest = SHAPES.split("<path", 1)[1]
+    page = '<path fill="#fff" d="M0 0h128v128H0z"/>'
+    square = '<path d="M24 28h32v32H24z" fill="#c0322c" {}/>'
+    frames = [
+        rasterize(FRAME.format(page + square.format(one) + "<path" + rest), SIDE, SIDE)
+        for one in ("", FRAMES[change])
+    ]
+    start = vectorize(frames[0])
+    result, new = vectorize(frames[1], start=start.scene), vectorize(frames[1])
+    assert result.report["psnr_svg"] > new.report["psnr_svg"] - 0.2
+    paths = [set(re.findall(r' d="(.*?)"', one.svg)) for one in (start, result)]
+    assert len(paths[0] & paths[1]) >= 2  # the triangle and the line
 
 
 def shifted(outline: Outline, by: float) -> Outline:
