@@ -59,7 +59,7 @@ def test_a_silhouette_has_fewer_bytes_than_by_other_tools():
 
 
 def test_options_that_ask_for_gaussians_draw_a_sprite_by_gaussians():
-    for options in ({"areas": "never"}, {"gaussians": 20}, {"inks": 3}):
+    for options in ({"areas": "never"}, {"gaussians": 20}, {"inks": 3, "target_psnr": 10}):
         result = vectorize(SPRITE, iterations=2, **options)
         assert not result.scene.areas
         assert len(result.scene)
