@@ -78,6 +78,7 @@ def find_areas(
     shaded: bool = False,
     most_cores: int | None = None,
     glance: Glance = lambda error, edges: None,
+    focus: Floats | None = None,
 ) -> FoundAreas:
     """Return the areas and lines that draw a picture (h, w, 3), or (h, w, 4) with straight alpha.
 
@@ -85,10 +86,12 @@ def find_areas(
     unit  user unit in px of the file for which nodes are counted
     shaded  whether shading without crisp edges is left to Gaussians
     most_cores  raise NoDrawingError if the picture has more cores. None: never
+    focus  (h, w) weights of the errors of pixels, of mean 1. None: all are 1
     """
     started = time.perf_counter()
     poll = (lambda: None) if progress is None else (lambda: progress(0.0, None))
     drawing = first_drawing(channels_of(picture), unit, rate, shaded, most_cores, poll, glance)
+    drawing.focus = focus
     drawing = drawing.with_layers(without_cheap(drawing, unit, FIRST_RATE), is_tied=False)
     find_s = time.perf_counter() - started
     return refined(drawing, rate, unit, progress, STEPS, find_s)

@@ -38,6 +38,7 @@ def merged(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     layers = []
     for index, layer in enumerate(drawing.current()):
         contrast = (drawing.part(drawing.weight, index) ** 2).sum(axis=-1)
+        contrast = drawing.focused(contrast, index)
         if layer.is_line:
             contrast *= 2  # it has two sides
         left, top = drawing.box[index, :2]
@@ -82,7 +83,7 @@ def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:
     for index, layer in enumerate(drawing.current()):
         own, weight = error[drawing.slices(index)], drawing.part(drawing.weight, index)
         without = own - weight * drawing.part(cover, index)[..., None]
-        saved = (without**2 - own**2).sum(axis=-1)
+        saved = drawing.focused((without**2 - own**2).sum(axis=-1), index)
         if layer.is_line:
             near = (_sum_around(saved, path, drawing.box[index, :2]) for path in layer.paths)
             pairs = zip(layer.paths, near, strict=True)
@@ -111,12 +112,12 @@ def with_caps(drawing: Drawing, rate: float) -> list[Layer]:
         return layers
     before = ((drawing.draw() - drawing.pixels) ** 2).sum(axis=-1)
     after = ((drawing.with_layers(others).draw() - drawing.pixels) ** 2).sum(axis=-1)
-    chosen = list[Layer]()
+    saved, chosen = drawing.focused(before - after), list[Layer]()
     for layer, other in zip(layers, others, strict=True):
         if other is layer:
             chosen.append(layer)
             continue
-        gains = np.array([_gain(before - after, path, layer.width) for path in layer.paths])
+        gains = np.array([_gain(saved, path, layer.width) for path in layer.paths])
         is_round = gains > 0
         if not is_round.all():
             is_round &= gains[is_round].sum() > rate * (BYTES_OF_ROUND + BYTES_OF_LINE)

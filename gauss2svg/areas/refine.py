@@ -125,6 +125,8 @@ class Drawing:
         self.layers = layers
         # Function that rasterises the drawing as its file will be. None: coverage is exact
         self.rasterize: Callable[[], NDArray[np.float32]] | None = None
+        # (h, w) weights of errors, for which nodes and layers are left out. None: all are 1
+        self.focus: Floats | None = None
         self.noise = 0.0  # mean squared distance in px by which outlines seem to be off
         self.shape = pixels.shape
         paths = [path for layer in layers for path in layer.paths]
@@ -177,9 +179,11 @@ class Drawing:
 
     def with_layers(self, layers: list[Layer], is_tied: bool = True) -> Drawing:
         """Return a drawing of the same picture with other layers."""
-        return Drawing(
+        new = Drawing(
             self.pixels, self.ground, self.paints, layers, is_tied, self._buffers, self.picture
         )  # fmt: skip
+        new.focus = self.focus
+        return new
 
     def boxes(self) -> Ints:
         """Return the boxes (l, 4) of the layers, left, top, width and height in px."""
@@ -235,6 +239,12 @@ class Drawing:
         _, _, w, h = self.box[layer]
         start = self.offset[layer]
         return values[start : start + w * h].reshape(h, w, *values.shape[1:])
+
+    def focused(self, errors: Floats, layer: int | None = None) -> Floats:
+        """Return squared errors (h, w), of the picture or of a layer's box, with their weights."""
+        if self.focus is None:
+            return errors
+        return errors * (self.focus if layer is None else self.focus[self.slices(layer)])
 
     def slices(self, layer: int) -> tuple[slice, slice]:
         """Return the rows and the columns of a layer's box."""

@@ -30,6 +30,7 @@ from gauss2svg.areas.find import (
     RATE,
     UNIT,
     FoundAreas,
+    Glance,
     NoDrawingError,
     Progress,
     find_areas,
@@ -220,13 +221,9 @@ class ByAreas:
 
     def _decode(self, quality: int) -> None:
         """Take out of the picture what JPEG of this quality changed, as its areas tell."""
-        most, noise = self._most_cores, LEFT * self._noise
+        noise = LEFT * self._noise
         for _ in range(DECODINGS):
-            found = self._found(
-                lambda p: find_areas(
-                    self._subject.working, self._rate, self._unit, p, most_cores=most
-                )
-            )
+            found = self._found(self._areas)
             if self._ends() or found.drawing is None:
                 return
             decoding = decoded(self._noisy, found.drawing.draw(), quality)
@@ -241,11 +238,7 @@ class ByAreas:
         A picture that areas do not explain, such as a photo in a drawing, gets no areas.
         """
         width, height = self._subject.size
-        found = self._so_far = self._found(
-            lambda p: find_areas(
-                self._subject.working, self._rate, self._unit, p, most_cores=self._most_cores
-            )
-        )
+        found = self._so_far = self._found(self._areas)
         self._is_lost |= found.explained < LEAST_EXPLAINED and self._most_cores is not None
         if not self._is_lost:
             picture = picture_in_inks(found, inks, width, height)
@@ -269,7 +262,8 @@ class ByAreas:
         """Return the PSNR (dB) of an outcome against the picture in which areas were searched."""
         if self._is_as_given:
             return outcome.psnr
-        return model_psnr(outcome.file.scene, self._subject.working)
+        working = self._subject.working
+        return model_psnr(outcome.file.scene, working, self._subject.weight(working))
 
     def _recolored(self, both: Outcome) -> Outcome:
         """Return an outcome with solved colours of its areas, or itself if that is too large."""
@@ -407,8 +401,7 @@ class ByAreas:
                     raise _NoFewerError
             progress(done, present)
 
-        picture, most = self._subject.working, self._most_cores
-        return find_areas(picture, self._rate, self._unit, checked, True, most)
+        return self._areas(checked, shaded=True)
 
     def _cut(self, finest: Trial, shaded: bool) -> Trial:
         """Return the best trial within the limit of bytes, which `finest` exceeds.
@@ -446,13 +439,9 @@ class ByAreas:
         They are found anew, because more thin parts are lines if bytes are dear. Only the areas of
         a start are kept.
         """
-        subject = self._subject
-        if subject.start is not None:
+        if self._subject.start is not None:
             return self._coarser(trial, rate)
-        return self._found(
-            lambda p: find_areas(subject.working, rate, self._unit, p, shaded, self._most_cores),
-            trial.found,
-        )
+        return self._found(lambda p: self._areas(p, rate, shaded), trial.found)
 
     def _coarser(self, trial: Trial, rate: float) -> FoundAreas:
         found = trial.found
@@ -518,15 +507,21 @@ class ByAreas:
 
     def _searched(self, progress: Progress) -> FoundAreas:
         """Return the areas of the picture, or those of the start, at the usual rate."""
-        subject, unit = self._subject, self._unit
+        subject = self._subject
         if (start := subject.start) is None:
-            most = self._most_cores
-            return find_areas(
-                subject.working, self._rate, unit, progress, most_cores=most, glance=self._glance
-            )
+            return self._areas(progress, glance=self._glance)
 
         width, height = subject.size
         areas = start.scaled(width / start.width, height / start.height).areas
         # Its nodes are kept, and Gaussians draw the shading if it has any.
-        shaded = len(start) > 0
+        shaded, unit = len(start) > 0, self._unit
         return refined_areas(subject.working, areas, start.background, 0.0, unit, progress, shaded)
+
+    def _areas(
+        self, progress: Progress, rate: float | None = None, shaded: bool = False,
+        glance: Glance = lambda error, edges: None,
+    ) -> FoundAreas:  # fmt: skip
+        """Return the areas of the picture, at the usual rate unless another is given."""
+        picture, rate = self._subject.working, self._rate if rate is None else rate
+        most, focus = self._most_cores, self._subject.weight(picture)
+        return find_areas(picture, rate, self._unit, progress, shaded, most, glance, focus)

@@ -139,7 +139,7 @@ class Trials:
         inks = self._plan.options.fit.inks
         options = FitOptions(tune=PSNR, falloff=GAUSSIAN if inks is None else None, inks=inks)
         config = FitConfig(gaussians=count, iterations=TRIAL_STEPS, fit=options)
-        targets = TargetPyramid(self._small, PSNR, ground=ground)
+        targets = TargetPyramid(self._small, PSNR, focus=self._subject.focus, ground=ground)
         session = FitSession(self._small, config, stop=stop, targets=targets)
         session.fit()
         return session
@@ -150,7 +150,8 @@ class Trials:
 
     def _error(self, scene: Scene) -> float:
         """Return the squared error of a scene, measured on the small picture."""
-        return self.values * 10 ** (-model_psnr(scene, self._small) / 10)
+        weight = self._subject.weight(self._small)
+        return self.values * 10 ** (-model_psnr(scene, self._small, weight) / 10)
 
     def shapes_win(self, size: float, error: float) -> bool:
         """Return whether shapes alone, in a file of so many bytes, may be closer than areas.

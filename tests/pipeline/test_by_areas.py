@@ -86,6 +86,20 @@ def test_a_run_without_areas_reports_none(photo):
     assert [report[name] for name in names] == [0] * 6
 
 
+def test_bytes_are_spent_where_errors_count_most():
+    star = '<path fill="#17324d" d="M{} {}l4 9 10 1-8 6 4 11-10-6-9 7 3-11-9-6 11-1z"/>'
+    stars = "".join(star.format(x, y) for x in (16, 46, 80, 110) for y in (12, 44, 76, 100))
+    picture = rasterize(FRAME.format(f'<path fill="#fff" d="M0 0h128v128H0z"/>{stars}'), SIDE, SIDE)
+    focus = np.full((SIDE, SIDE), 0.1, np.float32)
+    focus[:, : SIDE // 2] = 1.9
+    outlines = [
+        one for area in find_areas(picture, 0.1, focus=focus).areas for one in area.outlines
+    ]
+    is_left = [one.segments[..., 0].mean() < SIDE / 2 for one in outlines]
+    nodes = [len(one.curved) for one in outlines]
+    assert np.sum(nodes, where=is_left) > 1.5 * np.sum(nodes, where=np.logical_not(is_left))
+
+
 def test_the_user_unit_is_a_share_of_a_pixel_of_the_fit_or_the_precision():
     usual = vectorize(DRAWING, areas="always")
     reduced = vectorize(DRAWING, areas="always", max_size=64)
