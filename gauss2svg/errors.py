@@ -5,6 +5,7 @@ A message is one line. It often ends with advice on what to try.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, TypeVar
 
 _Kind = TypeVar("_Kind")
@@ -48,6 +49,15 @@ def refusal(name: str, needed: str, got: str, advice: str = "") -> InputError:
     If `got` contains text from a user, pass the text through `quoted` or `brief` first.
     """
     return InputError(f"{name} must be {needed}; got {got}" + (f". Try {advice}" if advice else ""))
+
+
+def nearest(word: str, names: Iterable[str]) -> str:
+    """Return the name that a misspelt or shortened word probably stands for, or "" for none."""
+    from difflib import get_close_matches  # imported here because only errors need it
+
+    names, word = list(names), word.strip().lower()
+    longer = [name for name in names if word and name.startswith(word)]
+    return [*longer, *get_close_matches(word, names, 1, cutoff=0.75), ""][0]
 
 
 def on_one_line(text: str) -> str:

@@ -22,13 +22,15 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, BinaryIO, TypeVar
 
-from gauss2svg.errors import InputError, OutputError, brief, on_one_line, refusal
+from gauss2svg.errors import InputError, OutputError, brief, on_one_line, quoted, refusal
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
 STANDARD_STREAM = "-"
+SVG_ENDINGS = (".svg", ".svgz")
+FILE_ENDINGS = (*SVG_ENDINGS, ".json", ".html", ".htm", ".csv", ".png", ".npz", ".pdf", ".zip")
 PATTERN = re.compile(r"[*?\[]")  # a wildcard in a file name
 UTF16_MARKS = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
 FileName = str | os.PathLike[str]
@@ -299,6 +301,32 @@ def reason_of(error: BaseException) -> str:
     return on_one_line(text).strip().rstrip(".")[:300]
 
 
+def in_folder(path: FileName, name: str) -> str:
+    """Return the name of an output: `path`, or the file `name` in it if it is a folder."""
+    text = os.fspath(path)
+    return os.path.join(text, name) if os.path.isdir(text) else text
+
+
+def check_ending(name: str, path: FileName, endings: Sequence[str]) -> None:
+    """Raise InputError if the name of an output has none of the endings, as in (".svg", ".svgz").
+
+    Pipes and devices may have any name. The option in the error message is `name`.
+    """
+    text = os.fspath(path)
+    is_device = os.path.exists(text) and not os.path.isfile(text)
+    if not is_device and not text.lower().endswith(tuple(endings)):
+        needed = f"a name that ends in {' or '.join(endings)}, or a folder that exists"
+        advice = os.path.splitext(text.rstrip("/\\"))[0] + endings[0]
+        raise refusal(name, needed, quoted(text), brief(advice))
+
+
+def check_folder(path: FileName) -> None:
+    """Raise InputError if the output, which becomes a folder, has the name of a file."""
+    stem, ending = os.path.splitext(os.fspath(path))
+    if ending.lower() in FILE_ENDINGS and not os.path.exists(path):
+        raise refusal("--output", "the name of a folder", quoted(os.fspath(path)), brief(stem))
+
+
 def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
     """Raise InputError if an output is the same file as an input or as another output.
 
@@ -365,6 +393,9 @@ def as_png(pixels: NDArray[np.floating]) -> bytes:
     return saved(lambda stream: picture.save(stream, "PNG"))
 
 
-def as_json(report: Mapping[str, Any]) -> bytes:
-    """Return a report as indented JSON. Raise ValueError if it has infinity or NaN."""
+def as_json(report: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> bytes:
+    """Return a report, or a list of them, as indented JSON.
+
+    Raise ValueError if it has infinity or NaN.
+    """
     return (json.dumps(report, indent=2, allow_nan=False) + "\n").encode()

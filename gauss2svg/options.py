@@ -32,7 +32,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self, get_args, get_origin, get_type_hints
 
-from gauss2svg.errors import InputError, plain_scalar, quoted, refusal
+from gauss2svg.errors import InputError, nearest, plain_scalar, quoted, refusal
 
 
 class Interval(NamedTuple):
@@ -48,6 +48,7 @@ Seed = Annotated[int, Interval(ge=0, le=2**63 - 1)]
 _MAX_INT = 2**31 - 1  # largest value of an int option whose annotation has no upper bound
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 _SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([kmg]?)b?", re.IGNORECASE)
+_HEX = re.compile("#?([0-9a-f]{3}|[0-9a-f]{6})")
 _NUMBERS: Any = (numbers.Number, decimal.Decimal)
 _BOOLS = {"True": True, "False": False, "true": True, "false": False}
 
@@ -131,7 +132,8 @@ class Field:
         return number if is_large and number <= self.most else None
 
     def _refusal(self, value: Any) -> InputError:
-        return refusal(self.name, self._needed, quoted(value), self.advice)
+        close = nearest(value, map(str, self.words)) if isinstance(value, str) else ""
+        return refusal(self.name, self._needed, quoted(value), close or self.advice)
 
     @property
     def _needed(self) -> str:
@@ -251,6 +253,24 @@ def byte_size(name: str, value: Any) -> int:
             f"{name} must be a size of at least 1 byte; got {quoted(value)}. Try 150k or 1.5M"
         )
     return int(size)
+
+
+def hex_of(text: Any) -> str:
+    """Return a colour as "#rrggbb", or raise ValueError.
+
+    text  #rgb or #rrggbb, also without the #, or a name of a colour in CSS such as red. The error
+          of another text is the name that is nearest to it, or "" if none is near
+    """
+    from PIL.ImageColor import colormap, getrgb  # imported here because few options need it
+
+    if not isinstance(text, str):
+        raise ValueError("")
+    word = text.strip().lower()
+    if match := _HEX.fullmatch(word):
+        return "#" + (match[1] if len(match[1]) == 6 else "".join(2 * digit for digit in match[1]))
+    if word not in colormap:
+        raise ValueError(nearest(word, colormap))
+    return "#" + bytes(getrgb(word)).hex()
 
 
 def file_name(name: str, value: Any, needed: str = "the path of a file") -> str:

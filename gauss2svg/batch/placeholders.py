@@ -5,6 +5,7 @@ If the file exists, its entries are kept for photos that have not changed.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import re
@@ -15,8 +16,15 @@ from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from gauss2svg.batch.listing import ListedPhoto, listed_photos
-from gauss2svg.errors import Gauss2SvgError, InputError, quoted, refusal
-from gauss2svg.files import STANDARD_STREAM, check_outputs, make_folder, reading, text_of
+from gauss2svg.errors import Gauss2SvgError, InputError, brief, quoted, refusal
+from gauss2svg.files import (
+    FILE_ENDINGS,
+    STANDARD_STREAM,
+    check_outputs,
+    make_folder,
+    reading,
+    text_of,
+)
 from gauss2svg.options import OptionGroup, file_path
 from gauss2svg.pipeline.placeholder import (
     DEFAULT_BYTES,
@@ -25,6 +33,7 @@ from gauss2svg.pipeline.placeholder import (
     check_bytes,
     placeholder,
 )
+from gauss2svg.svg.file import is_own
 from gauss2svg.version import __version__
 
 # In a list in HTML, each photo has a line. This pattern matches the beginning of such a line. Its
@@ -34,6 +43,11 @@ _LINE = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
 # the <picture> of photo.jpg offers this file too. The best format comes first, because a browser
 # takes the first file whose type it supports.
 _SOURCES = {".avif": "image/avif", ".webp": "image/webp"}
+
+# {ending of an output: the format that it stands for}
+_FORMATS = {".json": "json", ".html": "html", ".htm": "html", ".svg": "svg"}
+# {format: the format whose endings its output may have}, for formats that have none of their own
+_LIKE = {"object": "json", "picture": "html"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,11 +61,12 @@ class PlaceholderOptions(OptionGroup):
     """What --max-bytes limits. svg: the file. inline: the SVG as it stands inside a page ("content"
     in the JSON). data_uri, data_uri_base64: the data URI of that form."""
 
-    format: Literal["json", "object", "html", "picture", "svg"] = "json"
+    format: Literal["json", "object", "html", "picture", "svg"] | None = None
     """json: a list with the SVG, data URIs, size and mean colour of each photo, by the keys of
     SQIP. object: the same, by the paths of the photos. html: an img element for each photo, with
     the placeholder as its background. picture: the same in a picture element, which also offers the
-    AVIF and WebP of the same name beside the photo. svg: one SVG file for each photo."""
+    AVIF and WebP of the same name beside the photo. svg: one SVG file for each photo. The default
+    is svg for a folder and for the ending .svg, html for .html, and json for any other output."""
 
     root: Annotated[Path | None, file_path] = None
     """Folder to which paths and addresses are relative. The default is the folder of the output."""
@@ -73,7 +88,11 @@ class PlaceholderList:
     """
 
     def __init__(self, paths: list[str], output: str, options: PlaceholderOptions) -> None:
+        options = dataclasses.replace(options, format=_format_of(output, options.format))
         self._output, self._options = output, options
+        # Whether the output is an SVG, and not a folder of SVGs or a list.
+        is_file = output.lower().endswith(".svg") and not os.path.isdir(output)
+        self._is_one_svg = options.format == "svg" and (is_file or output == STANDARD_STREAM)
         self._is_json = options.format in ("json", "object")
         self._made_by = f"gauss2svg {__version__}, {options.max_bytes} bytes of {options.bytes_of}"
         self.photos = listed_photos(paths)
@@ -84,12 +103,17 @@ class PlaceholderList:
         if options.format == "picture":
             sources = {file for photo in self.photos for file in _sources(photo)}
             self.photos = [photo for photo in self.photos if Path(photo.path) not in sources]
-        elif options.format == "svg" and output == STANDARD_STREAM and len(self.photos) > 1:
-            raise InputError("--output must be given for several SVGs. Try -o folder")
-        elif options.format == "svg" and Path(output).suffix.lower() == ".svg":
+        elif self._is_one_svg and len(self.photos) > 1:
+            if output == STANDARD_STREAM:
+                raise InputError("--output must be given for several SVGs. Try -o folder")
             advice = str(Path(output).with_suffix(""))
-            raise refusal("--output", "a folder with --format svg", quoted(output), advice)
+            raise refusal("--output", "a folder for several SVGs", quoted(output), advice)
         keys = [self._key(photo) for photo in self.photos]
+        if options.format == "svg" and not self._is_one_svg:
+            for key in keys:
+                if os.path.isfile(key) and not is_own(key):
+                    needed = "a folder without SVGs of others by the names of the photos"
+                    raise refusal("--output", needed, brief(key), "another folder")
         if output != STANDARD_STREAM:
             targets = [Path(name) for name in (keys if options.format == "svg" else [output])]
             make_folder(targets[0].parent)
@@ -157,8 +181,8 @@ class PlaceholderList:
         written as a URL, with its bytes percent-encoded.
         """
         if self._options.format == "svg":
-            is_stream = self._output == STANDARD_STREAM
-            return self._output if is_stream else str(Path(self._output) / f"{photo.slug}.svg")
+            in_folder = str(Path(self._output) / f"{photo.slug}.svg")
+            return self._output if self._is_one_svg else in_folder
         root = self._options.root or os.path.dirname(self._output) or "."
         try:
             path = Path(os.path.relpath(photo.path, root)).as_posix()
@@ -208,6 +232,22 @@ class PlaceholderList:
             needed = f"a file of placeholders in {form}, or none yet"
             got = f"{output}, which has something else or is damaged"
             raise refusal("--output", needed, got, "another name, or remove it") from error
+
+
+def _format_of(output: str, form: Any) -> Any:
+    """Return the format of an output: `form`, or the one for which its name stands if it is None.
+
+    Raise InputError if the name stands for another format.
+    """
+    is_folder = os.path.isdir(output) or output.endswith(("/", os.sep))
+    ending = ".svg" if is_folder else os.path.splitext(output)[1].lower()
+    named = _FORMATS.get(ending, "another" if ending in FILE_ENDINGS else "")
+    form = form or {"another": "svg", "": "json"}.get(named, named)
+    like = _LIKE.get(form, form)
+    if named not in ("", like):
+        needed, stem = f"a name for the format {form}", os.path.splitext(output)[0]
+        raise refusal("--output", needed, quoted(output), brief(f"{stem}.{like}"))
+    return form
 
 
 def _sources(photo: ListedPhoto) -> dict[Path, str]:

@@ -54,6 +54,7 @@ def run(given: dict[str, Any]) -> int:
     from gauss2svg.batch.table import Summary
 
     command = BatchCommand.of(given)
+    files.check_folder(command.output)
     options = run_options((options_of_file(command.options) if command.options else {}) | given)
     if command.log == "json":
         # If standard output is closed, this raises an error before any work is done.

@@ -10,6 +10,7 @@ from gauss2svg.batch.inputs import local_photos
 from gauss2svg.cli.parser import STATUS_SOME_FAILED, words
 from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.compare import BenchOptions
+from gauss2svg.files import check_folder
 from gauss2svg.options import OptionGroup, file_path
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ def run(given: dict[str, Any]) -> int:
     from gauss2svg.measure import packages_missing
 
     command = BenchCommand.of(given)
+    check_folder(command.output)
     names, axes = words(command.peers), parse_axes(command.axis)
     if absent := peer_variants(names)[1]:
         say(f"skipped, not installed: {', '.join(absent)}")

@@ -10,6 +10,7 @@ from gauss2svg.cli.parser import STATUS_SOME_FAILED, words
 from gauss2svg.cli.terminal import counting_bar, say
 from gauss2svg.compare.pages import GalleryOptions
 from gauss2svg.errors import refusal
+from gauss2svg.files import check_folder
 from gauss2svg.fit import MOST_GAUSSIANS
 from gauss2svg.options import Field, OptionGroup, file_path
 from gauss2svg.processes import command_line
@@ -60,6 +61,7 @@ def run(given: dict[str, Any]) -> int:
     from gauss2svg.measure import packages_missing
 
     command = GalleryCommand.of(given)
+    check_folder(command.output)
     paths, counts, output = local_photos(command.photos), command.counts, command.output
     for source in command.photos:
         if output.resolve().is_relative_to(Path(source).resolve()):

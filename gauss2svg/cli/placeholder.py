@@ -23,8 +23,8 @@ class PlaceholderCommand(OptionGroup):
     input)."""
 
     output: str = STANDARD_STREAM
-    """File to write, or - for standard output. With --format svg it is a folder. An existing list
-    keeps the entries of unchanged photos, and loses those of photos that are not given."""
+    """List, SVG or folder of SVGs to write, or - for standard output. An existing list keeps the
+    entries of unchanged photos, and loses those of photos that are not given."""
 
     quiet: bool = False
     """Show neither progress nor summary."""

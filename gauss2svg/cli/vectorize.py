@@ -1,10 +1,10 @@
 """The command `gauss2svg PHOTO -o OUT.svg`."""
 
+import dataclasses
 import os
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,9 +18,10 @@ from gauss2svg.cli.terminal import (
     status_of,
 )
 from gauss2svg.errors import InputError, brief, quoted, refusal
-from gauss2svg.files import STANDARD_STREAM, expanded
+from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
 from gauss2svg.pipeline.options import AUTO, GROUP_TITLES, GROUPS, NEVER, Goal, Options
+from gauss2svg.processes import command_line
 from gauss2svg.scene import ADD
 from gauss2svg.scene.inks import MOST_INKS
 
@@ -38,11 +39,9 @@ _EXAMPLES = (
 USAGE = "PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all options)"
 _ABOUT = "Turn a picture into an SVG of soft shapes, and measure how closely it matches."
 ABOUT = "\n".join((_ABOUT, "", *_EXAMPLES))
-_SIGNATURE = b"written by gauss2svg"  # text in the description of every SVG that gauss2svg writes
-_SIGNATURE_WITHIN = 65536  # the signature must be within this number of bytes from the start
-# {option that names an output file: suffix that this file must have}
-_SUFFIXES = {"preview": ".png", "report": ".json", "outline": ".svg", "separations": ".svg"}
-_SUFFIXES |= {"save_scene": ".npz"}
+# {option that names an output file: endings that this file may have}
+_ENDINGS = {"preview": (".png",), "report": (".json",), "save_scene": (".npz",)}
+_ENDINGS |= dict.fromkeys(("outline", "separations"), SVG_ENDINGS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +106,22 @@ class PlatesAndPens(OptionGroup):
 class Files(PlatesAndPens, OutputFiles, InputFiles):
     """Options for all files except the photo and the SVG."""
 
+    @property
+    def outputs(self) -> dict[str, Path]:
+        """The output files that are given, by their options."""
+        return {name: path for name in _ENDINGS if (path := getattr(self, name)) is not None}
+
+    def in_folders(self, stem: str) -> "Files":
+        """Return the options with a file in place of each output that is a folder.
+
+        stem  name of the photo without its ending, with which names of such files begin
+        """
+        paths = {
+            name: Path(in_folder(path, f"{stem}-{name.removeprefix('save_')}{_ENDINGS[name][0]}"))
+            for name, path in self.outputs.items()
+        }
+        return dataclasses.replace(self, **paths)
+
     def plates(self, count: int) -> list[Path]:
         """Return the paths of the first `count` plates, or [] if --separations is not given."""
         path = self.separations
@@ -127,6 +142,8 @@ def run(given: dict[str, Any]) -> int:
     if len(photos) != 1 or os.path.isdir(photos[0] or "."):
         got = brief(", ".join(photos)) or ("''" if photos else "none")
         advice = "gauss2svg batch PHOTOS -o FOLDER" if photos else "gauss2svg --help"
+        if len(photos) == 2 and photos[1].lower().endswith(SVG_ENDINGS):
+            advice = command_line(["gauss2svg", photos[0], "-o", photos[1]])
         raise refusal("the photo", "one file", got, advice)
     return _run(photos[0], command.output, run_options(given), Files.of(given))
 
@@ -135,8 +152,8 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
     processes.keep_freed_memory()
     interruption = Interruption()
     with handling(interruption.receive):
-        if output is None:
-            output = _default_output(photo, extras.overwrite)
+        output = _output(photo, output, extras.overwrite)
+        extras = extras.in_folders("photo" if photo == STANDARD_STREAM else Path(photo).stem)
         options = _checked(photo, output, options, extras)
         result = _result(photo, output, options, extras, interruption)
         # The summary tells which targets were missed. With --quiet, there is no summary. A line is
@@ -150,34 +167,43 @@ def _run(photo: str, output: str | None, options: Options, extras: Files) -> int
             print_summary(result.report, written_to)
         if interruption.signal is not None:
             steps = result.report["iterations"]
-            after = f" after {steps} optimiser steps" if steps else ""
+            after = f" after {steps} steps of the fit" if steps else ""
             lines.append(f"interrupted{after}. The best picture so far is in {written_to}")
         for line in lines:
             say(line)
     return 0 if interruption.signal is None else status_of(interruption.signal)
 
 
-def _default_output(photo: str, overwrite: bool) -> str:
-    """Return the name of the SVG beside a photo: photo.svg for photo.jpg.
+def _output(photo: str, output: str | None, overwrite: bool) -> str:
+    """Return the name of the SVG: `output`, or photo.svg in the folder of `output` or of the photo.
 
-    Raise InputError if the photo is standard input, or if the photo itself has that name. Also
-    raise it if the SVG exists and gauss2svg did not write it, unless `overwrite` is True.
+    If the name is photo.svg, raise InputError if there is such a file that gauss2svg did not write,
+    unless `overwrite` is True. Also raise it if the photo has that name, and if `output` is None
+    and the photo is standard input.
     """
-    if photo == STANDARD_STREAM:
+    stem, path = "photo" if photo == STANDARD_STREAM else Path(photo).stem, output
+    if path == STANDARD_STREAM:
+        return path
+    if path == "":
+        raise refusal("--output", "the name of a file", "''", "-o out.svg")
+    if path is not None:
+        path = in_folder(path, f"{stem}.svg")
+    elif photo == STANDARD_STREAM:
         advice = "-o out.svg, or -o - for standard output"
         raise InputError(f"--output must be given if the photo is standard input. Try {advice}")
-    output = Path(photo).with_suffix(".svg")
-    if output == Path(photo):
-        raise refusal("the photo", "an image other than an SVG", quoted(photo))
-    if output.is_file() and not overwrite:
-        with suppress(OSError), output.open("rb") as file:
-            if _SIGNATURE in file.read(_SIGNATURE_WITHIN):
-                return os.fspath(output)
-        raise InputError(
-            f"--output must be given, because {output} exists and gauss2svg did not write it. Try "
-            f"-o {output} to replace it, or another name"
-        )
-    return os.fspath(output)
+    else:
+        path = os.fspath(Path(photo).with_suffix(".svg"))
+        if Path(path) == Path(photo):
+            raise refusal("the photo", "an image other than an SVG", quoted(photo))
+    if path != output and not overwrite and os.path.isfile(path):
+        from gauss2svg.svg.file import is_own
+
+        if not is_own(path):
+            raise InputError(
+                f"--output must be given, because {path} exists and gauss2svg did not write it. "
+                f"Try -o {path} to replace it, or another name"
+            )
+    return path
 
 
 def _checked(photo: str, output: str, options: Options, extras: Files) -> Options:
@@ -185,45 +211,35 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
 
     If the name of the output ends in .svgz, gzip is turned on. With pens there are no areas.
 
-    Raise InputError if an output file cannot be made with these options, has a wrong suffix, or
+    Raise InputError if an output file cannot be made with these options, has a wrong ending, or
     would replace the photo, the mask or the scene. Raise OutputError if a file cannot be written.
     """
-    from gauss2svg.svg.file import check_suffix, check_svg_name, is_svgz
+    from gauss2svg.svg.file import is_svgz
 
-    for name, rule, advice in _exclusions(output, options, extras):
+    for name, rule, advice in _exclusions(options, extras):
         raise InputError(f"{name} must {rule}. Try {advice}")
-    if extras.separations is not None:
-        # The value of --separations must be the name of a file, because the names of the plates are
-        # made from it. So this raises an error if the value is a folder.
-        files.check_writable(extras.separations)
-    paths = {name: path for name in _SUFFIXES if (path := getattr(extras, name)) is not None}
     targets = [] if output == STANDARD_STREAM else [Path(output)]
-    targets += [path for name, path in paths.items() if name != "separations"]
+    targets += [path for name, path in extras.outputs.items() if name != "separations"]
     inks = options.fit.inks
     if inks is not None:
         targets += extras.plates(inks if isinstance(inks, int) else str(inks).count(",") + 1)
     inputs = {photo: "the photo", extras.focus: "the mask", extras.start: "the scene"}
     files.check_outputs({str(path): text for path, text in inputs.items() if path}, targets)
-    check_svg_name("--output", output)
-    for option, path in paths.items():
-        name = flag_of(option)
-        if _SUFFIXES[option] == ".svg":
-            check_svg_name(name, path)
-        else:
-            check_suffix(name, path, _SUFFIXES[option])
+    if output != STANDARD_STREAM:
+        check_ending("--output", output, SVG_ENDINGS)
+    for name, path in extras.outputs.items():
+        check_ending(flag_of(name), path, _ENDINGS[name])
     if extras.pens is not None and options.svg.areas == AUTO:
         options = options.changed(areas=NEVER)  # pens draw the outlines of shapes
     return options.changed(gzip=True) if is_svgz(output) else options
 
 
-def _exclusions(output: str, options: Options, extras: Files) -> Iterator[tuple[str, str, str]]:
+def _exclusions(options: Options, extras: Files) -> Iterator[tuple[str, str, str]]:
     """Yield (name, rule, advice) for each option of an output file that breaks a rule.
 
     The error message is then "NAME must RULE. Try ADVICE". So the rule goes on after "must". It
     ends with a reason, or with what was given.
     """
-    if not output:
-        yield "--output", "be the name of a file; got ''", "-o out.svg"
     if extras.outline is not None and options.written_blend == ADD:
         why = "because its shapes are not drawn one over the other"
         yield "--outline", f"not be given with --blend {ADD}, {why}", "--portable"

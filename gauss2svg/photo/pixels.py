@@ -10,16 +10,16 @@ over white and over black matches the photo over every background.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageColor
+from PIL import Image
 
-from gauss2svg.errors import InputError, quoted
+from gauss2svg.errors import InputError, quoted, refusal
+from gauss2svg.options import hex_of
 
 Size = tuple[int, int]  # width and height in px
 # The size to which a photo is reduced: its longest side in px, or a function that takes the stored
@@ -29,7 +29,6 @@ WHITE, BLACK = 1.0, 0.0
 BACKDROPS = (WHITE, BLACK)
 # If a photo is reduced by at least this factor, an average is as good as Lanczos' filter.
 _AVERAGE_FROM = 2
-_COLOR = re.compile(r"white|black|#(?:[0-9a-f]{3}){1,2}", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -253,15 +252,12 @@ def linear_light(value: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def matte_color(text: str, name: str = "matte") -> tuple[float, float, float]:
-    """Return the colour, in 0..1, that a text names: white, black, #rgb or #rrggbb.
-
-    Raise InputError for any other text.
-    """
-    if not isinstance(text, str) or not _COLOR.fullmatch(text):
-        raise InputError(
-            f"{name} must be a colour such as white, black, #fa0 or #ffaa00; got {quoted(text)}"
-        )
-    red, green, blue = ImageColor.getrgb(text)[:3]
+    """Return the colour, in 0..1, that a text names as `hex_of` allows, or raise InputError."""
+    try:
+        red, green, blue = bytes.fromhex(hex_of(text)[1:])
+    except ValueError as error:
+        needed = "a colour such as white, black, #fa0 or #ffaa00"
+        raise refusal(name, needed, quoted(text), str(error)) from None
     return red / 255, green / 255, blue / 255
 
 

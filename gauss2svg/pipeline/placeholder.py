@@ -23,7 +23,7 @@ from gauss2svg.pipeline.outcome import Export, Subject
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
 from gauss2svg.pipeline.run import Run, watched
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like
-from gauss2svg.svg import MINIMAL
+from gauss2svg.svg import MINIMAL, NAMESPACE, signed
 from gauss2svg.svg.element import hex_color
 
 DEFAULT_BYTES = 1000
@@ -74,8 +74,9 @@ class Placeholder:
     @property
     def data_uri(self) -> str:
         """SVG as the shortest data URI that browsers accept in src="" and in CSS url("")."""
-        plain = "'" if "'" not in self.svg else '"'
-        return f"data:{_MEDIA_TYPE}," + quote(self.svg.replace('"', plain), safe=_UNESCAPED)
+        svg = self.svg.replace(signed(NAMESPACE), NAMESPACE)
+        plain = "'" if "'" not in svg else '"'
+        return f"data:{_MEDIA_TYPE}," + quote(svg.replace('"', plain), safe=_UNESCAPED)
 
     @property
     def data_uri_base64(self) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.areas.pixels import Sprite, sprite_of
 from gauss2svg.errors import InputError, refusal, required
-from gauss2svg.files import write_atomically
+from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import Scores, decibels
 from gauss2svg.options import Field, file_name, flag_of
@@ -46,7 +46,7 @@ from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import used_inks
 from gauss2svg.svg import Document
 from gauss2svg.svg.element import LARGEST_NUMBER
-from gauss2svg.svg.file import check_svg_name, file_bytes, image, is_svgz
+from gauss2svg.svg.file import file_bytes, image, is_svgz
 from gauss2svg.svg.write import outline_svg, plate_svg
 
 
@@ -79,7 +79,7 @@ class Result:
         OutputError if the file cannot be written.
         """
         path = file_name("path", path)
-        check_svg_name("path", path)
+        check_ending("path", path, SVG_ENDINGS)
         if gzip is None:
             gzip = is_svgz(path) or bool(self.report["gzip"])
         write_atomically(path, file_bytes(self.svg, Field("gzip", bool).checked(gzip)))

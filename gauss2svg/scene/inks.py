@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from gauss2svg.errors import plain_scalar, quoted, refusal
 from gauss2svg.files import reading, text_of
-from gauss2svg.options import Field, file_name
+from gauss2svg.options import Field, file_name, hex_of
 
 if TYPE_CHECKING:  # not at run time, because --help needs this module but not NumPy
     import numpy as np
@@ -29,7 +29,6 @@ else:
 LEAST_INKS, MOST_INKS = 2, 64
 PALETTE_SUFFIX = ".gpl"
 _ADVICE = '6, or "#f7c306,#c0322c,#17324d"'
-_HEX = re.compile(r"\s*#?([0-9a-f]{3}|[0-9a-f]{6})\s*", re.IGNORECASE)
 _PALETTE_HEAD = "GIMP Palette"
 _MOST_PALETTE_BYTES = 1_000_000
 # Lines of a palette that GIMP and Inkscape skip: comments, and header fields such as Name and
@@ -108,12 +107,11 @@ def check_inks(name: str, value: Any) -> int | str:
     ):
         texts = _read_palette(name, file_name(name, value))
     try:
-        digits = [_HEX.fullmatch(text)[1].lower() for text in texts]  # pyright: ignore[reportOptionalSubscript] (TypeError)
-    except TypeError:
-        raise refusal(
-            name, "colours such as #c0322c, a number of them or a .gpl file", quoted(value), _ADVICE
-        ) from None
-    inks = ["#" + (d if len(d) == 6 else "".join(2 * digit for digit in d)) for d in digits]
+        inks = [hex_of(text) for text in texts]
+    except (TypeError, ValueError) as error:
+        needed = "colours such as #c0322c or red, a number of them or a .gpl file"
+        close = str(error) if isinstance(error, ValueError) else ""
+        raise refusal(name, needed, quoted(value), close or _ADVICE) from None
     if not LEAST_INKS <= len(inks) == len(set(inks)) <= MOST_INKS:
         raise refusal(
             name, f"{LEAST_INKS} to {MOST_INKS} different colours", quoted(value), _ADVICE

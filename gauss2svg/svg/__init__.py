@@ -14,13 +14,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_args
 
-from gauss2svg.errors import InputError, quoted, refusal
+from gauss2svg.errors import InputError, nearest, quoted, refusal
 from gauss2svg.options import Interval, OptionGroup
 
 # This attribute of the root has the size of the canvas in px. The root's own width and height may
 # be a size in print instead.
 CANVAS = "data-canvas"
 MM = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
+NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(MM)})")
@@ -29,6 +30,22 @@ _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
 _DECIMALS = 4
 # This CSS rule hides all rounds above the round that the address of the file names.
 UP_TO_TARGET = "svg>g:target~g{display:none}"
+
+
+# Sizes of paper in mm, the narrower side first.
+_PAPERS = {
+    "a2": (420, 594), "a3": (297, 420), "a4": (210, 297), "a5": (148, 210), "a6": (105, 148),
+    "letter": (215.9, 279.4), "legal": (215.9, 355.6), "tabloid": (279.4, 431.8),
+}  # fmt: skip
+
+
+def signed(svg: str) -> str:
+    """Return the text of an SVG with the mark of gauss2svg, which takes no byte.
+
+    The mark is the namespace of the root in single quotes, while its other attributes are in
+    double quotes. Other programs use quotes of one kind.
+    """
+    return svg.replace(NAMESPACE, NAMESPACE.replace('"', "'"), 1)
 
 
 def check_text(name: str, text: Any) -> str:
@@ -82,7 +99,8 @@ class Document(OptionGroup):
     see the finished picture at once."""
 
     fragments: bool = False
-    """Let an address such as out.svg#round-3 show the picture up to that round of the fit."""
+    """Let an address such as out.svg#round-3 show the picture as it is after three rounds. A fit
+    adds its shapes in rounds, large ones first."""
 
     @property
     def layered(self) -> list[str]:
@@ -188,8 +206,17 @@ def _width_of(name: str, size: Any) -> tuple[float, str]:
     across = float(match[1]) if match else math.nan
     if match is None or not 0 < across <= 1e6:
         needed = f"a width above 0 with its unit, one of {', '.join(MM)}: such as 120mm"
-        raise refusal(name, needed, quoted(size))
+        raise refusal(name, needed, quoted(size), _width_like(str(size)))
     return across, match[2]
+
+
+def _width_like(size: str) -> str:
+    """Return widths that the user of an invalid size may have meant, or ""."""
+    if _SIZE.fullmatch(size + "px"):
+        return f"{size}px or {size}mm"
+    paper = nearest(size, _PAPERS)
+    short, long = _PAPERS.get(paper, (0, 0))
+    return f"{short}mm, or {long}mm for {paper} turned" if paper else ""
 
 
 Form = Literal["gradient", "blur"]

@@ -17,18 +17,18 @@ import gzip
 import html
 import io
 import math
-import mimetypes
 import os
 import re
 import zlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import reason_of
 from gauss2svg.options import file_name
 from gauss2svg.scene import Scene
-from gauss2svg.svg import MM
+from gauss2svg.svg import MM, NAMESPACE, signed
 
 SvgSource = Any  # a path, a text that begins with <, bytes or a binary file
 SVG = "{http://www.w3.org/2000/svg}"
@@ -65,6 +65,16 @@ _LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
 _LEAST, _MOST = 1e-30, 1e30
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
 _SHAPES = re.compile(rb"<(?:circle|ellipse|path|use)\b[^>]*>")
+
+# The beginning of a file that gauss2svg wrote: the attributes of its root, its description, and the
+# path of its background. Programs that save it again put attributes on lines of their own, or drop
+# the description and close the path.
+_OWN = re.compile(
+    r"""(?:<\?xml version="1.0" encoding="utf-8"\?>\n)?<svg((?: [\w:-]+=(?:"[^"]*"|'[^']*'))+)"""
+    r"""(?<=")>(?:<title>[^<]*</title>)?(?:<desc>([^<]*)</desc>)?"""
+    r"""((?:<defs>.*?</defs>)?(?:<svg>)?<path(?: fill="#[0-9a-f]+")? d="M0 0h\d+v\d+H0"/>)?""",
+    re.DOTALL,
+)
 
 
 def read_source(
@@ -265,36 +275,20 @@ def is_svgz(path: str | os.PathLike[str]) -> bool:
     return os.fsdecode(path).lower().endswith(".svgz")
 
 
-def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
-    """Raise InputError if an SVG cannot be written to this path.
+def is_own(path: str | os.PathLike[str]) -> bool:
+    """Return whether gauss2svg has written an SVG file, and no other program has saved it since.
 
-    That is so if the path is empty, if it ends with a separator, or if it has the suffix of another
-    file format.
+    Editable markup says so in its description, and minimal markup begins with the path of the
+    background, which is not closed. Files that have neither are `signed`. A file that cannot be
+    read counts as one of another program.
     """
-    text = os.fspath(path)
-    if not os.path.basename(text):
-        raise refusal(name, "the name of a file, not of a folder", quoted(text))
-    stem, suffix = os.path.splitext(text)
-    # Python reads a list of the system's types for the first suffix that is looked up.
-    if suffix.lower() in (".svg", ".svgz"):
-        return
-    if _type_of(text) not in (None, "image/svg+xml", "text/xml", "application/xml"):
-        advice = brief(stem + ".svg")
-        raise refusal(name, "a name that ends in .svg or .svgz", quoted(text), advice)
-
-
-def check_suffix(name: str, path: str | os.PathLike[str], suffix: str) -> None:
-    """Raise InputError if a file name has the suffix of a format other than that of `suffix`.
-
-    The suffix .txt is allowed, and so is a suffix that belongs to no known format.
-    """
-    text = os.fspath(path)
-    if _type_of(text) not in (None, "text/plain", _type_of(f"x{suffix}")):
-        raise refusal(name, f"a name that ends in {suffix}", quoted(text))
-
-
-def _type_of(path: str) -> str | None:
-    return mimetypes.guess_type(os.path.basename(path), strict=False)[0]
+    try:
+        own = _OWN.match(read_source(Path(path), MOST_BYTES)[1])
+    except InputError:
+        return False
+    root, description, background = own.groups("") if own else ("", "", "")
+    is_signed = signed(NAMESPACE) in root
+    return is_signed or background != "" or "written by gauss2svg" in description
 
 
 def file_bytes(svg: str | bytes, gzipped: bool) -> bytes:

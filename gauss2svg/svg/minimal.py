@@ -51,7 +51,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import instance
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg import DEFAULT_TITLE, STOP_COUNTS, Document
+from gauss2svg.svg import DEFAULT_TITLE, STOP_COUNTS, Document, signed
 from gauss2svg.svg.areas import area_elements, box_centers
 from gauss2svg.svg.element import (
     Element,
@@ -145,7 +145,8 @@ def minimal_svg(
     root = {"xmlns": "http://www.w3.org/2000/svg", **_size_and_aspect(document, scene, unit)}
     root |= {"role": "img" if named else None, "viewBox": f"0 0 {width} {height}"}
     body = clipped([*cover, *inside], mean, half, sides)
-    return Element("svg", [*named, *defs, *body], **root).text()
+    svg = Element("svg", [*named, *defs, *body], **root).text()
+    return svg if cover else signed(svg)  # the path `cover` is a mark too (file.is_own)
 
 
 def as_written(scene: Scene, unit: float, digits: int = 3) -> Scene:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg import CANVAS, INKS, MINIMAL, ROUNDS, Document, SvgFormat
+from gauss2svg.svg import CANVAS, INKS, MINIMAL, ROUNDS, Document, SvgFormat, signed
 from gauss2svg.svg.element import Element
 from gauss2svg.svg.forms import GRADIENT
 from gauss2svg.version import __version__
@@ -190,4 +190,6 @@ def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
     if drawing.sheet:
         inside.append(Element("style", f"<![CDATA[{drawing.sheet}]]>", type="text/css"))
     texts = [element.text() for element in (*inside, *drawing.body)]
+    if document.alt:  # then the description does not say by which program the file was written
+        head = signed(head)
     return "".join(['<?xml version="1.0" encoding="utf-8"?>\n', head, *texts, end, "\n"])

@@ -17,7 +17,8 @@ from gauss2svg.pipeline.placeholder import Placeholder
 pytestmark = pytest.mark.usefixtures("hasty")
 EMPTY = {
     "json": "[]", "object": "{}", "html": '<img src="a.png">',
-    "picture": '<picture><img src="a.png"></picture>', "svg": "of an earlier run",
+    "picture": '<picture><img src="a.png"></picture>',
+    "svg": '<svg viewBox="0 0 1 1"><desc>written by gauss2svg</desc></svg>',
 }  # fmt: skip
 
 
@@ -182,3 +183,21 @@ def test_svgs_are_named_by_their_photos(folder, capsys, counted):
     assert make("one.png --format svg --quiet -o new/svgs", "two words.png") == 0
     assert sorted(p.name for p in Path("new/svgs").iterdir()) == ["one.svg", "two-words.svg"]
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("output", "file", "begins"),
+    [
+        ("o.svg", "o.svg", "<svg"), ("o.html", "o.html", "<img"), ("o.json", "o.json", "["),
+        ("o", "o", "["), ("svgs/", "svgs/one.svg", "<svg"),
+    ],
+)  # fmt: skip
+def test_the_name_of_the_output_says_the_format(output, file, begins, folder, counted):
+    assert make(f"one.png -o {output}") == 0
+    assert Path(file).read_text().startswith(begins)
+
+
+def test_an_svg_of_another_program_is_not_replaced_in_a_folder(folder, counted, refusal):
+    Path("one.svg").write_text("<svg>mine</svg>")
+    assert "without SVGs of others" in refusal("placeholder", "one.png", "-o", ".")
+    assert Path("one.svg").read_text() == "<svg>mine</svg>"

@@ -46,7 +46,7 @@ def test_transparent_colours_of_aseprite_are_no_inks(tmp_path):
     [
         ("#f7c306", "2 to 64 different colours; got"), (65, "in 2..64"), (1, "in 2..64; got 1"),
         ([f"#0000{k:02x}" for k in range(65)], "2 to 64 different"), ("", "such as #c0322c"),
-        ("red,green", "such as #c0322c"), ("#f7c30,#000", "such as #c0322c"),
+        ("red,griin", "such as #c0322c"), ("#f7c30,#000", "such as #c0322c"),
         ("#fff,#000,#ffffff", "different colours; got"), (True, "a number of them"),
         (2.5, "a number of them"), ([1, 2], "a number of them"), ("none.gpl", "none.gpl"),
     ],

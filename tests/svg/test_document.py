@@ -4,6 +4,7 @@ import gzip
 import json
 import re
 from xml.etree.ElementTree import fromstring as parse
+from xml.etree.ElementTree import tostring
 
 import numpy as np
 import pytest
@@ -20,11 +21,12 @@ from gauss2svg.errors import InputError
 from gauss2svg.raster import rasterize
 from gauss2svg.svg import DEFAULT_TITLE, Document, SvgFormat
 from gauss2svg.svg.element import number
-from gauss2svg.svg.file import bytes_by_part, file_bytes
+from gauss2svg.svg.file import bytes_by_part, file_bytes, is_own
 from gauss2svg.svg.read import read_svg
 from gauss2svg.svg.write import write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
+ROOT = 'xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"'
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
 QUICK = {"gaussians": 60, "iterations": 30}
 QUICK_OPTIONS = ["--gaussians", "60", "--iterations", "30"]
@@ -130,6 +132,39 @@ def test_options_of_the_document_reach_the_file_and_its_report_and_change_no_sha
     plain = vectorize(picture, **QUICK)
     circles = [re.findall("<circle[^>]*>", text) for text in (plain.svg, svg)]
     assert circles[0] == circles[1]
+
+
+CRISP = SCENE.replace(opacity=np.ones(30), beta=np.full(30, 256.0))
+CLEAR = CRISP.replace(background=np.ones(3), transparent=True)
+OTHERS = [
+    f"<svg {ROOT}><path d='M0 0h8v8z'/></svg>",
+    f'<svg {ROOT}>\n  <path fill="#fff" d="M0 0h8v8H0"/>\n</svg>',
+    f'<svg {ROOT}><path fill="#fff" d="M0 0h8v8H0z"/><path d="M1 1h4v4z"/></svg>',
+    f"<svg {ROOT}><path fill='#fff' d='M0 0h8v8H0'/></svg>".replace('"', "'"),
+    f'<svg {ROOT}><text>written by gauss2svg</text></svg>',
+    "<svg/>", "", "no SVG",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("scene", [SCENE, CRISP, CLEAR, CLEAR.replace(beta=np.ones(30))])
+@pytest.mark.parametrize("document", [Document(), Document(title="It's", alt="<a>", size="9mm")])
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_own_files_are_known_until_another_program_saves_them(scene, document, markup, tmp_path):
+    precision = 0.5 if markup == "minimal" else 0.04
+    svg = write_svg(scene, SvgFormat(markup=markup, precision=precision), document)
+    path = tmp_path / "o.svg"
+    for gzipped in (False, True):
+        path.write_bytes(file_bytes(svg, gzipped))
+        assert is_own(path)
+    path.write_bytes(tostring(parse(svg)))
+    assert not is_own(path)
+
+
+@pytest.mark.parametrize("other", OTHERS)
+def test_a_file_by_hand_or_of_another_program_is_not_own(other, tmp_path):
+    path = tmp_path / "o.svg"
+    path.write_text(other)
+    assert not is_own(path)
 
 
 def test_a_file_is_gzipped_by_its_extension_or_as_given(picture, tmp_path, capfdbinary):

@@ -98,9 +98,9 @@ def test_any_name_is_read_and_written(name, picture, tmp_path, monkeypatch, refu
     photo, out = f"./{name}.png", f"./{name}.svg"
     picture.rename(photo)
     assert main([photo, "-o", out, *TINY, f"--report=./{name}.json"]) == 0
-    assert main(["check", photo, out, "--quiet", f"--heatmap=./{name}.map"]) == 0
+    assert main(["check", photo, out, "--quiet", f"--heatmap=./{name}.map.png"]) == 0
     found = sorted(path.name for path in tmp_path.iterdir())
-    assert found == [f"{name}.{kind}" for kind in ("json", "map", "png", "svg")]
+    assert found == [f"{name}.{kind}" for kind in ("json", "map.png", "png", "svg")]
     if name.startswith("-"):
         assert f"./{name}.png for a file" in refusal(f"{name}.png", "-o", out, *TINY)
         assert f"./{name}.svg" in refusal("check", photo, f"{name}.svg")
@@ -120,7 +120,6 @@ REFUSED = [
     (("check", "-", "drawing.svg", "--preview", "hard.png"), ALSO_PHOTO),
     (("check", "drawing.svg", "-", "--heatmap", "soft.png"), "which is also the SVG. Try"),
     (("none.png", "-o", "circle.svg"), "circle.svg: Too many levels of symbolic links"),
-    (("photo.png", "-o", "."), "it is a folder. Try a file name"),
     (("photo.png", "-o", "none/o.svg"), "o.svg: No such file or directory. Try"),
     (("photo.png", "-o", "/proc/x"), "cannot write /proc/x"),
     (("photo.png", "-o", "locked.svg"), "locked.svg: it is read-only. Try another name"),

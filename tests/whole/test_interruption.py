@@ -82,7 +82,7 @@ def test_first_signal_ends_the_fit_with_the_best_so_far(number, moment, command,
     if moment in ("write", "measure"):
         assert report["iterations"] == 20
     else:
-        assert f"after {moment} optimiser steps. The best picture so far is in" in said[-1]
+        assert f"after {moment} steps of the fit. The best picture so far is in" in said[-1]
         assert (report["iterations"], report["stop_reason"]) == (moment, "interrupted")
     assert report["gaussians"] > 0
 
