@@ -1,19 +1,28 @@
 """The command `gauss2svg check`, imported only when it is run."""
 
 import dataclasses
+import os
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from gauss2svg import files
-from gauss2svg.cli.terminal import say
-from gauss2svg.errors import brief, refusal
-from gauss2svg.files import STANDARD_STREAM, expanded
+from gauss2svg.cli.terminal import counting_bar, say
+from gauss2svg.errors import Gauss2SvgError, brief, refusal
+from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
 from gauss2svg.measure import CheckOptions
-from gauss2svg.options import Interval, OptionGroup, file_path
+from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
+from gauss2svg.photo import SUFFIXES
+from gauss2svg.processes import command_line
 
-USAGE = "PHOTO SVG [OPTIONS]"
+if TYPE_CHECKING:
+    from gauss2svg.measure.check import CheckResult
+
+USAGE = "PHOTO SVG [SVG..] | FOLDER [FOLDER] [OPTIONS]"
+_STATUS_TOO_FAR, _STATUS_FAILED = 1, 2
+_FILES = ("photo", "svg")  # keys that only the reports of several SVGs have
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,11 +30,12 @@ class CheckFiles(OptionGroup):
     """Files that are compared."""
 
     photo: str
-    """Photo or drawing, or - for standard input."""
+    """Photo or drawing, or - for standard input. Or a folder of photos with SVGs of their names."""
 
-    svg: str
+    svg: tuple[str, ...] = ()
     """SVG of any program, which may be gzipped, or - for standard input. It is stretched to the
-    size at which it is compared."""
+    size at which it is compared. Several give a table. After a folder of photos, the folder of
+    their SVGs."""
 
     reference: str | None = None
     """SVG or larger picture that the photo was made from. The SVG is also enlarged by
@@ -44,7 +54,7 @@ class CheckOutput(OptionGroup):
     """Save the rasterised SVG as a PNG file."""
 
     report: Annotated[Path | None, file_path] = None
-    """Save all measurements as a JSON file."""
+    """Save all measurements as a JSON file. Those of several SVGs are a list."""
 
     min_psnr: Annotated[float | None, Interval(gt=0, le=1e9)] = None
     """PSNR (dB) below which the exit status is 1. A transparent photo must reach it over white and
@@ -59,36 +69,110 @@ SECTIONS = {"Parameters": CheckFiles, "Measuring": CheckOptions, "Output": Check
 
 def run(given: dict[str, Any]) -> int:
     """Run the command with the values that were given, and return its exit status."""
-    from gauss2svg.cli.summary import print_check
+    from gauss2svg.cli.summary import check_table, print_check
+
+    asked, output, options = CheckFiles.of(given), CheckOutput.of(given), CheckOptions.of(given)
+    pairs = _pairs(asked)
+    is_one = len(pairs) == 1
+    targets = [_pictures(output, svg, is_one) for _, svg in pairs]
+    inputs = {photo: "the photo" for photo, _ in pairs} | {svg: "the SVG" for _, svg in pairs}
+    if asked.reference is not None:
+        inputs[asked.reference] = "the reference"
+    if asked.reference is not None and len({photo for photo, _ in pairs}) > 1:
+        raise refusal("--reference", "given with one photo", f"{len(pairs)} photos", "one photo")
+    report = [] if output.report is None else [Path(in_folder(output.report, "check.json"))]
+    pictures = [item for each in targets for item in each.items()]
+    files.check_outputs(inputs, [*report, *(path for _, path in pictures)])
+    for name, path in [*(("report", path) for path in report), *pictures]:
+        check_ending(flag_of(name), path, (".json" if name == "report" else ".png",))
+    records: list[dict[str, Any]] = []
+    contents: dict[Path, bytes] = {}
+    lines: list[str] = []
+    status = 0
+    with counting_bar(output.quiet or is_one) as update:
+        for (photo, svg), paths in zip(pairs, targets, strict=True):
+            update(svg, len(records), len(pairs))
+            try:
+                result = _result(photo, svg, asked.reference, options)
+            except Gauss2SvgError as error:
+                if is_one:
+                    raise
+                records.append({"photo": photo, "svg": svg, "error": str(error)})
+                lines.append(f"failed: {svg}: {error}")
+                status = _STATUS_FAILED
+                continue
+            records.append({"photo": photo, "svg": svg, **result.report})
+            lines += [] if is_one else [f"{svg}: {note}" for note in result.notes]
+            makers = {"heatmap": result.heatmap, "preview": partial(files.as_png, result.raster)}
+            contents |= {path: makers[name]() for name, path in paths.items()}
+            lowest = (
+                result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)
+            )
+            if output.min_psnr is not None and lowest < output.min_psnr:
+                of = "" if is_one else f" of {svg}"
+                lines.append(f"PSNR{of} is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}")
+                status = max(status, _STATUS_TOO_FAR)
+    reported = {k: v for k, v in records[0].items() if k not in _FILES} if is_one else records
+    contents |= {path: files.as_json(reported) for path in report}
+    files.write_all_atomically(contents)
+    if is_one and not output.quiet:
+        svg = pairs[0][1]
+        print_check(records[0], "standard input" if svg == STANDARD_STREAM else svg)
+    elif not output.quiet:
+        files.write_output(check_table(records).encode())
+    for line in lines:
+        say(line)
+    return status
+
+
+def _pairs(asked: CheckFiles) -> list[tuple[str, str]]:
+    """Return (photo, SVG) for each comparison. Raise InputError if there is none."""
+    photos, svgs = expanded([asked.photo]), expanded(asked.svg)
+    photo = photos[0]
+    if os.path.isdir(photo) and len(photos) == 1:
+        from gauss2svg.batch.inputs import photos_of
+
+        folder = svgs[0] if svgs else photo
+        names = [(path, os.path.join(folder, name)) for path, name in photos_of([photo])]
+        pairs = [(p, n + end) for p, n in names for end in SVG_ENDINGS if os.path.isfile(n + end)]
+        if not pairs or len(svgs) > 1:
+            got = brief(", ".join(svgs[1:])) if pairs else f"none in {folder}"
+            advice = command_line(["gauss2svg", "batch", photo, "-o", folder])
+            raise refusal("SVGs", "in a folder and have the names of the photos", got, advice)
+        return pairs
+    if not svgs:
+        raise refusal("SVG", "given", "none", "gauss2svg check --help")
+    if len(photos) != 1 or [photo, *svgs].count(STANDARD_STREAM) > 1:
+        got = brief(", ".join([*photos, *svgs]))
+        raise refusal("photo and SVG", "one file each", got, "a file name for each")
+    pictures = [name for name in svgs if name.lower().endswith(SUFFIXES)]
+    if pictures and photo.lower().endswith(SVG_ENDINGS):
+        advice = command_line(["gauss2svg", "check", pictures[0], photo])
+        raise refusal("the photo", "before the SVG", photo, advice)
+    return [(photo, svg) for svg in svgs]
+
+
+def _pictures(output: CheckOutput, svg: str, is_one: bool) -> dict[str, Path]:
+    """Return {option: path} for the pictures that are saved of an SVG."""
+    given = {"heatmap": output.heatmap, "preview": output.preview}
+    for name, path in given.items():
+        if path is not None and not is_one and not path.is_dir():
+            needed = "a folder that exists, for several SVGs"
+            raise refusal(flag_of(name), needed, str(path), "creating it first")
+    stem = "svg" if svg == STANDARD_STREAM else Path(svg).stem
+    return {
+        name: Path(in_folder(path, f"{stem}-{name}.png"))
+        for name, path in given.items()
+        if path is not None
+    }
+
+
+def _result(photo: str, svg: str, reference: str | None, options: CheckOptions) -> "CheckResult":
     from gauss2svg.measure.check import check
 
-    asked, output = CheckFiles.of(given), CheckOutput.of(given)
-    names, reference = expanded([asked.photo, asked.svg]), asked.reference
-    if len(names) != 2 or names == [STANDARD_STREAM, STANDARD_STREAM]:
-        got = brief(", ".join(names))
-        raise refusal("photo and SVG", "one file each", got, "a file name for each")
-    photo, svg = names
-    inputs = {photo: "the photo", svg: "the SVG"}
-    if reference is not None:
-        inputs[reference] = "the reference"
-    targets = [output.heatmap, output.preview, output.report]
-    files.check_outputs(inputs, [path for path in targets if path is not None])
-    result = check(
+    return check(
         files.standard_stream(sys.stdin, "input").read() if photo == STANDARD_STREAM else photo,
         files.standard_stream(sys.stdin, "input") if svg == STANDARD_STREAM else Path(svg),
         reference=reference,
-        **dataclasses.asdict(CheckOptions.of(given)),
+        **dataclasses.asdict(options),
     )
-    makers = {
-        output.heatmap: result.heatmap,
-        output.preview: lambda: files.as_png(result.raster),
-        output.report: lambda: files.as_json(result.report),
-    }
-    files.write_all_atomically({path: make() for path, make in makers.items() if path is not None})
-    if not output.quiet:
-        print_check(result.report, "standard input" if svg == STANDARD_STREAM else svg)
-    lowest = result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)
-    if output.min_psnr is not None and lowest < output.min_psnr:
-        say(f"PSNR is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}")
-        return 1
-    return 0

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sys
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 from gauss2svg.errors import on_one_line
-from gauss2svg.measure import ON_REQUEST, TARGETS, decibels
+from gauss2svg.measure import NONE, ON_REQUEST, SCORES, SPACE, TARGETS, decibels
 from gauss2svg.measure.paint import HEAVY_MS
 from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.progress_display import columns
@@ -17,8 +18,8 @@ from gauss2svg.svg import MINIMAL, RESPONSIVE
 
 # Text that the summary prints after the number of shapes, for each stop_reason of a report.
 _STOPPED = {
-    "iterations": "all {iterations} optimiser steps are done",
-    "gaussians": "as many as you asked for",
+    "iterations": "set by --gaussians",
+    "gaussians": "set by --gaussians",
     "gain": "more would improve it too little for --quality {quality}",
     "enough": "enough for --quality {quality}",
     "cap": "the maximum of --quality {quality}",
@@ -58,7 +59,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
         "transparency": _transparency(r),
         "inks": (r["inks"] or "").replace(",", ", "),
         "scores": _scores(r),
-        "page": _page(r),
+        "browser": _painting(r),
         "time": f"{r['total_s']:.1f} s{_compilation(r['compile_s'])}",
     }
     _print_table(rows, [("missed", line) for line in r["unreached"]], r["notes"])
@@ -83,6 +84,28 @@ def print_check(report: dict[str, Any], svg: str) -> None:
         f"at {', '.join(map(str, r['hue_error_at']))}",
     }
     _print_table(rows, [], r["notes"])
+
+
+def check_table(records: Sequence[dict[str, Any]]) -> str:
+    """Return a table of the reports of several SVGs, a line each.
+
+    Scores that no SVG has are left out. An SVG that could not be checked has no numbers.
+    """
+    done = [record for record in records if "error" not in record]
+    sizes = {"bytes": "svg_bytes", "gzipped": "svgz_bytes", "elements": "elements"}
+    scores = [score for score in SCORES if any(r[score.key] is not None for r in done)]
+    heads = ["SVG", *sizes, *(f"{score.name} {score.unit}".strip() for score in scores)]
+    rows = [heads]
+    for r in records:
+        is_done = "error" not in r
+        cells = [f"{r[key]:,}" if is_done else NONE for key in sizes.values()]
+        cells += [score.text(r[score.key]).split(SPACE)[0] if is_done else NONE for score in scores]
+        rows.append([on_one_line(r["svg"]), *cells])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = (
+        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows
+    )
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _compilation(seconds: float) -> str:
@@ -162,7 +185,7 @@ def _stop_text(report: dict[str, Any]) -> str:
     return without_preset.get(reason, _STOPPED[reason]).format(**report)
 
 
-def _page(report: dict[str, Any]) -> str:
+def _painting(report: dict[str, Any]) -> str:
     """Return text on the time that a browser takes to paint the file.
 
     The text is "" if this time is unknown or less than HEAVY_MS.
@@ -172,7 +195,7 @@ def _page(report: dict[str, Any]) -> str:
         return ""
     lighter = "--markup editable" if report["markup"] == MINIMAL else "fewer shapes"
     return (
-        f"about {paint_ms / 1000:.1f} s of CPU time for a browser to paint it, "
+        f"needs about {paint_ms / 1000:.1f} s of CPU time to paint it, "
         f"{report['paint_width']:.0f} px wide; less with {lighter}"
     )
 

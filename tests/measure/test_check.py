@@ -194,8 +194,8 @@ def test_too_low_a_psnr_over_black_is_status_one_too(tmp_path, capsys, drawn_her
     [
         ("- -", "photo and svg must be one file each; got -, -"),
         ("PHOTO PHOTO", "an svg in utf-8; got"),
-        ("PHOTO SVG --heatmap x --preview x", "is also another output"),
-        ("PHOTO SVG --heatmap x --reference x", "is also the reference"),
+        ("PHOTO SVG --heatmap x.png --preview x.png", "is also another output"),
+        ("PHOTO SVG --heatmap x.png --reference x.png", "is also the reference"),
         ("PHOTO SVG --min-psnr nan", "--min-psnr must be a number above 0"),
         ("PHOTO SVG --max-svg-bytes 9k", "got more. try to raise --max-svg-bytes"),
         ("PHOTO SVG --max-elements 9", "got more. try to raise --max-elements"),
