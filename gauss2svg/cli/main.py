@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import os
 import re
 import signal
 import sys
@@ -23,7 +24,7 @@ from gauss2svg.cli.terminal import (
     say,
     status_of,
 )
-from gauss2svg.errors import Gauss2SvgError, error_line
+from gauss2svg.errors import Gauss2SvgError, error_line, nearest, refusal
 from gauss2svg.options import Renderer, flag_of
 from gauss2svg.pipeline.options import OPTIONS
 from gauss2svg.version import __version__
@@ -49,8 +50,16 @@ _COMMANDS = {
 
 
 def command_of(words: Sequence[str]) -> tuple[Any, Parser, list[str]]:
-    """Return the module of the command that a command line calls, its parser and its words."""
+    """Return the module of the command that a command line calls, its parser and its words.
+
+    Raise InputError if the first word is like a command, but neither a command nor a file.
+    """
+    if words and words[0] in ("help", "version"):
+        words = [*words[1:], f"--{words[0]}"]
     name = words[0] if words and words[0] in _COMMANDS else ""
+    if words and not name and words[0].isalpha() and not os.path.lexists(words[0]):
+        close = nearest(words[0], _COMMANDS) or "PHOTO -o OUT.svg, or gauss2svg --help"
+        raise refusal(words[0], "a photo or a command", "neither", f"gauss2svg {close}")
     # The modules of commands are imported only when they run.
     module = import_module(f"gauss2svg.cli.{name or 'vectorize'}")
     parser = Parser(

@@ -11,7 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.errors import InputError, brief, refusal
+from gauss2svg.errors import InputError, brief, nearest, refusal
 from gauss2svg.files import STANDARD_STREAM, reading, text_of
 from gauss2svg.options import Field, OptionGroup, byte_size, fields_of, file_path, flag_of, texts_of
 from gauss2svg.pipeline.options import GROUPS, Options
@@ -24,6 +24,27 @@ _TEXT_COLUMN = 28  # column at which the texts of a help begin
 _KINDS = {int: "INT", float: "FLOAT"}
 _NOT_SHOWN = ("", "True", "False", STANDARD_STREAM)
 _CHECKED = {file_path: "PATH", byte_size: "SIZE"}
+
+# What options of other tools are here. Advice that begins with an option is only for the commands
+# that have this option.
+_OTHER_TOOLS = {
+    "colors colours color-count palette-size": "--inks 4 for a picture in four colours",
+    "width height resize scale": "--size 300px for the width of the SVG, which sets its height",
+    "dpi paper page": "--size 210mm for the width on paper",
+    "shapes count number num n splats primitives": "--gaussians 1000 for that number of shapes",
+    "steps epochs": "--iterations 400 for that number of steps",
+    "filesize file-size target-size": "--max-bytes 150k for the largest size of the file",
+    "psnr": "--target-psnr 35 for that PSNR",
+    "preset mode": "--quality high, or another preset",
+    "outfile": "--output FILE",
+    "force replace yes": "--overwrite",
+    "background bg": "--matte white for the colour behind a transparent photo",
+    "mask": "--focus MASK.png for the places that matter",
+    "minify optimize optimise compress": "--markup minimal, or --gzip",
+    "json": "--report FILE.json",
+    "workers jobs": "--threads 2 for the number of CPU threads",
+    "input i": "the name of the photo alone, without an option",
+}
 
 
 class Parser(argparse.ArgumentParser):
@@ -71,8 +92,9 @@ class Parser(argparse.ArgumentParser):
         cut = words.index("--") if "--" in words else len(words)
         dashed = {word for word in words[cut + 1 :] if word.startswith("-")} - {STANDARD_STREAM}
         files = [f"./{word}" if word in dashed else word for word in words[cut + 1 :]]
+        options = [_with_dashes(word) for word in words[:cut]]
         try:
-            known, unknown = self.parse_known_intermixed_args([*words[:cut], *files])
+            known, unknown = self.parse_known_intermixed_args([*options, *files])
         except argparse.ArgumentError as error:
             # This is all names of the argument, such as -o/--output.
             typed = {word.partition("=")[0] for word in words}
@@ -95,15 +117,15 @@ class Parser(argparse.ArgumentParser):
 
         It may be a misspelt option, or the name of a file that begins with a dash.
         """
-        from difflib import get_close_matches
-
         if not word.startswith("-"):
             return refusal(word, "left out", "a file too many", self._advice)
         name = word.partition("=")[0]
         names = [name for action in self._actions for name in action.option_strings]
-        # With a lower cutoff, the error for an unknown option --colors would suggest --scores.
-        close = [*get_close_matches(name, names, 1, cutoff=0.8), "--help"][0]
-        advice = f"{close}, or ./{word} for a file of that name"
+        advice = f"{nearest(name, names) or '--help'}, or ./{word} for a file of that name"
+        for others, ours in _OTHER_TOOLS.items():
+            is_here = not ours.startswith("--") or ours.replace(",", "").split()[0] in names
+            if is_here and name.lstrip("-") in others.split():
+                advice = ours
         return refusal(name, "an option", "an unknown one", advice)
 
 
@@ -139,6 +161,12 @@ def run_options(given: dict[str, Any]) -> Options:
     """Return the options of a run from the words of a command line."""
     groups: dict[str, Any] = {key: group.of(given) for key, group in GROUPS.items()}
     return Options(**groups)
+
+
+def _with_dashes(word: str) -> str:
+    """Return --max-bytes=1k for --max_bytes=1k, and a word that is no option unchanged."""
+    name, equals, value = word.partition("=")
+    return name.replace("_", "-") + equals + value if name.startswith("--") else word
 
 
 def words(text: str) -> list[str]:

@@ -42,7 +42,8 @@ class FitOptions(OptionGroup):
     """Options of the model and of the optimiser, as they are passed to vectorize."""
 
     iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
-    """Number of optimiser steps. The default depends on the preset."""
+    """Number of steps of the fit, each of which moves all shapes a little. The default depends on
+    the preset."""
 
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
     """Error that the fit reduces: mse (squared) or l1 (absolute), each also with ssim (structural
@@ -72,9 +73,9 @@ class FitOptions(OptionGroup):
     default is adaptive, but gaussian with --blend add."""
 
     inks: Annotated[Inks | None, check_inks] = None
-    """Draw only in these colours, including the background: "#f7c306,#c0322c,#17324d". Or the
-    number of colours to choose from the picture, or a palette file (.gpl). Shapes are opaque and
-    have crisp rims."""
+    """Draw only in these colours, including the background: "#f7c306,#c0322c,navy". Or the number
+    of colours to choose from the picture, or a palette file (.gpl). Shapes are opaque and have
+    crisp rims."""
 
     seed: Seed = 0
     """Random seed. The same seed gives the same file. Another seed often does too, because few
@@ -110,19 +111,20 @@ class DensifyOptions(OptionGroup):
     """Options for adding and relocating Gaussians during the fit."""
 
     init: Literal["selective", "error", "random", "live"] = "selective"
-    """Where new Gaussians are placed. selective: on the largest areas of error. error: at random,
-    more often where the squared error is larger. random: anywhere. live: as in the LIVE paper.
-    --tune perceptual weights the error."""
+    """Where new Gaussians are placed, which become the shapes. selective: on the largest areas of
+    error. error: at random, more often where the squared error is larger. random: anywhere. live:
+    as in the LIVE paper. --tune perceptual weights the error."""
 
     schedule: Literal["exponential", "linear", "all-at-once"] = "exponential"
-    """How the number of Gaussians grows over the rounds. Applies to a given --gaussians."""
+    """How the number of Gaussians grows over the rounds in which a fit adds them. Applies to a
+    given --gaussians."""
 
     per_round: Annotated[int | None, Interval(ge=1, le=MOST_GAUSSIANS)] = None
     """Number of Gaussians added in each round. exponential adds 1, 2, 4, ... up to this number.
     Needs --gaussians."""
 
     round_iterations: Annotated[int | None, Interval(ge=1, le=10**9)] = None
-    """Number of optimiser steps in each round. Needs --gaussians."""
+    """Number of steps of the fit in each round. Needs --gaussians."""
 
     relocate: bool = True
     """During the fit, move the least useful Gaussians to where the error is large."""

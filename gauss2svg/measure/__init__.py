@@ -252,7 +252,9 @@ def require_packages(score: Score | None = None) -> None:
     """
     scores = [each for each in ON_REQUEST if each.module] if score is None else [score]
     if not any(each.is_installed for each in scores):
-        raise ScoresMissingError(_not_installed([each.name for each in scores]))
+        name = "scores" if score is None else score.option
+        needed = f"given with {' or '.join(each.package for each in scores)} installed"
+        raise ScoresMissingError(f"{name} must be {needed}; got none. {ADVICE}")
 
 
 def packages() -> dict[str, str]:
@@ -298,8 +300,8 @@ class CheckOptions(OptionGroup):
     is the size of the photo."""
 
     matte: Annotated[str | None, color_name] = None
-    """Background colour for a transparent photo: white, black, #fa0 or #ffaa00. If not given,
-    transparency is compared too."""
+    """Background colour for a transparent photo: a name such as white, #fa0 or #ffaa00. If not
+    given, transparency is compared too."""
 
     reference_scale: Annotated[float | None, Interval(gt=0, le=MOST_PIXELS)] = None
     """Factor by which the SVG is enlarged to compare it with --reference. The default is 4."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_type_hints
 
-from gauss2svg.errors import InputError, instance, quoted, refusal
+from gauss2svg.errors import InputError, instance, nearest, quoted, refusal
 from gauss2svg.fit import MOST_GAUSSIANS, DensifyOptions, FitOptions, FitProgress
 from gauss2svg.measure import TARGETS, Score, color_name
 from gauss2svg.options import Interval, OptionGroup, Renderer, byte_size, fields_of
@@ -34,7 +34,10 @@ class Goal(OptionGroup):
     bound. If both bytes and seconds are limited, the file meets both limits.
     """
 
-    quality: Literal["draft", "fast", "balanced", "high", "max"] | None = None
+    quality: Annotated[
+        Literal["draft", "fast", "balanced", "high", "max"] | None,
+        "high, or --target-psnr 35 for a number",
+    ] = None
     """Preset (balanced). With a limit, the maximum."""
 
     gaussians: Annotated[int, Interval(ge=0, le=MOST_GAUSSIANS)] | Literal["auto"] | None = None
@@ -108,8 +111,9 @@ class SvgOptions(OptionGroup):
     which make a smaller file for Chromium, Firefox and Inkscape."""
 
     markup: Literal["auto", "editable", "minimal"] = "auto"
-    """editable: named layers, for editors. minimal: only what draws, in fewer bytes. auto:
-    editable. With --max-bytes, auto takes the markup that is closer to the picture."""
+    """How the file is written. editable: named layers, for editors. minimal: only what draws, in
+    fewer bytes. auto: editable. With --max-bytes, auto takes the markup that is closer to the
+    picture."""
 
     areas: Literal["auto", "always", "never"] = "auto"
     """always: draw areas with crisp edges as paths, and thin lines as strokes, below the shapes.
@@ -120,15 +124,16 @@ class SvgOptions(OptionGroup):
     picture still has thousands of colours. For a few colours use --inks."""
 
     stops: StopCount | None = None
-    """Number of colour stops in each gradient. The default depends on the preset."""
+    """Number of stops in each gradient, the points between which its opacity changes evenly. The
+    default depends on the preset."""
 
     precision: Annotated[float | None, Interval(ge=LEAST_PRECISION, le=MOST_PRECISION)] = None
     """Step (px) to which coordinates are rounded, such as 0.05. The default depends on the
     preset."""
 
     matte: Annotated[str | None, color_name] = None
-    """Background colour for a transparent photo: white, black, #fa0 or #ffaa00. If not given, the
-    SVG is transparent where the photo is."""
+    """Background colour for a transparent photo: a name such as white, #fa0 or #ffaa00. If not
+    given, the SVG is transparent where the photo is."""
 
     portable: bool = False
     """Convert the result of --blend add to shapes that every renderer draws."""
@@ -183,7 +188,7 @@ GROUP_TITLES = {
     "document": "Document",
     "run": "Measuring and resources",
     "fit": "Fit",
-    "densify": "Densification",
+    "densify": "Adding shapes",
 }
 
 
@@ -213,7 +218,8 @@ class Options:
         """
         for name in arguments["unknown"]:
             if name not in OPTIONS:
-                got = quoted(name)
+                close = nearest(name, OPTIONS)
+                got = quoted(name) + (f". Try {close}" if close else "")
                 raise TypeError(f"option must be one of vectorize or of its classes; got {got}")
             where = f"{OPTIONS[name]}={GROUPS[OPTIONS[name]].__name__}({name}=...)"
             raise TypeError(f"{name} belongs to {where}; got {name}=... for vectorize itself")
@@ -239,7 +245,8 @@ class Options:
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             if name not in OPTIONS:
-                raise refusal("option", f"one of {', '.join(OPTIONS)}", quoted(name))
+                needed, advice = f"one of {', '.join(OPTIONS)}", nearest(name, OPTIONS)
+                raise refusal("option", needed, quoted(name), advice)
             groups.setdefault(OPTIONS[name], {})[name] = value
         new = {k: dataclasses.replace(getattr(self, k), **given) for k, given in groups.items()}
         return dataclasses.replace(self, **new)

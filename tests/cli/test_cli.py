@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from flat import vectorize
 from galleries import save
@@ -119,7 +120,7 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
 
 
 MISTAKES = [
-    ("PHOTO -o FOLDER/x/", "--output must be the name of a file, not of a folder"),
+    ("PHOTO -o FOLDER/x/", "ends in .svg or .svgz, or a folder that exists; got"),
     ("PHOTO -o --quiet", "-o must be given with a value; got none. Try"),
     ("PHOTO --relocate=no", "--relocate must be given without a value; got 'no'"),
     ("PHOTO -o OUT -- -b.svg", "the photo must be one file; got"),
@@ -136,15 +137,40 @@ MISTAKES = [
     ("PHOTO -o OUT --start no.svg", "cannot read no.svg"),
     ("-o OUT", "the photo must be one file; got none. Try gauss2svg --help"),
     ("-", "--output must be given if the photo is standard input"),
-    ("check a.svg b.svg c.svg", "c.svg must be left out; got a file too many. Try gauss2svg check"),
+    ("check a.svg b.svg PHOTO", "the photo must be before the SVG; got a.svg. Try"),
+    ("check FOLDER", "SVGs must be in a folder and have the names of the photos; got none"),
+    ("check PHOTO a.svg b.svg --heatmap h.png", "--heatmap must be a folder that exists"),
+    ("check PHOTO a.svg --report OUT", "--report must be a name that ends in .json"),
+    ("studio a b", "b must be left out; got a file too many. Try gauss2svg studio"),
+    ("PHOTO -o PHOTO", "which is also the photo"),
+    ("PHOTO out.svg", "the photo must be one file; got"),
+    ("PHOTO out.svg", "-o out.svg"),
+    ("PHOTO -o OUT --outline FOLDER/lines", "--outline must be a name that ends in .svg or .svgz"),
+    ("PHOTO -o OUT --colors 4", "got an unknown one. Try --inks 4"),
+    ("PHOTO -o OUT --width 4", "got an unknown one. Try --size 300px"),
+    ("check PHOTO a.svg --width 4", "Try --help, or ./--width for a file of that name"),
+    ("PHOTO --out OUT", "got an unknown one. Try --output"),
+    ("PHOTO -o OUT --max_bytes none", "--max-bytes must be a size of at least 1 byte"),
+    ("PHOTO -o OUT --quality 80", "got '80'. Try high, or --target-psnr 35"),
+    ("PHOTO -o OUT --quality hgih", "got 'hgih'. Try high"),
+    ("PHOTO -o OUT --matte redd", "#fa0 or #ffaa00; got 'redd'. Try red"),
+    ("PHOTO -o OUT --inks red,bleu", "got 'red,bleu'. Try blue"),
+    ("PHOTO -o OUT --size A4", "got 'A4'. Try 210mm, or 297mm for a4 turned"),
+    ("PHOTO -o OUT --size 300", "got '300'. Try 300px or 300mm"),
+    ("bacth PHOTO", "bacth must be a photo or a command; got neither. Try gauss2svg batch"),
+    ("convert PHOTO", "neither. Try gauss2svg PHOTO -o OUT.svg, or gauss2svg --help"),
+    ("batch PHOTO -o OUT", "--output must be the name of a folder; got"),
+    ("gallery PHOTO -o FOLDER/a.html", "--output must be the name of a folder; got"),
+    ("placeholder PHOTO PHOTO no.png -o OUT", "--output must be a folder for several SVGs"),
+    ("placeholder PHOTO --format html -o OUT", "a name for the format html; got"),
+    ("placeholder PHOTO --format json -o FOLDER", "a name for the format json; got"),
     ("check a.svg", "SVG must be given; got none. Try gauss2svg check"),
     ("batch PHOTO", "--output must be given; got none. Try gauss2svg batch"),
     ("PHOTO --treads 2", "must be an option; got an unknown one. Try --threads"),
     ("PHOTO -q", "-q must be an option; got an unknown one. Try --help, or ./-q for a"),
     ("placeholder PHOTO --max-byte 1k", "unknown one. Try --max-bytes"),
-    ("placeholder PHOTO -o PHOTO", "output must be a file of its own"),
+    ("placeholder PHOTO -o PHOTO", "--output must be a name for the format svg; got"),
     ("placeholder PHOTO no.png --format svg", "--output must be given for several SVGs"),
-    ("placeholder PHOTO --format svg -o OUT", "--output must be a folder"),
     ("bench PHOTO -o PHOTO", "cannot create"),
     ("bench no.png -o FOLDER/x", "cannot read no.png"),
     ("bench PHOTO -o FOLDER/x --axis schedule", "; got linear. Try --axis gaussians=1000"),
@@ -182,6 +208,59 @@ def test_without_a_name_the_svg_goes_beside_the_photo(picture, refusal):
     assert beside.read_text() == "<svg/>"
     assert main([str(picture), *QUICK, "--quiet", "--overwrite"]) == 0
     assert beside.read_bytes() == ours
+
+
+@pytest.mark.parametrize("option", ["--max-bytes 1k", "--alt seen", "--gzip --alt seen"])
+def test_the_same_command_replaces_its_own_file(option, picture):
+    for seed in "12":
+        assert main([str(picture), *QUICK, "--quiet", "--seed", seed, *option.split()]) == 0
+
+
+def test_a_folder_takes_files_with_names(picture, tmp_path, refusal):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    options = ["-o", "--outline", "--preview", "--report", "--save-scene", "--separations"]
+    given = [word for option in options for word in (option, str(folder))]
+    command = [picture, *given, *QUICK, "--inks", "black,white", "--quiet"]
+    assert main([str(word) for word in command]) == 0
+    kinds = [".svg", "-outline.svg", "-preview.png", "-report.json", "-scene.npz"]
+    kinds += ["-separations-1.svg", "-separations-2.svg"]
+    expected = sorted(picture.stem + kind for kind in kinds)
+    assert sorted(path.name for path in folder.iterdir()) == expected
+    (folder / f"{picture.stem}.svg").write_text("<svg/>")
+    assert "gauss2svg did not write it" in refusal(*command)
+
+
+def test_a_command_is_helped_and_named_as_in_other_programs(capsys):
+    for words, option in ((["help", "check"], ["check", "--help"]), (["version"], ["--version"])):
+        assert main(words) == main(option) == 0
+        out = capsys.readouterr().out
+        assert out[: len(out) // 2] == out[len(out) // 2 :]
+
+
+def test_check_prints_a_table_of_several_svgs(picture, tmp_path, capfd, drawn_here):
+    for name, count in (("few", 4), ("more", 40)):
+        out = str(tmp_path / f"{name}.svg")
+        assert main([str(picture), "-o", out, "--gaussians", str(count), "--quiet"]) == 0
+    few, more = (str(tmp_path / f"{name}.svg") for name in ("few", "more"))
+    (tmp_path / "bad.svg").write_text("<svg/>")
+    report = tmp_path / "r.json"
+    words = ["check", str(picture), few, more, "--report", str(report), "--heatmap", str(tmp_path)]
+    assert main(words) == 0
+    lines = capfd.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["SVG", few, more]
+    psnrs = [record["psnr_svg"] for record in json.loads(report.read_text())]
+    assert [line.split()[4] for line in lines[1:]] == [f"{psnr:.2f}" for psnr in psnrs]
+    assert (tmp_path / "few-heatmap.png").exists()
+    between = ["--min-psnr", str(np.mean(psnrs))]
+    assert main(["check", str(picture), few, more, *between]) == 1
+    assert capfd.readouterr().err.count("PSNR of") == 1
+    assert main(["check", str(picture), str(tmp_path / "bad.svg"), more, *between]) == 2
+    assert "failed: " in capfd.readouterr().err
+    picture.with_suffix(".svg").write_bytes((tmp_path / "few.svg").read_bytes())
+    (tmp_path / "few-heatmap.png").unlink()
+    assert main(["check", str(tmp_path)]) == 0
+    assert "elements" in capfd.readouterr().err
 
 
 def test_full_help_names_every_option(capsys, monkeypatch):

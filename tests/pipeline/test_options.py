@@ -126,7 +126,7 @@ def test_keywords_are_refused_with_the_class_to_which_they_belong():
             belongs = rf"{name} belongs to {key}={group.__name__}\({name}=\.\.\.\)"
             with pytest.raises(TypeError, match=belongs):
                 call("photo.png", **{name: 1})
-    with pytest.raises(TypeError, match=r"option must be one of .* got 'gausians'"):
+    with pytest.raises(TypeError, match=r"option must be one of .* got 'gausians'. Try gaussians"):
         call("photo.png", gausians=7)
 
 
