@@ -28,12 +28,19 @@ from gauss2svg.areas.outlines import Path
 from gauss2svg.areas.paint import Paint
 from gauss2svg.areas.refine import Drawing, Layer, squared
 from gauss2svg.errors import refusal
-from gauss2svg.scene.areas import CAPS, Area
+from gauss2svg.scene import ABOVE, PLAIN, Scene
+from gauss2svg.scene.areas import CAPS, Area, Outline
+from gauss2svg.scene.falloff import covered_radius
 
 Floats = NDArray[np.float64]
 # Function that returns the raster (h, w, 3), or (h, w, 4) with straight alpha, of areas
 Rasterize = Callable[[tuple[Area, ...]], NDArray[np.float32]]
+MOST_IN_BOXES = 100_000_000  # px of all areas' boxes, which take 16 bytes each, or 28 with alpha
 MOST_PIXELS = 400 * 400  # larger pictures take more memory, and .2 px of them are seen less
+# Points (12, 2) of the outline of a circle of radius 1, as four cubic curves
+_QUARTER = np.array([1, 1 + 0.5523j, 0.5523 + 1j])
+_AROUND = np.outer(1j ** np.arange(4), _QUARTER).ravel()
+_CIRCLE = np.column_stack([np.real(_AROUND), np.imag(_AROUND)])
 STEPS = 4  # number of steps of the refinement
 # Ratios of the errors of the raster and of exact coverage: before the steps, so high that another
 # renderer made the picture, and after them, at most that of a picture of this renderer
@@ -54,11 +61,35 @@ def refined_areas(
     areas, background  areas in px of the picture, and the colour (3,) below them, which a picture
                        with alpha leaves out
     shaded  whether Gaussians draw the shading that has no crisp edges
-    Raise InputError if a part is partly transparent, but the picture is opaque.
+    Raise InputError if a part is partly transparent, but the picture is opaque, or if the areas
+    would take too much memory.
     """
     whole = channels_of(picture)
     pixels = without_shading(whole) if shaded else whole
-    return refined(drawing_of(pixels, whole, areas, background), rate, unit, progress)
+    drawing = drawing_of(pixels, whole, areas, background)
+    if (count := int(drawing.boxes()[:, 2:].prod(axis=1).sum())) > MOST_IN_BOXES:
+        needed = f"areas whose boxes have at most {MOST_IN_BOXES / 1e6:g} million px in all"
+        raise refusal("start", f"of {needed}", f"{count / 1e6:.0f} million", "a lower --max-size")
+    return refined(drawing, rate, unit, progress)
+
+
+def with_ellipses_as_areas(scene: Scene) -> Scene:
+    """Return a scene with areas in place of its ellipses, if it has areas and no other Gaussians.
+
+    Other programs draw circles among paths, and a refinement moves areas alone.
+    """
+    if not scene.areas or not len(scene) or (scene.drawn != PLAIN).any():
+        return scene
+    factor = scene.factor * covered_radius(scene.beta)[:, None, None]
+    points = _CIRCLE @ factor.swapaxes(1, 2) + scene.mean[:, None]
+    ellipses = [
+        Area((Outline(own, (True,) * 4),), color, opacity)
+        for own, color, opacity in zip(points, scene.color, scene.opacity, strict=True)
+    ]
+    level = np.where(scene.level == ABOVE, len(scene.areas), scene.level)
+    areas, order = [*ellipses, *scene.areas], [*level, *np.arange(len(scene.areas)) + 0.5]
+    ranked = [areas[k] for k in np.argsort(order, kind="stable")]
+    return scene.select([]).replace(areas=ranked)
 
 
 def drawing_of(
@@ -75,6 +106,9 @@ def drawing_of(
         if area.opacity < 1 and channels == 3:
             got = f"an area of opacity {area.opacity:g} on an opaque photo"
             raise refusal("start", "opaque, as the photo is", got, "without --start")
+        if area.opacity < 1 and not isinstance(area.paint, tuple):
+            got = f"a gradient of opacity {area.opacity:g}"
+            raise refusal("start", "without transparent gradients", got, "without --start")
         key = area.paint, area.opacity
         if key not in paints:
             paints[key] = len(table)

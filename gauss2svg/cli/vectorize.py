@@ -63,7 +63,8 @@ class InputFiles(OptionGroup):
     """Put more detail where this picture is white. It has the proportions of the photo."""
 
     start: Annotated[Path | None, file_path] = None
-    """Refine the shapes of this scene (.npz) or SVG of gauss2svg, in place of a new fit."""
+    """Refine the shapes of this scene (.npz) or SVG, in place of a new fit. An SVG of another
+    program must consist of filled paths and lines."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -83,7 +83,9 @@ FULL = 0.9  # no rate between two others is tried if a file uses at least this s
 STEEPNESS, LEAST_RAISE, MOST_RAISE = 8.0, 3.0, 300.0
 LESS = 8.0  # factor on the rate as long as a file reaches the target
 BETWEEN = 0.2  # share of a search between two reports of its progress
-# A picture is searched without its shading only if it then has less than this share of the areas.
+# A picture is searched without its shading only if it then has less than this share of the areas. A
+# start keeps its nodes unless its file without those that do not pay has less than this share of
+# the bytes, as after a tracer.
 FEWER = 0.8
 STRIPS = 1.8  # the edges of strips of shading look worse than their squared error by this factor
 LEAST_GAIN = 0.02  # dB by which Gaussians must make the raster closer
@@ -357,10 +359,16 @@ class ByAreas:
                 return self._trials.trial(nothing(self._subject.working), 0)
             is_seen = self._fills and self._trials.is_visible(trials[0].error)
             is_shaded = trials[0].shaded or is_seen
-        if trials and not is_limited and self._plan.aim is None:
-            # Only fewer areas would go on from the drawing, which takes much memory.
-            found = dataclasses.replace(trials[0].found, drawing=None)
-            trials[0] = dataclasses.replace(trials[0], found=found)
+        if self._subject.start is not None and not self._ends():
+            merged = self._trials.trial(self._coarser(trials[0], self._rate))
+            if merged.export.size < FEWER * trials[0].export.size:
+                trials.append(merged)
+        if not is_limited and self._plan.aim is None:
+            # Only fewer areas would go on from the drawings, which take much memory.
+            trials = [
+                dataclasses.replace(one, found=dataclasses.replace(one.found, drawing=None))
+                for one in trials
+            ]
         if is_shaded and self._subject.start is None and not self._ends():
             count = math.inf if self._has_strips else len(first.areas)
             so_far = None if self._has_strips else first

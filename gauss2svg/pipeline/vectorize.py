@@ -192,6 +192,10 @@ def vectorize_by(
                 InputError is raised
     """
     has_areas = start is not None and bool(required(start, "start", Scene).areas)
+    if start is not None and has_areas:
+        from gauss2svg.areas.scenes import with_ellipses_as_areas  # few runs need it
+
+        start = with_ellipses_as_areas(start)
     plan = Plan(options, starts=start is not None, has_areas=has_areas, has_focus=focus is not None)
     plan.check_renderer()
     run = Run(options.run, progress, stop, started)

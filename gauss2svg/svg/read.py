@@ -1,9 +1,10 @@
-"""Read scenes from SVG files that write_svg wrote, even if an editor has saved them since.
+"""Read scenes from SVG files of write_svg, even if an editor saved them, and of other programs.
 
 Additive files are refused. Editable files have groups of circles. Minimal files have <use>
 elements that refer to masked circles, circles with gradients whose opacities are in a style sheet,
-and paths of arcs. Other paths are areas and lines. The same code reads both kinds of file, because
-it decides for each element how to read it.
+and paths of arcs. Other paths are areas and lines, and so are rectangles, polygons, and circles
+with a stroke or a gradient of opaque colours, as other programs draw them. The same code reads all
+kinds of files, because it decides for each element how to read it.
 
 Inkscape 1.2 changes a file in these ways when it saves it. tests/data has such a file, before and
 after.
@@ -66,17 +67,17 @@ _LABEL = INKSCAPE + "label"
 _ROUND_LABEL = re.compile(r"Round ([1-9]\d{0,8})\b")
 _ROUND_ID = re.compile(r"(?:below-area-\d+-)?round-([1-9]\d{0,8})")
 _GROUPS = {"svg", "g", "use"}
-_DRAWN = {*_GROUPS, "circle", "ellipse", "path", "rect"}
+_PATHS = {"path", "rect", "polygon", "polyline", "line"}
+_DRAWN = {*_GROUPS, *_PATHS, "circle", "ellipse"}
 # Elements that draw nothing themselves.
-_GRADIENTS = "linearGradient", "radialGradient"
-_SILENT = {"title", "desc", "metadata", "defs", *_GRADIENTS, "filter", "mask", "style"}
+_GRADIENTS = "radialGradient", "linearGradient"
+_SILENT = {"title", "desc", "metadata", "defs", *_GRADIENTS, "filter", "mask", "style", "clipPath"}
 # Attributes and properties that change how a shape looks. An element with one of them is refused,
 # unless its value is in _OFF, or the pair of the element's tag and the attribute is in _READ.
 _EFFECTS = {
     "vector-effect",
     "filter",
     "mask",
-    "clip-path",
     "mix-blend-mode",
     "visibility",
     "animation",
@@ -88,6 +89,9 @@ _READ = {("circle", "mask"), *((tag, "filter") for tag in ("circle", "ellipse", 
 _OFF = {"none", "normal", "inherit", "visible"}
 # Attributes of an inner <svg> that clips the picture. With these values it covers the view box.
 _INNER = {"x": "0", "y": "0", "width": "100%", "height": "100%", "viewBox": "none"}
+_STROKE_FIRST = re.compile("(?!.*fill.*stroke).*stroke")  # the paint-order of a stroke below a fill
+# Attributes of a clipPath, and of a rectangle in it, with which it is not just the rectangle
+_CLIPS = {"clipPathUnits", "clip-path", "mask", "display", "visibility", "transform-origin"}
 # Matches the path that is the background in minimal markup.
 _COVER = re.compile(r"M0 0h(?P<width>\d+)v(?P<height>\d+)H0")
 # Once the blanks of a style sheet are removed, this matches each rule that write_svg writes into
@@ -110,6 +114,9 @@ def read_svg(
 ) -> Scene:
     """Return the scene of an SVG that write_svg wrote, even if Inkscape has edited and saved it.
 
+    Paths of other programs are areas and lines of the scene, and so are rectangles and polygons. A
+    circle or an ellipse of one colour is a Gaussian that is drawn crisply.
+
     The covariance of a shape is (M / R)(M / R)^T. M is the linear part of all transforms down to
     the unit circle of its gradient, and R = cut_radius(beta). The exponent of a shape is the one of
     BETA_CLASSES to which the stops of its gradient belong. A plain ellipse gets the exponent of the
@@ -126,9 +133,9 @@ def read_svg(
     skip_hidden  skip hidden shapes and layers instead of refusing the file
     max_bytes, max_elements  limits of the gunzipped file. Raise them for a file that you trust
 
-    Raise InputError if the file has anything that write_svg does not write. The message names the
-    element. Such things are additive files, texts, images, paths with arcs, masks, clips and style
-    sheets, and a group with an opacity (docs/reference/svg.md).
+    Raise InputError if the file has anything that a scene cannot hold. The message names the
+    element. Such things are additive files, texts, images, masks, filters, dashes, style sheets,
+    clips to a part of the canvas, and a group with an opacity (docs/reference/svg.md).
     """
     text = from_root(read_source(source, max_bytes, "source", "max_bytes")[1])
     if text.count("<") - text.count("</") > max_elements:
@@ -214,11 +221,15 @@ class _Reader:
             return  # an element of another namespace or with a tag in _SILENT draws nothing
         with _naming(element):
             if tag not in _DRAWN or parent.depth > _DEEPEST:
-                needed = f"ellipses alone, in groups of at most {_DEEPEST}"
-                advice = "to delete it, or to vectorise it with the photo"
+                needed = f"paths and plain shapes alone, in groups of at most {_DEEPEST}"
+                advice = "to delete it, or to convert it to paths"
                 raise refusal("elements", needed, brief(tag), advice)
             attributes = styled(element)
             state = _inherited(attributes, parent, tag)
+            clip = attributes.get("clip-path", "none")
+            if clip.lower() != "none" and not self._is_page(clip, state.onto):
+                needed = "none, or an upright rectangle over the whole canvas"
+                raise refusal("its clip-path", needed, quoted(clip), "to remove it")
             if attributes.get("display", "").lower() == "none":
                 if self._skip_hidden and parent.depth:
                     return
@@ -254,12 +265,11 @@ class _Reader:
         alpha = state.opacity * share_of(state.fill_opacity, "fill-opacity")
         data = attributes.get("d", "") if tag == "path" else ""
         cover, arcs = _COVER.fullmatch(data), self._arcs.get(data)
-        if tag == "path" and not (cover or arcs or read_shapes.is_ellipse(data)):
-            return self._add_area(data, attributes, state)
-        if (stroke := state.style.get("stroke", "none")).lower() != "none":
-            raise refusal("its stroke", "none", quoted(stroke), "to remove it")
         if cover or tag == "rect":
-            return self._cover(cover.groupdict() if cover else attributes, state, alpha)
+            return self._cover({**attributes, **(cover.groupdict() if cover else {})}, state, alpha)
+        is_path = tag in _PATHS and not (arcs or read_shapes.is_ellipse(data))
+        if is_path or _has_stroke(state) or self._has_ramp(state.fill):
+            return self._add_area(read_areas.data_of(tag, attributes), attributes, state)
         number = max(self._shapes[-1].round if self._shapes else 0, state.round)
         for edge in arcs or [read_shapes.outline_of(tag, attributes)]:
             fill = self._fill_of(state.fill, attributes, edge)
@@ -271,30 +281,46 @@ class _Reader:
             self._shapes.append(_Shape(element, fill, opacity, number, len(self._areas)))
         return None
 
+    def _has_ramp(self, fill: str) -> bool:
+        """Return whether a fill is a gradient of opaque colours, and not the falloff of a shape."""
+        if (key := read_shapes.reference_of(fill)) is None:
+            return False
+        first, owner, _ = self._chain(key, *_GRADIENTS)
+        clear = (styled(stop).get("stop-opacity", "1") != "1" for stop in owner)
+        is_falloff = read_shapes.link_of(owner) in self._opacities or any(clear)
+        return first.tag == SVG + "linearGradient" or (len(owner) > 1 and not is_falloff)
+
     def _add_area(self, data: str, attributes: Mapping[str, str], state: _State) -> None:
-        """Add an area or a line."""
-        style, stroke = state.style, state.style.get("stroke", "none")
-        is_line, width, cap = stroke.lower() != "none", 0.0, "butt"
-        blur, rule = attributes.get("filter", "none"), style.get("fill-rule", "nonzero")
-        if blur != "none":
-            raise refusal("its filter", "none", quoted(blur), "to remove it")
-        if is_line and state.fill.lower() != "none":
-            raise refusal("its fill", "none, because it has a stroke", quoted(state.fill))
-        if not is_line and rule != "nonzero":
-            raise refusal("its fill-rule", "nonzero", quoted(rule), "to split the path")
-        alpha, text = (state.fill_opacity, state.fill)
-        if is_line:
-            alpha, text = style.get("stroke-opacity", "1"), stroke
-            width, cap = read_areas.stroke_of(style, state.onto, self._onto)
-        if (key := read_shapes.reference_of(text)) is None:
-            paint = color_of(text, "stroke" if is_line else "fill")
-        else:
-            first, owner, values = self._chain(key, *_GRADIENTS)
-            tag = first.tag.removeprefix(SVG)
-            paint = read_areas.gradient_of(tag, values, owner, state.onto)
-        outlines = read_areas.outlines_of(data, state.onto, not is_line)
-        opacity = state.opacity * share_of(alpha, "opacity")
-        self._areas.append(Area(outlines, paint, opacity, width, cap))
+        """Add the fill of a path as an area, and its stroke as a line."""
+        style, opacity = state.style, state.opacity
+        for name in ("filter", "mask"):
+            if (value := attributes.get(name, "none")) != "none":
+                raise refusal(f"its {name}", "none", quoted(value), "to remove it")
+        fill = state.fill, state.fill_opacity
+        stroke = style.get("stroke", "none"), style.get("stroke-opacity", "1")
+        looks = [look for look in (fill, stroke) if look[0].lower() != "none"]
+        if len(looks) > 1 and opacity < 1:
+            needed, advice = "1 with both a fill and a stroke", "to remove one of these"
+            raise refusal("its opacity", needed, f"{opacity:g}", advice)
+        if _STROKE_FIRST.match(style.get("paint-order", "normal")):
+            looks.reverse()
+        for look in looks:
+            is_line, width, cap = look is stroke, 0.0, "butt"
+            outlines = read_areas.outlines_of(data, state.onto, not is_line)
+            if is_line:
+                width, cap = read_areas.stroke_of(style, outlines, state.onto, self._onto)
+            elif len(looks) > 1 and max(len(outline.points) for outline in outlines) < 3:
+                continue  # straight lines have no inside, but the fill that is the default
+            elif style.get("fill-rule", "nonzero") == "evenodd":
+                outlines = read_areas.nonzero(outlines)
+            if (key := read_shapes.reference_of(look[0])) is None:
+                paint = color_of(look[0], "stroke" if is_line else "fill")
+            else:
+                first, owner, values = self._chain(key, *_GRADIENTS)
+                tag = first.tag.removeprefix(SVG)
+                paint = read_areas.gradient_of(tag, values, owner, data, state.onto)
+            alpha = opacity * share_of(look[1], "opacity")
+            self._areas.append(Area(outlines, paint, alpha, width, cap))
 
     def _fill_of(self, fill: str, attributes: Mapping[str, str], edge: Affine) -> Fill:
         """Return the fill of a shape. Raise InputError if write_svg does not write such a fill."""
@@ -331,30 +357,49 @@ class _Reader:
         color, beta = read_shapes.stops_of(owner, sheet, in_mask)
         return Fill(color, SOFT, 1.0, beta, float(cut_radius(beta)), read_shapes.disc_of(values))
 
-    def _cover(self, sides: Mapping[str, str], state: _State, alpha: float) -> None:
-        """Store the fill of a rectangle as the background.
+    def _cover(self, attributes: Mapping[str, str], state: _State, alpha: float) -> None:
+        """Store the fill of a rectangle as the background, or add the rectangle as an area.
 
-        Raise InputError unless the rectangle is opaque, upright and below all shapes, and covers
-        the canvas. Minimal markup rounds the sides of the canvas. So the rectangle may leave a
-        strip uncovered at each side of the canvas. The strip may be 0.01 px or 0.05 user units
-        wide, whichever is more.
+        The background is opaque and of one colour, lies below all shapes, and covers the canvas.
         """
-        whole = dict(zip(("x", "y", "width", "height"), 2 * self._user_size, strict=True))
-        x, y, across, down = (_side(sides.get(name, "0"), name, whole[name]) for name in whole)
-        a, b, c, d, left, top = compose(state.onto, (across, 0.0, 0.0, down, x, y))
-        right, bottom, (width, height) = left + a, top + d, self._size
-        missed = max(left, top, width - right, height - bottom)
-        # The strip that may stay uncovered at a side has at most this width, in px.
-        most = max(0.01, 0.05 * abs(state.onto[0]), 0.05 * abs(state.onto[3]))
-        is_whole = missed <= most and not (b or c or {"rx", "ry"} & sides.keys())
-        if self._shapes or self._areas or not is_whole or (alpha < 1 and state.fill != "none"):
-            needed = f"the background, over all {width:g}x{height:g} px, upright and opaque"
-            count = len(self._shapes) + len(self._areas)
-            got = f"x {left:g}..{right:g}, y {top:g}..{bottom:g} px over {count} shapes"
-            advice = "to resize or to delete it"
-            raise refusal("a rectangle", needed, f"{got}, of opacity {alpha:g}", advice)
-        if state.fill != "none":
+        sides = {**attributes, **{n: str(v) for n, v in self._sides(attributes).items()}}
+        is_lowest = not (self._shapes or self._areas or _has_stroke(state))
+        is_plain = state.fill != "none" and read_shapes.reference_of(state.fill) is None
+        if is_lowest and is_plain and alpha == 1 and self._covers(sides, state.onto):
             self._background = np.array(color_of(state.fill, "fill"))
+        else:
+            self._add_area(read_areas.data_of("rect", sides), sides, state)
+
+    def _sides(self, attributes: Mapping[str, str]) -> dict[str, float]:
+        """Return x, y, width and height of a rectangle, in user units."""
+        whole = dict(zip(("x", "y", "width", "height"), 2 * self._user_size, strict=True))
+        return {name: _side(attributes.get(name, "0"), name, whole[name]) for name in whole}
+
+    def _covers(self, sides: Mapping[str, str], onto: Affine) -> bool:
+        """Return whether a rectangle covers the canvas.
+
+        Minimal markup rounds the sides of the canvas. So the rectangle may leave a strip uncovered
+        at each side of the canvas. The strip may be 0.01 px or 0.05 user units wide, whichever is
+        more.
+        """
+        x, y, across, down = self._sides(sides).values()
+        a, b, c, d, left, top = compose(onto, (across, 0.0, 0.0, down, x, y))
+        width, height = self._size
+        missed = max(left, top, width - left - a, height - top - d)
+        # The strip that may stay uncovered at a side has at most this width, in px.
+        most = max(0.01, 0.05 * abs(onto[0]), 0.05 * abs(onto[3]))
+        return missed <= most and not (b or c or {"rx", "ry"} & sides.keys())
+
+    def _is_page(self, clip: str, onto: Affine) -> bool:
+        """Return whether a clip-path shows the whole canvas, as in files of Figma."""
+        owner = self._by_id.get(read_shapes.reference_of(clip) or "")
+        if owner is None or owner.tag != SVG + "clipPath" or len(owner) != 1:
+            return False
+        own = styled(owner[0])
+        moved = compose(onto, read_shapes.transform_of(own.get("transform", "")))
+        is_plain = owner[0].tag == SVG + "rect" and "transform" not in owner.attrib
+        is_plain &= not _CLIPS & (owner.attrib.keys() | own.keys())
+        return is_plain and self._covers(own, moved)
 
     def scene(self) -> Scene:
         """Return the scene of all shapes. Raise InputError if a scene cannot hold one of them."""
@@ -441,6 +486,11 @@ def _inherited(attributes: dict[str, str], parent: _State, tag: str) -> _State:
         elif name in _EFFECTS and (tag, name) not in _READ and value.lower() not in _OFF:
             raise refusal(f"its {name}", "none", quoted(value), "to remove it")
     return parent._replace(**changes) if changes else parent
+
+
+def _has_stroke(state: _State) -> bool:
+    """Return whether the elements of a state have a stroke."""
+    return state.style.get("stroke", "none").lower() != "none"
 
 
 def _side(text: str, name: str, whole: float) -> float:

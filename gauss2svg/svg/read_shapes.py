@@ -44,7 +44,7 @@ from gauss2svg.svg.stops import MOST_GREY, gradient_stops, grey_stops
 
 Color = tuple[float, float, float]
 Affine = tuple[float, float, float, float, float, float]
-_CALL = re.compile(r"[\s,]*+(matrix|translate|scale|rotate)\s*+\(([^()]*+)\)[\s,]*+")
+_CALL = re.compile(r"[\s,]*+(matrix|translate|scale|rotate|skewX|skewY)\s*+\(([^()]*+)\)[\s,]*+")
 _CALLS = re.compile(rf"(?:{_CALL.pattern})*+\s*+")
 _REFERENCE = re.compile(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""")
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
@@ -61,8 +61,8 @@ MOST_BEYOND_PX = 0.05
 _ARC_END_TOLERANCE = 0.02
 _GAP = r"[\s,]*+"
 _N = rf"({NUMBER}){_GAP}"
-_ARC = re.compile(rf"{_GAP}([Aa]?){_GAP}{_N}{_N}{_N}([01]){_GAP}([01]){_GAP}{_N}{_N}")
-_CLOSED = re.compile(rf"\s*[Mm]{_GAP}{_N}{_N}((?:{_ARC.pattern}){{4}})[Zz]\s*")
+ARC = re.compile(rf"{_GAP}([Aa]?){_GAP}{_N}{_N}{_N}([01]){_GAP}([01]){_GAP}{_N}{_N}")
+_CLOSED = re.compile(rf"\s*[Mm]{_GAP}{_N}{_N}((?:{ARC.pattern}){{4}})[Zz]\s*")
 # Minimal markup writes the coordinates and the radii of arcs as whole numbers.
 _PLACE, _RADIUS = r"(-?\d{1,9})", r"([1-9]\d{0,8})"
 _TILT = r"(-?(?:\d{1,3}(?:\.\d)?|\.\d))"
@@ -75,6 +75,8 @@ _FUNCTIONS = {
     "translate": lambda x, y=0.0: (1.0, 0.0, 0.0, 1.0, x, y),
     "scale": lambda x, y=None: (x, 0.0, 0.0, x if y is None else y, 0.0, 0.0),
     "rotate": lambda degrees, *at: _rotation(math.radians(degrees), *(at or (0.0, 0.0))),
+    "skewX": lambda degrees: (1.0, 0.0, math.tan(math.radians(degrees)), 1.0, 0.0, 0.0),
+    "skewY": lambda degrees: (1.0, math.tan(math.radians(degrees)), 0.0, 1.0, 0.0, 0.0),
 }
 
 
@@ -98,7 +100,7 @@ def transform_of(text: str, name: str = "transform") -> Affine:
         maps = [_FUNCTIONS[call](*numbers(values, name)) for call, values in _CALL.findall(text)]
         if _CALLS.fullmatch(text):
             return reduce(compose, maps, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))
-    raise refusal(name, "a list of matrix, translate, scale, rotate", quoted(text))
+    raise refusal(name, "a list of matrix, translate, scale, rotate and skew", quoted(text))
 
 
 def _rotation(angle_rad: float, x: float, y: float) -> Affine:
@@ -339,7 +341,7 @@ def _closed(data: str) -> Affine:
     """
     if path := _CLOSED.fullmatch(data):
         ends, letter = [complex(float(path[1]), float(path[2]))], ""
-        arcs = _ARC.findall(path[3])
+        arcs = ARC.findall(path[3])
         for kind, *_, x, y in arcs:
             letter = kind or letter
             ends.append(complex(float(x), float(y)) + (ends[-1] if letter == "a" else 0))

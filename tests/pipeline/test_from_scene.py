@@ -1,5 +1,7 @@
 """Properties of a run that starts with a scene: it is never worse, and cheaper than a new fit."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from flat import vectorize
@@ -9,6 +11,10 @@ from skimage import data
 from gauss2svg import Scene, read_svg
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
+from gauss2svg.files import as_png
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.raster import rasterize
+from gauss2svg.scene.areas import Area, Outline
 
 NAMES = ("astronaut", "coffee", "chelsea")
 
@@ -115,3 +121,39 @@ def test_the_command_starts_with_a_scene_or_with_an_svg(tmp_path, photo, refusal
         vectorize(photo, start=Scene(9, 9, blend="add"))
     with pytest.raises(InputError, match="start must be a Scene; got str"):
         vectorize(photo, start=svg)
+
+
+def drawing(shift: float, page: str, red: str, root: str = 'width="96" height="72"') -> str:
+    """A drawing as a person, or a tracer with needless nodes, would write it."""
+    needless = "".join(f"L{8 + 40 * k / 90:g} 60" for k in range(90))
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" {root}><rect width="96" height="72" fill="{page}"'
+        f'/><g transform="translate({shift} {-shift})"><path d="M8 60{needless}L48 60V12H8z" '
+        f'style="fill:{red}"/><circle cx="64" cy="30" r="18" fill="#26a"/><path fill="#fc2" '
+        'fill-rule="evenodd" d="M50 40H90V66H50zM60 48H80V58H60z"/></g></svg>'
+    )
+
+
+def test_a_drawing_of_another_program_is_refined_to_the_photo(tmp_path, refusal):
+    picture, start, out = (str(tmp_path / name) for name in ("a.png", "a.svg", "b.svg"))
+    root = 'width="24mm" height="18mm" viewBox="0 0 96 72"'
+    photo = rasterize(drawing(0, "#fff", "#c20"), 96, 72)
+    Path(picture).write_bytes(as_png(photo))
+    Path(start).write_text(drawing(0.8, "#fff", "#b11", root))
+    assert main([picture, "-o", out, "--start", start, "--areas", "always", "--quiet"]) == 0
+    first, scene = read_svg(start), read_svg(out)
+    assert (len(first.areas), len(scene.areas)) == (2, 3)  # the circle is an area, too
+    before, after = (rasterize(Path(name).read_text(), 96, 72) for name in (start, out))
+    assert psnr(after, photo) > max(40, psnr(before, photo) + 15)
+    assert sum(area.nodes for area in scene.areas) < 50  # of 106
+    Path(start).write_text(drawing(0, "#fff", "url(#none)"))
+    line = refusal(picture, "-o", out, "--start", start)
+    assert '<path d="' in line
+    assert "its reference must be to a radialGradient" in line
+
+
+def test_a_start_must_not_need_more_memory_than_there_may_be():
+    page = Outline([(0, 0), (9, 0), (9, 9), (0, 9)], [False] * 4)
+    many = Scene(9, 9, areas=[Area([page], (k % 2,) * 3) for k in range(5000)])
+    with pytest.raises(InputError, match=r"start must be of areas whose boxes have .* --max-size"):
+        vectorize(np.zeros((150, 150, 3)), start=many, areas="always")

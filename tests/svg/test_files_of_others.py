@@ -1,0 +1,76 @@
+"""Drawings of other programs are read as resvg draws them, and their circles become areas."""
+
+import numpy as np
+import pytest
+from svg_texts import document
+
+from gauss2svg.areas.scenes import with_ellipses_as_areas
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.raster import rasterize
+from gauss2svg.render import render
+from gauss2svg.scene.areas import AreaCounts
+from gauss2svg.svg.read import read_svg
+
+STOPS = '<stop stop-color="red"/><stop offset="50%" stop-color="#0f0"/><stop offset="1"/>'
+DEFS = (
+    f'<linearGradient id="box">{STOPS}</linearGradient><radialGradient id="disc">{STOPS}'
+    '</radialGradient><linearGradient id="turned" x1="10%" x2=".3" y2="1" '
+    'gradientTransform="rotate(20 .5 .5)" xlink:href="#box"/>'
+    '<clipPath id="page"><rect width="40" height="30" fill="white"/></clipPath>'
+    '<clipPath id="moved"><rect width="99" height="40" transform="translate(-9 -5)"/></clipPath>'
+)
+BOX = 'd="M3 3h9v20z" fill="blue"'
+RING = "M20 14m-12 0a12 12 0 1 1 24 0a12 12 0 1 1-24 0M20 14m-6 0a6 6 0 1 1 12 0a6 6 0 1 1-12 0z"
+# What is drawn, and what a scene has of it
+DRAWN = {
+    '<path fill="red" d="M5 5a5 9 30 1 0 20 20z"/>': "1 area of 3 nodes",
+    '<path fill="red" d="M5 5a5 9 30 0020 20zM30 5a4 2 0 1110 0a4 2-20 0 1-10 1"/>':
+        "1 area of 8 nodes",
+    '<path fill="red" d="M5 5A1 1 0 0 1 20 20 0 3 0 0 1 9 9zM30 20A5 4 0 1 1 30 20"/>':
+        "1 area of 4 nodes",
+    '<path fill="red" d="M5 5q9 0 12 9t10 9 3-3Q30 4 20 3T9 4z"/>': "1 area of 6 nodes",
+    '<path fill="red" d="M5 5C7 0 9 3 15 9T30 20s4 5 3-9Q3 3 4 9S7 9 9 20z"/>': "1 area of 6 nodes",
+    '<rect fill="red" x="3" y="2" width="20" height="12" rx="4"/>': "1 area of 8 nodes",
+    '<rect fill="red" x="3" y="2" width="50%" height="12" rx="19" ry="4"/>': "1 area of 6 nodes",
+    '<rect fill="url(#box)" x="3" y="2" width="20" height="12" transform="rotate(20)skewX(20)"/>':
+        "1 area of 4 nodes",
+    '<rect width="40" height="30" fill="red" opacity=".5"/>': "1 area of 4 nodes",
+    '<rect width="40" height="30" fill="url(#turned)"/>': "1 area of 4 nodes",
+    '<polygon fill="red" points="1,2 13,4 5,19" transform="skewY(20)"/>': "1 area of 3 nodes",
+    '<polyline points="1,2 13,4 5,19" fill="red" stroke="blue" stroke-width="2"/>':
+        "1 area and 1 line of 6 nodes",
+    '<line x1="3" y1="4" x2="30" y2="20" stroke="red" stroke-width="3" stroke-linecap="round"/>':
+        "1 line of 2 nodes",
+    '<circle cx="20" cy="14" r="9" fill="url(#turned)"/>': "1 area of 4 nodes",
+    '<ellipse cx="20" cy="14" rx="9" ry="12" fill="url(#disc)" stroke="#0a0" stroke-width="4"/>':
+        "1 area and 1 line of 8 nodes",
+    f'<circle r="9" cx="9" cy="9"/><path {BOX}/><ellipse rx="3" ry="9" cx="8" cy="20" '
+    'fill="red" opacity=".5" transform="rotate(-30)"/>': "3 areas of 11 nodes",
+    f'<g clip-path="url(#page)"><g clip-path="url(#moved)"><path {BOX}/></g></g>':
+        "1 area of 3 nodes",
+    '<path fill-rule="evenodd" fill="red" d="M2 2h30v25H2zM6 6h20v15H6zM9 9h9v9H9zM34 2h4v4h-4z"/>':
+        "1 area of 16 nodes",
+    f'<path style="fill-rule:evenodd" fill="red" d="{RING}"/>': "1 area of 8 nodes",
+    '<path d="M5 5H25V20H5z" fill="red" stroke="blue" stroke-width="4" stroke-linejoin="round" '
+    'stroke-miterlimit="10" style="paint-order:stroke fill markers"/>':
+        "1 area and 1 line of 8 nodes",
+    f'<path fill="none" d="M0 0H40V30H0z"/><path {BOX}/>': "1 area of 3 nodes",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("body", DRAWN)
+def test_what_other_programs_draw_is_read_as_it_is_drawn(body):
+    text = document(body, DEFS)
+    scene = with_ellipses_as_areas(read_svg(text))
+    assert (str(AreaCounts.of(scene.areas)), len(scene)) == (DRAWN[body], 0)
+    # resvg has few levels along edges.
+    assert psnr(render(scene, 320, 240), rasterize(text, 320, 240)) > 40
+
+
+def test_gaussians_that_are_not_all_crisp_stay_gaussians_and_so_do_those_without_areas():
+    crisp, path = '<circle r="9" cx="9" cy="9"/>', f"<path {BOX}/>"
+    scenes = [read_svg(document(body)) for body in (crisp + path, crisp)]
+    soft = scenes[0].replace(drawn=np.zeros(1, np.int8))
+    assert with_ellipses_as_areas(soft) is soft
+    assert with_ellipses_as_areas(scenes[1]) is scenes[1]
+    assert len(with_ellipses_as_areas(scenes[0]).areas) == 2
