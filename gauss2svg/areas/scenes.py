@@ -38,9 +38,8 @@ Rasterize = Callable[[tuple[Area, ...]], NDArray[np.float32]]
 MOST_IN_BOXES = 100_000_000  # px of all areas' boxes, which take 16 bytes each, or 28 with alpha
 MOST_PIXELS = 400 * 400  # larger pictures take more memory, and .2 px of them are seen less
 # Points (12, 2) of the outline of a circle of radius 1, as four cubic curves
-_QUARTER = np.array([1, 1 + 0.5523j, 0.5523 + 1j])
-_AROUND = np.outer(1j ** np.arange(4), _QUARTER).ravel()
-_CIRCLE = np.column_stack([np.real(_AROUND), np.imag(_AROUND)])
+_AROUND = [turn * place for turn in (1, 1j, -1, -1j) for place in (1, 1 + 0.5523j, 0.5523 + 1j)]
+_CIRCLE = np.array([(place.real, place.imag) for place in map(complex, _AROUND)])
 STEPS = 4  # number of steps of the refinement
 # Ratios of the errors of the raster and of exact coverage: before the steps, so high that another
 # renderer made the picture, and after them, at most that of a picture of this renderer
@@ -84,11 +83,14 @@ def with_ellipses_as_areas(scene: Scene) -> Scene:
     points = _CIRCLE @ factor.swapaxes(1, 2) + scene.mean[:, None]
     ellipses = [
         Area((Outline(own, (True,) * 4),), color, opacity)
-        for own, color, opacity in zip(points, scene.color, scene.opacity, strict=True)
+        for own, color, opacity in zip(
+            points.tolist(), scene.color.tolist(), scene.opacity.tolist(), strict=True
+        )
     ]
     level = np.where(scene.level == ABOVE, len(scene.areas), scene.level)
-    areas, order = [*ellipses, *scene.areas], [*level, *np.arange(len(scene.areas)) + 0.5]
-    ranked = [areas[k] for k in np.argsort(order, kind="stable")]
+    areas = [*ellipses, *scene.areas]
+    order = np.concatenate([level, np.arange(len(scene.areas)) + 0.5])
+    ranked = tuple(areas[k] for k in np.argsort(order, kind="stable"))
     return scene.select([]).replace(areas=ranked)
 
 

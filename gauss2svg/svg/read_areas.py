@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import quoted, refusal
 from gauss2svg.scene.areas import (
+    MOST_COORDINATE,
     Cap,
     LinearGradient,
     Outline,
@@ -167,7 +168,9 @@ def _arc(start: Point, form: list[float], end: Point) -> list[Point]:
     (rx, ry), (tilt, is_large, is_sweep) = map(abs, form[:2]), form[2:]
     if start == end:
         return []
-    if not rx * ry:
+    # A flat arc is a line. An outline with larger coordinates is refused.
+    is_held = all(abs(value) <= MOST_COORDINATE for value in (*start, *end, rx, ry))
+    if not is_held or min(rx, ry) < 1 / MOST_COORDINATE:
         return [end]
     turn, half = cmath.exp(1j * math.radians(tilt)), (complex(*start) - complex(*end)) / 2
     turned = half / turn
