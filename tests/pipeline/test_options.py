@@ -108,7 +108,7 @@ TOGETHER = [
       for given in ({"blend": "add"}, {"falloff": "gaussian"}, {"palette": 6}, {"stops": 8},
                     {"animate": 2.0})),
     *(({"areas": "always", **given}, "must not be given with areas always")
-      for given in ({"gaussians": 9}, {"blend": "add"}, {"falloff": "gaussian"}, {"inks": 2})),
+      for given in ({"gaussians": 9}, {"blend": "add"}, {"falloff": "gaussian"})),
 ]  # fmt: skip
 
 
