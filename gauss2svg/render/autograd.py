@@ -1,4 +1,8 @@
-"""The fast CPU renderer as a differentiable torch function, so that any torch loss works."""
+"""The fast CPU renderer as a differentiable torch function, so that any torch loss works.
+
+The Gaussians have gradients. The areas and lines of a scene have none: their raster is the picture
+that the Gaussians are drawn over.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +62,7 @@ class _FastRender(torch.autograd.Function):
             *_by_shape(moments[:, :5], sigma.double(), rho.double()),
             moments[:, 6:9],
             by_opacity,
-            torch.from_numpy(_by_background(splats, gradient)),
+            torch.from_numpy(_by_background(splats, gradient)).sum_to_size(background.shape),
             -moments[:, 9],
         )
         typed = (g.to(t.dtype) for g, t in zip(gradients, ctx.saved_tensors, strict=True))
@@ -73,10 +77,13 @@ def _splats(*tensors: torch.Tensor) -> Splats:
     mean, sigma, rho, color, opacity, background, beta = (
         tensor.detach().to(torch.float64).numpy() for tensor in tensors
     )
-    return splats_from(
+    splats = splats_from(
         mean, sigma, rho, whitening_of(sigma, rho),
         color=color, opacity=opacity, beta=beta, background=background,
     )  # fmt: skip
+    if background.ndim == 1:
+        return splats
+    return splats._replace(background=np.zeros(3), ground=np.moveaxis(background, -1, 0))
 
 
 def _by_shape(
@@ -95,20 +102,21 @@ def _by_shape(
 
 
 def _by_background(splats: Splats, gradient: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the gradient of the loss with respect to the background (3,).
+    """Return the gradient (h, w, 3) of the loss with respect to the background of each pixel.
 
-    It is the sum over all pixels of the gradient (3, h, w) of the render times the transmittance of
-    all shapes together. This transmittance is the render of black shapes on white, or 1 with
-    additive blending.
+    It is the gradient (3, h, w) of the render times the transmittance of all shapes together. This
+    transmittance is the render of black shapes on white, or 1 with additive blending.
     """
+    by_pixel = np.moveaxis(gradient, 0, -1).astype(np.float64)
     if splats.additive:
-        return gradient.sum(axis=(1, 2), dtype=np.float64)
+        return by_pixel
     black = splats._replace(
-        opacity_color=splats.opacity_color * [1.0, 0.0, 0.0, 0.0], background=np.ones(3)
-    )
+        opacity_color=splats.opacity_color * [1.0, 0.0, 0.0, 0.0],
+        background=np.ones(3), ground=None,
+    )  # fmt: skip
     _, height, width = gradient.shape
     transmittance = render_planar(black, height, width, gradient.dtype.type)
-    return np.einsum("chw,chw->c", gradient, transmittance, dtype=np.float64)
+    return by_pixel * np.moveaxis(transmittance, 0, -1)
 
 
 def fast_composite(
@@ -125,10 +133,13 @@ def fast_composite(
     """Return the image of gauss2svg.render.reference.composite, computed by the numba kernels.
 
     The tensors must be on the CPU, and may have any floating dtype. The image (height, width, 3) is
-    float64 if all tensors are float64, else float32. Every tensor gets a gradient, but asking for a
-    second derivative raises torch's error. Powers of s = r^2 / 2 are computed with an s of at least
-    1e-12. So the factor s^(beta - 1) in the gradients of shapes with beta < 1 stays finite at the
-    mean. Raise InputError for values outside the domain (gauss2svg.render.reference.shapes_of).
+    float64 if all tensors are float64, else float32. The background is one colour, or a picture
+    (height, width, 3) that lies below the shapes, such as the raster of a scene's areas and lines
+    (gauss2svg.render.areas.ground_of). Areas and lines themselves have no gradient. Every tensor
+    gets a gradient, but asking for a second derivative raises torch's error. Powers of s = r^2 / 2
+    are computed with an s of at least 1e-12. So the factor s^(beta - 1) in the gradients of shapes
+    with beta < 1 stays finite at the mean. Raise InputError for values outside the domain
+    (gauss2svg.render.reference.shapes_of).
     """
     shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
     return _rendered(shapes, height, width, additive=False)
@@ -154,6 +165,9 @@ def fast_accumulate(
 def _rendered(
     shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
 ) -> torch.Tensor:
-    image = _FastRender.apply(*shapes, height, width, additive)
+    *others, background, beta = shapes
+    if background.ndim > 1:  # the kernels would read beyond the end of a smaller picture
+        background = background.expand(height, width, 3)
+    image = _FastRender.apply(*others, background, beta, height, width, additive)
     assert isinstance(image, torch.Tensor)
     return image

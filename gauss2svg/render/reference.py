@@ -50,10 +50,10 @@ def composite(
 ) -> torch.Tensor:
     """Return the image (height, width, 3) of n alpha-composited shapes, the bottom shape first.
 
-    mean (n, 2) and sigma (n, 2) are in px. rho is (n,), color (n, 3), opacity (n,) and
-    background (3,). beta is (n,), or None for Gaussians. All tensors must have the same dtype and
-    device, which are also those of the image. Raise InputError for values outside the domain (see
-    shapes_of).
+    mean (n, 2) and sigma (n, 2) are in px. rho is (n,), color (n, 3) and opacity (n,). background
+    is (3,), or a picture (height, width, 3) that lies below the shapes. beta is (n,), or None for
+    Gaussians. All tensors must have the same dtype and device, which are also those of the image.
+    Raise InputError for values outside the domain (see shapes_of).
     """
     shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta)
     return _blended(shapes, height, width, additive=False)

@@ -2,19 +2,20 @@
 
 import numpy as np
 import pytest
-from both_renderers import in_both
+from both_renderers import OFF, TORCH, drawn, in_both, tensors_of
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import random_scene, with_levels
+from with_torch import torch
 
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render, render_rgba
-from gauss2svg.render.areas import _add_fill, coverage_of, draw_areas
+from gauss2svg.render.areas import _add_fill, coverage_of, draw_areas, ground_of
 from gauss2svg.render.coverage import SAGITTA, edge_count
 from gauss2svg.render.coverage_reference import coverage_gradient, polygon_of, winding
 from gauss2svg.render.reference import render_reference
-from gauss2svg.scene import ABOVE, PLAIN, SOFT, Scene
+from gauss2svg.scene import ABOVE, OVER, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline, RadialGradient
 
 BOX = (-2, 3, 11, 8)  # left, top, width, height
@@ -236,6 +237,47 @@ def test_a_gaussian_lies_over_the_areas_of_its_level_and_under_the_others(dtype,
     draw_areas(rest, image)
     np.testing.assert_allclose(render(scene, dtype=dtype), image, atol=1e-5)
     np.testing.assert_allclose(render_reference(scene), image, atol=1e-9)
+
+
+def torch_ground(scene: Scene, dtype: type = np.float64, backdrop=None) -> torch.Tensor:
+    return torch.from_numpy(ground_of(scene, 8, 9, dtype, backdrop)).movedim(0, -1)
+
+
+@in_both
+@given(st.integers(0, 2**16))
+def test_torch_draws_gaussians_over_the_raster_of_what_is_below(dtype, seed):
+    scene = with_levels(scene_of(seed), seed)
+    above = scene.select(scene.level == ABOVE).replace(areas=())
+    *shapes, _, beta = tensors_of(above, TORCH[dtype])
+    for fast in (False, True):
+        image = drawn(above, [*shapes, torch_ground(scene, dtype), beta], fast).detach()
+        np.testing.assert_allclose(image, render(scene, dtype=dtype), atol=OFF[OVER][dtype])
+        with pytest.raises(RuntimeError, match="size"):
+            drawn(above, [*shapes, torch.zeros((7, 9, 3)), beta], fast)
+
+
+def drawn_by_levels(scene: Scene, tensors: list[torch.Tensor], fast: bool) -> torch.Tensor:
+    """The picture of tensors in place of the parameters of all Gaussians, those below areas too."""
+    *shapes, image, beta = tensors
+    first = 0
+    for level in [*np.unique(scene.level[scene.level != ABOVE]).tolist(), ABOVE]:
+        last = len(scene.areas) if level == ABOVE else level
+        areas = Scene(9, 8, areas=scene.areas[first:last])
+        black, white = (torch_ground(areas, backdrop=grey) for grey in (0.0, 1.0))
+        own, first = torch.from_numpy(scene.level == level), last
+        parts = [tensor[own] for tensor in shapes]
+        image = drawn(scene, [*parts, black + (white - black) * image, beta[own]], fast)
+    return image
+
+
+@pytest.mark.parametrize("fast", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_gradients_of_gaussians_above_and_below_areas_are_finite_differences(seed, fast):
+    scene = scene_of(seed).replace(level=[1, 2, ABOVE, ABOVE], sigma=np.full((4, 2), 2.0))
+    tensors = tensors_of(scene)
+    image = drawn_by_levels(scene, tensors, fast).detach()
+    np.testing.assert_allclose(image, render(scene, dtype=np.float64), atol=1e-12)
+    assert torch.autograd.gradcheck(lambda *args: drawn_by_levels(scene, list(args), fast), tensors)
 
 
 @given(st.integers(0, 2**16))
