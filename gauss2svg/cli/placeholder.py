@@ -54,8 +54,8 @@ def run(given: dict[str, Any]) -> int:
     if entries.copies:
         say(f"{entries.copies} of {len(paths)} photos were given more than once")
     for photo, placeholder in entries.new.items():
-        if not placeholder.gaussians:
-            say(f"{photo.name}: it has no Gaussians, because none fits or none is needed")
+        if not placeholder.gaussians and not placeholder.areas:
+            say(f"{photo.name}: it is one colour, because no Gaussian fits or none is needed")
     for line in entries.failures:
         say(line)
     if not command.quiet:

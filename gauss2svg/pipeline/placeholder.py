@@ -52,6 +52,7 @@ class Placeholder:
     gaussians      number of Gaussians in the SVG. 0 if areas draw all of it, or if the limit leaves
                    no bytes for them
     transparent    whether the photo has alpha
+    areas          number of areas and lines in the SVG
     """
 
     svg: str
@@ -60,6 +61,7 @@ class Placeholder:
     color: str
     gaussians: int
     transparent: bool = False
+    areas: int = 0
 
     @property
     def inline(self) -> str:
@@ -186,7 +188,9 @@ def placeholder(
                     found = max(found, other, key=lambda file: _psnr(file, subject))
     mean = shrunk(pixels, 1, 1)[0, 0, :3]  # mean of the visible pixels
     color = hex_color(np.round(255 * mean).astype(np.intp))
-    return Placeholder(found.svg, *photo.original_size, color, len(found.scene), has_alpha(pixels))
+    counts = {"gaussians": len(found.scene), "areas": len(found.scene.areas)}
+    size, transparent = photo.original_size, has_alpha(pixels)
+    return Placeholder(found.svg, *size, color, transparent=transparent, **counts)
 
 
 def _psnr(file: Export, subject: Subject) -> float:

@@ -13,6 +13,7 @@ from galleries import Page, cells_expected, cells_of, save
 from gallery_site import BAD, COUNTS, HOSTILE, SECRET, hastily
 from pictures import antialiased_badge
 from PIL import Image
+from rewritten import rewritten
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare import chart
@@ -92,6 +93,8 @@ def test_pages_count_what_a_drawing_is_made_of_and_its_outlines_have_all_nodes(t
     shapes_alone, row = found.rows
     assert row["psnr_svg"] > shapes_alone["psnr_svg"] + 3
     assert shapes_alone["area_count"] == shapes_alone["node_count"] == 0
+    svg = (site / row["files"]["SVG"]).read_text()
+    assert rewritten(svg, fragments=True) == svg
     outlines = (site / row["files"]["outlines"]).read_text()
     assert outlines.count('id="area-') == row["area_count"] + row["line_count"] > 0
     dots = re.search('id="nodes" d="(.*?)"', outlines)[1]

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 from PIL import Image
-from scenes import random_scene
+from scenes import random_areas, random_scene
 
 import gauss2svg
 from gauss2svg.fit import FitProgress
@@ -31,6 +31,8 @@ def test_a_scene_shows_its_name_and_its_picture_which_is_small_at_any_size():
     assert "additive" in repr(gauss2svg.Scene(4, 3, blend="add"))
     assert "transparent" in repr(gauss2svg.Scene(4, 3, transparent=True))
     assert psnr(shown(scene._repr_html_()), render(scene)) > 30
+    drawing = scene.replace(areas=random_areas(3, 1))
+    assert psnr(shown(drawing._repr_html_()), render(drawing)) > 28
     assert shown(scene.scaled(1e6, 2e6)._repr_html_()).shape == (768, 512, 3)
 
 
