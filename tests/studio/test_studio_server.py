@@ -17,6 +17,7 @@ from fastapi import FastAPI
 from flat import vectorize
 from pictures import ball
 from PIL import Image
+from rewritten import rewritten
 from studio_server import answer_of, running, with_client
 
 from gauss2svg import check
@@ -100,6 +101,8 @@ def test_the_first_frame_of_a_drawing_has_its_areas_and_later_ones_shapes_too(se
     assert frames[-1]["gaussians"] > 0
     assert all(now["areas"] and "bytes_estimate" not in now for now in frames)
     assert server.state(job)["report"]["area_count"] == int(frames[-1]["areas"].split()[0])
+    minimal = server.get(f"/api/jobs/{job['id']}/picture.svg?markup=minimal").decode()
+    assert rewritten(minimal) == minimal
 
 
 def test_a_fit_is_stopped_with_a_result_and_one_that_nobody_wants_frees_its_place(server, png):
