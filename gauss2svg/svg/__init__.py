@@ -33,6 +33,7 @@ UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
 # Sizes of paper in mm, the narrower side first.
+MOST_ACROSS = 1e6  # largest width, in any unit
 _PAPERS = {
     "a2": (420, 594), "a3": (297, 420), "a4": (210, 297), "a5": (148, 210), "a6": (105, 148),
     "letter": (215.9, 279.4), "legal": (215.9, 355.6), "tabloid": (279.4, 431.8),
@@ -204,7 +205,7 @@ def round_id(index: int) -> str:
 def _width_of(name: str, size: Any) -> tuple[float, str]:
     match = _SIZE.fullmatch(size) if isinstance(size, str) else None
     across = float(match[1]) if match else math.nan
-    if match is None or not 0 < across <= 1e6:
+    if match is None or not 0 < across <= MOST_ACROSS:
         needed = f"a width above 0 with its unit, one of {', '.join(MM)}: such as 120mm"
         raise refusal(name, needed, quoted(size), _width_like(str(size)))
     return across, match[2]
@@ -212,7 +213,7 @@ def _width_of(name: str, size: Any) -> tuple[float, str]:
 
 def _width_like(size: str) -> str:
     """Return widths that the user of an invalid size may have meant, or ""."""
-    if _SIZE.fullmatch(size + "px"):
+    if _SIZE.fullmatch(size + "px") and 0 < float(size) <= MOST_ACROSS:
         return f"{size}px or {size}mm"
     paper = nearest(size, _PAPERS)
     short, long = _PAPERS.get(paper, (0, 0))
