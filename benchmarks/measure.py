@@ -149,7 +149,7 @@ def run(tree: str, words: list[str], png: Path, stem: Path) -> None:
     if report.exists():
         return
     command = [sys.executable, "-m", "gauss2svg", str(png), "-o", f"{stem}.svg", *words]
-    command += ["--report", f"{stem}.report", "--quiet", "--overwrite"]
+    command += ["--report", f"{stem}.report.json", "--quiet", "--overwrite"]
     begun = time.perf_counter()
     with subprocess.Popen(
         command, cwd=png.parent, env=os.environ | {"PYTHONPATH": str(Path(tree).resolve())},
@@ -163,7 +163,7 @@ def run(tree: str, words: list[str], png: Path, stem: Path) -> None:
     if process.returncode not in (0, 2):  # 2 is a refusal, such as of too few bytes
         raise SystemExit(f"{shlex.join(command)}: {complaint}")
     if process.returncode == 0:
-        found |= json.loads(Path(f"{stem}.report").read_text())
+        found |= json.loads(Path(f"{stem}.report.json").read_text())
     report.write_text(json.dumps(found))
 
 
