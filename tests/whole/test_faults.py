@@ -18,12 +18,12 @@ from gauss2svg.pipeline.outcome import best_of
 
 pytestmark = pytest.mark.process
 
-OUTPUTS = ("o.svg", "r.json", "p.png", "s.npz", "l.svg")
+OUTPUTS = ("o.svg", "r.json", "p.png", "s.npz", "h.png", "l.svg")
 CALLS = {"open", "os.rename", "os.chmod", "os.remove", "tempfile.mkstemp"}
 COMMANDS = [
     "photo.png -o o.svg --report r.json --preview p.png --save-scene s.npz --outline l.svg "
     "--gaussians 3 --iterations 2 --quiet",
-    "check photo.png drawing.svg --report r.json --preview p.png --heatmap s.npz --quiet",
+    "check photo.png drawing.svg --report r.json --preview p.png --heatmap h.png --quiet",
 ]
 
 

@@ -211,7 +211,7 @@ def test_over_any_backdrop_it_is_the_scene_on_that_background(dtype, scene, leve
 
 @pytest.mark.sweep
 def test_the_command_has_a_clear_preview_and_says_all_three(cut_out, tmp_path, capsys, drawn_here):
-    photo, out, seen, written = (tmp_path / name for name in ("i.png", "o.svg", "p.png", "r"))
+    photo, out, seen, written = (tmp_path / name for name in ("i.png", "o.svg", "p.png", "r.json"))
     Image.fromarray(cut_out).save(photo)
     for words in ([photo, "-o", out, "--gaussians", "60"], ["check", photo, out]):
         assert main([*map(str, words), "--preview", str(seen), "--report", str(written)]) == 0
