@@ -69,6 +69,10 @@ def refined_areas(
     if (count := int(drawing.boxes()[:, 2:].prod(axis=1).sum())) > MOST_IN_BOXES:
         needed = f"areas whose boxes have at most {MOST_IN_BOXES / 1e6:g} million px in all"
         raise refusal("start", f"of {needed}", f"{count / 1e6:.0f} million", "a lower --max-size")
+    # Outlines would move away from parts that have another colour now.
+    drawing.draw()
+    drawing.weigh()
+    drawing.solve_colors()
     return refined(drawing, rate, unit, progress)
 
 

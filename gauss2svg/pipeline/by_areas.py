@@ -178,13 +178,9 @@ class ByAreas:
             self._decode(self._quality)
         if self._plan.in_inks and not self._inks:
             self._ink(str(self._plan.options.fit.inks))
-        start = self._scaled_start()
-        if start is not None and model_psnr(start, self._subject.working) < SEEN_UP_TO:
-            # Things have moved, as from a frame of a film to the next, so areas are found anew.
-            self._subject = dataclasses.replace(self._subject, start=None)
-        subject, plan = self._subject, dataclasses.replace(self._plan, rate=self._rate)
-        self._trials = Trials(plan, subject, self._exporter, self._fills, self._is_over)
-        trial = self._best()
+        plan = dataclasses.replace(self._plan, rate=self._rate)
+        self._trials = Trials(plan, self._subject, self._exporter, self._fills, self._is_over)
+        trial, subject = self._best(), self._subject
         # If the search for shapes alone is stopped at once, this is the file.
         goal, is_only = self._plan.goal, self._plan.options.svg.areas == ALWAYS
         is_free = goal.time_limit is None and self._plan.aim is None
@@ -347,6 +343,13 @@ class ByAreas:
     def _best(self) -> Trial:
         """Return the trial whose areas the file gets."""
         first = self._found(self._searched, self._so_far)
+        start = self._scaled_start()
+        if start is not None and not self._ends():
+            start = start.replace(areas=first.areas)
+            if model_psnr(start, self._subject.working) < SEEN_UP_TO:
+                # Much has moved, as between two frames of a film, so areas are found anew.
+                self._subject = dataclasses.replace(self._subject, start=None)
+                first = self._found(self._searched, first)
         self._is_lost |= self._has_strips and self._ends()
         if self._is_lost:
             return self._trials.trial(nothing(self._subject.working), 0)

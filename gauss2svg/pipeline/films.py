@@ -7,10 +7,12 @@ has hardly more error. So what does not move has the same numbers in each frame.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from gauss2svg.scene.areas import Area
 
@@ -29,17 +31,23 @@ def kept(
 
     error_of  function that returns the squared error of areas
     """
-    left, most = list(before), (1 + MOST_SHARE) * error_of(areas) + MOST_RISE
+    left, same = list(before), dict[int, Area]()
     for k, area in enumerate(areas):
-        alike = [one for one in left if _is_alike(one, area)]
-        old = min(alike, key=lambda one: _distance(one, area), default=None)
-        if old is None or _distance(old, area) > FAR:
-            continue
-        tried = (*areas[:k], old, *areas[k + 1 :])
-        if error_of(tried) <= most:
+        alike = [(_distance(one, area), n) for n, one in enumerate(left) if _is_alike(one, area)]
+        distance, nearest = min(alike, default=(math.inf, 0))
+        if distance <= FAR:
+            same[k] = left.pop(nearest)
+    most = (1 + MOST_SHARE) * error_of(areas) + MOST_RISE
+    if error_of(tried := _with(areas, same)) <= most:
+        return tried
+    for k, old in same.items():
+        if error_of(tried := _with(areas, {k: old})) <= most:
             areas = tried
-            left.remove(old)
     return areas
+
+
+def _with(areas: tuple[Area, ...], others: dict[int, Area]) -> tuple[Area, ...]:
+    return tuple(others.get(k, area) for k, area in enumerate(areas))
 
 
 def _is_alike(one: Area, other: Area) -> bool:
@@ -55,8 +63,7 @@ def _is_alike(one: Area, other: Area) -> bool:
 def _distance(one: Area, other: Area) -> float:
     """Return the mean distance in px of points along outlines from the other outlines."""
     a, b = _points(one), _points(other)
-    squares = np.square(a[:, None] - b).sum(axis=-1)
-    return float(0.5 * (np.sqrt(squares.min(axis=1)).mean() + np.sqrt(squares.min(axis=0)).mean()))
+    return float(0.5 * (KDTree(b).query(a)[0].mean() + KDTree(a).query(b)[0].mean()))
 
 
 PARTS = np.linspace(0, 1, 9)[:-1, None, None]  # places along each segment

@@ -156,4 +156,4 @@ def test_a_start_must_not_need_more_memory_than_there_may_be():
     page = Outline(((0, 0), (9, 0), (9, 9), (0, 9)), (False,) * 4)
     many = Scene(9, 9, areas=tuple(Area((page,), (k % 2, 0, 0)) for k in range(5000)))
     with pytest.raises(InputError, match=r"start must be of areas whose boxes have .* --max-size"):
-        vectorize(np.full((150, 150, 3), (1.0, 0, 0)), start=many, areas="always")
+        vectorize(np.zeros((150, 150, 3)), start=many, areas="always")
