@@ -6,7 +6,7 @@ Cholesky factor of the covariance:
     mean <- mean + L t,    L <- cholesky of L exp(2 A) L^T,  A symmetric.
 
 A step of a given size thus changes large, small and thin Gaussians equally, relative to their own
-size. The kernels return the moments m of a quantity h, which gauss2svg.render.kernels defines. The
+size. The kernels return the moments m of a quantity h, which gauss2svg/core/gaussians.h defines. The
 gradients follow from these moments:
 
     dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
@@ -38,10 +38,10 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.core import kernel
 from gauss2svg.fit import FitOptions
-from gauss2svg.fit.state import COLUMN_COUNT, FARTHEST, GEOMETRY, State
+from gauss2svg.fit.state import FARTHEST, GEOMETRY, State
 from gauss2svg.render.cpu import Splats
-from gauss2svg.render.tiles import kernel
 from gauss2svg.scene import ADD
 from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.scene import PARAMETERS, STEPPED
@@ -143,9 +143,11 @@ def blending_of(options: FitOptions, opaque: bool = False) -> Blending:
     return blending if options.learned_falloff else blending.without("beta")
 
 
-# A small number that is added to the square root of Adam's second moment before the bias
-# correction, so that a step is finite even if the gradient has always been 0.
-EPSILON = 1e-12
+_step_gaussians = kernel(
+    "step_gaussians",
+    "int float64 float64 float64 float64 float64 float64 float64 float64 float64 float64 float64"
+    " float64 float64 float float64 float float float float",
+)
 
 
 def step(
@@ -163,7 +165,7 @@ def step(
     Return whether the step of every Gaussian was finite. A Gaussian whose step would not be finite
     stays as it is, but Adam's moments and its age become 0.
 
-    moments     (n, MOMENTS) from gauss2svg.render.kernels, of the state's Gaussians
+    moments     (n, MOMENTS) from gauss2svg.render.cpu, of the state's Gaussians
     splats      the state as the kernels read it
     most_sigma  largest major axis in px of the working image
     price       a step raises ln beta only if this lowers the loss by more than this amount for each
@@ -171,98 +173,13 @@ def step(
     rate        factor by which all learning rates are multiplied
     least_sigma  least semi-axis in px of the working image
     """
-    return _step(
-        moments, splats.opacity_color, splats.shape, state.mean, state.factor, state.raw_opacity,
-        state.color, state.raw_beta, state.adam_m, state.adam_v, state.age, blending.columns,
-        least_sigma, most_sigma, price, rate, np.empty(COLUMN_COUNT),
-    )  # fmt: skip
-
-
-@kernel
-def _step(
-    moments, opacity_color, shape, mean, factor, raw_opacity, color, raw_beta,
-    adam_m, adam_v, age, columns, least_sigma, most_sigma, price, rate, d,
-):  # fmt: skip
-    """Do the work of `step`, Gaussian by Gaussian.
-
-    opacity_color, shape  fields of Splats
-    mean .. age           fields of State
-    columns               Blending.columns
-    d                     (COLUMN_COUNT,) buffer
-    """
-    all_finite = True
-    for i in range(len(age)):
-        # d is first the gradient with respect to t1, t2, A11, A12, A22, logit opacity, r, g, b and
-        # ln beta, and then the step of these.
-        for k in range(COLUMN_COUNT):
-            d[k] = moments[i, k]
-        d[3] *= 2
-        d[5] *= 1 - opacity_color[i, 0]
-        d[9] = price - shape[i, 5] * d[9]
-        # A single factor corrects the bias of both moments. "Adam: A Method for Stochastic
-        # Optimization" (Kingma and Ba, 2015) suggests this at the end of its section 2.
-        age[i] += 1
-        unbiased = -np.sqrt(1 - SECOND_DECAY ** age[i]) / (1 - FIRST_DECAY ** age[i])
-        rim_factor = np.exp(STEP_BY_BETA * raw_beta[i])
-        total = 0.0
-        for k in range(COLUMN_COUNT):
-            adam_m[i, k] = FIRST_DECAY * adam_m[i, k] + (1 - FIRST_DECAY) * d[k]
-            adam_v[i, k] = SECOND_DECAY * adam_v[i, k] + (1 - SECOND_DECAY) * (d[k] * d[k])
-            direction = adam_m[i, k] / (np.sqrt(adam_v[i, k]) + EPSILON)
-            d[k] = rate * columns[k, 0] * unbiased * direction
-            total += d[k] + adam_v[i, k]
-        for k in range(5):
-            d[k] *= rim_factor
-        l11, l21, l22 = factor[i, 0], factor[i, 1], factor[i, 2]
-        x = mean[i, 0] + l11 * d[0]
-        y = mean[i, 1] + l21 * d[0] + l22 * d[1]
-        # The covariance becomes L exp(2 A) L^T with A = [[a, c], [c, b]]. e is the Taylor series of
-        # exp(A) up to second order, and F = L e. However large the error of e is, F F^T is a
-        # covariance.
-        a, c, b = d[2], d[3], d[4]
-        e11 = 1 + a + 0.5 * (a * a + c * c)
-        e12 = c + 0.5 * c * (a + b)
-        e22 = 1 + b + 0.5 * (b * b + c * c)
-        f11, f12 = l11 * e11, l11 * e12
-        f21, f22 = l21 * e11 + l22 * e12, l21 * e12 + l22 * e22
-        xx = f11 * f11 + f12 * f12
-        xy = f11 * f21 + f12 * f22
-        yy = f21 * f21 + f22 * f22
-        # The singular values of F are computed from their sum and their difference. This method is
-        # numerically stable.
-        axis_sum = np.sqrt((f11 + f22) ** 2 + (f21 - f12) ** 2)
-        axis_difference = np.sqrt((f11 - f22) ** 2 + (f21 + f12) ** 2)
-        major, minor = 0.5 * (axis_sum + axis_difference), 0.5 * abs(axis_sum - axis_difference)
-        new_minor = min(max(minor, least_sigma), most_sigma)
-        new_major = min(max(major, least_sigma), most_sigma, MOST_ASPECT * new_minor)
-        if new_minor != minor or new_major != major:
-            angle = 0.5 * np.arctan2(2 * xy, xx - yy)
-            co, si = np.cos(angle), np.sin(angle)
-            p, q = new_major * new_major, new_minor * new_minor
-            xx = co * co * p + si * si * q
-            xy = co * si * (p - q)
-            yy = si * si * p + co * co * q
-        l11 = np.sqrt(xx)
-        l21, l22 = xy / l11, np.sqrt(xx * yy - xy * xy) / l11
-        # A sum is finite only if all of its terms are finite, so one test of a sum tests them all.
-        reach = abs(x) + abs(y) + l11 + abs(l21) + l22
-        if not (reach < FARTHEST and l22 > 0 and abs(total) < np.inf):
-            all_finite, age[i] = False, 0
-            for k in range(COLUMN_COUNT):
-                adam_m[i, k] = adam_v[i, k] = 0
-            continue
-        mean[i, 0], mean[i, 1] = x, y
-        factor[i, 0], factor[i, 1], factor[i, 2] = l11, l21, l22
-        if columns[5, 0]:
-            raw_opacity[i] = min(max(raw_opacity[i] + d[5], columns[5, 1]), columns[5, 2])
-        if columns[6, 0]:
-            for k in range(3):
-                color[i, k] = min(max(color[i, k] + d[6 + k], columns[6, 1]), columns[6, 2])
-        if columns[9, 0]:
-            sharpest = np.log(RIM_WIDTH / LEAST_RIM * new_minor)
-            sharpest = min(max(sharpest, columns[9, 1]), columns[9, 2])
-            raw_beta[i] = min(max(raw_beta[i] + d[9], columns[9, 1]), sharpest)
-    return all_finite
+    return bool(_step_gaussians(
+        len(state.age), moments, splats.opacity_color, splats.shape, state.mean, state.factor,
+        state.raw_opacity, state.color, state.raw_beta, state.adam_m, state.adam_v, state.age,
+        blending.columns, np.array([FIRST_DECAY, SECOND_DECAY]), STEP_BY_BETA,
+        np.array([least_sigma, most_sigma, MOST_ASPECT]), RIM_WIDTH / LEAST_RIM, FARTHEST, price,
+        rate,
+    ))  # fmt: skip
 
 
 # Conditions under which a fit has diverged (docs/decisions/divergence.md).

@@ -1,7 +1,7 @@
 """Placement of new Gaussians: position, size, direction, colour (docs/decisions/placement.md).
 
-This module has a numba kernel of its own that finds connected components. scikit-image has one too,
-but importing it would take a third of a second (docs/decisions/start.md).
+Connected components are found by a kernel. scikit-image has one too, but importing it would take a
+third of a second (docs/decisions/start.md).
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.core import kernel
 from gauss2svg.fit import FitOptions
 from gauss2svg.fit.target import Target
-from gauss2svg.render.tiles import kernel
 from gauss2svg.without_scipy import smoothed
 
 # Variance of x within a pixel, a square with sides of 1 px, in px^2. The variance of y is the same.
@@ -294,6 +294,9 @@ def _oriented(
     return np.stack([l11, l21, major * minor / l11], axis=1).astype(np.float64)
 
 
+_number_components = kernel("number_components", "int int int32 int64 int64")
+
+
 def components_of(levels: NDArray[np.int32]) -> NDArray[np.int64]:
     """Return an array (h, w) that gives, for each pixel of `levels`, the number of its component.
 
@@ -303,52 +306,7 @@ def components_of(levels: NDArray[np.int32]) -> NDArray[np.int64]:
     Components are numbered from 1 in the order of their first pixels, row by row. Pixels of level 0
     have the number 0.
     """
-    numbers = np.zeros(levels.shape, np.int64)
-    _number_components(levels, np.zeros(levels.size, np.int64), numbers)
+    numbers, parent = np.empty((2, *levels.shape), np.int64)
+    _number_components(*levels.shape, levels, parent, numbers)
     return numbers
 
-
-@kernel
-def _number_components(levels, parent, numbers):
-    """Write the result of components_of to `numbers` (h, w), which must be 0 on entry.
-
-    parent (h w,) must be 0 on entry too. It becomes a union-find forest: the parent of each pixel
-    is an earlier pixel of its component, or the pixel itself.
-    """
-    height, width = levels.shape
-    for y in range(height):
-        for x in range(width):
-            level = levels[y, x]
-            if level == 0:
-                continue
-            at = y * width + x
-            root = at
-            for k in range(4):  # only earlier neighbours: the left one and the three above
-                ny, nx = (y, x - 1) if k == 0 else (y - 1, x + k - 2)
-                if ny < 0 or nx < 0 or nx >= width or levels[ny, nx] != level:
-                    continue
-                other = ny * width + nx
-                while parent[other] != other:
-                    parent[other] = parent[parent[other]]
-                    other = parent[other]
-                if other < root:
-                    parent[root] = other
-                    root = other
-                else:
-                    parent[other] = root
-            parent[at] = root
-    count = 0
-    for y in range(height):
-        for x in range(width):
-            if levels[y, x] == 0:
-                continue
-            at = y * width + x
-            root = parent[at]
-            while parent[root] != root:
-                root = parent[root]
-            parent[at] = root
-            if root == at:
-                count += 1
-                numbers[y, x] = count
-            else:
-                numbers[y, x] = numbers[root // width, root % width]

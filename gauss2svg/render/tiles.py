@@ -11,9 +11,8 @@ Over 8 rows, rounding changes the offsets by up to 1e-6 w22, which is too much f
 So shapes thinner than LEAST_STEPPED are split into pairs of one row each, which need no such
 addition. The shapes of a fit are far wider.
 
-Kernels are compiled for one thread and release Python's global lock (`nogil`), so that ordinary
-Python threads can run them at the same time. numba's own parallel loops run equally fast, but take
-five times as long to compile (docs/decisions/kernels.md).
+Kernels compute in one thread. ctypes releases Python's global lock, so ordinary Python threads can
+run them at the same time.
 """
 
 import os
@@ -22,9 +21,10 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import get_num_threads, njit
+from numba import njit
 from numpy.typing import NDArray
 
+from gauss2svg.core import kernel as c_kernel
 from gauss2svg.kernel_cache import cached
 
 # The OpenMP library of torch reads this variable when it is loaded. With PASSIVE, its idle threads
@@ -44,7 +44,17 @@ kernel = cached(**_OPTIONS)  # decorator of a kernel that Python calls
 _INSIDE: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True}
 tile_kernel = njit(**_INSIDE)
 
+_find_strip_rows = c_kernel(
+    "find_strip_rows", "int int float float int float64 int64 int64 int64"
+)
+_list_pairs = c_kernel(
+    "list_pairs",
+    "int int int int int64 int64 int64 int64 int64 int32 int32 int32 int64 int64 int32",
+)
+
 _pool: ThreadPoolExecutor
+# Number of threads that in_shares uses. Only Run changes it, which holds the lock of the kernels.
+threads = os.cpu_count() or 1
 
 
 def _make_pool() -> None:
@@ -65,11 +75,11 @@ if hasattr(os, "register_at_fork"):
 def in_shares(work: Callable[[int, int], None], max_shares: int) -> None:
     """Divide `work` into shares, do them at the same time in several threads, and wait for all.
 
-    work(share, shares) is called for share = 0, ..., shares - 1. The number of shares is the number
-    of threads of numba (numba.set_num_threads), but at most max_shares. The calling thread does the
-    first share, so if there is only one share, no other thread is needed.
+    work(share, shares) is called for share = 0, ..., shares - 1. The number of shares is `threads`,
+    but at most max_shares. The calling thread does the first share, so if there is only one share,
+    no other thread is needed.
     """
-    shares = max(1, min(get_num_threads(), max_shares))
+    shares = max(1, min(threads, max_shares))
     others = [_pool.submit(work, share, shares) for share in range(1, shares)]
     try:
         work(0, shares)
@@ -146,7 +156,8 @@ def find_pairs(
     shape = np.column_stack([mean, sigma, rho, radius])
     in_shares(
         lambda share, shares: _find_strip_rows(
-            share, shares, shape, float(height), float(width), column, strip, strip_rows
+            count * share // shares, count * (share + 1) // shares, height, width, TILE_WIDTH,
+            shape, column, strip, strip_rows,
         ),
         count // _LEAST_SHARE,
     )
@@ -160,103 +171,10 @@ def find_pairs(
     rows = np.empty((total, 2), np.int32)
     tile_rows = np.zeros(tiles, np.int64)
     _list_pairs(
-        columns, bits, column, strip, strip_rows, offset, gaussian, tile, rows, start, tile_rows,
-        order,
+        count, columns, tiles, TILE_BITS, bits, column, strip, strip_rows, offset, gaussian, tile,
+        rows, start, tile_rows, order,
     )  # fmt: skip
     work = np.zeros(tiles + 1, np.int64)
     np.cumsum(tile_rows + TILE_HEIGHT, out=work[1:])
     return Pairs(offset, gaussian, rows, start, order, work, int(tile_rows.max(initial=0)))
 
-
-@kernel
-def _find_strip_rows(share, shares, shape, h, w, column, strip, strip_rows):
-    """Write for each strip the image rows in which the Gaussian reaches centres of pixels.
-
-    A strip is the part of one Gaussian that lies in one column of tiles.
-
-    shape       (n, 6) mean x, y, sigma x, y, rho and the radius of the cut
-    column      (n,) the first tile column of each Gaussian
-    strip       (n + 1,) Gaussian i has the strips strip[i]:strip[i + 1], one for each tile column
-    strip_rows  (s, 2) output: first row of each strip, and the row after its last row. They are
-                equal if the Gaussian reaches no row
-
-    At the horizontal offset u from the mean, the rim of the ellipse has the vertical offsets
-    v = sy (rho u / sx +- k sqrt(radius^2 - u^2 / sx^2)) with k = sqrt(1 - rho^2). The part of the
-    rim with + is concave, and has its largest v = sy radius at u = rho sx radius. The part with -
-    is its point reflection.
-    """
-    n = shape.shape[0]
-    for i in range(n * share // shares, n * (share + 1) // shares):
-        mx, my, sx, sy = shape[i, 0], shape[i, 1], shape[i, 2], shape[i, 3]
-        rho, radius = shape[i, 4], shape[i, 5]
-        reach = sx * radius
-        top = sy * radius
-        k = sy * np.sqrt((1.0 - rho) * (1.0 + rho))
-        slope = rho * sy / sx
-        for s in range(strip[i], strip[i + 1]):
-            x0 = (column[i] + s - strip[i]) * TILE_WIDTH
-            u0 = max(x0 + 0.5 - mx, -reach)
-            u1 = min(min(x0 + TILE_WIDTH, w) - 0.5 - mx, reach)
-            strip_rows[s, 0] = 0
-            strip_rows[s, 1] = 0
-            if u0 <= u1:
-                half0 = k * np.sqrt(max(radius * radius - (u0 / sx) * (u0 / sx), 0.0))
-                half1 = k * np.sqrt(max(radius * radius - (u1 / sx) * (u1 / sx), 0.0))
-                high = max(slope * u0 + half0, slope * u1 + half1)
-                if u0 <= rho * reach <= u1:
-                    high = top
-                low = min(slope * u0 - half0, slope * u1 - half1)
-                if u0 <= -rho * reach <= u1:
-                    low = -top
-                # The centre of pixel row y lies at y + 0.5. Clamp before the conversion to int,
-                # because the Gaussian may reach far off the canvas.
-                strip_rows[s, 0] = int(np.ceil(min(max(my + low - 0.5, 0.0), h)))
-                strip_rows[s, 1] = int(np.floor(min(max(my + high - 0.5, -1.0), h - 1.0))) + 1
-
-
-@kernel
-def _list_pairs(
-    columns, bits, column, strip, strip_rows, offset, gaussian, tile, rows, start, tile_rows, order
-):  # fmt: skip
-    """Cut strips into pairs, and list the pairs of each tile by a counting sort.
-
-    columns    number of tile columns of the canvas
-    bits       (n,) a pair of Gaussian i has at most 2^bits[i] rows
-    column, strip, strip_rows  as in _find_strip_rows
-    offset, gaussian, rows, start, order  output: fields of Pairs. offset and start must be 0 on
-               entry
-    tile       (p,) output: the tile of each pair
-    tile_rows  (tiles,) output: number of pair rows in each tile. It must be 0 on entry
-    """
-    n = strip.size - 1
-    at = 0
-    for i in range(n):
-        for s in range(strip[i], strip[i + 1]):
-            y0, y1 = strip_rows[s, 0], strip_rows[s, 1]
-            y = y0
-            while y < y1:
-                part = y >> bits[i]
-                end = min(y1, (part + 1) << bits[i])
-                t = (y >> TILE_BITS) * columns + column[i] + s - strip[i]
-                gaussian[at] = i
-                tile[at] = t
-                rows[at, 0] = y
-                rows[at, 1] = end
-                start[t + 1] += 1
-                tile_rows[t] += end - y
-                at += 1
-                y = end
-        offset[i + 1] = at
-    for t in range(start.size - 1):
-        start[t + 1] += start[t]
-    # The loop goes through the pairs from the bottom Gaussian to the topmost one, but the list of a
-    # tile must run from front to back. So each list is filled from its end to its beginning. While
-    # list t is filled, start[t + 1] is the index in `order` of the last element written.
-    for p in range(at):
-        t = tile[p]
-        start[t + 1] -= 1
-        order[start[t + 1]] = p
-    # Now start[t + 1] is where list t begins. Pairs.start has this number in start[t], so move it.
-    for t in range(start.size - 1):
-        start[t] = start[t + 1]
-    start[start.size - 1] = at

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gauss2svg.fit import FitOptions, adam
-from gauss2svg.fit.adam import EPSILON, blending_of
+from gauss2svg.fit.adam import blending_of
 from gauss2svg.fit.state import COLUMN_COUNT, GEOMETRY, State
 from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.scene import LEAST_RAW_BETA, MOST_RAW_BETA, STEPPED
@@ -50,7 +50,7 @@ def step_by_linear_algebra(
             state.adam_m[i, k] += (1 - adam.FIRST_DECAY) * (g - state.adam_m[i, k])
             state.adam_v[i, k] += (1 - adam.SECOND_DECAY) * (g * g - state.adam_v[i, k])
             first = state.adam_m[i, k] / (1 - adam.FIRST_DECAY ** state.age[i])
-            root = math.sqrt(state.adam_v[i, k]) + EPSILON
+            root = math.sqrt(state.adam_v[i, k]) + 1e-12
             unbiased = root / math.sqrt(1 - adam.SECOND_DECAY ** state.age[i])
             d.append(-rate * sizes[k] * first / unbiased)
         d[:5] = [x * math.exp(state.raw_beta[i]) ** adam.STEP_BY_BETA for x in d[:5]]

@@ -1,0 +1,115 @@
+"""Compile the kernels: `python -m gauss2svg.core.build` does so in a checkout.
+
+The hook of hatchling in hook.py does the same in each installation. The compiler is Clang, from the
+package ziglang, or `cc` where that package is not installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
+from pathlib import Path
+
+HERE = Path(__file__).parent
+# Platform tags of the wheels that are published, and the targets of zig for them.
+TARGETS = {
+    "manylinux_2_17_x86_64": "x86_64-linux-gnu.2.17",
+    "manylinux_2_17_aarch64": "aarch64-linux-gnu.2.17",
+    "musllinux_1_2_x86_64": "x86_64-linux-musl",
+    "musllinux_1_2_aarch64": "aarch64-linux-musl",
+    "macosx_11_0_x86_64": "x86_64-macos.11.0",
+    "macosx_11_0_arm64": "aarch64-macos.11.0",
+    "win_amd64": "x86_64-windows-gnu",
+}
+# No fast-math and no contraction, so that results are the same at all levels.
+FLAGS = [
+    "-std=c11", "-O3", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off",
+    "-fno-math-errno", "-Wall", "-Wextra", "-Wno-psabi",
+]  # fmt: skip
+SANITIZED = ["-O1", "-g", "-fsanitize=undefined,address", "-fno-sanitize-recover=undefined"]
+
+
+def compiler() -> list[str]:
+    """Return the command of the C compiler. Raise SystemExit if there is none."""
+    if find_spec("ziglang"):
+        # zig would stop the process at undefined behaviour. 512 bits are the registers of v4.
+        return [sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=undefined"]
+    command = shutil.which(os.environ.get("CC", "cc"))
+    if command is None:
+        raise SystemExit("error: no C compiler. Try `pip install ziglang`, or install `cc`")
+    return [command]
+
+
+def build(folder: Path, tag: str = "") -> list[Path]:
+    """Compile the kernels into a folder, and return the libraries.
+
+    tag: a key of TARGETS, or "" for this machine.
+    """
+    command, target = compiler(), TARGETS.get(tag, "")
+    is_zig = "ziglang" in command
+    machine = target.partition("-")[0] or platform.machine().lower()
+    system = target.split("-")[1].partition(".")[0] if target else sys.platform
+    suffix = {"windows": ".dll", "win32": ".dll", "macos": ".dylib", "darwin": ".dylib"}
+    if target:
+        command += ["-target", target]
+    # Without its own library of helper functions, zig takes a tenth of the time.
+    libraries = ["-nostdlib", "-lc", "-lm"] if is_zig and system == "linux" else ["-lm"]
+    levels = {machine: list[str]()}
+    if machine in ("x86_64", "amd64"):
+        name = "-mcpu=x86_64_{}" if is_zig else "-march=x86-64-{}"
+        # 512 bits are a register of v4, which Clang would not use otherwise.
+        levels = {v: [name.format(v), "-mprefer-vector-width=512"] for v in ("v2", "v3", "v4")}
+    paths = [folder / f"kernels-{level}{suffix.get(system, '.so')}" for level in levels]
+    sources = sorted(map(str, HERE.glob("*.c")))
+
+    def compile_level(flags: list[str], path: Path) -> None:
+        parts = [*command, *FLAGS, *flags, "-o", str(path), *sources, *libraries]
+        done = subprocess.run(parts, capture_output=True, text=True)
+        if done.returncode or done.stderr:
+            raise SystemExit(f"error: {' '.join(parts)}\n{done.stderr}")
+
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(compile_level, levels.values(), paths))
+    return paths
+
+
+def sanitized() -> Path:
+    """Compile the kernels by `cc` with checks of memory and of undefined behaviour, for tests."""
+    path = HERE / "kernels-sanitized.so"
+    flags = [flag for flag in FLAGS if flag != "-O3"]
+    subprocess.run(["cc", *flags, *SANITIZED, "-o", path, *HERE.glob("*.c"), "-lm"], check=True)
+    return path
+
+
+def wheels(folder: Path) -> None:
+    """Build a wheel for each of TARGETS from this checkout."""
+    for tag in TARGETS:
+        command = [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder)]
+        environment = {**os.environ, "GAUSS2SVG_WHEEL": tag}
+        subprocess.run(command, cwd=HERE.parents[1], env=environment, check=True)
+
+
+def main() -> None:
+    """Compile the kernels of this checkout, or do what the arguments say."""
+    parser = argparse.ArgumentParser("python -m gauss2svg.core.build", description=__doc__)
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--sanitize", action="store_true", help="compile kernels-sanitized.so")
+    group.add_argument("--wheels", type=Path, metavar="FOLDER", help="make all wheels")
+    given = parser.parse_args()
+    if given.wheels:
+        wheels(given.wheels)
+    elif given.sanitize:
+        print(sanitized())
+    else:
+        print(*build(HERE), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,4 @@
+/* The walk over tiles in double. */
+
+#define IS_DOUBLE 1
+#include "gaussians.h"
