@@ -142,9 +142,10 @@ INLINE int64_t compose(
     lanes inside, bool additive, Kept kept, REAL *color, REAL *remaining)
 {
     int64_t filled = 0;
-    memset(color, 0, 3 * PLANE * sizeof(REAL));
-    for (int y = 0; y < ROWS; y++)
-        store(remaining + y * LANES, additive ? splat(1.0) : inside);
+    for (int j = 0; j < 3 * PLANE; j += LANES)
+        store(color + j, splat(0.0));
+    for (int j = 0; j < PLANE; j += LANES)
+        store(remaining + j, additive ? splat(1.0) : inside);
     for (int64_t k = first; k < end; k++) {
         const Pair pair = pair_of(splats, order[k], x0, y0, additive);
         const double *paint = splats->paint[splats->gaussian[order[k]]];
@@ -246,17 +247,11 @@ INLINE void backpropagate(
         const REAL beta = pair.has_power ? (REAL)pair.shape[5] : (REAL)1;
         sum_h *= beta;
         sum_hz *= beta;
-        REAL *m = moments[order[k]];
-        m[0] = total(sum_h * z1);
-        m[1] = total(sum_hz);
-        m[2] = total(sum_h * z1 * z1);
-        m[3] = total(sum_hz * z1);
-        m[4] = total(sum_hzz) * beta;
-        m[5] = total(sum_alpha);
-        m[6] = total(s0);
-        m[7] = total(s1);
-        m[8] = total(s2);
-        m[9] = (REAL)0.5 * total(sum_beta);
+        const lanes sums[LANES] = {
+            sum_h * z1, sum_hz, sum_h * z1 * z1, sum_hz * z1, sum_hzz * beta,
+            sum_alpha, s0, s1, s2, (REAL)0.5 * sum_beta};
+        const lanes sum = totals(sums);
+        memcpy(moments[order[k]], &sum, sizeof moments[order[k]]);
     }
 }
 
@@ -296,8 +291,8 @@ INLINE void remove_each(
                 change += by * (d * (d + e + e));
             }
         }
-        cost[p][0] = total(change);
-        cost[p][1] = total(mass);
+        const lanes sums = totals((lanes[LANES]){change, mass});
+        memcpy(cost[p], &sums, sizeof cost[p]);
     }
 }
 
@@ -309,6 +304,15 @@ INLINE lanes load_part(const REAL *from, int w)
         return load(from);
     memcpy(&v, from, (size_t)w * sizeof(REAL));
     return v;
+}
+
+/* Write the first w numbers. */
+INLINE void store_part(REAL *to, lanes v, int w)
+{
+    if (w == LANES)
+        store(to, v);
+    else
+        memcpy(to, &v, (size_t)w * sizeof(REAL));
 }
 
 /* Do the work of a mode for the tiles first_tile..end_tile of an image of height x width px.
@@ -340,8 +344,7 @@ INLINE void walk(
     for (int64_t tile = first_tile; tile < end_tile; tile++) {
         const int x0 = (int)(tile % tile_columns) * LANES, y0 = (int)(tile / tile_columns) * ROWS;
         const int h = (int)least(ROWS, height - y0), w = (int)least(LANES, width - x0);
-        const size_t row_size = (size_t)w * sizeof(REAL);
-        lanes inside;
+        lanes inside, squares = {0};
         for (int x = 0; x < LANES; x++)
             inside[x] = x < w;
         for (int j = 0; j < 3 * h && ground != NULL; j++)
@@ -350,7 +353,6 @@ INLINE void walk(
         const int64_t first = start[tile], end = start[tile + 1];
         const int64_t filled = compose(
             splats, order, first, end, x0, y0, inside, additive, kept, color, remaining);
-        loss[tile] = 0.0;
         for (int c = 0; c < 3; c++) {
             for (int y = 0; y < ROWS; y++) {
                 const int64_t j = c * PLANE + y * LANES, pixel = (y0 + y) * width + x0;
@@ -362,17 +364,18 @@ INLINE void walk(
                 } else {
                     const lanes value =
                         load(color + j) + load(remaining + y * LANES) * load(below + j);
-                    memcpy(out + value_at, &value, row_size);
+                    store_part(out + value_at, value, w);
                     if (mode == RENDER)
                         continue;
                     lanes error = (value - load_part(image + value_at, w)) * inside;
-                    loss[tile] += total(error * error);
+                    squares += error * error;
                     if (mode == SQUARED_ERROR)
                         error *= load_part(weight + pixel, w);
                     store(gradient + j, error);
                 }
             }
         }
+        loss[tile] = totals((lanes[LANES]){squares})[0];
         if (mode == SQUARED_ERROR || mode == GIVEN_GRADIENT) {
             for (int j = 0; j < PLANE; j += LANES)
                 store(behind + j, load(gradient + j) * load(below + j)

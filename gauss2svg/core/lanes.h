@@ -46,13 +46,32 @@ INLINE lanes roots(lanes v)
     return v;
 }
 
-/* Return the sum of the lanes: one half is added to the other, and so on. */
-INLINE REAL total(lanes v)
+/* Return in lane k the sum of the lanes of v[k], for which one half is added to the other, and so on.
+Two vectors of halves share one vector, so that this takes 15 additions and not 64. */
+INLINE lanes totals(const lanes v[LANES])
 {
-    v += __builtin_shufflevector(v, v, 8, 9, 10, 11, 12, 13, 14, 15, 8, 9, 10, 11, 12, 13, 14, 15);
-    v += __builtin_shufflevector(v, v, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7);
-    v += __builtin_shufflevector(v, v, 2, 3, 2, 3, 2, 3, 2, 3, 2, 3, 2, 3, 2, 3, 2, 3);
-    return v[0] + v[1];
+    lanes a[8], b[4], c[2];
+    for (int k = 0; k < 8; k++) { /* slot 4 m + l has v[4 l + m] */
+        const lanes s = v[k % 2 * 8 + k / 2], t = v[k % 2 * 8 + k / 2 + 4];
+        a[k] = __builtin_shufflevector(
+                   s, t, 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23)
+            + __builtin_shufflevector(
+                   s, t, 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31);
+    }
+    for (int k = 0; k < 4; k++)
+        b[k] = __builtin_shufflevector(a[2 * k], a[2 * k + 1], 0, 1, 2, 3, 8, 9, 10, 11, 16, 17, 18,
+                                       19, 24, 25, 26, 27)
+            + __builtin_shufflevector(a[2 * k], a[2 * k + 1], 4, 5, 6, 7, 12, 13, 14, 15, 20, 21,
+                                      22, 23, 28, 29, 30, 31);
+    for (int k = 0; k < 2; k++)
+        c[k] = __builtin_shufflevector(b[2 * k], b[2 * k + 1], 0, 1, 16, 17, 4, 5, 20, 21, 8, 9, 24,
+                                       25, 12, 13, 28, 29)
+            + __builtin_shufflevector(b[2 * k], b[2 * k + 1], 2, 3, 18, 19, 6, 7, 22, 23, 10, 11,
+                                      26, 27, 14, 15, 30, 31);
+    return __builtin_shufflevector(
+               c[0], c[1], 0, 2, 16, 18, 4, 6, 20, 22, 8, 10, 24, 26, 12, 14, 28, 30)
+        + __builtin_shufflevector(
+               c[0], c[1], 1, 3, 17, 19, 5, 7, 21, 23, 9, 11, 25, 27, 13, 15, 29, 31);
 }
 
 /* Return 1 + c[0] u + c[1] u^2 + .. by Horner's rule. */
@@ -65,13 +84,16 @@ INLINE lanes polynomial(lanes u, const REAL *c, int count)
 }
 #define POLYNOMIAL(u, c) polynomial(u, c, sizeof c / sizeof *c)
 
-/* Coefficients of exp(u) on -1.125..0, of ln(1 + u) / u on -0.25..0.5 and of 2^u on -0.5..0.5: for
+/* Coefficients of exp(-q / 8) for q in 0..9, of ln(1 + u) / u on -0.25..0.5 and of 2^u on -0.5..0.5: for
 float a minimax approximation or least squares, for double least squares on Chebyshev nodes. */
 #if IS_DOUBLE
 static const REAL EXP[] = {
-    0.9999999999999957, 0.49999999999975975, 0.16666666666191254, 0.041666666618940265,
-    0.008333333050006783, 0.0013888878096905864, 0.00019840993722197286, 2.4796730136219152e-05,
-    2.7498246355397565e-06, 2.706659751805855e-07, 2.236377895720017e-08, 1.1844917963299862e-09};
+    -0.9999999999999957 * 0x1p-3, 0.49999999999975975 * 0x1p-6, -0.16666666666191254 * 0x1p-9,
+    0.041666666618940265 * 0x1p-12, -0.008333333050006783 * 0x1p-15,
+    0.0013888878096905864 * 0x1p-18, -0.00019840993722197286 * 0x1p-21,
+    2.4796730136219152e-05 * 0x1p-24, -2.7498246355397565e-06 * 0x1p-27,
+    2.706659751805855e-07 * 0x1p-30, -2.236377895720017e-08 * 0x1p-33,
+    1.1844917963299862e-09 * 0x1p-36};
 static const REAL LOG_RATIO[] = {
     -0.5000000000000548, 0.3333333333331913, -0.24999999998209857, 0.20000000000595142,
     -0.16666666866293955, 0.14285714556075513, -0.12499989577936857, 0.11111081830769431,
@@ -83,7 +105,9 @@ static const REAL EXP2[] = {
     0.0013333558228595145, 0.00015403530034444139, 1.5252658065656096e-05, 1.321563522364695e-06,
     1.0208556826465857e-07, 7.041314080487328e-09};
 #else
-static const REAL EXP[] = {0.99998307f, 0.4996931f, 0.1650935f, 0.03830978f, 0.0050456f};
+static const REAL EXP[] = {
+    -0.99998307f * 0x1p-3f, 0.4996931f * 0x1p-6f, -0.1650935f * 0x1p-9f, 0.03830978f * 0x1p-12f,
+    -0.0050456f * 0x1p-15f};
 static const REAL LOG_RATIO[] = {
     -0.4999786647381979f, 0.3331604554922196f, -0.25090916436329785f, 0.20691373305725377f,
     -0.16575104713970026f, 0.07944019106468078f};
@@ -95,7 +119,7 @@ static const REAL EXP2[] = {
 for float. The relative error is at most 3e-15 for double. */
 INLINE lanes exp_of_half(lanes q)
 {
-    const lanes root = POLYNOMIAL(q * (REAL)-0.125, EXP), half = root * root;
+    const lanes root = POLYNOMIAL(q, EXP), half = root * root;
     return half * half;
 }
 
