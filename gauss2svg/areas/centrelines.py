@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from scipy import ndimage
 
-from gauss2svg.areas.kernels import Bools, Floats, Ints, inner, kernel
+from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.masks import parts_of
 
 HALF, ACROSS = 4.0, 0.25  # px across a line in which its middle is looked for, and the step there
@@ -16,59 +14,47 @@ MOST_MOVE = 0.7  # px by which a point moves to the middle at once
 SMOOTHINGS = 2
 
 
-@inner
-def _are_linked(on, y, x, v, u):
-    """Whether two pixels are neighbours: diagonal ones only without a common neighbour."""
-    return on[v, u] > 0 and (y == v or x == u or (on[y, u] == 0 and on[v, x] == 0))
+_AROUND = [(0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1)]  # y and x
 
 
-@kernel
-def trace_branches(on, degree, is_left, branch, start):
-    """Trace the branches of a skeleton between its ends and junctions, and its loops.
+def _neighbors(on: set[tuple[int, int]], y: int, x: int) -> list[tuple[int, int]]:
+    """Return the neighbours of a pixel of a skeleton: diagonal ones without a common neighbour."""
+    return [
+        (y + v, x + u)
+        for v, u in _AROUND
+        if (y + v, x + u) in on
+        and (v == 0 or u == 0 or ((y + v, x) not in on and (y, x + u) not in on))
+    ]
 
-    on      (h, w) 1 for pixels of the skeleton, whose border is 0
-    degree  (h, w) zeros. Changed to the number of neighbours of pixels of the skeleton
-    is_left  (h, w) zeros. Changed to 1 for pixels of loops and branches, and back to 0
-    branch  (n, 2) output: y and x of the pixels of all branches. A loop ends where it starts
-    start   (m,) output: first pixel of each branch, and the number of pixels
-    Return the number of branches. Neighbouring junctions have none between them.
+
+def _traced(skeleton: Bools) -> tuple[list[list[tuple[int, int]]], Bools]:
+    """Return the branches of a skeleton between its ends and junctions, its loops, and junctions.
+
+    Branches are pixels (y, x). A loop ends where it starts. Neighbouring junctions have no branch
+    between them. Junctions are the pixels (h, w) that have more than two neighbours.
     """
-    h, w = on.shape
-    down, across = (0, 1, 0, -1, 1, 1, -1, -1), (1, 0, -1, 0, 1, -1, -1, 1)
-    for y in range(1, h - 1):
-        for x in range(1, w - 1):
-            if on[y, x]:
-                for k in range(8):
-                    degree[y, x] += _are_linked(on, y, x, y + down[k], x + across[k])
-                is_left[y, x] = degree[y, x] == 2
-    count = pixels = 0
-    for is_loop in (False, True):
-        for y0 in range(1, h - 1):
-            for x0 in range(1, w - 1):
-                if not (is_left[y0, x0] if is_loop else on[y0, x0] and degree[y0, x0] != 2):
-                    continue
-                for first in range(8):
-                    y, x, before_y, before_x = y0 + down[first], x0 + across[first], y0, x0
-                    if not (is_left[y, x] and _are_linked(on, y0, x0, y, x)):
-                        continue
-                    start[count] = pixels
-                    count += 1
-                    branch[pixels, 0], branch[pixels, 1] = y0, x0
-                    pixels += 1
-                    while True:
-                        branch[pixels, 0], branch[pixels, 1] = y, x
-                        pixels += 1
-                        is_left[y, x] = 0
-                        if degree[y, x] != 2 or (y == y0 and x == x0):
-                            break
-                        v, u = y, x
-                        for k in range(8):
-                            v, u = y + down[k], x + across[k]
-                            if _are_linked(on, y, x, v, u) and (v != before_y or u != before_x):
-                                break
-                        before_y, before_x, y, x = y, x, v, u
-    start[count] = pixels
-    return count
+    pixels = list(zip(*(at.tolist() for at in np.nonzero(skeleton)), strict=True))
+    on = set(pixels)
+    beside = {pixel: _neighbors(on, *pixel) for pixel in pixels}
+    left = {pixel for pixel in pixels if len(beside[pixel]) == 2}
+    junction = np.zeros(skeleton.shape, bool)
+    for pixel in pixels:
+        junction[pixel] = len(beside[pixel]) > 2
+    branches = list[list[tuple[int, int]]]()
+    # First come branches, which begin at ends and junctions, then loops.
+    for start in [p for p in pixels if p not in left] + pixels:
+        is_loop = len(beside[start]) == 2
+        for first in beside[start]:
+            if first not in left or (is_loop and start not in left):
+                continue
+            branch = [start, first]
+            while branch[-1] in left:
+                left.remove(branch[-1])
+                if branch[-1] == start:
+                    break
+                branch.append(next(p for p in beside[branch[-1]] if p != branch[-2]))
+            branches.append(branch)
+    return branches, junction
 
 
 def branches_of(skeleton: Bools) -> tuple[list[Floats], list[list[int]], Ints]:
@@ -77,16 +63,11 @@ def branches_of(skeleton: Bools) -> tuple[list[Floats], list[list[int]], Ints]:
     Branches are x, y of pixel centres. A loop without a junction ends where it starts. Junctions
     have labels (h, w) from 1 on. The end of a branch that is at none has 0.
     """
-    on = np.pad(skeleton.astype(np.uint8), 1)
-    degree, size = np.zeros_like(on), int(on.sum())
-    pixels, start = np.empty((6 * size + 16, 2), np.int64), np.empty(4 * size + 8, np.int64)
-    count = trace_branches(on, degree, np.zeros_like(on), pixels, start)
-    junction, _ = parts_of(degree > 2)
-    branches, ends = [], []
-    for a, b in itertools.pairwise(start[: count + 1]):
-        branches.append(pixels[a:b, ::-1] - 0.5)
-        ends.append([int(junction[tuple(pixels[at])]) for at in (a, b - 1)])
-    return branches, ends, junction[1:-1, 1:-1]
+    traced, is_junction = _traced(skeleton)
+    junction, _ = parts_of(is_junction)
+    branches = [np.array(branch)[:, ::-1] + 0.5 for branch in traced]
+    ends = [[int(junction[branch[k]]) for k in (0, -1)] for branch in traced]
+    return branches, ends, junction
 
 
 def _normals(points: Floats, closed: bool) -> Floats:

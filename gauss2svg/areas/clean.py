@@ -15,10 +15,11 @@ import numpy as np
 from scipy import ndimage
 
 from gauss2svg.areas.evened import textured
-from gauss2svg.areas.kernels import Bools, Floats, Ints, inner, kernel
+from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.masks import BLOCK, LEVEL, pixels_of
 from gauss2svg.areas.paint import paint_of
 from gauss2svg.areas.regions import bend_of, cores_of, cores_of_blocks, over_blocks, renamed
+from gauss2svg.core import Kernel
 
 EDGE = 24 * LEVEL  # least contrast of 3 x 3 pixels at an edge
 BESIDE = 2.5, 5.5  # px; distances from edges at which noise is measured
@@ -32,11 +33,10 @@ FULL_NOISE = 60 * LEVEL  # contrast beside which noise of luma has its full heig
 # because JPEG stores them at half the size.
 BLEEDING = 0.08
 UNBLED = 0.02  # the same in a picture of which areas tell where colour differences have edges
-ALONG = 2.5  # noise between the chromas of two colours, where they bleed, in noise of chroma
 LUMA = np.array([[0.299, 0.587, 0.114], [-0.168, -0.332, 0.5], [0.5, -0.418, -0.082]])  # YCbCr
 
 # The rest is counted in noise, if no unit is given.
-RADIUS, RANGE, PASSES = 3, 1.8, 2  # px and noise within which neighbours are averaged
+PASSES = 2  # means of neighbours that are alike
 FLAT, JOINED = 1.3, 1.5  # largest differences in a block of one core, and of its neighbours
 BEND, STEEP = 1.0, 3.0  # largest second and first differences in a block that is evenly shaded
 ROUNDS = 3  # searches for cores, each among the pixels that were unlike the cores before
@@ -46,10 +46,7 @@ SURE = 8.0  # px; side of a core whose mean has the noise of a pixel, and larger
 SHADED = 0.7  # mean difference from a gradient that draws a core
 SMOOTHED = 4.0  # px by which other shading is smoothed
 OFF = 1.5  # a pixel that differs more is no part of its core
-EXPLAINED = 4.0  # largest error of a mixture of colours
-SNAP = 2.0  # a pixel that differs less from a colour is no mixture
-FAR = 4  # px within which the colours of a mixture lie
-MOST_NEAR, MOST_COLORS = 12, 16  # colours that are tried: of cores nearby, and of all even cores
+MOST_COLORS = 16  # colours of even cores that are tried in mixtures anywhere
 
 EDGE_STEPS, WIDE_EDGE = 9, 60 * LEVEL  # px and least contrast of edges whose widths are measured
 SAME_WAY = 0.8  # share of all differences along an edge that lead the same way
@@ -95,7 +92,8 @@ def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
     local = _local(values, noise, bleeding)
     smooth = values
     for _ in range(PASSES):
-        smooth = _averaged(smooth, local, np.empty_like(values))
+        noisy, smooth = smooth, np.empty_like(values)
+        _average_alike(*values.shape[:2], noisy, local, smooth)
     spread = over_blocks(smooth, np.maximum) - over_blocks(smooth, np.minimum)
     spread = (spread / local).max(axis=-1)
     bend = over_blocks(bend_of(smooth), np.maximum) / local[..., 0]
@@ -108,7 +106,8 @@ def cleaned(pixels: Floats, noise: float, bleeding: float = BLEEDING) -> Floats:
         colors = _evened(pixels, smooth, local, more, count, colors)
         cores = np.where(more >= 0, more + cores.max() + 1, cores)
     result = smooth.copy()
-    _mix(values, smooth, cores, colors[:MOST_COLORS], local, result)
+    colors = colors[:MOST_COLORS].astype(np.float32)
+    _mix_cores(*cores.shape, values, smooth, cores, len(colors), colors, local, result)
     back = np.linalg.inv(LUMA).T.astype(np.float32)
     return np.clip(result @ back, 0, 1)
 
@@ -186,111 +185,8 @@ def _middle(values: Floats) -> Floats:
     return (values * near).sum(axis=0) / np.maximum(near.sum(axis=0), 1)
 
 
-@kernel
-def _averaged(values, noise, result):
-    """Return the mean of the neighbours of each pixel that are like it within its noise."""
-    h, w, channels = values.shape
-    for y in range(h):
-        for x in range(w):
-            count = 0
-            for c in range(channels):
-                result[y, x, c] = 0.0
-            for v in range(max(0, y - RADIUS), min(h, y + RADIUS + 1)):
-                for u in range(max(0, x - RADIUS), min(w, x + RADIUS + 1)):
-                    difference = 0.0
-                    for c in range(channels):
-                        d = abs(values[v, u, c] - values[y, x, c]) / noise[y, x, c]
-                        difference = max(difference, d)
-                    if difference <= RANGE:
-                        count += 1
-                        for c in range(channels):
-                            result[y, x, c] += values[v, u, c]
-            for c in range(channels):
-                result[y, x, c] /= count
-    return result
-
-
-@inner
-def _mixture(value, a, b, noise):
-    """Return the squared error of the best mixture of two colours, and the share of the first.
-
-    Errors are counted in noise. Luma is blurred less than chroma, so that the share is that of
-    luma, unless lumas are alike.
-    """
-    luma, chroma, contrast, across = value[0] - b[0], 0.0, a[0] - b[0], 0.0
-    for c in range(1, len(value)):
-        chroma += (value[c] - b[c]) * (a[c] - b[c])
-        across += (a[c] - b[c]) ** 2
-    fine, coarse = noise[0] ** -2, (ALONG * noise[1]) ** -2
-    total = fine * contrast**2 + coarse * across
-    share, part = 0.0, 0.0
-    if total > 1e-6:
-        share = min(max((fine * luma * contrast + coarse * chroma) / total, 0.0), 1.0)
-        if share * math.sqrt(total) < SNAP:
-            share = 0.0
-        elif (1 - share) * math.sqrt(total) < SNAP:
-            share = 1.0
-    if across > 1e-6:
-        part = min(max(chroma / across, 0.0), 1.0)
-    error = fine * (luma - share * contrast) ** 2 + coarse * (part - share) ** 2 * across
-    for c in range(1, len(value)):
-        error += ((value[c] - b[c] - part * (a[c] - b[c])) / noise[1]) ** 2
-    return error, share
-
-
-@kernel
-def _mix(values, even, cores, colors, noise, result):
-    """Write the colours of cores, and mixtures of the two cores beside each pixel between them.
-
-    values, even  (h, w, c) noisy values, and those of cores without noise
-    cores   (h, w) labels of the pixels of cores
-    colors  (k, c) colours of which thin parts may be, beside the cores
-    noise   (h, w, c) height of the noise
-    result  (h, w, c) output. Pixels that are no mixtures keep what it has
-    """
-    h, w, channels = values.shape
-    color = np.empty((MOST_NEAR + MOST_COLORS, channels))
-    names = np.empty(MOST_NEAR, np.int64)
-    nearest = np.empty(MOST_NEAR, np.int64)
-    for y in range(h):
-        for x in range(w):
-            if cores[y, x] >= 0:
-                for c in range(channels):
-                    result[y, x, c] = even[y, x, c]
-                continue
-            for radius in range(1, FAR + 2):
-                count = 0
-                for v in range(max(0, y - radius), min(h, y + radius + 1)):
-                    for u in range(max(0, x - radius), min(w, x + radius + 1)):
-                        k = cores[v, u]
-                        if k < 0:
-                            continue
-                        place = (v - y) ** 2 + (u - x) ** 2
-                        i = 0
-                        while i < count and names[i] != k:
-                            i += 1
-                        if i == MOST_NEAR or (i < count and nearest[i] <= place):
-                            continue
-                        names[i], nearest[i] = k, place
-                        count = max(count, i + 1)
-                        for c in range(channels):
-                            color[i, c] = even[v, u, c]
-                near = count
-                if radius > FAR:
-                    for i in range(len(colors)):
-                        for c in range(channels):
-                            color[count, c] = colors[i, c]
-                        count += 1
-                best, first, second, share = 1e9, -1, -1, 0.0
-                for i in range(count):
-                    for j in range(min(i + 1, near)):
-                        error, s = _mixture(values[y, x], color[i], color[j], noise[y, x])
-                        if error < best:
-                            best, first, second, share = error, i, j, s
-                if first >= 0 and best <= EXPLAINED**2:
-                    for c in range(channels):
-                        result[y, x, c] = share * color[first, c] + (1 - share) * color[second, c]
-                    break
+_average_alike = Kernel("average_alike", "int int float32 float32 float32")
+_mix_cores = Kernel("mix_cores", "int int float32 float32 int32 int float32 float32 float32")
 
 
 def enlargement_of(pixels: Floats) -> float:

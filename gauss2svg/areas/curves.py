@@ -1,300 +1,216 @@
-"""Curves through points: cubics by least squares, and neighbours that are merged into one.
+"""Curves through points: neighbouring pieces of a path are merged into one while that is cheaper.
 
 A piece is a run of points that one segment draws, a straight line or a cubic. Its cost is the
-weighted squared distance of the points from the segment, and `rate` for each byte of path data.
+weighted squared distance of the points from the segment, and `rate` for each byte of path data
+(gauss2svg/core/curves.c).
 """
 
 from __future__ import annotations
 
-import math
+import heapq
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from gauss2svg.areas.kernels import inner, kernel
-from gauss2svg.render.coverage import point_at
+from gauss2svg.areas.kernels import Bools, Floats, Ints
+from gauss2svg.core import Kernel
 
-ROUNDS = 6  # how often the places of points along a cubic are improved
-# A weak pull to the straight line, and a least weight of points, make the equations regular.
-PULL, LEAST_WEIGHT = 1e-7, 1e-5
-BYTES_OF_CURVE, BYTES_OF_LINE = 5.5, 2.3  # signs and separators of a segment in path data
-BYTES_OF_UPRIGHT = 1.0  # signs and separators of a level or an upright line
 BYTES_OF_PATH = 7.0  # the first node of a path, and its end
-
-
-@inner
-def _digits(value, unit):
-    """Return the number of digits of a coordinate in user units."""
-    return math.floor(math.log10(max(abs(round(value / unit)), 1))) + 1
-
-
-@inner
-def _segment_bytes(p, is_curve, unit):
-    """Return about how many bytes of relative path data a segment (4, 2) has."""
-    if not is_curve:
-        across, down = p[3, 0] - p[0, 0], p[3, 1] - p[0, 1]
-        total = _digits(across, unit) + _digits(down, unit) + BYTES_OF_LINE
-        if round(across / unit) == 0 or round(down / unit) == 0:
-            total += BYTES_OF_UPRIGHT - BYTES_OF_LINE
-        return total
-    total = BYTES_OF_CURVE
-    for i in range(1, 4):
-        total += _digits(p[i, 0] - p[0, 0], unit) + _digits(p[i, 1] - p[0, 1], unit)
-    return total
-
-
-@kernel
-def path_bytes(segment, curved, unit):
-    """Return about how many bytes of relative path data the segments (k, 4, 2) of a path have."""
-    total = BYTES_OF_PATH
-    for s in range(len(segment)):
-        total += _segment_bytes(segment[s], curved[s], unit)
-    return total
-
-
-@kernel
-def sample_path(segment, curved, count, points):
-    """Write points (n, 2) at equal steps along the segments (k, 4, 2) of a path.
-
-    count  (k,) number of points of each segment. Its end is left out
-    """
-    n = 0
-    for s in range(len(segment)):
-        for i in range(count[s]):
-            x, y, _, _ = point_at(segment[s], curved[s], i / count[s])
-            points[n, 0], points[n, 1] = x, y
-            n += 1
-
-
-@inner
-def _line_error(points, weight, first, last, noise):
-    """Return the weighted squared distance of points first..last from the line between them."""
-    n = len(points)
-    ax, ay = points[first % n]
-    vx, vy = points[last % n, 0] - ax, points[last % n, 1] - ay
-    square = vx * vx + vy * vy
-    error = 0.0
-    for i in range(first, last + 1):
-        x, y = points[i % n, 0] - ax, points[i % n, 1] - ay
-        t = min(max((x * vx + y * vy) / max(square, 1e-9), 0.0), 1.0)
-        d = (x - t * vx) ** 2 + (y - t * vy) ** 2
-        error += weight[i % n] * d * d / (d + noise)
-    return error
-
-
-@inner
-def _fit_cubic(points, weight, first, last, noise, p, t):
-    """Write the cubic (4, 2) between points first and last, and return its weighted error.
-
-    t  buffer for the place of each point along the curve
-    """
-    n, count = len(points), last - first + 1
-    t[0] = 0.0
-    for i in range(1, count):
-        a, b = (first + i - 1) % n, (first + i) % n
-        t[i] = t[i - 1] + math.hypot(points[b, 0] - points[a, 0], points[b, 1] - points[a, 1])
-    length = t[count - 1]
-    for c in range(2):
-        p[0, c], p[3, c] = points[first % n, c], points[last % n, c]
-        p[1, c], p[2, c] = p[0, c], p[3, c]
-    if length < 1e-6:
-        return 0.0
-    for i in range(count):
-        t[i] /= length
-    error = 0.0
-    for round_ in range(ROUNDS):
-        a = c = PULL * length
-        b = 0.0
-        rx = a * (2 * p[0, 0] + p[3, 0]) / 3
-        ry = a * (2 * p[0, 1] + p[3, 1]) / 3
-        sx = c * (p[0, 0] + 2 * p[3, 0]) / 3
-        sy = c * (p[0, 1] + 2 * p[3, 1]) / 3
-        for i in range(count):
-            u = 1.0 - t[i]
-            b0, b1, b2, b3 = u * u * u, 3 * u * u * t[i], 3 * u * t[i] * t[i], t[i] * t[i] * t[i]
-            q = (first + i) % n
-            g = weight[q] + LEAST_WEIGHT
-            dx = points[q, 0] - b0 * p[0, 0] - b3 * p[3, 0]
-            dy = points[q, 1] - b0 * p[0, 1] - b3 * p[3, 1]
-            a += g * b1 * b1
-            b += g * b1 * b2
-            c += g * b2 * b2
-            rx += g * b1 * dx
-            ry += g * b1 * dy
-            sx += g * b2 * dx
-            sy += g * b2 * dy
-        det = max(a * c - b * b, 1e-14)
-        p[1, 0], p[1, 1] = (c * rx - b * sx) / det, (c * ry - b * sy) / det
-        p[2, 0], p[2, 1] = (a * sx - b * rx) / det, (a * sy - b * ry) / det
-        error = 0.0
-        for i in range(count):
-            x, y, dx, dy = point_at(p, True, t[i])
-            q = (first + i) % n
-            x, y = x - points[q, 0], y - points[q, 1]
-            d = x * x + y * y
-            error += weight[q] * d * d / (d + noise)
-            square = dx * dx + dy * dy
-            if round_ < ROUNDS - 1 and 0 < i < count - 1 and square > 1e-9:
-                t[i] = min(max(t[i] - (x * dx + y * dy) / square, 0.0), 1.0)
-    return error
-
-
-@inner
-def _straighten(p):
-    """Make a segment (4, 2) the straight line between its ends."""
-    for c in range(2):
-        p[1, c], p[2, c] = p[0, c], p[3, c]
-
-
-@inner
-def _best(points, weight, first, last, unit, rate, noise, only_curves, p, t):
-    """Write the cheaper of a line and a cubic for points first..last. Return its kind and costs."""
-    error = _fit_cubic(points, weight, first, last, noise, p, t)
-    size = _segment_bytes(p, True, unit)
-    if only_curves:
-        return True, error, size
-    line_error = _line_error(points, weight, first, last, noise)
-    line_size = _segment_bytes(p, False, unit)
-    if line_error + rate * line_size < error + rate * size:
-        _straighten(p)
-        return False, line_error, line_size
-    return True, error, size
-
-
 # Joins that turn by less than SMOOTH_RAD are moved by this number of points at once.
 SHIFTS, SMOOTH_RAD = (8, 4, 2, 1), 0.2
 FEW = 3  # curves of a closed path, whose places then count most (docs/decisions/areas.md)
 
+_segment_bytes = Kernel("segment_bytes", "int float64 bool float float64")
+_fit_runs = Kernel(
+    "fit_runs",
+    "int float64 float64 float float64 int int64 int64 int float float float64 bool float64"
+    " float64",
+)
 
-@inner
-def _move_joins(
-    points, weight, start, steps, following, first, left, unit, noise, segment, error, size, trial,
-    t,
-):  # fmt: skip
-    """Move the smooth joins of the curves of a closed path while that lowers the error.
 
-    Pieces are merged from where a contour happens to begin, so one curve of a disc can be much
-    longer than the others, and farther off.
+def bytes_of(segments: Floats, curved: Bools, unit: float) -> Floats:
+    """Return about how many bytes (k,) of relative path data segments (k, 4, 2) have."""
+    size = np.empty(len(segments))
+    _segment_bytes(len(segments), segments, curved, unit, size)
+    return size
+
+
+def path_bytes(segments: Floats, curved: Bools, unit: float) -> float:
+    """Return about how many bytes of relative path data the segments (k, 4, 2) of a path have."""
+    return BYTES_OF_PATH + float(bytes_of(segments, curved, unit).sum())
+
+
+def sampled(segments: Floats, curved: Bools, count: Ints) -> Floats:
+    """Return points (n, 2) at equal steps along the segments (k, 4, 2) of a path.
+
+    count  (k,) number of points of each segment. Its end is left out
     """
-    for shift in SHIFTS:
-        i = first
-        for _ in range(left):
-            j = following[i]
-            ux, uy = segment[i, 3, 0] - segment[i, 2, 0], segment[i, 3, 1] - segment[i, 2, 1]
-            vx, vy = segment[j, 1, 0] - segment[j, 0, 0], segment[j, 1, 1] - segment[j, 0, 1]
-            turn = math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
-            for by in (-shift, shift):
-                while abs(turn) < SMOOTH_RAD and min(steps[i] + by, steps[j] - by) > 1:
-                    middle, end = start[i] + steps[i] + by, start[i] + steps[i] + steps[j]
-                    new_error = _fit_cubic(points, weight, start[i], middle, noise, trial[0], t)
-                    rest = _fit_cubic(points, weight, middle, end, noise, trial[1], t)
-                    if new_error + rest >= error[i] + error[j]:
-                        break
-                    segment[i] = trial[0]
-                    segment[j] = trial[1]
-                    error[i], size[i] = new_error, _segment_bytes(segment[i], True, unit)
-                    error[j], size[j] = rest, _segment_bytes(segment[j], True, unit)
-                    steps[i] += by
-                    steps[j] -= by
-                    start[j] += by
-            i = j
+    owner = np.repeat(np.arange(len(count)), count)
+    t = (np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)) / count[owner]
+    u, is_curve = 1 - t, curved[owner]
+    basis = np.where(
+        is_curve, [u**3, 3 * u * u * t, 3 * u * t * t, t**3], [u, np.zeros_like(t), 0 * t, t]
+    )
+    return np.einsum("kn,nkc->nc", basis, segments[owner])
 
 
-@kernel
-def merge_pieces(points, weight, start, closed, segment, curved, is_fitted, unit, rate, noise):
-    """Merge neighbouring pieces while that lowers the cost, and return how many are left.
+class _Fit(NamedTuple):
+    """A segment (4, 2), the weighted squared error of the points of a piece, and its bytes."""
+
+    segment: Floats
+    is_curve: bool
+    error: float
+    size: float
+
+
+@dataclass
+class _Piece:
+    """A piece of a path: points first..last, its segment, and its neighbours."""
+
+    first: int
+    last: int
+    fit: _Fit
+    index: int
+    before: _Piece | None = None
+    after: _Piece | None = None
+    # What replaces this piece and the next one. A merge of either makes it out of date.
+    pair: _Fit | None = None
+
+
+def merge_pieces(
+    points: Floats, weight: Floats, start: Ints, closed: bool, segments: Floats, curved: Bools,
+    is_fitted: bool, unit: float, rate: float, noise: float,
+) -> tuple[Floats, Bools]:  # fmt: skip
+    """Merge neighbouring pieces while that lowers the cost. Return the segments that are left.
 
     points, weight  (n, 2) points and (n,) weights, already multiplied by the length that a point
                     stands for
     start     (m + 1,) index of the first point of each piece, and of the last point of the last
               one. The last index of a closed path is start[0] + n
-    segment, curved  (m, 4, 2) and (m,) segments of the pieces. Those that are left come first
+    segments, curved  (m, 4, 2) and (m,) segments of the pieces
     is_fitted  whether the segments are those of the pieces at the beginning, without error. If
               not, they are fitted first
     unit      user unit of path data in px
     rate      squared error that a byte must save
     noise     mean squared distance in px by which points are off. Smaller distances cost little
     """
-    count = len(start) - 1
-    steps, following = np.empty(count, np.int64), np.empty(count, np.int64)
-    error, size, gain = np.zeros(count), np.zeros(count), np.zeros(count)
-    pair, pair_curved = np.empty((count, 4, 2)), np.empty(count, np.bool_)
-    pair_error, pair_size = np.empty(count), np.empty(count)
-    trial = np.empty((2, 4, 2))
-    t, p = np.empty(2 * len(points) + 2), np.empty((4, 2))
-    for i in range(count):
-        steps[i], following[i] = start[i + 1] - start[i], i + 1
-    following[count - 1] = 0 if closed else -1
-    first, left, least = 0, count, 2 if closed else 1
+    first, last = np.zeros((2, 1), np.int64)
+    fitted_segment, fitted_curved = np.empty((1, 4, 2)), np.empty(1, bool)
+    error, size = np.empty((2, 1))
+    places = np.empty(2 * len(points) + 2)
+    fit_curve, fit_any = (
+        _fit_runs.prepared(
+            len(points), points, weight, noise, places, 1, first, last, only_curves, unit, rate,
+            fitted_segment, fitted_curved, error, size,
+        )
+        for only_curves in (True, False)
+    )  # fmt: skip
+
+    def fitted(run: tuple[int, int], only_curves: bool) -> _Fit:
+        first[0], last[0] = run
+        (fit_curve if only_curves else fit_any)()
+        return _Fit(fitted_segment[0].copy(), fitted_curved.item(), error.item(), size.item())
+
+    def cost(fit: _Fit) -> float:
+        return fit.error + rate * fit.size
+
+    runs = list(itertools.pairwise(start.tolist()))
     # A smooth run becomes few curves only if lines do not compete while it is merged: two short
     # lines have fewer bytes than the curve that replaces them.
-    for stage in range(2):
-        i = first
-        for _ in range(left):
-            if stage == 0 and is_fitted:
-                size[i] = _segment_bytes(segment[i], True, unit)
-            else:
-                end = start[i] + steps[i]
-                kind, new_error, new_size = _best(
-                    points, weight, start[i], end, unit, rate, noise, stage == 0, p, t
-                )
-                if stage == 0 or (
-                    not kind and new_error + rate * new_size < error[i] + rate * size[i]
-                ):
-                    segment[i] = p
-                    curved[i], error[i], size[i] = kind, new_error, new_size
-                elif not curved[i]:
-                    size[i] = _segment_bytes(segment[i], False, unit)
-            gain[i] = np.nan
-            i = following[i]
-        while left > least:
-            best, at = 0.0, -1
-            i = first
-            for _ in range(left if closed else left - 1):
-                j = following[i]
-                if gain[i] != gain[i]:
-                    end = start[i] + steps[i] + steps[j]
-                    pair_curved[i], pair_error[i], pair_size[i] = _best(
-                        points, weight, start[i], end, unit, rate, noise, stage == 0, pair[i], t
-                    )
-                    cost = pair_error[i] - error[i] - error[j]
-                    gain[i] = rate * (size[i] + size[j] - pair_size[i]) - cost
-                if gain[i] > best:
-                    best, at = gain[i], i
-                i = j
-            if at < 0:
-                break
-            j = following[at]
-            segment[at] = pair[at]
-            curved[at], error[at], size[at] = pair_curved[at], pair_error[at], pair_size[at]
-            steps[at] += steps[j]
-            following[at] = following[j]
-            if j == first:
-                first = at
-            left -= 1
-            gain[at] = np.nan
-            i = first
-            for _ in range(left):  # the piece before `at` has another pair now
-                if following[i] == at:
-                    gain[i] = np.nan
-                i = following[i]
-        if stage == 0 and closed and left <= FEW:
-            _move_joins(
-                points, weight, start, steps, following, first, left, unit, noise, segment, error,
-                size, trial, t,
-            )  # fmt: skip
+    if is_fitted:
+        sizes = bytes_of(segments, np.ones(len(segments), bool), unit).tolist()
+        fits = map(_Fit, segments, curved.tolist(), [0.0] * len(sizes), sizes)
+    else:
+        fits = [fitted(run, True) for run in runs]
+    pieces = [_Piece(*run, fit, k) for k, (run, fit) in enumerate(zip(runs, fits, strict=True))]
+    for one, two in itertools.pairwise(pieces):
+        one.after, two.before = two, one
+    if closed:
+        pieces[-1].after, pieces[0].before = pieces[0], pieces[-1]
+    least = 2 if closed else 1
+    pieces = _merged(pieces, least, lambda run: fitted(run, True), cost)
+    if closed and len(pieces) <= FEW:
+        _move_joins(pieces, lambda run: fitted(run, True))
+    # Now straight lines may replace curves, and merge.
+    for piece in pieces:
+        fit = fitted((piece.first, piece.last), False)
+        if not fit.is_curve and cost(fit) < cost(piece.fit):
+            piece.fit = fit
+        elif not piece.fit.is_curve:
+            size = bytes_of(piece.fit.segment[None], np.zeros(1, bool), unit)
+            piece.fit = piece.fit._replace(size=float(size[0]))
+    pieces = _merged(pieces, least, lambda run: fitted(run, False), cost)
+    segments = np.array([piece.fit.segment for piece in pieces])
+    curved = np.array([piece.fit.is_curve for piece in pieces])
     # Neighbours share their nodes exactly.
-    i = first
-    for k in range(left):
-        pair[k] = segment[i]
-        pair_curved[k] = curved[i]
-        i = following[i]
-    for k in range(left):
-        segment[k] = pair[k]
-        curved[k] = pair_curved[k]
-    for k in range(left):
-        if k > 0 or closed:
-            for c in range(2):
-                segment[k, 0, c] = segment[k - 1 if k > 0 else left - 1, 3, c]
-        if not curved[k]:
-            _straighten(segment[k])
-    return left
+    segments[1:, 0] = segments[:-1, 3]
+    if closed:
+        segments[0, 0] = segments[-1, 3]
+    segments[~curved, 1], segments[~curved, 2] = segments[~curved, 0], segments[~curved, 3]
+    return segments, curved
+
+
+_Fitted = Callable[[tuple[int, int]], _Fit]
+
+
+def _merged(
+    pieces: list[_Piece], least: int, fitted: _Fitted, cost: Callable[[_Fit], float]
+) -> list[_Piece]:
+    """Return the pieces that are left, at least `least`, once no merge of two lowers the cost."""
+    if len(pieces) <= least:
+        return pieces
+    heap: list[tuple[float, int, int, _Fit]] = []
+    numbers = itertools.count()  # so that fits are not compared
+
+    def offer(one: _Piece) -> None:
+        """Fit a piece together with the next one, if there is one."""
+        if one.after is not None:
+            two = one.after
+            one.pair = fitted((one.first, one.last + two.last - two.first))
+            gain = cost(one.fit) + cost(two.fit) - cost(one.pair)
+            if gain > 0:
+                heapq.heappush(heap, (-gain, one.index, next(numbers), one.pair))
+
+    for piece in pieces:
+        offer(piece)
+    by_index = {piece.index: piece for piece in pieces}
+    while heap and len(by_index) > least:
+        _, index, _, fit = heapq.heappop(heap)
+        piece = by_index.get(index)
+        if piece is None or piece.pair is not fit or piece.after is None:
+            continue
+        removed = piece.after
+        piece.fit, piece.last = fit, piece.last + removed.last - removed.first
+        piece.after = removed.after
+        if removed.after is not None:
+            removed.after.before = piece
+        del by_index[removed.index]
+        offer(piece)
+        if piece.before is not None:
+            offer(piece.before)
+    return list(by_index.values())
+
+
+def _move_joins(pieces: list[_Piece], fitted: _Fitted) -> None:
+    """Move the smooth joins of the curves of a closed path while that lowers the error.
+
+    Pieces are merged from where a contour happens to begin, so one curve of a disc can be much
+    longer than the others, and farther off.
+    """
+    for shift in SHIFTS:
+        for one, two in zip(pieces, [*pieces[1:], pieces[0]], strict=True):
+            u = one.fit.segment[3] - one.fit.segment[2]
+            v = two.fit.segment[1] - two.fit.segment[0]
+            turn = np.arctan2(u[0] * v[1] - u[1] * v[0], u @ v)
+            for by in (-shift, shift) if abs(turn) < SMOOTH_RAD else ():
+                while min(one.last - one.first + by, two.last - two.first - by) > 1:
+                    middle = one.last + by
+                    end = middle - by + two.last - two.first
+                    before, after = fitted((one.first, middle)), fitted((middle, end))
+                    if before.error + after.error >= one.fit.error + two.fit.error:
+                        break
+                    one.fit, one.last = before, middle
+                    two.fit, two.first = after, two.first + by

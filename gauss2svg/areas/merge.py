@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from gauss2svg.areas.curves import merge_pieces, sample_path
+from gauss2svg.areas.curves import merge_pieces, sampled
 from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.outlines import Path, Weights, lengths_of, weights_by
 from gauss2svg.areas.refine import Drawing, Layer
@@ -56,17 +56,15 @@ def _merged_path(path: Path, weight_at: Weights, unit: float, rate: float, noise
     length = lengths_of(path.segments)
     count = np.maximum((length * SAMPLES).astype(np.int64), LEAST_SAMPLES)
     start = np.append(0, np.cumsum(count))
-    points = np.empty((start[-1], 2))
-    sample_path(path.segments, path.curved, count, points)
+    points = sampled(path.segments, path.curved, count)
     step = np.repeat(length / count, count)
     if not path.closed:
         points, step = np.vstack([points, path.segments[-1, 3]]), np.append(step, step[-1])
-    segment, curved = path.segments.copy(), path.curved.copy()
-    left = merge_pieces(
-        points, weight_at(points) * step, start, path.closed, segment, curved, True, unit, rate,
-        noise,
+    segments, curved = merge_pieces(
+        points, weight_at(points) * step, start, path.closed, path.segments, path.curved, True,
+        unit, rate, noise,
     )  # fmt: skip
-    return Path(segment[:left], curved[:left], path.closed)
+    return Path(segments, curved, path.closed)
 
 
 def without_cheap(drawing: Drawing, unit: float, rate: float) -> list[Layer]:

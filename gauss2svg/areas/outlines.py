@@ -236,8 +236,8 @@ def fitted_path(
         gap[-1] = 0.0
     weight = weight_at(points) * 0.5 * (gap + np.roll(gap, 1))
     count = len(start) - 1
-    segment, curved = np.empty((count, 4, 2)), np.empty(count, bool)
-    count = merge_pieces(
-        points, weight, start, closed, segment, curved, False, unit, rate, NOISE**2
+    empty = np.empty((count, 4, 2)), np.empty(count, bool)
+    segments, curved = merge_pieces(
+        points, weight, start, closed, *empty, False, unit, rate, NOISE**2
     )
-    return Path(segment[:count], curved[:count], closed)
+    return Path(segments, curved, closed)

@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 
 from gauss2svg.areas.composition import (
     ACROSS,
-    compose,
-    gradient,
+    Samples,
+    compose_layers,
     list_samples,
-    solve,
-    weigh,
+    weigh_layers,
 )
 from gauss2svg.areas.kernels import Floats, Ints
 from gauss2svg.areas.outlines import Path, lengths_of
@@ -212,10 +211,11 @@ class Drawing:
         for layer, paint in enumerate(self._paint):
             if not paint.is_shaded:
                 table[layer, 0] = paint.color
-        compose(
-            self.point[self.segment], self.curved, self.path_start, self.closed, self.layer_start,
-            self.width, self.cap, self._opacity, form, place, table, self.box, self.offset,
-            self._buffers.sums, canvas, self.cover, self.below,
+        compose_layers(
+            len(self.layers), *self.shape[1:], self.point[self.segment], self.curved,
+            self.path_start, self.closed, self.layer_start, self.width, self.cap, self._opacity,
+            form, place, table, self.box, self.offset, self._buffers.sums, canvas, self.cover,
+            self.below,
         )  # fmt: skip
         if self.rasterize is None:
             return canvas
@@ -229,9 +229,9 @@ class Drawing:
         """
         self.above = np.ones(self.shape[:2], np.float32)
         self.visible, self.weight = self.cover, self.below
-        weigh(
-            self._opacity, *self._palette, self.box, self.offset, self.cover, self.below,
-            self.above,
+        weigh_layers(
+            len(self.layers), *self.shape[1:], self._opacity, *self._palette, self.box, self.offset,
+            self.cover, self.below, self.above,
         )  # fmt: skip
 
     def part(self, values: Floats, layer: int) -> Floats:
@@ -262,9 +262,9 @@ class Drawing:
         pixel, owner = np.empty(most, np.int64), np.empty(most, np.int64)
         jacobian, weights = np.empty((most, 9)), np.empty((most, self.shape[2]))
         n = list_samples(
-            p, self.curved, count, self.is_first, self.is_last, self.layer_of, self.sign,
-            self.width, self.box, self.offset, self.weight, self.shape[1], pixel, owner, jacobian,
-            weights,
+            len(p), *self.shape[1:], p, self.curved, count, self.is_first, self.is_last,
+            self.layer_of, self.sign, self.width, self.box, self.offset, self.weight, pixel, owner,
+            jacobian, weights,
         )  # fmt: skip
         return pixel[:n], owner[:n], jacobian[:n], weights[:n]
 
@@ -393,14 +393,14 @@ class Drawing:
         damping  (p,) of the paths
         """
         widths = self.point.size
-        r, diagonal = np.empty((2, widths + len(self.width)))
-        ties, squared_ties = self.ties[1:], (*self.ties[1:4], self.ties[4] ** 2, self.ties[5] ** 2)
-        rows = rows.astype(np.float64)
-        gradient(place, owner, jacobian, weights, self._column, ties, -rows, r)
-        gradient(
-            place, owner, jacobian**2, weights**2, self._column, squared_ties,
-            np.ones_like(rows), diagonal,
+        count = widths + len(self.width)
+        samples = Samples(
+            place, owner, jacobian, weights, self._column, np.array(self.ties[1:4]),
+            np.array(self.ties[4:6]),
         )  # fmt: skip
+        rows = rows.astype(np.float64)
+        r = samples.gradient(-rows, count)
+        diagonal = samples.squared().gradient(np.ones_like(rows), count)
         # Both coordinates of a point are damped, even if its outline runs along one of them.
         by_point = diagonal[:widths].reshape(-1, 2)
         by_point = 0.5 * (by_point + by_point.mean(axis=1, keepdims=True))
@@ -408,10 +408,7 @@ class Drawing:
             damping[self.point_path][:, None] * by_point, WIDTH_DAMPING * diagonal[widths:]
         )
         damp += BASE
-        step = solve(
-            place, owner, jacobian, weights, self._column, ties, np.empty_like(rows), r,
-            diagonal + damp, damp, CG_STEPS,
-        )  # fmt: skip
+        step = samples.solve(np.empty_like(rows), r, diagonal + damp, damp, CG_STEPS)
         move = step[:widths].reshape(-1, 2)
         move *= np.minimum(1, MOST_STEP / np.maximum(np.hypot(*move.T), 1e-9))[:, None]
         return move, np.clip(step[widths:], -MOST_WIDENING, MOST_WIDENING)

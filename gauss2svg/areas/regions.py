@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from gauss2svg.areas.kernels import Bools, Floats, Ints, explain, grow_labels
+from gauss2svg.areas.kernels import Bools, Floats, Ints
 from gauss2svg.areas.masks import BLOCK, LEVEL, Box, dilated, widened
 from gauss2svg.areas.paint import Paint
+from gauss2svg.core import Kernel
 
 FLAT = 4 * LEVEL  # largest difference of values in a block of pixels of one colour
 BEND = 2.1 * LEVEL  # largest second difference of values that are evenly shaded
@@ -92,11 +93,20 @@ def renamed(labels: Ints, names: Ints) -> Ints:
     return table[labels]
 
 
+_grow_labels = Kernel("grow_labels", "int int int float32 int32 int32 float64")
+_explain_pixels = Kernel(
+    "explain_pixels",
+    "int int int float32 int32 int64 float64 float32 int int64 int64 float64 int int32 float32"
+    " float32",
+)
+
+
 def grown(pixels: Floats, labels: Ints) -> Ints:
     """Return the labels with pixels between the cores joined to those beside them."""
-    labels, most = labels.copy(), 4 * np.count_nonzero(labels < 0)
+    labels = labels.astype(np.int32)
     origin = np.arange(labels.size, dtype=np.int32).reshape(labels.shape)
-    grow_labels(pixels, labels, origin, np.empty(most), np.empty(most, np.int64))
+    heap = np.empty((4 * np.count_nonzero(labels < 0), 2))
+    _grow_labels(*pixels.shape, pixels, labels, origin, heap)
     return labels
 
 
@@ -127,7 +137,7 @@ class Shares:
 
 
 class Palette(NamedTuple):
-    """The paints of regions, as the kernels read them (shade_index).
+    """The paints of regions, as the kernels read them (gauss2svg/core/paints.h).
 
     form, place, table  (k,), (k, 4) and (k, SHADES, c)
     """
@@ -147,13 +157,17 @@ class Palette(NamedTuple):
     ) -> tuple[Ints, Floats, Floats]:  # fmt: skip
         """Return the labels (n, 3), shares (n, 3) and squared errors (n,) of mixtures at pixels.
 
-        The parameters are those of the kernel.
+        at     rows and columns (n,) of the pixels
+        extra  (c,) one more colour, whose label is `name`
         """
         n = len(at[0])
         label = np.empty((n, 3), np.int32)
         share, error = np.empty((n, 3), np.float32), np.empty(n, np.float32)
         color = np.zeros(pixels.shape[2]) if extra is None else np.asarray(extra, np.float64)
-        explain(pixels, labels, *self, *at, color, name, label, share, error)
+        labels, (ys, xs) = labels.astype(np.int32, copy=False), np.array(at)
+        _explain_pixels(
+            *pixels.shape, pixels, labels, *self, n, ys, xs, color, name, label, share, error
+        )
         return label, share, error
 
 

@@ -15,12 +15,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gauss2svg.errors import refusal
 
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 _BASE = "v2"  # the library of every x86-64 CPU, which also says what the CPU supports
-# Types of parameters by the words of signatures. The others are arrays of NumPy's types of these
-# names, or of float32 and float64 alike for "real".
 _NUMBERS: dict[str, Any] = {"int": ctypes.c_int64, "float": ctypes.c_double}
 
 
@@ -46,36 +46,52 @@ def _library() -> ctypes.CDLL:
     return ctypes.CDLL(str(paths[name]))
 
 
-def kernel(name: str, signature: str) -> Callable[..., int]:
-    """Return a Python function that calls the kernel `name`, and returns its whole number.
+class Kernel:
+    """A function of the library, which returns a whole number.
 
     signature  a word for each parameter of the C function: "int", "float", or the type of the
                elements of a C-contiguous array. If it is "real", the arrays may be all of float32
                or all of float64, and `name` gets the type as a suffix. An array may be None
 
-    Arguments are not converted. Raise TypeError for an array of another type or order, which would
-    be read wrongly.
+    Arguments are not converted. Calls raise TypeError for an array of another type or order, which
+    the function would read wrongly.
     """
-    words = signature.split()
-    functions: dict[str, Any] = {}
 
-    def call(*arguments: Any) -> int:
-        real, values = "", []
-        for word, value in zip(words, arguments, strict=True):
+    def __init__(self, name: str, signature: str) -> None:
+        self._name, self._words = name, signature.split()
+        self._types = [
+            None if word in _NUMBERS or word == "real" else np.dtype(word) for word in self._words
+        ]
+        self._functions: dict[str, Any] = {}
+
+    def __call__(self, *arguments: Any) -> int:
+        function, values = self._converted(arguments)
+        return function(*values)
+
+    def prepared(self, *arguments: Any) -> Callable[[], int]:
+        """Return a function that calls the kernel with these arrays, which may have new values.
+
+        This saves the checks of the arrays, which take longer than a small task.
+        """
+        function, values = self._converted(arguments)
+        return lambda: function(*values)
+
+    def _converted(self, arguments: tuple[Any, ...]) -> tuple[Any, list[Any]]:
+        real, values = None, []
+        for word, dtype, value in zip(self._words, self._types, arguments, strict=True):
             if word in _NUMBERS or value is None:
                 values.append(value)
                 continue
-            dtype = value.dtype.name
             if word == "real":
-                real = real or dtype
-            if dtype != (real if word == "real" else word) or not value.flags.c_contiguous:
-                raise TypeError(f"{name}: {word} array expected; got {dtype} {value.strides}")
+                dtype = real = real or value.dtype
+            if value.dtype != dtype or not value.flags.c_contiguous:
+                got = f"{value.dtype} with strides {value.strides}"
+                raise TypeError(f"{self._name} needs a C-contiguous array of {dtype}; got {got}")
             values.append(value.ctypes.data)
-        function = functions.get(real)
+        name = f"{self._name}_{real}" if real else self._name
+        function = self._functions.get(name)
         if function is None:
-            function = functions[real] = getattr(_library(), f"{name}_{real}" if real else name)
-            function.argtypes = [_NUMBERS.get(word, ctypes.c_void_p) for word in words]
+            function = self._functions[name] = getattr(_library(), name)
+            function.argtypes = [_NUMBERS.get(word, ctypes.c_void_p) for word in self._words]
             function.restype = ctypes.c_int64
-        return function(*values)
-
-    return call
+        return function, values

@@ -38,7 +38,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.core import kernel
+from gauss2svg.core import Kernel
 from gauss2svg.fit import FitOptions
 from gauss2svg.fit.state import FARTHEST, GEOMETRY, State
 from gauss2svg.render.cpu import Splats
@@ -143,7 +143,7 @@ def blending_of(options: FitOptions, opaque: bool = False) -> Blending:
     return blending if options.learned_falloff else blending.without("beta")
 
 
-_step_gaussians = kernel(
+_step_gaussians = Kernel(
     "step_gaussians",
     "int float64 float64 float64 float64 float64 float64 float64 float64 float64 float64 float64"
     " float64 float64 float float64 float float float float",

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.core import kernel
+from gauss2svg.core import Kernel
 from gauss2svg.fit import FitOptions
 from gauss2svg.fit.target import Target
 from gauss2svg.without_scipy import smoothed
@@ -294,7 +294,7 @@ def _oriented(
     return np.stack([l11, l21, major * minor / l11], axis=1).astype(np.float64)
 
 
-_number_components = kernel("number_components", "int int int32 int64 int64")
+_number_components = Kernel("number_components", "int int int32 int64 int64")
 
 
 def components_of(levels: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -309,4 +309,3 @@ def components_of(levels: NDArray[np.int32]) -> NDArray[np.int64]:
     numbers, parent = np.empty((2, *levels.shape), np.int64)
     _number_components(*levels.shape, levels, parent, numbers)
     return numbers
-

@@ -7,45 +7,16 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.render.coverage import MITER_LIMIT, add_outline, add_stroke
+from gauss2svg.core import Kernel
 from gauss2svg.render.cpu import Real, render_planar, splats_of
-from gauss2svg.render.tiles import kernel
 from gauss2svg.scene import ABOVE, Scene
 from gauss2svg.scene.areas import CAPS, Area
 
+MITER_LIMIT = 4.0  # largest ratio of a mitre to the width of its line (the default of SVG)
 _ROWS = 64  # number of rows that are drawn at once, which limits the memory of a large image
 
 
-@kernel
-def _add_fill(sums, segments, curved, x0, y0):
-    """Call add_outline of gauss2svg.render.coverage."""
-    add_outline(sums, segments, curved, x0, y0)
-
-
-@kernel
-def _add_line(sums, segments, curved, is_closed, width, cap, x0, y0):
-    """Call add_stroke of gauss2svg.render.coverage."""
-    add_stroke(sums, segments, curved, is_closed, width, cap, x0, y0)
-
-
-@kernel
-def _blend(coverage, opacity, color, image, left, top):
-    """Draw a colour over the box of an image (h, w, 3) whose upper left corner is (left, top).
-
-    coverage  (height, width) share that is covered of each pixel of the box
-    color     (height, width, 3), or (1, 1, 3) if the colour is the same in all of the box
-    """
-    height, width = coverage.shape
-    for y in range(height):
-        row = min(y, color.shape[0] - 1)
-        for x in range(width):
-            column = min(x, color.shape[1] - 1)
-            alpha = opacity * coverage[y, x]
-            if alpha > 0.0:
-                for channel in range(3):
-                    below = image[top + y, left + x, channel]
-                    change = alpha * (color[row, column, channel] - below)
-                    image[top + y, left + x, channel] = below + change
+_add_path = Kernel("add_path", "int int float float float64 int float64 bool int float int")
 
 
 def coverage_of(
@@ -63,21 +34,20 @@ def coverage_of(
                Area.scaled does not allow
     """
     sums = np.zeros((height, width + 2))
-    x0, y0 = float(left), float(top)
     line_width = area.width * float(np.sqrt(scale[0] * scale[1]))
     for outline in area.outlines:
         segments, curved = outline.segments * scale, np.array(outline.curved)
-        if not area.is_line:
-            _add_fill(sums, segments, curved, x0, y0)
-            continue
-        # A segment without extent has no direction. If there are no others, the line is a dot,
-        # which has only its caps.
-        has_extent = (segments != segments[:, :1]).any(axis=(1, 2))
-        is_closed = outline.closed and bool(has_extent.any())
-        has_extent[0] |= not has_extent.any()
-        _add_line(
-            sums, segments[has_extent], curved[has_extent], is_closed, line_width,
-            CAPS.index(area.cap), x0, y0,
+        is_closed = outline.closed
+        if area.is_line:
+            # A segment without extent has no direction. If there are no others, the line is a dot,
+            # which has only its caps.
+            has_extent = (segments != segments[:, :1]).any(axis=(1, 2))
+            is_closed &= bool(has_extent.any())
+            has_extent[0] |= not has_extent.any()
+            segments, curved = segments[has_extent], curved[has_extent]
+        _add_path(
+            height, width, left, top, sums, len(segments), segments, curved, is_closed, line_width,
+            CAPS.index(area.cap),
         )  # fmt: skip
     covered = np.cumsum(sums, axis=1, out=sums)[:, :-2]
     return np.minimum(np.abs(covered, out=covered), 1.0, out=covered)
@@ -127,5 +97,6 @@ def draw_areas(
                 across = (np.arange(left, right) + 0.5) / scale[0]
                 down = (np.arange(y, y + height) + 0.5) / scale[1]
                 color = area.paint.at(across, down[:, None])
-            coverage = coverage_of(area, left, y, width, height, scale)
-            _blend(coverage, area.opacity, color, image, left, y)
+            alpha = area.opacity * coverage_of(area, left, y, width, height, scale)[:, :, None]
+            below = image[y : y + height, left:right]
+            below += alpha * (color - below)

@@ -1,7 +1,7 @@
 """Coverage of pixels by polygons, and its gradient, in plain NumPy.
 
-These functions are slow and readable. Tests equate the kernels of gauss2svg.render.coverage with
-them.
+These functions are slow and readable. Tests equate the kernels of gauss2svg/core/coverage.c
+with them.
 """
 
 from __future__ import annotations
@@ -13,6 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene.areas import Outline
+
+SAGITTA = 0.01  # largest distance in px of a curve from the edges of its polygon
+
+
+def counts_of(outline: Outline) -> list[int]:
+    """Return the numbers of edges by which the kernels draw the segments of an outline."""
+    pairs = zip(outline.segments, outline.curved, strict=True)
+    bends = ((np.hypot(*np.diff(p, 2, axis=0).T).max() if curved else 0) for p, curved in pairs)
+    return [int(np.sqrt(0.75 / SAGITTA * bend)) + 1 for bend in bends]
 
 
 def polygon_of(outline: Outline, counts: Sequence[int]) -> NDArray[np.float64]:

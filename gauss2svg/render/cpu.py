@@ -20,7 +20,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.core import kernel
+from gauss2svg.core import Kernel
 from gauss2svg.errors import InputError
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs, in_shares
 from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
@@ -33,12 +33,12 @@ from gauss2svg.scene.falloff import cut_radius, drawn_radius, longer_axes
 RENDER, SQUARED_ERROR, GIVEN_GRADIENT, REMOVAL = range(4)
 MOMENTS = 10  # numbers of each pair from which the gradients follow
 
-_walk_tiles = kernel(
+_walk_tiles = Kernel(
     "walk_tiles",
     "int int int int int int float64 float64 real real real real int32 int32 int64 int32 real int"
     " real real float64",
 )
-_add_pairs = kernel("add_pairs", "int int int int64 real float64")
+_add_pairs = Kernel("add_pairs", "int int int int64 real float64")
 
 # A fit holds this lock from its start to its end, so that fits run one after the other. If they ran
 # at the same time, they would only compete for the cores of the machine.

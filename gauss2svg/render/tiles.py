@@ -6,7 +6,7 @@ tile that the Gaussian's ellipse reaches. So work is counted in pair rows, which
 pixels each.
 
 The kernels compute in float32. They go from one row of a pair to the next by adding
-w22 = 1 / (sy sqrt(1 - rho^2)) to the whitened offsets (`_whitened` of gauss2svg.render.kernels).
+w22 = 1 / (sy sqrt(1 - rho^2)) to the whitened offsets (`across` of gauss2svg/core/gaussians.h).
 Over 8 rows, rounding changes the offsets by up to 1e-6 w22, which is too much for very thin shapes.
 So shapes thinner than LEAST_STEPPED are split into pairs of one row each, which need no such
 addition. The shapes of a fit are far wider.
@@ -18,36 +18,20 @@ run them at the same time.
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from gauss2svg.core import kernel as c_kernel
-from gauss2svg.kernel_cache import cached
+from gauss2svg.core import Kernel
 
 # The OpenMP library of torch reads this variable when it is loaded. With PASSIVE, its idle threads
 # sleep. By default they would wait busily, on cores that a kernel could use. If the user has set
 # the variable, its value is kept.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-# Kernels allocate no arrays. So they are compiled without reference counts (_nrt), and numba's
-# array allocator, which would take 0.03 s, is not loaded. They are also compiled without an entry
-# point for C. With the error model of NumPy, they do not test for divisions by zero.
-_OPTIONS: dict[str, Any] = {
-    "nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True
-}  # fmt: skip
-kernel = cached(**_OPTIONS)  # decorator of a kernel that Python calls
-# Decorator of a function that only kernels call. Such a function is also compiled without an entry
-# point for Python, because Python never calls it.
-_INSIDE: dict[str, Any] = {**_OPTIONS, "no_cpython_wrapper": True}
-tile_kernel = njit(**_INSIDE)
-
-_find_strip_rows = c_kernel(
-    "find_strip_rows", "int int float float int float64 int64 int64 int64"
-)
-_list_pairs = c_kernel(
+_find_strip_rows = Kernel("find_strip_rows", "int int float float int float64 int64 int64 int64")
+_list_pairs = Kernel(
     "list_pairs",
     "int int int int int64 int64 int64 int64 int64 int32 int32 int32 int64 int64 int32",
 )
@@ -156,8 +140,15 @@ def find_pairs(
     shape = np.column_stack([mean, sigma, rho, radius])
     in_shares(
         lambda share, shares: _find_strip_rows(
-            count * share // shares, count * (share + 1) // shares, height, width, TILE_WIDTH,
-            shape, column, strip, strip_rows,
+            count * share // shares,
+            count * (share + 1) // shares,
+            height,
+            width,
+            TILE_WIDTH,
+            shape,
+            column,
+            strip,
+            strip_rows,
         ),
         count // _LEAST_SHARE,
     )
@@ -177,4 +168,3 @@ def find_pairs(
     work = np.zeros(tiles + 1, np.int64)
     np.cumsum(tile_rows + TILE_HEIGHT, out=work[1:])
     return Pairs(offset, gaussian, rows, start, order, work, int(tile_rows.max(initial=0)))
-

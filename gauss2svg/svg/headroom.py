@@ -20,20 +20,17 @@ store nothing for each Gaussian. So the memory depends only on the number of sam
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.kernel_cache import cached
+from gauss2svg.core import Kernel
 from gauss2svg.scene import Scene, whitening_of
 from gauss2svg.scene.falloff import cut_radius, profile
 
 Floats = NDArray[np.float64]
-_kernel = cached()
-# If a Gaussian changes a colour channel of a sample by no more than this, the new total of that
-# channel is not compared with the range.
-_LEAST_CHECKED = 1e-3
 # An excess of less than _EQUAL over the range may be due to the rounding of float32, so it is
 # ignored. The range is extended so that it contains the partial sums, but not for a partial sum
 # that exceeds the image at the same sample by less than _EQUAL_IN_IMAGE.
@@ -44,9 +41,10 @@ SPARE = 0.02
 _RADIUS = float(cut_radius(1.0))
 # The falloff is stored in a table with this many steps. From one step to the next, the squared
 # radius grows by the same amount.
-_STEPS = 4096
+_STEPS = 4096  # as in gauss2svg/core/headroom.c
 _FALLOFF = profile(_RADIUS * np.sqrt(np.arange(_STEPS + 1) / _STEPS), 1.0)
 _DRAWN = -1  # a Gaussian that has been drawn has this value in the array `worst`
+_ANY = 1e300  # larger than the excess of any Gaussian
 
 
 # The next three numbers limit the grid on which partial sums are sampled (docs/decisions/svg.md).
@@ -96,19 +94,38 @@ def phases_of(scene: Scene) -> tuple[list[NDArray[np.intp]], Floats, Floats]:
     """
     samples, background = _samples_of(scene), scene.background
     total = np.tile(background.astype(np.float32), (len(samples.place), 1))
-    picture = total.copy()
-    for i in range(len(scene)):
-        _add(samples, i, picture, picture, picture)
+    lowest, highest, picture = total.copy(), total.copy(), total.copy()
+    worst, every = np.zeros(len(scene), np.intp), np.arange(len(scene))
+    fields = len(samples.start) - 1, _RADIUS, samples.place, samples.start, _FALLOFF, *samples[2:]
+    free = np.full(3, np.inf)
+    _draw_gaussians(
+        *fields, picture, -free, free, len(every), every, _ANY, worst, picture, picture,
+        picture,
+    )  # fmt: skip
     low, high = picture.min(axis=0).astype(np.float64), picture.max(axis=0).astype(np.float64)
     low = np.minimum(background, np.where(low < 0, 0.5 * low, low))
     high = np.maximum(background, np.where(high > 1, 0.5 * (1 + high), high))
     pattern = (scene.color < 0) @ [1, 2, 4]
     mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
     by_mass = np.argsort(-mass, kind="stable")
-    lowest, highest = total.copy(), total.copy()
-    order = _order_of(
-        samples, picture, low - SPARE, high + SPARE, total, lowest, highest, pattern, by_mass
-    )
+    worst[:] = 0
+
+    def draw(indices: NDArray[np.intp], enough: float) -> int:
+        return _draw_gaussians(
+            *fields,
+            picture,
+            low - SPARE,
+            high + SPARE,
+            len(indices),
+            indices,
+            enough,
+            worst,
+            total,
+            lowest,
+            highest,
+        )
+
+    order = _order_of(draw, worst, pattern, by_mass)
     lowest[lowest > picture - _EQUAL_IN_IMAGE] = np.inf
     highest[highest < picture + _EQUAL_IN_IMAGE] = -np.inf
     low, high = np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
@@ -133,146 +150,44 @@ def _samples_of(scene: Scene) -> Samples:
     return Samples(place, start, mean, whitening, _RADIUS * sigma, scene.color.copy())
 
 
-@_kernel
-def _order_of(samples, picture, low, high, total, lowest, highest, pattern, by_mass):
+_draw_gaussians = Kernel(
+    "draw_gaussians",
+    "int float float32 int64 float64 float64 float64 float64 float64 float32 float64 float64 int"
+    " int64 float int64 float32 float32 float32",
+)
+
+
+def _order_of(
+    draw: Callable[[NDArray[np.intp], float], int], worst: NDArray[np.intp],
+    pattern: NDArray[np.intp], by_mass: NDArray[np.intp],
+) -> NDArray[np.intp]:  # fmt: skip
     """Return the indices of all Gaussians, in an order that keeps the totals near low..high.
 
-    A total is the sum at a sample, in one channel, of the background and all Gaussians drawn so
-    far. When a Gaussian is drawn, it is added to `total` (m, 3). `lowest` and `highest` (m, 3)
-    store the lowest and the highest total that each sample has had.
-
-    Where the image is outside of the range, a total may be as far outside as the image. The canvas
-    folds the values of both (see phases_of), so the total causes no larger error than the image.
+    draw(indices, enough)  draws the Gaussians whose excess is below `enough`, one after the other.
+                           If `enough` is infinite, it draws none, and returns the one with the
+                           least excess
+    worst    (n,) _DRAWN for the Gaussians that `draw` has drawn
+    pattern  (n,) signs of their colours
 
     The order is found in tours. A tour visits all patterns of signs, one after the other. At each
     pattern it tries those Gaussians of this pattern that are not drawn yet, in the order by_mass.
     It draws each one with which the totals stay in the range. If a tour draws no Gaussian, the
     Gaussian that exceeds the range least is drawn.
     """
-    order = np.empty(by_mass.size, np.intp)
-    waiting, done = by_mass, 0
+    order, waiting = [by_mass[:0]], by_mass
     patterns = np.arange(8) ^ (np.arange(8) >> 1)  # a Gray code: each step changes only one sign
-    # For each Gaussian, the index of the sample at which it exceeded the range the most when it was
-    # last tried. The next trial begins at this sample.
-    worst = np.zeros(by_mass.size, np.intp)
     while waiting.size:
-        before = done
+        before = len(order)
         for signs in patterns:
-            for i in waiting[pattern[waiting] == signs]:
-                excess, worst[i] = _excess(samples, i, total, picture, low, high, worst[i], _EQUAL)
-                if excess < _EQUAL:
-                    order[done] = i
-                    done += 1
-                    _add(samples, i, total, lowest, highest)
-        if done == before:
-            least = np.inf
-            for i in waiting:
-                excess, worst[i] = _excess(samples, i, total, picture, low, high, worst[i], least)
-                if excess < least:
-                    least, order[done] = excess, i
-            _add(samples, order[done], total, lowest, highest)
-            done += 1
-        for i in order[before:done]:
-            worst[i] = _DRAWN
+            tried = waiting[pattern[waiting] == signs]
+            if draw(tried, _EQUAL):
+                order.append(tried[worst[tried] == _DRAWN])
+        if len(order) == before:
+            order.append(np.array([draw(waiting, np.inf)]))
+            draw(order[-1], _ANY)
         waiting = waiting[worst[waiting] != _DRAWN]
         # Each change of the pattern inverts channels of the canvas. The next tour visits the
         # patterns in reverse order. So it begins with the last pattern of this tour, and nothing is
         # inverted between the two tours.
-        patterns = patterns[::-1].copy()
-    return order
-
-
-@_kernel
-def _excess(samples, i, total, picture, low, high, first, enough):
-    """Return the largest excess of the i-th Gaussian at any sample, and the index of that sample.
-
-    The search begins at the sample with the index `first`. It ends early if it finds an excess of
-    at least `enough`.
-    """
-    most, worst = _excess_at(samples, i, first, total, picture, low, high), first
-    for row in range(*_rows(samples, i)):
-        if most >= enough:
-            break
-        for at in range(*_of_row(samples, i, row)):
-            excess = _excess_at(samples, i, at, total, picture, low, high)
-            if excess > most:
-                most, worst = excess, at
-    return most, worst
-
-
-@_kernel
-def _excess_at(samples, i, at, total, picture, low, high):
-    """Return how far the i-th Gaussian would push a total out of low..high at sample `at`, or 0.
-
-    If the image is outside of low..high at this sample, the total may be as far outside.
-    """
-    alpha = _alpha(samples, i, at)
-    most = 0.0
-    for c in range(3):
-        added = alpha * samples.color[i, c]
-        if added > _LEAST_CHECKED:
-            most = max(most, total[at, c] + added - max(high[c], picture[at, c]))
-        elif added < -_LEAST_CHECKED:
-            most = max(most, min(low[c], picture[at, c]) - total[at, c] - added)
-    return most
-
-
-@_kernel
-def _add(samples, i, total, lowest, highest):
-    for row in range(*_rows(samples, i)):
-        for at in range(*_of_row(samples, i, row)):
-            alpha = _alpha(samples, i, at)
-            for c in range(3):
-                after = np.float32(total[at, c] + alpha * samples.color[i, c])
-                total[at, c] = after
-                lowest[at, c] = min(lowest[at, c], after)
-                highest[at, c] = max(highest[at, c], after)
-
-
-@_kernel
-def _rows(samples, i):
-    """Return the first row that the i-th Gaussian may reach, and the row after the last one."""
-    y, reach, rows = samples.mean[i, 1], samples.reach[i, 1], float(samples.start.size - 1)
-    first, last = max(0.0, min(rows, y - reach)), max(0.0, min(rows, y + reach))
-    return int(np.floor(first)), int(np.ceil(last))
-
-
-@_kernel
-def _of_row(samples, i, row):
-    """Return the range of the samples that the i-th Gaussian may reach in a row.
-
-    The first result is the index of the first such sample. The second result is one more than the
-    index of the last such sample.
-    """
-    mean, reach, whitening = samples.mean, samples.reach, samples.whitening
-    w11, w21, w22 = whitening[i, 0], whitening[i, 1], whitening[i, 2]
-    # The interval left..right must contain the Gaussian at every height in the row. Within the row,
-    # the Gaussian is widest at the height nearest to the mean, so the interval has at least this
-    # width. A tilted Gaussian also has its centre at a different x at each height. So the interval
-    # is widened at each end by the distance in x between the centre at the middle of the row and
-    # the centre at an edge of the row.
-    across, v = w11 * w11 + w21 * w21, row + 0.5 - mean[i, 1]
-    ridge, near = -w21 * w22 / across, min(1.0, max(0.0, abs(v) - 0.5) / reach[i, 1])
-    half = _RADIUS * np.sqrt((1 - near * near) / across) + 0.5 * abs(ridge)
-    left = mean[i, 0] + max(ridge * v - half, -reach[i, 0])
-    right = mean[i, 0] + min(ridge * v + half, reach[i, 0])
-    begin, end = samples.start[row], samples.start[row + 1]
-    first = np.searchsorted(samples.place[begin:end, 0], left)
-    last = np.searchsorted(samples.place[begin:end, 0], right)
-    return begin + first, begin + max(first, last)
-
-
-@_kernel
-def _alpha(samples, i, at):
-    """Return the falloff of the i-th Gaussian at the sample `at`.
-
-    The falloff is interpolated linearly in a table.
-    """
-    mean, whitening, place = samples.mean, samples.whitening, samples.place
-    u, v = place[at, 0] - mean[i, 0], place[at, 1] - mean[i, 1]
-    across, along = whitening[i, 0] * u, whitening[i, 1] * u + whitening[i, 2] * v
-    step = (across * across + along * along) * (_STEPS / _RADIUS**2)
-    if step >= _STEPS:
-        return 0.0
-    k = int(step)
-    return _FALLOFF[k] + (step - k) * (_FALLOFF[k + 1] - _FALLOFF[k])
+        patterns = patterns[::-1]
+    return np.concatenate(order)

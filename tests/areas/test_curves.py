@@ -24,11 +24,10 @@ def rms(values) -> float:
 def merged(points, start, rate: float):
     """Return the segments that are left of pieces of an open polyline, and which are curved."""
     start = np.array(start)
-    segment, curved = np.empty((len(start) - 1, 4, 2)), np.empty(len(start) - 1, bool)
-    count = merge_pieces(
-        points, np.ones(len(points)), start, False, segment, curved, False, 1 / 32, rate, 1e-4
+    empty = np.empty((len(start) - 1, 4, 2)), np.empty(len(start) - 1, bool)
+    return merge_pieces(
+        points, np.ones(len(points)), start, False, *empty, False, 1 / 32, rate, 1e-4
     )
-    return segment[:count], curved[:count]
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -11,9 +11,14 @@ from with_torch import torch
 from gauss2svg.photo.pixels import over
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render, render_rgba
-from gauss2svg.render.areas import _add_fill, coverage_of, draw_areas, ground_of
-from gauss2svg.render.coverage import SAGITTA, edge_count
-from gauss2svg.render.coverage_reference import coverage_gradient, polygon_of, winding
+from gauss2svg.render.areas import _add_path, coverage_of, draw_areas, ground_of
+from gauss2svg.render.coverage_reference import (
+    SAGITTA,
+    counts_of,
+    coverage_gradient,
+    polygon_of,
+    winding,
+)
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import ABOVE, OVER, PLAIN, SOFT, Scene
 from gauss2svg.scene.areas import CAPS, Area, LinearGradient, Outline, RadialGradient
@@ -53,16 +58,7 @@ def moved(outline: Outline, matrix, offset) -> Outline:
 
 @given(st.lists(outlines(), min_size=1, max_size=2))
 def test_kernels_cover_what_the_polygons_cover(paths):
-    polygons = [
-        polygon_of(
-            path,
-            [
-                edge_count.py_func(*pair, 0.0)
-                for pair in zip(path.segments, path.curved, strict=True)
-            ],
-        )
-        for path in paths
-    ]
+    polygons = [polygon_of(path, counts_of(path)) for path in paths]
     exact = np.minimum(abs(winding(polygons, *BOX)), 1)
     np.testing.assert_allclose(coverage_of(Area(tuple(paths), BLACK), *BOX), exact, atol=1e-9)
 
@@ -181,7 +177,7 @@ def test_points_that_are_no_numbers_cover_nothing():
     # An Outline refuses them, but a solver that calls the kernels may return them.
     sums = np.zeros((8, 13))
     segments = np.tile([[np.nan, 1], [np.nan, 2], [np.nan, 4], [np.nan, 6.5]], (2, 1, 1))
-    _add_fill(sums, segments, np.array([True, False]), 0.0, 0.0)
+    _add_path(8, 11, 0.0, 0.0, sums, 2, segments, np.array([True, False]), True, 0.0, 0)
     assert not sums.any()
 
 
