@@ -51,7 +51,7 @@ def main() -> None:
     for name in names:
         first, *rest = frames(name)
         before, refined = run(first)[0], []
-        run(rest[0], start=before.scene)  # compiles
+        run(rest[0], start=before.scene)
         for frame in rest:
             before, costs = run(frame, start=before.scene)
             refined.append(costs)

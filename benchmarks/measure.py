@@ -249,12 +249,8 @@ def files_of(
     here = f"now={Path(__file__).resolve().parents[1]}"
     trees = dict(tree.split("=", 1) for tree in given.tree or [here])
     threads = ["--threads", "1"] if given.workers > 1 else []
-    for label, tree in trees.items():  # compile before any clock runs
+    for label in trees:
         (folder / label).mkdir(exist_ok=True)
-        warm = folder / label / "warm.png"
-        eight_bits(np.pad(np.ones((16, 16, 3)), ((8, 8), (8, 8), (0, 0)))).save(warm)
-        run(tree, ["--gaussians", "9"], warm, warm.with_suffix(""))
-        run(tree, ["--areas", "always"], warm, warm.with_suffix(".areas"))
     with ThreadPoolExecutor(given.workers) as pool:
         jobs = []
         for picture, options in product(chosen, sets):

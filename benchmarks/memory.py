@@ -2,8 +2,7 @@
 
     python benchmarks/memory.py [--quick]
 
-Each row is a process of its own that vectorises a synthetic photo, after the kernels have been
-compiled; its peak resident size is read from /proc (Linux). --quick skips photos of more than a
+Each row is a process of its own that vectorises a synthetic photo; its peak resident size is read from /proc (Linux). --quick skips photos of more than a
 megapixel.
 """
 
@@ -25,8 +24,6 @@ from gauss2svg.photo.load import header_of
 from gauss2svg.pipeline.budgets import load_of
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.run import compile_kernels
-from gauss2svg.scene import BLENDS
 
 _RUN = """
 import json, sys
@@ -93,8 +90,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--quick", action="store_true")
     quick = parser.parse_args().quick
-    for blend in BLENDS:
-        compile_kernels(blend=blend)
     print(head(["photo, px", "options", "fit, px", "peak, MB", "estimate, MB", "ratio"]))
     with tempfile.TemporaryDirectory() as folder:
         for (width, height), options in CASES:

@@ -4,10 +4,9 @@
 
 The script unpacks commit OLD into a folder, runs both packages as programs on the same pictures,
 and prints which files are equal byte for byte. For an SVG that is not it prints the PSNR against
-the picture, the bytes and the CPU seconds of both. A run that compiled kernels is repeated, so
-that its CPU seconds have no compilation.
+the picture, the bytes and the CPU seconds of both.
 
-FOLDER keeps the commit, the compiled kernels and the files of both; by default it is temporary.
+FOLDER keeps the commit and the files of both; by default it is temporary.
 The exit status is 1 if a run fails, if a plate or an outline differs beside an equal SVG, or if a
 PSNR differs by more than 0.02 dB or their mean by 0.005.
 """
@@ -37,7 +36,7 @@ from skimage import data
 from gauss2svg.raster import rasterize
 
 ROOT = Path(__file__).resolve().parents[1]
-MAX_DB, MAX_MEAN_DB = 0.02, 0.005  # a recompiled kernel may change last digits, not pictures
+MAX_DB, MAX_MEAN_DB = 0.02, 0.005
 RENDERERS = {"blur": "chromium"}  # resvg draws these SVGs wrongly
 
 # The command of each case. None has a time limit, because its result would depend on the clock.
@@ -76,7 +75,7 @@ class Side:
     """One of the two packages.
 
     tree  folder that has the package `gauss2svg`
-    work  folder for its compiled kernels and for the files of each case
+    work  folder for the files of each case
     """
 
     tree: Path
@@ -84,18 +83,14 @@ class Side:
 
     def run(self, case: str, pictures: Path) -> tuple[dict[str, bytes], float]:
         """Return the files of a case by their names, and the CPU seconds of its process."""
-        kernels, folder = self.work / "kernels", self.work / case
-        paths = {"PYTHONPATH": str(self.tree), "NUMBA_CACHE_DIR": str(kernels)}
+        folder, paths = self.work / case, {"PYTHONPATH": str(self.tree)}
         command = [sys.executable, "-m", "gauss2svg", *CASES[case].split(), "-o", "-", "--quiet"]
-        while True:
-            shutil.rmtree(folder, ignore_errors=True)
-            shutil.copytree(pictures, folder)
-            compiled, before = set(kernels.rglob("*.nbc")), cpu_s()
-            with (folder / "out.svg").open("wb") as out:
-                subprocess.run(command, cwd=folder, env=os.environ | paths, stdout=out, check=True)
-            used_s = cpu_s() - before
-            if compiled == set(kernels.rglob("*.nbc")):
-                break
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(pictures, folder)
+        before = cpu_s()
+        with (folder / "out.svg").open("wb") as out:
+            subprocess.run(command, cwd=folder, env=os.environ | paths, stdout=out, check=True)
+        used_s = cpu_s() - before
         written = {p.name for p in folder.iterdir()} - {p.name for p in pictures.iterdir()}
         return {name: (folder / name).read_bytes() for name in sorted(written)}, used_s
 

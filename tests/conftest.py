@@ -15,9 +15,6 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-# Two threads also on one core, so that the tests of thread counts have two to compare;
-# numba reads it on import.
-os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 # As gauss2svg.render.tiles does, which is too late where a test module imports torch first.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
@@ -34,6 +31,7 @@ from skimage import data
 from gauss2svg.errors import RendererError
 from gauss2svg.measure import Scores
 from gauss2svg.raster import RENDERERS, rasterize, rasterize_rgba
+from gauss2svg.render import tiles
 
 
 def pytest_addoption(parser):
@@ -147,14 +145,16 @@ def browser() -> None:
     needs("chromium")
 
 
+# Two threads also on one core, so that the tests of thread counts have two to compare.
+tiles.CORES = max(2, tiles.CORES)
+
+
 @pytest.fixture
 def threads_given_back() -> Iterator[None]:
-    """For tests that set numba's number of threads."""
-    import numba
-
-    before = numba.get_num_threads()
+    """For tests that set the number of threads."""
+    before = tiles.threads
     yield
-    numba.set_num_threads(before)
+    tiles.threads = before
 
 
 @pytest.fixture

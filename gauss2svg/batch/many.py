@@ -246,7 +246,7 @@ class Batch:
 
 @contextmanager
 def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iterator[_Engine]:
-    """Compile the kernels, and yield worker processes of this machine.
+    """Yield worker processes of this machine.
 
     If `workers` is None, there are as many processes as cores. But if the options set a number of
     threads for each process, there are only so many processes that their threads together are no
@@ -255,10 +255,9 @@ def _on_this_machine(options: Options, workers: int | None, photos: int) -> Iter
     max_memory if that is larger. If max_memory is not set, the memory that a single run could take
     is shared equally by the processes.
     """
-    from gauss2svg.pipeline.budgets import load_of  # imports numba, which takes a while
-    from gauss2svg.pipeline.run import compile_kernels, thread_count
+    from gauss2svg.pipeline.budgets import load_of
+    from gauss2svg.pipeline.run import thread_count
 
-    compile_kernels(options.fit.blend)
     usual = Header(4000, 3000, has_alpha=False)  # 12 megapixels, like a photo from a camera
     cores, needed = thread_count(None), load_of(Plan(options), usual).bytes
     threads, memory = options.run.threads, options.run.max_memory

@@ -91,7 +91,7 @@ Photo = tuple[str, str]  # path or URL of a photo, and the name of its output
 @cache
 def versions() -> dict[str, str]:
     """Return the versions of packages that must be the same for the command and its workers."""
-    return {"gauss2svg": __version__} | {name: version(name) for name in ("numba", "numpy")}
+    return {"gauss2svg": __version__, "numpy": version("numpy")}
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ STATUS_BAD_INPUT = 2
 _WIDTH = 79
 # --version prints the versions of these packages, and also those of the renderers.
 _PACKAGES = (
-    "numpy", "scipy", "numba", "scikit-image", "pillow", "pyvips", "pi-heif", "svgwrite", "torch",
+    "numpy", "scipy", "scikit-image", "pillow", "pyvips", "pi-heif", "svgwrite", "torch",
     "ssimulacra2", "flip-evaluator",
 )  # fmt: skip
 _HELP_ALL = "--help-all"
@@ -126,13 +126,7 @@ def main(arguments: list[str] | None = None) -> int:
         # Gauss2SvgError.
         drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
-    except (KeyboardInterrupt, SystemError) as error:
-        # If a Ctrl-C comes inside a kernel, numba raises a SystemError. The KeyboardInterrupt is
-        # then the cause or the context of this error.
-        causes = error, error.__cause__, error.__context__
-        interrupt = next((cause for cause in causes if isinstance(cause, KeyboardInterrupt)), None)
-        if interrupt is None:
-            raise
+    except KeyboardInterrupt as interrupt:
         say("interrupted; every file is whole or untouched")
         return status_of(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
 
@@ -147,10 +141,6 @@ def run() -> None:
         gc.set_threshold(1_000_000)
     status = main()
     ignore_signals()
-    # When numba compiles, it runs strings of code by exec(). If a Ctrl-C interrupts such code,
-    # `python -m` will end with SIGINT and not with our exit status, even though the
-    # KeyboardInterrupt was caught. Another exec(), of an empty string, prevents this.
-    exec("")
     sys.exit(status)
 
 

@@ -12,7 +12,6 @@ from gauss2svg.measure import NONE, ON_REQUEST, SCORES, SPACE, TARGETS, decibels
 from gauss2svg.measure.paint import HEAVY_MS
 from gauss2svg.pipeline.options import ALWAYS
 from gauss2svg.pipeline.progress_display import columns
-from gauss2svg.pipeline.run import COMPILED_S
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.svg import MINIMAL, RESPONSIVE
 
@@ -60,7 +59,7 @@ def print_summary(report: dict[str, Any], output: str) -> None:
         "inks": (r["inks"] or "").replace(",", ", "),
         "scores": _scores(r),
         "browser": _painting(r),
-        "time": f"{r['total_s']:.1f} s{_compilation(r['compile_s'])}",
+        "time": f"{r['total_s']:.1f} s",
     }
     _print_table(rows, [("missed", line) for line in r["unreached"]], r["notes"])
 
@@ -106,16 +105,6 @@ def check_table(records: Sequence[dict[str, Any]]) -> str:
         "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows
     )
     return "".join(f"{line}\n" for line in lines)
-
-
-def _compilation(seconds: float) -> str:
-    """Return text on the time that compiling took, or "" if it took at most COMPILED_S seconds."""
-    from gauss2svg.kernel_cache import are_kept
-
-    if seconds <= COMPILED_S:
-        return ""
-    again = "only in the first run" if are_kept() else "set NUMBA_CACHE_DIR to a folder to keep it"
-    return f", of which {seconds:.0f} s compiled the program ({again})"
 
 
 def _enlarged(report: dict[str, Any]) -> str:

@@ -8,10 +8,8 @@ memory can be measured.
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Callable, Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,7 +30,7 @@ from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.photo.load import WHITE_MATTE, header_of, load_image
 from gauss2svg.photo.pixels import over, pixels_of, shrunk
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
+from gauss2svg.pipeline.vectorize import Result, vectorize_by
 from gauss2svg.pool import Pool
 from gauss2svg.processes import held_bytes
 from gauss2svg.svg.file import file_bytes
@@ -69,7 +67,7 @@ class Run(NamedTuple):
     report  measurements, as in the file of the option --report
     raster  pixels of the drawn file, from which the scores were computed
     photo   pixels of the photo at the size of `raster`. The two were compared
-    cost    total_s, cpu_s, other_cpu_s and peak_bytes, and for gauss2svg also warmup_s
+    cost    total_s, cpu_s, other_cpu_s and peak_bytes
     result  result of gauss2svg, or None for another tool
     """
 
@@ -126,22 +124,14 @@ def in_own_process(function: Callable[..., Any], *arguments: Any, timeout_s: flo
         return pool.submit(record_or_error, function, *arguments, timeout=timeout_s).result()
 
 
-# A process warms up once for all its runs with the same settings. The measured time of a run does
-# not include the warm-up.
-_warm_up_once = cache(lambda options_json: warm_up(json.loads(options_json)))
-
-
 def _by_gauss2svg(request: Request) -> Run:
     apply_constants(request["settings"])
     settings = options_in(request["settings"])
     options = Options.from_flat({**settings, **request["options"], "full_size": True})
     read = start_watch()
-    _warm_up_once(json.dumps({**settings, "threads": options.run.threads}))
-    warmup_s = read()["total_s"]
-    read = start_watch()
     result = vectorize_by(options, request["source"])
     # The cost is read here, because it must not include the computation of scores.
-    cost = {**read(), "warmup_s": warmup_s}
+    cost = read()
     memory = request["options"].get("max_memory")
     scores = perceptual_scores(result.raster, result.photo, memory and memory - held_bytes())
     report = {**result.report, "scores": not packages_missing(), **scores.report}

@@ -59,7 +59,7 @@ _COLUMNS = (
     *((f"below by {word}, dB", f"below_{word}_dB", ".2f", 1) for word in _BELOW),
 )
 _COSTS = (
-    Cost("cpu_s", "seconds", "CPU seconds, after a warm-up"),
+    Cost("cpu_s", "seconds", "CPU seconds"),
     # Files are compared by their gzipped sizes, because web servers send SVGs gzipped. This is fair
     # to raster images too, because gzip hardly changes their sizes.
     Cost("svgz_bytes", "bytes", "bytes, gzipped"),

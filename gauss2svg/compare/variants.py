@@ -282,16 +282,14 @@ def _axis(name: str) -> Field:
 
 
 _PACKAGE = Path(__file__).parents[1]
-# Decorators with one of these words let numba compile a function, with the values of constants.
-_COMPILING = re.compile("kernel|jit|intrinsic")
 
 
 def _early_reading(module: str, constant: str) -> str:
     """Return how the package reads a constant of a module before a run sets it, or "".
 
-    A new value would change only a part of the program in four cases: if a module imports the
-    constant by name, if another constant or the bounds of an option are computed from it, if it is
-    the default of a parameter, and if it is compiled into a kernel. The source is read instead of
+    A new value would change only a part of the program in three cases: if a module imports the
+    constant by name, if another constant or the bounds of an option are computed from it, and if it
+    is the default of a parameter. The source is read instead of
     the loaded modules, because some modules are imported only when they are needed.
     """
     target = f"{module}.{constant}"
@@ -310,15 +308,14 @@ def _early_reading(module: str, constant: str) -> str:
             elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
                 first, dot, rest = ast.unparse(node).partition(".")
                 if names.get(first, first) + dot + rest == target:
-                    return f"{reader} reads when it is imported or compiled"
+                    return f"{reader} reads when it is imported"
     return ""
 
 
 def _early_nodes(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the syntax nodes that run when a module is imported, or that numba compiles."""
-    decorators = " ".join(map(ast.unparse, getattr(node, "decorator_list", [])))
+    """Yield the syntax nodes that run when a module is imported."""
     is_function = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-    body = getattr(node, "body", None) if is_function and not _COMPILING.search(decorators) else []
+    body = getattr(node, "body", None) if is_function else []
     yield node
     for child in ast.iter_child_nodes(node):
         if child is not body and child not in (body if isinstance(body, list) else ()):

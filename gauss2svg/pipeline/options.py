@@ -262,7 +262,7 @@ OPTIONS = {field.name: key for key, group in GROUPS.items() for field in fields_
 class Progress:
     """The phase in which a run of `vectorize` is, and the state of the fit.
 
-    phase  "read", "compile", "areas" (only with areas), "additive" (only with the option portable),
+    phase  "read", "areas" (only with areas), "additive" (only with the option portable),
            "fit", "write", "correct" or "measure". "correct" and then "write" come again for each
            correction of the number of Gaussians, and so do "areas" and "write" for each file that
            is over the limit of bytes. "measure" comes at the end. If there is a target, it also

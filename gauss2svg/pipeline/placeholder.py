@@ -175,7 +175,7 @@ def placeholder(
         photo = run.read(image, needed=_size_read)
         pixels = pixels_of(photo)
         subject, has_areas = Subject.of(pixels, photo.original_size), may_have_areas(pixels)
-        with run.compiled(areas=has_areas):
+        with run.threaded():
             found = ByBytes(plan, subject, run, count).file()
             if has_areas and not run.ended:
                 share = len(found.svg.encode()) / count(found.svg)

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 _PHASES = {
     "read": "reading the photo",
-    "compile": "loading the program, which the first run compiles",
     "areas": "finding areas",
     "fit": "fitting",
     "write": "writing the SVG",
@@ -135,7 +134,7 @@ class FrameMaker:
         started, cpu_started = time.perf_counter(), time.process_time()
         if started < self._due or cpu_started < self._cpu_due:
             return b""
-        from gauss2svg.render import as_jpeg  # imported here because it imports numba
+        from gauss2svg.render import as_jpeg
 
         data = as_jpeg(scene(), **self._size)
         cpu_ended = time.process_time()

@@ -72,8 +72,7 @@ def run_report(
         "gradients": svg.count("<radialGradient") + svg.count("<linearGradient"),
         "area_share": 0.0 if found is None else found.explained,
         "stop_reason": fitted.stop_reason,
-        "unreached": [*unreached(plan, outcome, total_s - run.first_s)],
-        "compile_s": run.compile_s,
+        "unreached": [*unreached(plan, outcome, total_s)],
         "fit_s": fitted.wall_s,
         "fit_cpu_s": fitted.cpu_s,
         "area_find_s": 0.0 if found is None else found.find_s,
@@ -178,7 +177,7 @@ def unreached(plan: Plan, outcome: Outcome, seconds: float) -> Iterator[str]:
 @cache  # reading the versions from the disk takes as long as a fit of a thumbnail
 def _versions() -> dict[str, str]:
     found = {"gauss2svg": __version__, "python": platform.python_version()}
-    names = ["numpy", "numba", "scipy", "scikit-image", "torch", "svgwrite", "resvg_py", "CairoSVG"]
+    names = ["numpy", "scipy", "scikit-image", "torch", "svgwrite", "resvg_py", "CairoSVG"]
     for name in (*names, *(score.package for score in SCORES if score.package)):
         # A package that is not installed is left out. It may belong to an extra.
         with suppress(PackageNotFoundError):

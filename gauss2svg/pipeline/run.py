@@ -1,32 +1,20 @@
-"""A run: its progress, its threads, its memory, and the reading of its photo.
-
-The kernels are compiled before the fit, so that the progress shows the compilation as a phase of
-its own, and the time of the fit does not include it.
-"""
+"""A run: its progress, its threads, its memory, and the reading of its photo."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from functools import cache
-
-import numpy as np
-from numba import get_num_threads, set_num_threads
-from numba.core import config
 
 from gauss2svg.errors import refusal
-from gauss2svg.fit import FitOptions, FitProgress
-from gauss2svg.fit.adam import blending_of, step
-from gauss2svg.fit.placement import components_of
-from gauss2svg.fit.state import State
+from gauss2svg.fit import FitProgress
 from gauss2svg.options import Field
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
 from gauss2svg.photo.pixels import Photo, SizeNeeded, reduced_size
 from gauss2svg.pipeline.budgets import TimeBudget, check_decoding, memory_limit
 from gauss2svg.pipeline.options import Progress, ProgressCallback, RunOptions
-from gauss2svg.render.cpu import kernel_lock, splats_of, squared_error
-from gauss2svg.scene import ADD, OVER, Scene
+from gauss2svg.render import tiles
+from gauss2svg.render.cpu import kernel_lock
 
 
 def watched(
@@ -54,7 +42,6 @@ class Run:
     started     value of time.perf_counter() when the run began. None: now
     threads     number of threads
     most_bytes  largest memory in bytes that the run may take
-    compile_s   seconds that the run has spent on compiling or loading kernels
     budget      time budget of the run
     reduced_bytes  Header.reduced_bytes of the photo, None before the photo is read
     ended       whether `stop` has ended the run
@@ -74,7 +61,7 @@ class Run:
                 raise refusal(name, "a function", type(function).__name__)
         self.threads = thread_count(options.threads)
         self.most_bytes = memory_limit(options.max_memory)
-        self.compile_s, self.ended, self.budget = 0.0, False, TimeBudget()
+        self.ended, self.budget = False, TimeBudget()
         self.reduced_bytes: int | None = None
         self._stop, self._progress, self._max_pixels = stop, progress, options.max_pixels
 
@@ -110,35 +97,18 @@ class Run:
         return load_image(image, max_pixels=self._max_pixels, matte=matte, needed=needed)
 
     @contextmanager
-    def compiled(self, blend: str = OVER, areas: bool = False) -> Iterator[None]:
-        """Compile the kernels of the run, and let numba use its threads in the block.
+    def threaded(self) -> Iterator[None]:
+        """Let the kernels use the threads of the run in the block.
 
-        blend  blend mode of the Gaussians
-        areas  whether the run finds areas
         Only one thread of a process can be in such a with block. If other threads have runs too,
         they wait here until it has left the block.
         """
         with kernel_lock:
-            before = get_num_threads()
-            set_num_threads(self.threads)
+            before, tiles.threads = tiles.threads, self.threads
             try:
-                self.notify("compile")
-                begun = time.perf_counter()
-                compile_kernels(blend)
-                if areas:
-                    compile_areas()
-                self.compile_s += time.perf_counter() - begun
                 yield
             finally:
-                set_num_threads(before)
-
-    @property
-    def first_s(self) -> float:
-        """Seconds that the first compilation of the kernels took, 0 if they were only loaded.
-
-        These seconds do not count for a time limit.
-        """
-        return self.compile_s if self.compile_s > COMPILED_S else 0.0
+                tiles.threads = before
 
 
 def thread_count(count: int | None) -> int:
@@ -146,51 +116,4 @@ def thread_count(count: int | None) -> int:
 
     Raise InputError if `count` is larger than the number of cores.
     """
-    most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
-    return most if count is None else Field("threads", int, 1, most).checked(count)
-
-
-# If a run spends more seconds than this on getting the kernels, it is assumed to compile them.
-# Loading them from the cache on disk takes only a fraction of a second.
-COMPILED_S = 2.0
-
-
-@cache
-def compile_kernels(blend: str = OVER) -> None:
-    """Compile every kernel that a run with this blend needs.
-
-    This takes a few seconds in the first run on a machine, and some seconds more in the first
-    additive run. numba caches the kernels on disk, so that later processes load them in a quarter
-    of a second.
-    """
-    if blend != OVER:  # an additive run may write a portable file, which needs both blends
-        compile_kernels(OVER)
-    shape = np.full((1, 2), 2.0), np.ones((1, 2)), np.zeros(1), np.full((1, 3), 0.5), np.ones(1)
-    scene = Scene(4, 4, *shape, blend=blend)
-    splats = splats_of(scene)
-    moments = squared_error(splats, np.zeros((3, 4, 4), np.float32))[2]
-    step(State.of_scene(scene), moments, splats, blending_of(FitOptions()), 4.0)
-    components_of(np.zeros((4, 4), np.int32))
-    # Writing an additive scene needs more kernels, so one is written to compile them.
-    if blend == ADD:
-        from gauss2svg.svg.write import write_svg
-
-        write_svg(scene)
-
-
-@cache
-def compile_areas() -> None:
-    """Compile every kernel that a run needs to find and to draw areas and lines."""
-    # These are imported here because few runs have areas.
-    from gauss2svg.areas.clean import LEAST_NOISE, cleaned
-    from gauss2svg.areas.find import find_areas
-    from gauss2svg.render import render
-
-    # A disc and a line that leaves the picture, with antialiased edges and in colours that mix.
-    y, x = np.mgrid[:24, :24] + 0.5
-    disc = np.clip(6.5 - np.hypot(x - 9, y - 9), 0, 1)
-    line = np.clip(1.5 - np.abs(x - y - 9), 0, 1)
-    picture = np.ones((24, 24, 3)) - disc[..., None] * [0.9, 0.2, 0.1] - 0.8 * line[..., None]
-    picture = np.clip(picture, 0, 1).astype(np.float32)
-    cleaned(picture, LEAST_NOISE)
-    render(Scene(24, 24, areas=find_areas(picture).areas))
+    return tiles.CORES if count is None else Field("threads", int, 1, tiles.CORES).checked(count)

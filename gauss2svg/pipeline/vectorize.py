@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Never
 
@@ -227,7 +227,7 @@ def vectorize_by(
     del photo  # frees the photo's pixels, which may be many
     side = max(load.fit) / elongation(*load.fit)
     plan = dataclasses.replace(plan, fit_side=side).for_picture(pixels)
-    with run.compiled(plan.options.fit.blend, plan.in_areas and sprite is None):
+    with run.threaded():
         outcome = best_of(_outcomes(plan, run, subject, sprite), plan)
     subject.release()
     # Every search prunes its file until it is within the limit. So this one has no shapes left.
@@ -302,7 +302,7 @@ def _outcomes(plan: Plan, run: Run, subject: Subject, sprite: Sprite | None) -> 
     if limit is not None:
         if plan.in_areas:
             subject = subject.reduced(AREA_PIXELS_A_SECOND * limit)
-        deadline, renderer = run.started + run.first_s + limit, plan.options.run.renderer
+        deadline, renderer = run.started + limit, plan.options.run.renderer
         pixels, measured = math.prod(subject.size), math.prod(subject.photo.shape[:2])
         run.budget = TimeBudget(deadline, pixels, measured, run.threads, steps or STEPS, renderer)
     if sprite is not None:
@@ -333,14 +333,3 @@ def _result(plan: Plan, run: Run, photo: Photo, outcome: Outcome) -> Result:
     report = run_report(plan, photo, outcome, scores, run)
     svg, scene = outcome.file.svg, outcome.file.scene
     return Result(svg, scene, report, raster, subject.photo, subject.document)
-
-
-def warm_up(given: Mapping[str, Any]) -> Result:
-    """Vectorise noise in two steps of a fit, so that later runs find the kernels loaded.
-
-    given  options of the run by name
-    """
-    noise = np.random.default_rng(0).random((32, 32, 3))
-    options = Options.from_flat(given)
-    options = options.changed(iterations=2)
-    return vectorize_by(options, noise)

@@ -130,7 +130,7 @@ def fast_composite(
     width: int,
     beta: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """Return the image of gauss2svg.render.reference.composite, computed by the numba kernels.
+    """Return the image of gauss2svg.render.reference.composite, computed by the kernels.
 
     The tensors must be on the CPU, and may have any floating dtype. The image (height, width, 3) is
     float64 if all tensors are float64, else float32. The background is one colour, or a picture
@@ -154,7 +154,7 @@ def fast_accumulate(
     height: int,
     width: int,
 ) -> torch.Tensor:
-    """Return the image of gauss2svg.render.reference.accumulate, computed by the numba kernels.
+    """Return the image of gauss2svg.render.reference.accumulate, computed by the kernels.
 
     `fast_composite` describes the tensors, the gradients and the errors.
     """

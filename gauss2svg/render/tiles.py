@@ -16,6 +16,7 @@ run them at the same time.
 """
 
 import os
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import NamedTuple
@@ -37,8 +38,9 @@ _list_pairs = Kernel(
 )
 
 _pool: ThreadPoolExecutor
-# Number of threads that in_shares uses. Only Run changes it, which holds the lock of the kernels.
-threads = os.cpu_count() or 1
+# Number of cores that this process may use.
+CORES = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+threads = CORES  # threads that in_shares uses. Only Run changes it, under the lock of the kernels
 
 
 def _make_pool() -> None:

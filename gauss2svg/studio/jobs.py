@@ -24,7 +24,7 @@ from typing import Any
 from starlette.exceptions import HTTPException
 
 from gauss2svg.pool import Pool
-from gauss2svg.studio.worker import fit, warm
+from gauss2svg.studio.worker import fit, load
 
 MOST_WAITING = 32  # largest number of jobs in the queue
 MOST_KEPT = 1000  # largest number of finished jobs that are kept. The oldest are removed first
@@ -145,9 +145,9 @@ class Jobs:
             self.forget(job)
 
     def start(self) -> None:
-        """Start the workers, and let each of them warm up."""
+        """Start the workers, and let each of them load what it needs."""
         for _ in range(self.workers):
-            self._pool.submit(warm)
+            self._pool.submit(load)
 
     def make_space(self) -> None:
         """Make space for another job: forget the oldest finished jobs if there are too many.

@@ -26,8 +26,7 @@ from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.options import Options, Progress
 from gauss2svg.pipeline.plan import USUAL_BYTES, Plan
 from gauss2svg.pipeline.progress_display import FrameMaker
-from gauss2svg.pipeline.vectorize import Result, vectorize_by, warm_up
-from gauss2svg.render import as_jpeg
+from gauss2svg.pipeline.vectorize import Result, vectorize_by
 from gauss2svg.svg import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
@@ -42,9 +41,8 @@ class _CanceledError(Exception):
     """The exception that ends the fit of a canceled job."""
 
 
-def warm() -> None:
-    """Load the kernels, run a small fit and draw a frame, so that the first job starts quickly."""
-    as_jpeg(warm_up({"quality": "draft"}).scene)
+def load() -> None:
+    """Do nothing. The process that is asked to has then loaded this module, and so can fit."""
 
 
 def fit(request: Mapping[str, Any]) -> dict[str, str]:

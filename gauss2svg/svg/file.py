@@ -333,7 +333,7 @@ def picture(scene: Scene) -> str:
 
     The JPEG has about 50 kB, whatever the number of Gaussians.
     """
-    # Imported here because it imports numba, which is slow to import and seldom needed.
+    # Imported here because it is seldom needed.
     from gauss2svg.render import as_jpeg
 
     return image(as_jpeg(scene), "image/jpeg", repr(scene))

@@ -140,7 +140,7 @@ def test_svg_and_report_are_those_of_the_command_line(gallery, tmp_path):
     one, other = (json.loads(p.read_text()) for p in (tmp_path / "x.json", made["report"]))
     assert one.keys() == other.keys()
     assert {key for key in one if one[key] != other[key]} <= {
-        "compile_s", "fit_s", "fit_cpu_s", "total_s", "threads", "max_memory", "max_pixels",
+        "fit_s", "fit_cpu_s", "total_s", "threads", "max_memory", "max_pixels",
         "full_size",  # of a gallery always
     }  # fmt: skip
 

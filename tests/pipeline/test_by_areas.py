@@ -2,10 +2,7 @@
 
 import dataclasses
 import itertools
-import os
 import re
-import subprocess
-import sys
 import tracemalloc
 
 import numpy as np
@@ -150,7 +147,7 @@ def test_every_phase_is_told_and_the_forming_picture_has_the_areas():
     seen = []
     result = gauss2svg.vectorize(DRAWING, svg=SvgOptions(areas="always"), progress=seen.append)
     phases = list(dict.fromkeys(now.phase for now in seen))
-    assert phases == ["read", "compile", "areas", "write", "measure"]
+    assert phases == ["read", "areas", "write", "measure"]
     states = [now.fit for now in seen if now.fit is not None]
     assert all(before.done < after.done for before, after in itertools.pairwise(states))
     assert states[-1].scene().areas
@@ -494,31 +491,3 @@ def test_a_photo_in_a_poster_is_one_area_below_gaussians():
     assert psnr(result.raster[photo], poster[photo]) > psnr(areas[photo], poster[photo]) + 10
     assert 255 * np.abs(result.raster - poster)[page].max() < 5
     assert result.report["psnr_svg"] > 35.2  # as close as the preset asks for without areas
-
-
-@pytest.mark.process
-def test_every_kernel_is_compiled_before_the_search():
-    code = """
-import sys
-from gauss2svg.pipeline.run import compile_areas, compile_kernels
-from numba.core.dispatcher import Dispatcher
-import test_by_areas as pictures
-
-def signatures():
-    return {
-        (name, one): len(value.signatures) for name, module in list(sys.modules.items())
-        if name.startswith("gauss2svg.") for one, value in vars(module).items()
-        if isinstance(value, Dispatcher)
-    }
-
-compile_kernels()
-compile_areas()
-before = signatures()
-for picture in (pictures.DRAWING, pictures.CLEAR, pictures.SHADED):
-    pictures.vectorize(picture, areas="always")
-print(*[one for one, count in signatures().items() if before.get(one) != count])
-"""
-    paths = os.pathsep.join([*sys.path, os.path.dirname(__file__)])
-    command, env = [sys.executable, "-c", code], {**os.environ, "PYTHONPATH": paths}
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=env)
-    assert done.stdout.strip() == ""

@@ -22,7 +22,6 @@ from gauss2svg.pipeline import budgets as memory
 from gauss2svg.pipeline.budgets import Load, free_bytes, load_of, memory_limit, size_that_fits
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.run import compile_kernels
 
 SIDES, COUNTS = st.integers(1, 20_000), st.integers(0, 50_000)
 LOADS = st.builds(
@@ -82,7 +81,6 @@ def test_size_is_the_largest_that_fits(load, limit):
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("given", [{}, {"max_size": 2100, "inks": "#000,#f00,#fff"}])
 def test_estimate_is_over_what_a_process_takes_but_not_by_far(given, tmp_path):
-    compile_kernels()
     options = Options.from_flat({**given, "gaussians": 300, "iterations": 3})
     path = tmp_path / "photo.png"
     Image.new("RGB", (2100, 1400), (200, 100, 50)).save(path)

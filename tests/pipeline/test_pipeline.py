@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from conftest import needs
 from flat import fit_config, vectorize
-from numba import get_num_threads
 
 from gauss2svg import quantize
 from gauss2svg.errors import RendererError
@@ -15,6 +14,7 @@ from gauss2svg.fit.population import composited
 from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
+from gauss2svg.render import tiles
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.svg.write import write_svg
 
@@ -67,15 +67,15 @@ def test_every_option_reaches_the_fit(photo, result, change):
 
 def test_phases_come_in_order_on_the_threads_that_were_asked_for(photo, capfd):
     """And nothing is printed."""
-    seen, before = [], get_num_threads()
+    seen, before = [], tiles.threads
     report = vectorize(
-        photo, threads=1, progress=lambda p: seen.append((p.phase, get_num_threads())), **QUICK
+        photo, threads=1, progress=lambda p: seen.append((p.phase, tiles.threads)), **QUICK
     ).report
     phases, threads = zip(*seen, strict=True)
-    assert list(dict.fromkeys(phases)) == ["read", "compile", "fit", "write", "measure"]
+    assert list(dict.fromkeys(phases)) == ["read", "fit", "write", "measure"]
     assert phases.count("fit") == QUICK["iterations"]
     assert set(threads[1:]) == {report["threads"]} == {1}
-    assert get_num_threads() == before
+    assert tiles.threads == before
     assert capfd.readouterr() == ("", "")
 
 

@@ -6,12 +6,11 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import pytest
 from flat import vectorize
 from scenes import random_scene
 
-from gauss2svg.render import render
+from gauss2svg.render import render, tiles
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.render.tiles import in_shares
 
@@ -22,7 +21,7 @@ pytestmark = pytest.mark.filterwarnings("default::DeprecationWarning")  # of for
 def test_shares_are_done_at_the_same_time_and_an_exception_is_raised_at_the_end(
     threads_given_back, failing
 ):
-    numba.set_num_threads(2)
+    tiles.threads = 2
     both, done = threading.Barrier(2, timeout=20), []
 
     def work(share, shares):
@@ -39,7 +38,7 @@ def test_shares_are_done_at_the_same_time_and_an_exception_is_raised_at_the_end(
 @pytest.mark.posix
 @pytest.mark.parametrize("loss", ["mse", "l1+ssim"])
 def test_a_forked_process_renders_and_fits_with_threads_of_its_own(loss, threads_given_back, photo):
-    numba.set_num_threads(2)
+    tiles.threads = 2
     scene, pixels = random_scene(2000, 200, 160, 1), photo[:40, :40]  # enough for two shares
     options = {"gaussians": 9, "iterations": 9, "loss": loss}
     expected, svg = render(scene), vectorize(pixels, **options).svg
@@ -65,7 +64,7 @@ def forked(holds):
 
 @pytest.mark.posix
 def test_callers_that_begin_at_once_in_a_new_process_share_one_pool(threads_given_back):
-    numba.set_num_threads(2)
+    tiles.threads = 2
 
     def is_one_pool():
         begin, threads = threading.Barrier(8, timeout=20), set()
@@ -75,7 +74,7 @@ def test_callers_that_begin_at_once_in_a_new_process_share_one_pool(threads_give
             in_shares(lambda *_: threads.add(threading.current_thread()), 2)
 
         sys.setswitchinterval(1e-6)  # so that a pool is likely made between two steps of another
-        with ThreadPoolExecutor(8, "caller", lambda: numba.set_num_threads(2)) as callers:
+        with ThreadPoolExecutor(8, "caller") as callers:
             list(callers.map(call, range(8)))
         return len({thread.name for thread in threads}) == len(threads)
 

@@ -124,7 +124,7 @@ def test_signal_that_a_callback_loses_ends_a_command_before_what_comes_next(
         ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(number))()
         return 0.0
 
-    monkeypatch.setattr("gauss2svg.pipeline.run.compile_kernels", lose)
+    monkeypatch.setattr("gauss2svg.pipeline.run.Run.notify", lose)
     assert main(command) == STATUS[number]
     assert Path("out.svg").read_text() == "old"
     Path("out.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"/>')
@@ -160,24 +160,15 @@ def handles_signals(process):
 
 @pytest.mark.process
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.parametrize(
-    ("number", "is_compiling"), [(signal.SIGINT, True), (signal.SIGTERM, False)]
-)
-def test_a_process_that_only_a_signal_ends_leaves_whole_files(
-    number, is_compiling, command, tmp_path
-):
+@pytest.mark.parametrize("number", STATUS)
+def test_a_process_that_only_a_signal_ends_leaves_whole_files(number, command, tmp_path):
     command[command.index("20")] = "1000000"
     options = ["--outline", "outline.svg", "--save-scene", "scene.npz", "--preview", "preview.png"]
-    for name in ("temporary", "kernels"):
-        Path(name).mkdir()
+    Path("temporary").mkdir()
     environment = os.environ | {"TMPDIR": str(tmp_path / "temporary")}
-    if is_compiling:
-        environment["NUMBA_CACHE_DIR"] = str(tmp_path / "kernels")
     words = [sys.executable, "-P", "-m", "gauss2svg", *command, *options]
     with subprocess.Popen(words, env=environment, stderr=subprocess.PIPE, text=True) as process:
-        while not (
-            list(Path("kernels").rglob("*.nbc")) if is_compiling else handles_signals(process)
-        ):
+        while not handles_signals(process):
             with pytest.raises(subprocess.TimeoutExpired):
                 process.wait(0.01)
         process.send_signal(number)
@@ -188,4 +179,4 @@ def test_a_process_that_only_a_signal_ends_leaves_whole_files(
     assert new == ([] if line == UNTOUCHED else list(WHOLE))
     for name in new:
         WHOLE[name](Path(name))
-    assert set(os.listdir()) <= WHOLE.keys() | {"photo.png", "temporary", "kernels"}
+    assert set(os.listdir()) <= WHOLE.keys() | {"photo.png", "temporary"}

@@ -24,7 +24,7 @@ from gauss2svg.errors import OutputError, on_one_line
 from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure import ON_REQUEST, PSNR, SCORES, Score, heatmap
 from gauss2svg.pipeline.budgets import memory_limit
-from gauss2svg.pipeline.run import compile_kernels, thread_count
+from gauss2svg.pipeline.run import thread_count
 from gauss2svg.pool import Pool
 from gauss2svg.version import __version__
 
@@ -149,10 +149,6 @@ def build_gallery(
         return Gallery(root, **data, kept=grid.kept, absent=absent)
 
     try:
-        if jobs > 1:
-            # The kernels are compiled before the processes start. Otherwise each process would
-            # compile them, because all processes start at the same time.
-            compile_kernels()
         with Pool(jobs) as pool:
             # The photos are prepared first, so that bad photos are reported early.
             for record in grid.run(plan, pool, run.make_photo):
