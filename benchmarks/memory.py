@@ -2,8 +2,8 @@
 
     python benchmarks/memory.py [--quick]
 
-Each row is a process of its own that vectorises a synthetic photo; its peak resident size is read from /proc (Linux). --quick skips photos of more than a
-megapixel.
+Each row is a process of its own that vectorises a synthetic photo; its peak resident size is read
+from /proc (Linux). --quick skips photos of more than a megapixel.
 """
 
 from __future__ import annotations

@@ -144,6 +144,9 @@ def unpack(commit: str, folder: Path) -> None:
         packed = subprocess.run(archive, capture_output=True, check=True).stdout
         with tarfile.open(fileobj=io.BytesIO(packed)) as files:
             files.extractall(folder, filter="data")
+        if (folder / "gauss2svg/core").is_dir():
+            command = [sys.executable, "-m", "gauss2svg.core.build"]
+            subprocess.run(command, cwd=folder, check=True)
 
 
 def compare(commit: str, cases: list[str], work: Path) -> bool:

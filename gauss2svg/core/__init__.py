@@ -65,6 +65,7 @@ class Kernel:
         self._functions: dict[str, Any] = {}
 
     def __call__(self, *arguments: Any) -> int:
+        """Call the function."""
         function, values = self._converted(arguments)
         return function(*values)
 

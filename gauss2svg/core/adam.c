@@ -28,13 +28,12 @@ and q, the step of each is
     d = -rate sqrt(1 - q^age) / (1 - p^age) m / (sqrt(v) + 1e-12).
 
 (Kingma and Ba, "Adam: A Method for Stochastic Optimization", 2015, end of section 2.) */
-API int64_t step_gaussians(
-    int64_t n, const double (*moments)[COLUMNS], const double (*opacity_color)[4],
-    const double (*shape)[11], double (*mean)[2], double (*factor)[3], double *raw_opacity,
-    double (*color)[3], double *raw_beta, double (*m)[COLUMNS], double (*v)[COLUMNS], double *age,
-    const double (*columns)[3], const double decay[2], double by_beta, const double sigmas[3],
-    double rim, double farthest, double price, double rate)
-{
+API int64_t step_gaussians(int64_t n, const double (*moments)[COLUMNS],
+    const double (*opacity_color)[4], const double (*shape)[11], double (*mean)[2],
+    double (*factor)[3], double *raw_opacity, double (*color)[3], double *raw_beta,
+    double (*m)[COLUMNS], double (*v)[COLUMNS], double *age, const double (*columns)[3],
+    const double decay[2], double by_beta, const double sigmas[3], double rim, double farthest,
+    double price, double rate) {
     const double p = decay[0], q = decay[1];
     bool all_finite = true;
     for (int64_t i = 0; i < n; i++) {

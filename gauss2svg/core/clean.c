@@ -69,9 +69,9 @@ cores    (h, w) labels of the pixels of cores, else -1
 colors   (count, 3) at most MOST_COLORS colours of which thin parts may be, beside the cores
 noise    (h, w, 3) height of the noise
 result   (h, w, 3) output. Pixels that are no mixtures keep what it has */
-API void mix_cores(
-    int64_t h, int64_t w, const float (*values)[3], const float (*even)[3], const int32_t *cores,
-    int64_t colors_count, const float (*colors)[3], const float (*noise)[3], float (*result)[3]) {
+API void mix_cores(int64_t h, int64_t w, const float (*values)[3], const float (*even)[3],
+    const int32_t *cores, int64_t colors_count, const float (*colors)[3], const float (*noise)[3],
+    float (*result)[3]) {
     const float *color[MOST_NEAR + MOST_COLORS];
     int64_t names[MOST_NEAR], nearest[MOST_NEAR];
     for (int64_t pixel = 0; pixel < h * w; pixel++) {

@@ -4,8 +4,8 @@ The parameters are the coordinates of all points, x and y in turns, and then the
 A sample is a piece of an outline in one pixel. It has nine derivatives: by the coordinates of the
 four control points of its segment, and by the width of its layer. c counts channels. */
 
-#include "paths.h"
 #include "paints.h"
+#include "paths.h"
 
 enum { ACROSS = 6, DERIVATIVES = 9 }; /* ACROSS: places along the end of a stroke */
 
@@ -19,12 +19,11 @@ opacity, form, place, table  (l,), (l,), (l, 4) and (l, SHADES, c) paints of the
 box, offset  (l, 4) left, top, width and height of a layer in px, and (l,) where its pixels are in
              `cover` (m,) and `below` (m, c)
 sums         buffer for (height, width + 2) of the largest box */
-API void compose_layers(
-    int64_t l, int64_t w, int64_t c, const double (*segment)[4][2], const bool *curved,
-    const int64_t *path_start, const bool *closed, const int64_t *layer_start, const double *width,
-    const int64_t *cap, const double *opacity, const int64_t *form, const double (*place)[4],
-    const float *table, const int64_t (*box)[4], const int64_t *offset, double *sums, float *canvas,
-    float *cover, float *below) {
+API void compose_layers(int64_t l, int64_t w, int64_t c, const double (*segment)[4][2],
+    const bool *curved, const int64_t *path_start, const bool *closed, const int64_t *layer_start,
+    const double *width, const int64_t *cap, const double *opacity, const int64_t *form,
+    const double (*place)[4], const float *table, const int64_t (*box)[4], const int64_t *offset,
+    double *sums, float *canvas, float *cover, float *below) {
     for (int64_t k = 0; k < l; k++) {
         const int64_t x0 = box[k][0], y0 = box[k][1], across = box[k][2], down = box[k][3];
         const Box part = {sums, down, across, at((double)x0, (double)y0)};
@@ -48,9 +47,8 @@ API void compose_layers(
                 memcpy(own_below, pixel, (size_t)c * sizeof *pixel);
                 if (share == 0.0)
                     continue;
-                const float *color = shade(
-                    form[k], place[k], table + k * SHADES * c, c, (double)(x0 + x) + 0.5,
-                    (double)(y0 + y) + 0.5);
+                const float *color = shade(form[k], place[k], table + k * SHADES * c, c,
+                    (double)(x0 + x) + 0.5, (double)(y0 + y) + 0.5);
                 for (int64_t i = 0; i < c; i++)
                     pixel[i] = (float)(pixel[i] + share * (color[i] - opacity[k] * pixel[i]));
             }
@@ -62,8 +60,7 @@ API void compose_layers(
 
 above  (h, w) ones. Changed to the share of each pixel that no layer hides. The other arguments are
        as in compose_layers. */
-API void weigh_layers(
-    int64_t l, int64_t w, int64_t c, const double *opacity, const int64_t *form,
+API void weigh_layers(int64_t l, int64_t w, int64_t c, const double *opacity, const int64_t *form,
     const double (*place)[4], const float *table, const int64_t (*box)[4], const int64_t *offset,
     float *cover, float *below, float *above) {
     for (int64_t k = l - 1; k >= 0; k--) {
@@ -95,12 +92,11 @@ box, offset, weight  (l, 4), (l,) and (m, c) of the layers, as weigh_layers writ
 pixel, owner  (n,) outputs: pixel y * w + x, and segment
 jacobian (n, 9) output: derivatives of the pixel's coverage
 weights  (n, c) output: derivative of the pixel by its coverage */
-API int64_t list_samples(
-    int64_t k, int64_t w, int64_t c, const double (*segment)[4][2], const bool *curved,
-    const int64_t *count, const bool *is_first, const bool *is_last, const int64_t *layer_of,
-    const double *sign, const double *width, const int64_t (*box)[4], const int64_t *offset,
-    const float *weight, int64_t *pixel, int64_t *owner, double (*jacobian)[DERIVATIVES],
-    double *weights) {
+API int64_t list_samples(int64_t k, int64_t w, int64_t c, const double (*segment)[4][2],
+    const bool *curved, const int64_t *count, const bool *is_first, const bool *is_last,
+    const int64_t *layer_of, const double *sign, const double *width, const int64_t (*box)[4],
+    const int64_t *offset, const float *weight, int64_t *pixel, int64_t *owner,
+    double (*jacobian)[DERIVATIVES], double *weights) {
     int64_t n = 0;
     for (int64_t s = 0; s < k; s++) {
         const int64_t layer = layer_of[s], *b = box[layer];
@@ -113,7 +109,9 @@ API int64_t list_samples(
             int64_t before = -1;
             for (double i = 0.5; i < steps; i++) {
                 const double t = side < 2 ? i / steps : side - 2.0, u = 1.0 - t;
-                const double way = side >= 2 ? 2.0 * side - 5.0 : is_stroke ? 1.0 - 2.0 * side : sign[layer];
+                const double way = side >= 2   ? 2.0 * side - 5.0
+                                   : is_stroke ? 1.0 - 2.0 * side
+                                               : sign[layer];
                 point along;
                 const point on = point_at((Segment){segment[s], curved[s]}, t, &along);
                 const double speed = length(along) + 1e-12;
@@ -121,7 +119,8 @@ API int64_t list_samples(
                 const point normal = side < 2 ? -way / steps * turned(along)
                                               : way * width[layer] / steps / speed * along;
                 const point place = on - beside / speed * turned(along);
-                const int64_t x = (int64_t)floor(place[0]) - b[0], y = (int64_t)floor(place[1]) - b[1];
+                const int64_t x = (int64_t)floor(place[0]) - b[0],
+                              y = (int64_t)floor(place[1]) - b[1];
                 if (x < 0 || x >= b[2] || y < 0 || y >= b[3]) {
                     before = -1;
                     continue;
@@ -135,8 +134,9 @@ API int64_t list_samples(
                         weights[n * c + j] = weight[(offset[layer] + y * b[2] + x) * c + j];
                     n++;
                 }
-                const double basis[4] = {curved[s] ? u * u * u : u, curved[s] ? 3.0 * u * u * t : 0.0,
-                                         curved[s] ? 3.0 * u * t * t : 0.0, curved[s] ? t * t * t : t};
+                const double basis[4] = {curved[s] ? u * u * u : u,
+                    curved[s] ? 3.0 * u * u * t : 0.0, curved[s] ? 3.0 * u * t * t : 0.0,
+                    curved[s] ? t * t * t : t};
                 for (int j = 0; j < 8; j++)
                     jacobian[n - 1][j] += basis[j / 2] * normal[j % 2];
                 if (is_stroke && side < 2)
@@ -156,11 +156,10 @@ jacobian, weights  (n, 9) and (n, c) as list_samples writes them
 column   (k, 9) parameters by which the derivatives of a segment's samples are
 ties     (3, t) parameter, node and master, and factors (2, t): a parameter is the sum of the node
          and the master, times these */
-API void project_samples(
-    int64_t n, int64_t c, int64_t m, int64_t u, int64_t t, const int64_t *place,
-    const int64_t *owner, const double (*jacobian)[DERIVATIVES], const double *weights,
-    const int64_t (*column)[DERIVATIVES], const int64_t *ties, const double *factors, double *p,
-    double *image, double *result) {
+API void project_samples(int64_t n, int64_t c, int64_t m, int64_t u, int64_t t,
+    const int64_t *place, const int64_t *owner, const double (*jacobian)[DERIVATIVES],
+    const double *weights, const int64_t (*column)[DERIVATIVES], const int64_t *ties,
+    const double *factors, double *p, double *image, double *result) {
     const int64_t *tied = ties, *node = ties + t, *master = ties + 2 * t;
     if (p != NULL) {
         for (int64_t i = 0; i < t; i++)

@@ -24,8 +24,7 @@ within it, and has the height `delta`.
 
 The part of each pixel that lies right of the edge is a trapezium. Its area, as a function of the
 column, has the constant second difference 1 / (right - left). */
-static void add_to_row(double *row, double left, double right, double delta)
-{
+static void add_to_row(double *row, double left, double right, double delta) {
     const int64_t first = (int64_t)left, last = (int64_t)ceil(right);
     if (last <= first + 1) {
         const double share = 0.5 * (left + right) - (double)first;
@@ -51,8 +50,7 @@ static void add_to_row(double *row, double left, double right, double delta)
 }
 
 /* Add the edge from a to b. */
-static void add_edge(const Box *box, point a, point b)
-{
+static void add_edge(const Box *box, point a, point b) {
     a -= box->corner;
     b -= box->corner;
     /* This is false for horizontal edges, and for coordinates that are not numbers. */
@@ -92,8 +90,7 @@ or 0 for the segment itself.
 The distance of a curve B from n edges is at most max |B''| / (8 n^2), and B'' is at most six times
 the second differences of the control points. The outer side of a stroke bends like its curve, but
 is longer by the factor 1 + half / radius, with the radius |B'|^2 / |B''|. */
-static int64_t edge_count(Segment segment, double half)
-{
+static int64_t edge_count(Segment segment, double half) {
     if (!segment.is_curve)
         return 1;
     const point a = point_of(segment.p[0]), b = point_of(segment.p[1]);
@@ -109,8 +106,7 @@ static int64_t edge_count(Segment segment, double half)
 
 Where a handle lies on its node, the derivative is 0. A point a little further on then gives the
 tangent. A segment without extent has the tangent (1, 0). */
-static point direction_at(Segment segment, double t)
-{
+static point direction_at(Segment segment, double t) {
     point along;
     point_at(segment, t, &along);
     if (length(along) < 1e-9)
@@ -118,16 +114,14 @@ static point direction_at(Segment segment, double t)
     return length(along) == 0.0 ? at(1.0, 0.0) : along / length(along);
 }
 
-/* Return the point `offset` px beside a segment at t in 0..1, on the side to which y turns from x. */
-static point beside(Segment segment, double t, double offset)
-{
+/* Return the point `offset` px beside a segment at t in 0..1, on its right side if y is down. */
+static point beside(Segment segment, double t, double offset) {
     point along;
     return point_at(segment, t, &along) + offset * turned(direction_at(segment, t));
 }
 
 /* Add the edges of a closed outline. */
-void add_outline(const Box *box, Path path)
-{
+void add_outline(const Box *box, Path path) {
     point along;
     for (int64_t s = 0; s < path.count; s++) {
         const Segment segment = segment_of(path, s);
@@ -144,8 +138,7 @@ void add_outline(const Box *box, Path path)
 /* Add an arc around a centre between two unit directions, on the shorter way, and its hub. The
 polygon runs from the hub to the arc, along it, and back. All parts of a stroke turn the same way,
 so that none is a hole in another. */
-static void add_fan(const Box *box, point centre, point from, point to, double radius, point hub)
-{
+static void add_fan(const Box *box, point centre, point from, point to, double radius, point hub) {
     const double signed_turn = atan2(cross(from, to), dot(from, to)), turn = fabs(signed_turn);
     const point begin = signed_turn < 0.0 ? to : from;
     const int64_t count = (int64_t)(turn * sqrt(radius / (8.0 * SAGITTA))) + 1;
@@ -160,8 +153,7 @@ static void add_fan(const Box *box, point centre, point from, point to, double r
 }
 
 /* Add the cap of a stroke that ends at `end` in the unit direction u. */
-static void add_cap(const Box *box, point end, point u, double half, int64_t cap)
-{
+static void add_cap(const Box *box, point end, point u, double half, int64_t cap) {
     const point n = -half * turned(u), far = end + half * u;
     if (cap == ROUND) {
         add_fan(box, end, -turned(u), u, half, end);
@@ -184,8 +176,7 @@ static const Cuts WHOLE = {1.0, 1.0, 0.0, 0.0};
 /* Return where the inner sides of a stroke meet between two segments, by Newton's method. There the
 polygons of both end, so that they do not overlap. If the sides do not meet within half of each
 segment, nothing is cut. */
-static Cuts inner_cuts(Segment first, Segment second, double half)
-{
+static Cuts inner_cuts(Segment first, Segment second, double half) {
     const bool is_left = cross(direction_at(first, 1.0), direction_at(second, 0.0)) > 0.0;
     const double inner = is_left ? half : -half;
     double a = 1.0, b = 0.0;
@@ -206,8 +197,7 @@ static Cuts inner_cuts(Segment first, Segment second, double half)
 /* Add what lies on the outer side between two segments, of unit directions u and v, at `node`. The
 polygons of both segments end at the point `hub`. */
 static void add_join(
-    const Box *box, point node, point u, point v, double half, point hub, bool is_round)
-{
+    const Box *box, point node, point u, point v, double half, point hub, bool is_round) {
     const double turn = atan2(cross(u, v), dot(u, v));
     if (fabs(turn) * half < LEAST_GAP)
         return;
@@ -230,8 +220,7 @@ static void add_join(
 }
 
 /* Add the stroke along one outline, whose segments each have an extent. */
-void add_stroke(const Box *box, Path path, bool is_closed, double width, int64_t cap)
-{
+void add_stroke(const Box *box, Path path, bool is_closed, double width, int64_t cap) {
     const double half = 0.5 * width;
     Segment before = segment_of(path, path.count - 1);
     Cuts cuts = is_closed ? inner_cuts(before, segment_of(path, 0), half) : WHOLE;
@@ -240,9 +229,9 @@ void add_stroke(const Box *box, Path path, bool is_closed, double width, int64_t
         const bool is_end = s == path.count - 1 && !is_closed;
         const point node = point_of(segment.p[0]), u = direction_at(segment, 0.0);
         if (s > 0 || is_closed) {
-            const point hub = cuts.left < 1.0 ? beside(before, cuts.left, half)
-                : cuts.right < 1.0            ? beside(before, cuts.right, -half)
-                                              : node;
+            const point hub = cuts.left < 1.0    ? beside(before, cuts.left, half)
+                              : cuts.right < 1.0 ? beside(before, cuts.right, -half)
+                                                 : node;
             add_join(box, node, direction_at(before, 1.0), u, half, hub, cap == ROUND);
         } else {
             add_cap(box, node, -u, half, cap);
@@ -271,11 +260,9 @@ void add_stroke(const Box *box, Path path, bool is_closed, double width, int64_t
 
 /* Add the k segments (k, 4, 2), curved (k,), of an outline, or of a line if its width is not 0, to
 the sums (height, width + 2) of a box with the upper left corner (left, top). */
-API void add_path(
-    int64_t height, int64_t width, double left, double top, double *sums, int64_t count,
-    const double (*segments)[4][2], const bool *curved, int64_t is_closed, double line_width,
-    int64_t cap)
-{
+API void add_path(int64_t height, int64_t width, double left, double top, double *sums,
+    int64_t count, const double (*segments)[4][2], const bool *curved, int64_t is_closed,
+    double line_width, int64_t cap) {
     const Box box = {sums, height, width, at(left, top)};
     const Path path = {segments, curved, count};
     if (line_width > 0.0)

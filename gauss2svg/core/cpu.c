@@ -6,8 +6,7 @@
 #include <cpuid.h>
 
 /* Return the highest level, 2, 3 or 4, of x86-64 that the CPU and the operating system support. */
-API int64_t cpu_level(void)
-{
+API int64_t cpu_level(void) {
     unsigned a, b, c, d, features = 0, low, high;
     __get_cpuid(1, &a, &b, &features, &d);
     const unsigned v3 = bit_FMA | bit_MOVBE | bit_OSXSAVE | bit_AVX | bit_F16C;

@@ -131,10 +131,10 @@ first, last  (count,) indices of points. Those of a run may go on from the last 
 only_curves  whether lines are left out
 unit, rate   user unit in px, and squared error that a byte must save
 segments, curved, error, bytes  (count, 4, 2) and (count,) outputs */
-API void fit_runs(
-    int64_t n, const double (*points)[2], const double *weight, double noise, double *places,
-    int64_t count, const int64_t *first, const int64_t *last, int64_t only_curves, double unit,
-    double rate, double (*segments)[4][2], bool *curved, double *error, double *bytes) {
+API void fit_runs(int64_t n, const double (*points)[2], const double *weight, double noise,
+    double *places, int64_t count, const int64_t *first, const int64_t *last, int64_t only_curves,
+    double unit, double rate, double (*segments)[4][2], bool *curved, double *error,
+    double *bytes) {
     const Run run = {points, weight, n, noise, places};
     for (int64_t k = 0; k < count; k++) {
         Fit best = cubic_between(&run, first[k], last[k]);

@@ -41,69 +41,72 @@ errors, so that alpha is exactly 0 from the cut on. Powers s^beta at the cut hav
 static const double RIM = IS_DOUBLE ? 0.011108996538242348 : 0.011108799596299273;
 static const double POWER_RIM = IS_DOUBLE ? 0.011108996538252307 : 0.011110996538242306;
 static const REAL LEAST_HALF_SQUARE = 1e-12f; /* ln s is that of this number if s is smaller */
-static const REAL LEAST_SQUARE = IS_DOUBLE ? 1e-60 : 1e-20f; /* so that r / n is finite at the mean */
+static const REAL LEAST_SQUARE =
+    IS_DOUBLE ? 1e-60 : 1e-20f; /* so that r / n is finite at the mean */
 static const REAL HUGE_REAL = 1e30f;
 
-/* The Gaussians of a canvas and their pairs with tiles.
+/* A tile with the first pixel (x0, y0), whose pairs are order[first:end] from front to back, and
+the Gaussians of the canvas.
 
 shape      (n, 11) mean x, y in px, whitening w11, w21, w22, beta, R^2, o11, o21, o22, max_share. R
            is the radius of the cut, or of the rim of a plain ellipse. The last four are 0 but for
            plain ellipses (gauss2svg.render.cpu.Splats)
 paint      (n, 4) opacity, r, g, b
-gaussian   (p,) the Gaussian of each pair
-rows       (p, 2) first image row of each pair, and the row after its last one */
+gaussian, rows  (p,) the Gaussian of each pair, and (p, 2) its first image row, and the row after
+           its last one
+alpha, front, steep, logs  what the passes keep of each row of each pair, in the order of blending,
+           16 numbers a row: alpha, transmittance in front of it (not of additive shapes),
+           s^(beta - 1) or the slope of `covered` (not of plain Gaussians), and ln s (of shapes with
+           a beta only) */
 typedef struct {
     const double (*shape)[11], (*paint)[4];
-    const int32_t *gaussian, (*rows)[2];
-} Splats;
-
-/* What the passes keep of each row of each pair of a tile, in the order of blending, 16 numbers a
-row: alpha, transmittance in front of it (not of additive shapes), s^(beta - 1) or the slope of
-`covered` (not of plain Gaussians), and ln s (of shapes with a beta only). */
-typedef struct {
+    const int32_t *gaussian, (*rows)[2], *order;
+    int64_t first, end;
+    int x0, y0;
     REAL *alpha, *front, *steep, *logs;
-} Kept;
+} Tile;
 
 /* A pair as the passes need it. z1 and z2 belong to the row `middle` of the tile, and z2 grows by
 `step` from each row to the next. */
 typedef struct {
-    const double *shape;
+    const double *shape, *color;
     bool is_plain, has_power;
     int first, end, middle;
-    double opacity, step;
+    double opacity, step, rim;
     lanes z1, z2;
 } Pair;
 
-/* Return pair p of a tile with the first pixel (x0, y0).
+/* Return pair p of a tile. `rim` is exp(-s^beta) at the cut.
 
 z1 and z2 are computed in double and then rounded, because float is too coarse for offsets from a
 distant mean and for offsets within a shape of sigma 1e-6 px. Moreover, z2 of a thin sheared shape
 is the sum of two terms that nearly cancel. */
-INLINE Pair pair_of(const Splats *splats, int32_t p, int x0, int y0, bool additive)
-{
+INLINE Pair pair_of(const Tile *tile, int32_t p, bool additive) {
     static const doubles columns = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-    const double *s = splats->shape[splats->gaussian[p]];
-    const int32_t *rows = splats->rows[p];
+    const double *s = tile->shape[tile->gaussian[p]], *paint = tile->paint[tile->gaussian[p]];
+    const int32_t *rows = tile->rows[p];
     const int middle = (rows[0] + rows[1]) / 2;
-    const doubles u = columns + (x0 + 0.5 - s[0]);
+    const bool has_power = !additive && s[7] == 0.0 && s[5] != 1.0;
+    const doubles u = columns + (tile->x0 + 0.5 - s[0]);
     const doubles z2 = s[3] * u + s[4] * (middle + 0.5 - s[1]);
     return (Pair){
         .shape = s,
+        .color = paint + 1,
         .is_plain = !additive && s[7] != 0.0,
-        .has_power = !additive && s[7] == 0.0 && s[5] != 1.0,
-        .first = rows[0] - y0,
-        .end = rows[1] - y0,
-        .middle = middle - y0,
-        .opacity = additive ? 1.0 : splats->paint[splats->gaussian[p]][0],
+        .has_power = has_power,
+        .first = rows[0] - tile->y0,
+        .end = rows[1] - tile->y0,
+        .middle = middle - tile->y0,
+        .opacity = additive ? 1.0 : paint[0],
         .step = s[4],
+        .rim = has_power ? POWER_RIM : RIM,
         .z1 = __builtin_convertvector(s[2] * u, lanes),
         .z2 = __builtin_convertvector(z2, lanes),
     };
 }
 
 /* Return z2 on a row of the tile. */
-INLINE lanes across(const Pair *pair, int y)
-{
+INLINE lanes across(const Pair *pair, int y) {
     return pair->z2 + (REAL)(pair->step * (y - pair->middle));
 }
 
@@ -112,8 +115,7 @@ INLINE lanes across(const Pair *pair, int y)
 The slope is the derivative of the share by r, times -1 / r. It is 1 / n for pixels on the near rim,
 -1 / n for pixels on the far rim, and else 0. Minima and maxima with a huge factor stand for
 comparisons, because they need no branch. */
-INLINE lanes covered(const Pair *pair, lanes z2, lanes *slope)
-{
+INLINE lanes covered(const Pair *pair, lanes z2, lanes *slope) {
     const double *s = pair->shape;
     const lanes z1 = pair->z1, zero = {0}, one = splat(1.0), radius = splat(sqrt(s[6]));
     const lanes o1 = (REAL)s[7] * z1, o2 = (REAL)s[8] * z1 + (REAL)s[9] * z2;
@@ -131,27 +133,24 @@ INLINE lanes covered(const Pair *pair, lanes z2, lanes *slope)
     return inside * smaller(splat(s[10]), larger(zero, share));
 }
 
-/* Blend the pairs order[first:end] of a tile, from front to back, and return how many numbers of
-each buffer are filled.
+/* Blend the pairs of a tile from front to back, and return how many numbers of each buffer are
+filled.
 
 inside     1 for columns of the image, else 0
 color      (3, 16, 16) output: sum of w c
 remaining  (16, 16) output: transmittance behind all pairs, and 1 for additive blending */
 INLINE int64_t compose(
-    const Splats *splats, const int32_t *order, int64_t first, int64_t end, int x0, int y0,
-    lanes inside, bool additive, Kept kept, REAL *color, REAL *remaining)
-{
+    const Tile *tile, bool additive, lanes inside, REAL *color, REAL *remaining) {
     int64_t filled = 0;
     for (int j = 0; j < 3 * PLANE; j += LANES)
         store(color + j, splat(0.0));
     for (int j = 0; j < PLANE; j += LANES)
         store(remaining + j, additive ? splat(1.0) : inside);
-    for (int64_t k = first; k < end; k++) {
-        const Pair pair = pair_of(splats, order[k], x0, y0, additive);
-        const double *paint = splats->paint[splats->gaussian[order[k]]];
-        const double rim = pair.has_power ? POWER_RIM : RIM, peak = pair.opacity / (1.0 - rim);
-        const REAL height = (REAL)peak, foot = (REAL)(rim * peak);
-        const lanes c0 = splat(paint[1]), c1 = splat(paint[2]), c2 = splat(paint[3]);
+    for (int64_t k = tile->first; k < tile->end; k++) {
+        const Pair pair = pair_of(tile, tile->order[k], additive);
+        const double peak = pair.opacity / (1.0 - pair.rim);
+        const REAL height = (REAL)peak, foot = (REAL)(pair.rim * peak);
+        const lanes c0 = splat(pair.color[0]), c1 = splat(pair.color[1]), c2 = splat(pair.color[2]);
         const lanes squares = pair.z1 * pair.z1, reach = splat(pair.shape[6]), zero = {0};
         const REAL power = (REAL)((pair.shape[5] - 1.0) * 1.4426950408889634);
         for (int y = pair.first; y < pair.end; y++, filled += LANES) {
@@ -160,14 +159,14 @@ INLINE int64_t compose(
             if (pair.is_plain) {
                 lanes slope;
                 alpha = (REAL)pair.opacity * covered(&pair, z2, &slope);
-                store(kept.steep + filled, slope);
+                store(tile->steep + filled, slope);
             } else {
                 lanes q = smaller(squares + z2 * z2, reach);
                 if (pair.has_power) {
                     const lanes ln = logarithms(larger(q * (REAL)0.5, splat(LEAST_HALF_SQUARE)));
                     const lanes steep = powers_of_two(ln * power);
-                    store(kept.steep + filled, steep);
-                    store(kept.logs + filled, ln);
+                    store(tile->steep + filled, steep);
+                    store(tile->logs + filled, ln);
                     q = steep * q;
                 }
                 alpha = larger(height * exp_of_half(q) - foot, zero);
@@ -178,11 +177,11 @@ INLINE int64_t compose(
                 w = alpha = alpha * inside;
             } else {
                 const lanes front = load(left);
-                store(kept.front + filled, front);
+                store(tile->front + filled, front);
                 w = alpha * front;
                 store(left, front - w);
             }
-            store(kept.alpha + filled, alpha);
+            store(tile->alpha + filled, alpha);
             store(sum, load(sum) + w * c0);
             store(sum + PLANE, load(sum + PLANE) + w * c1);
             store(sum + 2 * PLANE, load(sum + 2 * PLANE) + w * c2);
@@ -196,23 +195,20 @@ INLINE int64_t compose(
 filled  result of `compose`, whose other arguments have the same names
 g       (3, 16, 16) dL/dpixel, which is 0 outside the image
 behind  (16, 16) g.background on entry. It is overwritten */
-INLINE void backpropagate(
-    const Splats *splats, const int32_t *order, int64_t first, int64_t end, int x0, int y0,
-    bool additive, Kept kept, int64_t filled, const REAL *g, REAL *behind, REAL (*moments)[MOMENTS])
-{
-    for (int64_t k = end - 1; k >= first; k--) {
-        const Pair pair = pair_of(splats, order[k], x0, y0, additive);
-        const double *paint = splats->paint[splats->gaussian[order[k]]];
-        const double rim = pair.has_power ? POWER_RIM : RIM, peak = pair.opacity / (1.0 - rim);
-        const lanes foot = splat(pair.is_plain ? pair.opacity : rim * peak);
-        const lanes c0 = splat(paint[1]), c1 = splat(paint[2]), c2 = splat(paint[3]);
+INLINE void backpropagate(const Tile *tile, bool additive, int64_t filled, const REAL *g,
+    REAL *behind, REAL (*moments)[MOMENTS]) {
+    for (int64_t k = tile->end - 1; k >= tile->first; k--) {
+        const Pair pair = pair_of(tile, tile->order[k], additive);
+        const double share = pair.is_plain ? 1.0 : pair.rim / (1.0 - pair.rim);
+        const lanes foot = splat(share * pair.opacity);
+        const lanes c0 = splat(pair.color[0]), c1 = splat(pair.color[1]), c2 = splat(pair.color[2]);
         const lanes z1 = pair.z1, reach = splat(pair.shape[6]);
         lanes s0 = {0}, s1 = {0}, s2 = {0}, sum_alpha = {0};
         lanes sum_h = {0}, sum_hz = {0}, sum_hzz = {0}, sum_beta = {0};
         filled -= (int64_t)(pair.end - pair.first) * LANES;
         int64_t row = filled;
         for (int y = pair.first; y < pair.end; y++, row += LANES) {
-            const lanes z2 = across(&pair, y), alpha = load(kept.alpha + row);
+            const lanes z2 = across(&pair, y), alpha = load(tile->alpha + row);
             const REAL *by_pixel = g + y * LANES;
             const lanes g0 = load(by_pixel), g1 = load(by_pixel + PLANE);
             const lanes g2 = load(by_pixel + 2 * PLANE);
@@ -223,17 +219,17 @@ INLINE void backpropagate(
                 wd = alpha * d;
                 h = (alpha + rest) * d;
             } else {
-                const lanes front = load(kept.front + row), b = load(behind + y * LANES);
+                const lanes front = load(tile->front + row), b = load(behind + y * LANES);
                 d -= b;
                 store(behind + y * LANES, b + alpha * d);
                 w = alpha * front;
                 wd = w * d;
                 h = wd + rest * (front * d);
                 if (pair.is_plain)
-                    h = (h - wd) * load(kept.steep + row);
+                    h = (h - wd) * load(tile->steep + row);
                 if (pair.has_power) {
-                    h *= load(kept.steep + row);
-                    sum_beta += h * (smaller(z1 * z1 + z2 * z2, reach) * load(kept.logs + row));
+                    h *= load(tile->steep + row);
+                    sum_beta += h * (smaller(z1 * z1 + z2 * z2, reach) * load(tile->logs + row));
                 }
             }
             s0 += w * g0;
@@ -247,11 +243,10 @@ INLINE void backpropagate(
         const REAL beta = pair.has_power ? (REAL)pair.shape[5] : (REAL)1;
         sum_h *= beta;
         sum_hz *= beta;
-        const lanes sums[LANES] = {
-            sum_h * z1, sum_hz, sum_h * z1 * z1, sum_hz * z1, sum_hzz * beta,
+        const lanes sums[LANES] = {sum_h * z1, sum_hz, sum_h * z1 * z1, sum_hz * z1, sum_hzz * beta,
             sum_alpha, s0, s1, s2, (REAL)0.5 * sum_beta};
         const lanes sum = totals(sums);
-        memcpy(moments[order[k]], &sum, sizeof moments[order[k]]);
+        memcpy(moments[tile->order[k]], &sum, sizeof *moments);
     }
 }
 
@@ -264,20 +259,17 @@ d = -a_k c_k. So its weighted squared error changes by weight d.(d + 2 error).
 error   (3, 16, 16) rendered - target, which is 0 outside the image
 weight  (16, 16) weights of the pixels, which are 0 outside the image
 behind  (3, 16, 16) the background on entry. It is overwritten */
-INLINE void remove_each(
-    const Splats *splats, const int32_t *order, int64_t first, int64_t end, bool additive,
-    int y0, Kept kept, int64_t filled, const REAL *error, const REAL *weight, REAL *behind,
-    REAL (*cost)[2])
-{
-    for (int64_t k = end - 1; k >= first; k--) {
-        const int32_t p = order[k], *rows = splats->rows[p];
-        const double *color = splats->paint[splats->gaussian[p]] + 1;
+INLINE void remove_each(const Tile *tile, bool additive, int64_t filled, const REAL *error,
+    const REAL *weight, REAL *behind, REAL (*cost)[2]) {
+    for (int64_t k = tile->end - 1; k >= tile->first; k--) {
+        const int32_t p = tile->order[k], *rows = tile->rows[p];
+        const double *color = tile->paint[tile->gaussian[p]] + 1;
         lanes change = {0}, mass = {0};
         filled -= (int64_t)(rows[1] - rows[0]) * LANES;
         int64_t row = filled;
-        for (int y = rows[0] - y0; y < rows[1] - y0; y++, row += LANES) {
-            const lanes alpha = load(kept.alpha + row), by = load(weight + y * LANES);
-            const lanes w = additive ? alpha : alpha * load(kept.front + row);
+        for (int y = rows[0] - tile->y0; y < rows[1] - tile->y0; y++, row += LANES) {
+            const lanes alpha = load(tile->alpha + row), by = load(weight + y * LANES);
+            const lanes w = additive ? alpha : alpha * load(tile->front + row);
             mass += by * (w * w);
             for (int c = 0; c < 3; c++) {
                 const int64_t j = c * PLANE + y * LANES;
@@ -297,8 +289,7 @@ INLINE void remove_each(
 }
 
 /* Return the first w numbers, and 0 for the other lanes. */
-INLINE lanes load_part(const REAL *from, int w)
-{
+INLINE lanes load_part(const REAL *from, int w) {
     lanes v = {0};
     if (w == LANES)
         return load(from);
@@ -307,8 +298,7 @@ INLINE lanes load_part(const REAL *from, int w)
 }
 
 /* Write the first w numbers. */
-INLINE void store_part(REAL *to, lanes v, int w)
-{
+INLINE void store_part(REAL *to, lanes v, int w) {
     if (w == LANES)
         store(to, v);
     else
@@ -327,32 +317,31 @@ start, order  (tiles + 1,) and (p,): tile t has the pairs order[start[t]:start[t
 buffers     4 capacity + 16 numbers. The capacity is 16 for each pair row of the fullest tile
 pair_out    (p, 10) moments or (p, 2) costs: output
 out, loss   (3, h, w) and (tiles,) outputs: the image, and the squared error of each tile */
-INLINE void walk(
-    bool additive, int64_t mode, int64_t first_tile, int64_t end_tile, int64_t height,
-    int64_t width, const Splats *splats, const REAL *background, const REAL *ground,
-    const REAL *image, const REAL *weight, const int64_t *start, const int32_t *order,
-    REAL *buffers, int64_t capacity, REAL *pair_out, REAL *out, double *loss)
-{
+API void SUFFIXED(walk_tiles)(int64_t additive, int64_t mode, int64_t first_tile, int64_t end_tile,
+    int64_t height, int64_t width, const double (*shape)[11], const double (*paint)[4],
+    const REAL *background, const REAL *ground, const REAL *image, const REAL *weight,
+    const int32_t *gaussian, const int32_t (*rows)[2], const int64_t *start, const int32_t *order,
+    REAL *buffers, int64_t capacity, REAL *pair_out, REAL *out, double *loss) {
     buffers += (64 - (uintptr_t)buffers % 64) / sizeof(REAL); /* a row is one line of the cache */
-    const Kept kept = {buffers, buffers + capacity, buffers + 2 * capacity, buffers + 3 * capacity};
     const int64_t tile_columns = (width + LANES - 1) / LANES;
     _Alignas(64) REAL color[3 * PLANE], below[3 * PLANE], behind[3 * PLANE], gradient[3 * PLANE];
     _Alignas(64) REAL remaining[PLANE], weights[PLANE];
     memset(gradient, 0, sizeof gradient);
     for (int j = 0; j < 3 * PLANE; j++)
         below[j] = background[j / PLANE];
-    for (int64_t tile = first_tile; tile < end_tile; tile++) {
-        const int x0 = (int)(tile % tile_columns) * LANES, y0 = (int)(tile / tile_columns) * ROWS;
+    for (int64_t t = first_tile; t < end_tile; t++) {
+        const int x0 = (int)(t % tile_columns) * LANES, y0 = (int)(t / tile_columns) * ROWS;
         const int h = (int)least(ROWS, height - y0), w = (int)least(LANES, width - x0);
         lanes inside, squares = {0};
         for (int x = 0; x < LANES; x++)
             inside[x] = x < w;
         for (int j = 0; j < 3 * h && ground != NULL; j++)
             store(below + j / h * PLANE + j % h * LANES,
-                  load_part(ground + (j / h * height + y0 + j % h) * width + x0, w));
-        const int64_t first = start[tile], end = start[tile + 1];
-        const int64_t filled = compose(
-            splats, order, first, end, x0, y0, inside, additive, kept, color, remaining);
+                load_part(ground + (j / h * height + y0 + j % h) * width + x0, w));
+        const Tile tile = {shape, paint, gaussian, rows, order, start[t], start[t + 1], x0, y0,
+            buffers, buffers + capacity, buffers + 2 * capacity, buffers + 3 * capacity};
+        const int64_t filled = additive ? compose(&tile, true, inside, color, remaining)
+                                        : compose(&tile, false, inside, color, remaining);
         for (int c = 0; c < 3; c++) {
             for (int y = 0; y < ROWS; y++) {
                 const int64_t j = c * PLANE + y * LANES, pixel = (y0 + y) * width + x0;
@@ -375,50 +364,31 @@ INLINE void walk(
                 }
             }
         }
-        loss[tile] = totals((lanes[LANES]){squares})[0];
+        loss[t] = totals((lanes[LANES]){squares})[0];
         if (mode == SQUARED_ERROR || mode == GIVEN_GRADIENT) {
             for (int j = 0; j < PLANE; j += LANES)
-                store(behind + j, load(gradient + j) * load(below + j)
-                                      + load(gradient + j + PLANE) * load(below + j + PLANE)
-                                      + load(gradient + j + 2 * PLANE) * load(below + j + 2 * PLANE));
-            backpropagate(splats, order, first, end, x0, y0, additive, kept, filled, gradient,
-                          behind, (REAL (*)[MOMENTS])pair_out);
+                store(behind + j, load(gradient + j) * load(below + j) +
+                                      load(gradient + j + PLANE) * load(below + j + PLANE) +
+                                      load(gradient + j + 2 * PLANE) * load(below + j + 2 * PLANE));
+            if (additive)
+                backpropagate(&tile, true, filled, gradient, behind, (REAL(*)[MOMENTS])pair_out);
+            else
+                backpropagate(&tile, false, filled, gradient, behind, (REAL(*)[MOMENTS])pair_out);
         } else if (mode == REMOVAL) {
             memcpy(behind, below, sizeof behind);
             for (int y = 0; y < ROWS; y++)
                 store(weights + y * LANES,
-                      y < h ? load_part(weight + (y0 + y) * width + x0, w) : splat(0.0));
-            remove_each(splats, order, first, end, additive, y0, kept, filled, gradient, weights,
-                        behind, (REAL (*)[2])pair_out);
+                    y < h ? load_part(weight + (y0 + y) * width + x0, w) : splat(0.0));
+            remove_each(&tile, additive, filled, gradient, weights, behind, (REAL(*)[2])pair_out);
         }
     }
-}
-
-/* Call `walk` for alpha compositing or additive blending. */
-API void SUFFIXED(walk_tiles)(
-    int64_t additive, int64_t mode, int64_t first_tile, int64_t end_tile, int64_t height,
-    int64_t width, const double *shape, const double *paint, const REAL *background,
-    const REAL *ground, const REAL *image, const REAL *weight, const int32_t *gaussian,
-    const int32_t *rows, const int64_t *start, const int32_t *order, REAL *buffers,
-    int64_t capacity, REAL *pair_out, REAL *out, double *loss)
-{
-    const Splats splats = {
-        (const double (*)[11])shape, (const double (*)[4])paint, gaussian, (const int32_t (*)[2])rows};
-    if (additive)
-        walk(true, mode, first_tile, end_tile, height, width, &splats, background, ground, image,
-             weight, start, order, buffers, capacity, pair_out, out, loss);
-    else
-        walk(false, mode, first_tile, end_tile, height, width, &splats, background, ground, image,
-             weight, start, order, buffers, capacity, pair_out, out, loss);
 }
 
 /* Add up the values (p, m) of the pairs offset[i]:offset[i + 1] of the Gaussians first..end.
 
 offset  (n + 1,); totals (n, m) output */
-API void SUFFIXED(add_pairs)(
-    int64_t first, int64_t end, int64_t m, const int64_t *offset, const REAL *values,
-    double *totals)
-{
+API void SUFFIXED(add_pairs)(int64_t first, int64_t end, int64_t m, const int64_t *offset,
+    const REAL *values, double *totals) {
     for (int64_t i = first; i < end; i++) {
         for (int64_t k = 0; k < m; k++)
             totals[i * m + k] = 0.0;

@@ -27,8 +27,10 @@ typedef struct {
 /* Return the falloff of Gaussian i at a sample, by linear interpolation in the table. */
 static double alpha_at(const Grid *g, int64_t i, int64_t sample) {
     const double *w = g->whitening[i];
-    const double u = g->samples[sample][0] - g->mean[i][0], v = g->samples[sample][1] - g->mean[i][1];
-    const double step = (square(w[0] * u) + square(w[1] * u + w[2] * v)) * (STEPS / square(g->radius));
+    const double u = g->samples[sample][0] - g->mean[i][0],
+                 v = g->samples[sample][1] - g->mean[i][1];
+    const double step =
+        (square(w[0] * u) + square(w[1] * u + w[2] * v)) * (STEPS / square(g->radius));
     const int64_t k = (int64_t)min(step, STEPS - 1);
     if (step >= STEPS)
         return 0.0;
@@ -53,9 +55,8 @@ given with `lowest` and `highest`, add it to them instead. The visit ends at an 
 
 In a row, the Gaussian is widest at the height nearest to the mean. A tilted one has its centre at a
 different x at each height, so the interval is widened at each end by half of its move in a row. */
-static double visit(
-    const Grid *g, int64_t i, float (*total)[3], float (*lowest)[3], float (*highest)[3],
-    int64_t *worst, double enough) {
+static double visit(const Grid *g, int64_t i, float (*total)[3], float (*lowest)[3],
+    float (*highest)[3], int64_t *worst, double enough) {
     const double *w = g->whitening[i], *reach = g->reach[i], x = g->mean[i][0], y = g->mean[i][1];
     const double across = w[0] * w[0] + w[1] * w[1], ridge = -w[1] * w[2] / across;
     const int64_t end = (int64_t)ceil(clip(y + reach[1], 0.0, (double)g->rows));
@@ -66,7 +67,8 @@ static double visit(
         if (is_first && lowest != NULL)
             continue;
         if (!is_first) {
-            const double v = (double)row + 0.5 - y, near = clip((fabs(v) - 0.5) / reach[1], 0.0, 1.0);
+            const double v = (double)row + 0.5 - y,
+                         near = clip((fabs(v) - 0.5) / reach[1], 0.0, 1.0);
             const double half = g->radius * sqrt((1.0 - near * near) / across) + 0.5 * fabs(ridge);
             const double left = x + max(ridge * v - half, -reach[0]);
             const double right = x + min(ridge * v + half, reach[0]);
@@ -97,21 +99,22 @@ static double visit(
     return excess;
 }
 
-/* Try `count` Gaussians in their order. If `enough` is not INFINITY, draw each whose excess is below
-it, set its `worst` to -1, and return how many were drawn. Else draw none, and return the Gaussian
-with the least excess.
+/* Try `count` Gaussians in their order. If `enough` is not INFINITY, draw each whose excess is
+below it, set its `worst` to -1, and return how many were drawn. Else draw none, and return the
+Gaussian with the least excess.
 
 indices, worst  (count,) Gaussians, and (n,) the sample at which each exceeded the range the most
 total    (m, 3) sums of the background and all Gaussians drawn so far, which are changed
 lowest, highest  (m, 3) the lowest and the highest total that each sample has had
 The other arguments are the fields of Grid. */
-API int64_t draw_gaussians(
-    int64_t rows, double radius, const float (*samples)[2], const int64_t *start,
-    const double *falloff, const double (*mean)[2], const double (*whitening)[3],
-    const double (*reach)[2], const double (*color)[3], const float (*picture)[3],
-    const double *low, const double *high, int64_t count, const int64_t *indices, double enough,
-    int64_t *worst, float (*total)[3], float (*lowest)[3], float (*highest)[3]) {
-    const Grid g = {rows, radius, samples, start, falloff, mean, whitening, reach, color, picture, low, high};
+API int64_t draw_gaussians(int64_t rows, double radius, const float (*samples)[2],
+    const int64_t *start, const double *falloff, const double (*mean)[2],
+    const double (*whitening)[3], const double (*reach)[2], const double (*color)[3],
+    const float (*picture)[3], const double *low, const double *high, int64_t count,
+    const int64_t *indices, double enough, int64_t *worst, float (*total)[3], float (*lowest)[3],
+    float (*highest)[3]) {
+    const Grid g = {
+        rows, radius, samples, start, falloff, mean, whitening, reach, color, picture, low, high};
     double least_excess = enough;
     int64_t drawn = 0, best = -1;
     for (int64_t k = 0; k < count; k++) {

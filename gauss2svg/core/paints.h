@@ -17,8 +17,8 @@ INLINE const float *shade(
     if (form == FLAT)
         return table;
     const double position = form == LINEAR
-        ? place[0] * x + place[1] * y + place[2]
-        : length(at(place[2] * (x - place[0]), place[3] * (y - place[1])));
+                                ? place[0] * x + place[1] * y + place[2]
+                                : length(at(place[2] * (x - place[0]), place[3] * (y - place[1])));
     return table + (int64_t)(clip(position, 0.0, 1.0) * (SHADES - 1) + 0.5) * c;
 }
 

@@ -17,10 +17,9 @@ At the horizontal offset u from the mean, the rim of the ellipse has the vertica
 v = sy (rho u / sx +- k sqrt(radius^2 - u^2 / sx^2)) with k = sqrt(1 - rho^2). The part of the rim
 with + is concave, and has its largest v = sy radius at u = rho sx radius. The part with - is its
 point reflection. */
-API void find_strip_rows(
-    int64_t first, int64_t end, double height, double width, int64_t tile,
-    const double (*shape)[6], const int64_t *column, const int64_t *strip, int64_t (*strip_rows)[2])
-{
+API void find_strip_rows(int64_t first, int64_t end, double height, double width, int64_t tile,
+    const double (*shape)[6], const int64_t *column, const int64_t *strip,
+    int64_t (*strip_rows)[2]) {
     for (int64_t i = first; i < end; i++) {
         const double x = shape[i][0], y = shape[i][1], sx = shape[i][2], sy = shape[i][3];
         const double rho = shape[i][4], radius = shape[i][5], reach = sx * radius;
@@ -57,12 +56,10 @@ column, strip, strip_rows  as in find_strip_rows
 offset, gaussian, rows, start, order  fields of Pairs: output. offset and start must be 0 on entry
 tile       (p,) output: the tile of each pair
 tile_rows  (tiles,) output: number of pair rows in each tile. It must be 0 on entry */
-API void list_pairs(
-    int64_t n, int64_t columns, int64_t tiles, int64_t row_bits, const int64_t *bits,
-    const int64_t *column, const int64_t *strip, const int64_t (*strip_rows)[2], int64_t *offset,
-    int32_t *gaussian, int32_t *tile, int32_t (*rows)[2], int64_t *start, int64_t *tile_rows,
-    int32_t *order)
-{
+API void list_pairs(int64_t n, int64_t columns, int64_t tiles, int64_t row_bits,
+    const int64_t *bits, const int64_t *column, const int64_t *strip,
+    const int64_t (*strip_rows)[2], int64_t *offset, int32_t *gaussian, int32_t *tile,
+    int32_t (*rows)[2], int64_t *start, int64_t *tile_rows, int32_t *order) {
     int64_t count = 0;
     for (int64_t i = 0; i < n; i++) {
         for (int64_t s = strip[i]; s < strip[i + 1]; s++) {
@@ -92,8 +89,7 @@ API void list_pairs(
 
 /* Return the root of a pixel in a forest, in which the parent of a root is the root itself. Halve
 the path to it. */
-INLINE int64_t root_of(int64_t *parent, int64_t pixel)
-{
+INLINE int64_t root_of(int64_t *parent, int64_t pixel) {
     while (parent[pixel] != pixel)
         pixel = parent[pixel] = parent[parent[pixel]];
     return pixel;
@@ -104,8 +100,7 @@ or at corners. Numbers (h, w) begin at 1, in the order of first pixels. Those of
 
 parent  (h, w) buffer for a forest, in which the root of a component is its first pixel */
 API void number_components(
-    int64_t height, int64_t width, const int32_t *levels, int64_t *parent, int64_t *numbers)
-{
+    int64_t height, int64_t width, const int32_t *levels, int64_t *parent, int64_t *numbers) {
     int64_t count = 0;
     for (int64_t pixel = 0; pixel < height * width; pixel++) {
         const int64_t y = pixel / width, x = pixel % width;

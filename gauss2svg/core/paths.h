@@ -29,8 +29,7 @@ typedef struct {
 INLINE Segment segment_of(Path path, int64_t s) { return (Segment){path.p[s], path.curved[s]}; }
 
 /* Write the derivative of a segment by t at t in 0..1, and return its point. */
-INLINE point point_at(Segment segment, double t, point *along)
-{
+INLINE point point_at(Segment segment, double t, point *along) {
     const double u = 1.0 - t;
     const point a = point_of(segment.p[0]), d = point_of(segment.p[3]);
     if (!segment.is_curve) {

@@ -2,7 +2,7 @@
 
 #include "paints.h"
 
-enum { NEAR = 1, FAR = 2 };               /* px within which the colours of a mixture lie */
+enum { NEAR = 1, FAR = 2 };                 /* px within which the colours of a mixture lie */
 enum { MOST_NEAR = 12, MOST_CHANNELS = 8 }; /* labels around a pixel that are tried; channels */
 static const double ENOUGH = 0.0006; /* squared error at which colours farther away are not tried */
 /* A mixture of three colours must lower the squared error by this, and one of two by less, because
@@ -48,9 +48,8 @@ pixels  (h, w, c); labels (h, w), -1 for none. They are replaced
 origin  (h, w) index of each pixel. It is changed to that of the pixel of a core from which a pixel
         got its label
 heap    (n, 2) buffer with four entries for each pixel without a label */
-API void grow_labels(
-    int64_t h, int64_t w, int64_t c, const float *pixels, int32_t *labels, int32_t *origin,
-    double *heap_of_doubles) {
+API void grow_labels(int64_t h, int64_t w, int64_t c, const float *pixels, int32_t *labels,
+    int32_t *origin, double *heap_of_doubles) {
     Reached *heap = (Reached *)heap_of_doubles;
     int64_t count = 0;
     for (int64_t seed = 0; seed < h * w || count > 0; seed++) {
@@ -64,7 +63,10 @@ API void grow_labels(
             pixel = first.entry / 4;
             if (labels[pixel] >= 0)
                 continue;
-            const int64_t from = side == 0 ? pixel - w : side == 1 ? pixel + w : side == 2 ? pixel - 1 : pixel + 1;
+            const int64_t from = side == 0   ? pixel - w
+                                 : side == 1 ? pixel + w
+                                 : side == 2 ? pixel - 1
+                                             : pixel + 1;
             labels[pixel] = labels[from];
             origin[pixel] = origin[from];
             least_key = 0.5 * first.key;
@@ -93,9 +95,9 @@ typedef struct {
 
 /* Replace a mixture by that of colours with these indices and shares if this is better, though its
 error rises by `price`. An index of -1 is no colour. */
-static void try_mixture(
-    Mixture *best, const float *pixel, int64_t c, double (*color)[MOST_CHANNELS],
-    const int64_t *names, const int index[3], const double share[3], double price) {
+static void try_mixture(Mixture *best, const float *pixel, int64_t c,
+    double (*color)[MOST_CHANNELS], const int64_t *names, const int index[3], const double share[3],
+    double price) {
     double error = price;
     for (int64_t i = 0; i < c; i++) {
         double mixed = 0.0;
@@ -121,8 +123,8 @@ static double dot_from(const double *a, const double *b, const double *third, in
 }
 
 /* Return the best mixture of at most three of `count` colours, whose labels are `names`. */
-static Mixture best_mixture(
-    const float *pixel, int64_t c, double (*color)[MOST_CHANNELS], const int64_t *names, int count) {
+static Mixture best_mixture(const float *pixel, int64_t c, double (*color)[MOST_CHANNELS],
+    const int64_t *names, int count) {
     Mixture best = {{-1, -1, -1}, {0.0, 0.0, 0.0}, 1e9};
     double p[MOST_CHANNELS];
     for (int64_t i = 0; i < c; i++)
@@ -135,7 +137,7 @@ static Mixture best_mixture(
             const double s = clip(dot_from(p, color[i], color[j], c) / length2, 0.0, 1.0);
             if (length2 >= LEAST_CONTRAST)
                 try_mixture(&best, pixel, c, color, names, (int[3]){i, j, -1},
-                            (double[3]){s, 1.0 - s}, PRICE_OF_TWO);
+                    (double[3]){s, 1.0 - s}, PRICE_OF_TWO);
         }
     }
     if (best.error < 2.0 * PRICE_OF_THREE)
@@ -154,7 +156,7 @@ static Mixture best_mixture(
                 t = max(t, 0.0);
                 const double all = s + t + max(1.0 - s - t, 0.0), r = max(1.0 - (s + t) / all, 0.0);
                 try_mixture(&best, pixel, c, color, names, (int[3]){i, j, k},
-                            (double[3]){s / all, t / all, r}, PRICE_OF_THREE);
+                    (double[3]){s / all, t / all, r}, PRICE_OF_THREE);
             }
         }
     }
@@ -169,17 +171,17 @@ n, ys, xs  number of pixels, and (n,) their rows and columns
 extra      (c,) one more colour, whose label is `extra_name`, or -1 to leave it out. With it, labels
            within FAR are tried. Else those within NEAR are tried first
 label, share, error  (n, 3), (n, 3) and (n,) outputs */
-API void explain_pixels(
-    int64_t h, int64_t w, int64_t c, const float *pixels, const int32_t *labels,
-    const int64_t *form, const double (*place)[4], const float *table, int64_t n,
-    const int64_t *ys, const int64_t *xs, const double *extra, int64_t extra_name,
-    int32_t (*label)[3], float (*share)[3], float *error) {
+API void explain_pixels(int64_t h, int64_t w, int64_t c, const float *pixels, const int32_t *labels,
+    const int64_t *form, const double (*place)[4], const float *table, int64_t n, const int64_t *ys,
+    const int64_t *xs, const double *extra, int64_t extra_name, int32_t (*label)[3],
+    float (*share)[3], float *error) {
     double color[MOST_NEAR + 1][MOST_CHANNELS];
     int64_t names[MOST_NEAR + 1];
     for (int64_t m = 0; m < n; m++) {
         const int64_t y = ys[m], x = xs[m];
         Mixture best = {.error = INFINITY};
-        for (int64_t radius = extra_name < 0 ? NEAR : FAR; radius <= FAR && best.error >= ENOUGH; radius++) {
+        for (int64_t radius = extra_name < 0 ? NEAR : FAR; radius <= FAR && best.error >= ENOUGH;
+            radius++) {
             int count = 0;
             for (int64_t v = most(0, y - radius); v < least(h, y + radius + 1); v++) {
                 for (int64_t u = most(0, x - radius); u < least(w, x + radius + 1); u++) {
@@ -189,8 +191,8 @@ API void explain_pixels(
                         i++;
                     if (k < 0 || i < count || count == MOST_NEAR)
                         continue;
-                    const float *shaded = shade(
-                        form[k], place[k], table + k * SHADES * c, c, (double)x + 0.5, (double)y + 0.5);
+                    const float *shaded = shade(form[k], place[k], table + k * SHADES * c, c,
+                        (double)x + 0.5, (double)y + 0.5);
                     names[count] = k;
                     for (int64_t j = 0; j < c; j++)
                         color[count][j] = shaded[j];

@@ -6,8 +6,8 @@ Cholesky factor of the covariance:
     mean <- mean + L t,    L <- cholesky of L exp(2 A) L^T,  A symmetric.
 
 A step of a given size thus changes large, small and thin Gaussians equally, relative to their own
-size. The kernels return the moments m of a quantity h, which gauss2svg/core/gaussians.h defines. The
-gradients follow from these moments:
+size. The kernels return the moments m of a quantity h, which gauss2svg/core/gaussians.h defines.
+The gradients follow from these moments:
 
     dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
     dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g,

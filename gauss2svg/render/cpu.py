@@ -61,8 +61,8 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_free_kernel_lock)
 
 # Work is divided into fewer shares, and so done by fewer threads, if a share would otherwise have
-# less than this number of pair rows. The first number is for the work of _walk_tiles, and the second
-# for that of _add_pairs.
+# less than this number of pair rows. The first number is for the work of _walk_tiles, and the
+# second for that of _add_pairs.
 _LEAST_SHARE, _LEAST_ADDED = 16384, 65536
 
 Real = TypeVar("Real", bound=np.floating)  # np.float32 or np.float64

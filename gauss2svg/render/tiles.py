@@ -58,7 +58,7 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_make_pool)
 
 
-def in_shares(work: Callable[[int, int], None], max_shares: int) -> None:
+def in_shares(work: Callable[[int, int], object], max_shares: int) -> None:
     """Divide `work` into shares, do them at the same time in several threads, and wait for all.
 
     work(share, shares) is called for share = 0, ..., shares - 1. The number of shares is `threads`,

@@ -41,7 +41,7 @@ SPARE = 0.02
 _RADIUS = float(cut_radius(1.0))
 # The falloff is stored in a table with this many steps. From one step to the next, the squared
 # radius grows by the same amount.
-_STEPS = 4096  # as in gauss2svg/core/headroom.c
+_STEPS = 4096  # STEPS of gauss2svg/core/headroom.c
 _FALLOFF = profile(_RADIUS * np.sqrt(np.arange(_STEPS + 1) / _STEPS), 1.0)
 _DRAWN = -1  # a Gaussian that has been drawn has this value in the array `worst`
 _ANY = 1e300  # larger than the excess of any Gaussian

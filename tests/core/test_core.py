@@ -1,0 +1,119 @@
+"""Properties of the kernels: which are loaded, what they refuse, and which memory they use."""
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gauss2svg
+from gauss2svg.core import Kernel
+from gauss2svg.fit.placement import components_of
+
+PACKAGE = Path(gauss2svg.__file__).parent
+IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
+
+# Prints a digest of pictures, gradients, costs, steps and areas. Scenes have all forms of shapes,
+# some of them far off the canvas and thin.
+DRAWING = """
+import hashlib, sys
+import numpy as np
+from gauss2svg.areas.find import find_areas
+from gauss2svg.fit import FitOptions
+from gauss2svg.fit.adam import blending_of, step
+from gauss2svg.fit.placement import components_of
+from gauss2svg.fit.state import State
+from gauss2svg.render import cpu, render
+from gauss2svg.scene import ADD, OVER, PLAIN, SOFT, Scene
+
+digest = hashlib.sha256()
+for seed in range(int(sys.argv[1])):
+    rng = np.random.default_rng(seed)
+    n, width, height = int(rng.integers(0, 40)), *rng.integers(1, 70, 2).tolist()
+    blend = (OVER, ADD)[seed % 3 == 2]
+    scene = Scene(
+        width, height, rng.uniform(-20, 90, (n, 2)), np.exp(rng.uniform(-7, 4, (n, 2))),
+        rng.uniform(-0.999, 0.999, n), rng.random((n, 3)),
+        np.ones(n) if blend == ADD else rng.random(n),
+        beta=np.ones(n) if blend == ADD else rng.choice([1.0, 0.6, 3.0, 60.0], n),
+        drawn=np.full(n, SOFT) if blend == ADD else rng.choice([SOFT, PLAIN], n), blend=blend,
+    )
+    splats = cpu.splats_of(scene)
+    for dtype in (np.float32, np.float64):
+        target = rng.random((3, height, width)).astype(dtype)
+        image, loss, moments, _ = cpu.squared_error(splats, target, target[0] + 0.5)
+        image, cost = cpu.removal_cost(splats, target)
+        for result in (image, moments, cost):
+            digest.update(result.tobytes())
+    state = State.of_scene(scene)
+    step(state, moments, splats, blending_of(FitOptions(blend=blend)), 40.0)
+    components = components_of(rng.integers(0, 3, (9, 8)).astype(np.int32))
+    for result in (state.mean, state.factor, state.color, components):
+        digest.update(result.tobytes())
+y, x = np.mgrid[:48, :64] + 0.5
+disc, line = np.clip(15.5 - np.hypot(x - 20, y - 22), 0, 1), np.clip(2 - np.abs(x - y - 9), 0, 1)
+picture = np.ones((48, 64, 3)) - disc[..., None] * [0.9, 0.2, 0.1] - 0.8 * line[..., None]
+areas = find_areas(np.clip(picture, 0, 1).astype(np.float32)).areas
+digest.update(render(Scene(64, 48, areas=areas)).tobytes())
+print(digest.hexdigest())
+"""
+
+
+def drawn(count: int, tree: Path = PACKAGE.parent, **variables: str) -> str:
+    """The digest of what the kernels of a tree draw."""
+    paths = os.pathsep.join([str(tree), *sys.path])
+    command = [sys.executable, "-P", "-c", DRAWING, str(count)]
+    env = {**os.environ, "PYTHONPATH": paths, **variables}
+    done = subprocess.run(command, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stdout
+
+
+@pytest.mark.process
+@pytest.mark.skipif(not IS_X86, reason="other CPUs have one level")
+def test_the_least_level_gives_the_bits_of_the_best():
+    assert drawn(60, GAUSS2SVG_CPU="v2") == drawn(60)
+
+
+@pytest.mark.process
+def test_another_word_than_a_level_is_refused_in_one_line(tmp_path):
+    photo = str(PACKAGE.parent / "examples" / "coffee.jpg")
+    command = [sys.executable, "-P", "-m", "gauss2svg", photo, "-o", str(tmp_path / "out.svg")]
+    env = {**os.environ, "PYTHONPATH": str(PACKAGE.parent), "GAUSS2SVG_CPU": "fast"}
+    done = subprocess.run(command, env=env, capture_output=True, text=True)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "GAUSS2SVG_CPU must be one of" in line
+    assert line.endswith("got 'fast'")
+    assert not os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "levels", [np.zeros((4, 4)), np.zeros((4, 8), np.int32)[:, ::2], np.zeros((4, 4), np.int64)]
+)
+def test_arrays_that_c_would_read_wrongly_are_refused(levels):
+    with pytest.raises(TypeError, match="number_components needs a C-contiguous array of int"):
+        components_of(levels)
+
+
+def test_arrays_of_two_precisions_are_refused():
+    add = Kernel("add_pairs", "int int int int64 real real")
+    with pytest.raises(TypeError, match="needs a C-contiguous array of float32"):
+        add(0, 0, 1, np.zeros(1, np.int64), np.zeros((0, 1), np.float32), np.zeros((0, 1)))
+
+
+@pytest.mark.sweep
+@pytest.mark.skipif(sys.platform != "linux", reason="needs GCC's library of checks")
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs GCC")
+def test_nothing_is_read_or_written_beside_arrays_and_nothing_is_undefined(tmp_path):
+    tree = tmp_path / "tree"
+    shutil.copytree(PACKAGE, tree / "gauss2svg", ignore=shutil.ignore_patterns("kernels-*"))
+    build = [sys.executable, str(tree / "gauss2svg" / "core" / "build.py"), "--sanitize"]
+    subprocess.run(build, check=True, env={**os.environ, "CC": "gcc"})
+    library = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True)
+    variables = {"ASAN_OPTIONS": "detect_leaks=0", "LD_PRELOAD": library.stdout.strip()}
+    drawn(100, tree, GAUSS2SVG_CPU="sanitized", **variables)
