@@ -27,7 +27,7 @@ TARGETS = {
     "macosx_11_0_arm64": "aarch64-macos.11.0",
     "win_amd64": "x86_64-windows-gnu",
 }
-# No fast-math and no contraction, so that results are the same at all levels.
+# No fast-math and no contraction, so that results are the same on all CPUs.
 FLAGS = [
     "-std=c11", "-O3", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off",
     "-fno-math-errno", "-Wall", "-Wextra", "-Wno-psabi",

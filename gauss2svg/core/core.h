@@ -2,7 +2,7 @@
 
 Arrays are C-contiguous, and their shapes stand in the comments as in NumPy. Python passes pointers,
 int64_t and double. Sums are added up in the order in which they are written, and the compiler may
-not contract them to fused multiply-adds, so that all levels of x86-64 give the same bits. */
+not contract them to fused multiply-adds, so that CPUs give the same bits. */
 
 #ifndef GAUSS2SVG_CORE_H
 #define GAUSS2SVG_CORE_H

@@ -81,22 +81,22 @@ typedef struct {
 z1 and z2 are computed in double and then rounded, because float is too coarse for offsets from a
 distant mean and for offsets within a shape of sigma 1e-6 px. Moreover, z2 of a thin sheared shape
 is the sum of two terms that nearly cancel. */
-INLINE Pair pair_of(const Tile *tile, int32_t p, bool additive) {
+INLINE Pair pair_of(Tile tile, int32_t p, bool additive) {
     static const doubles columns = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
-    const double *s = tile->shape[tile->gaussian[p]], *paint = tile->paint[tile->gaussian[p]];
-    const int32_t *rows = tile->rows[p];
+    const double *s = tile.shape[tile.gaussian[p]], *paint = tile.paint[tile.gaussian[p]];
+    const int32_t *rows = tile.rows[p];
     const int middle = (rows[0] + rows[1]) / 2;
     const bool has_power = !additive && s[7] == 0.0 && s[5] != 1.0;
-    const doubles u = columns + (tile->x0 + 0.5 - s[0]);
+    const doubles u = columns + (tile.x0 + 0.5 - s[0]);
     const doubles z2 = s[3] * u + s[4] * (middle + 0.5 - s[1]);
     return (Pair){
         .shape = s,
         .color = paint + 1,
         .is_plain = !additive && s[7] != 0.0,
         .has_power = has_power,
-        .first = rows[0] - tile->y0,
-        .end = rows[1] - tile->y0,
-        .middle = middle - tile->y0,
+        .first = rows[0] - tile.y0,
+        .end = rows[1] - tile.y0,
+        .middle = middle - tile.y0,
         .opacity = additive ? 1.0 : paint[0],
         .step = s[4],
         .rim = has_power ? POWER_RIM : RIM,
@@ -140,16 +140,16 @@ inside     1 for columns of the image, else 0
 color      (3, 16, 16) output: sum of w c
 remaining  (16, 16) output: transmittance behind all pairs, and 1 for additive blending */
 INLINE int64_t compose(
-    const Tile *tile, bool additive, lanes inside, REAL *color, REAL *remaining) {
+    Tile tile, bool additive, lanes inside, REAL *color, REAL *remaining) {
     int64_t filled = 0;
     for (int j = 0; j < 3 * PLANE; j += LANES)
         store(color + j, splat(0.0));
     for (int j = 0; j < PLANE; j += LANES)
         store(remaining + j, additive ? splat(1.0) : inside);
-    for (int64_t k = tile->first; k < tile->end; k++) {
-        const Pair pair = pair_of(tile, tile->order[k], additive);
+    for (int64_t k = tile.first; k < tile.end; k++) {
+        const Pair pair = pair_of(tile, tile.order[k], additive);
         const double peak = pair.opacity / (1.0 - pair.rim);
-        const REAL height = (REAL)peak, foot = (REAL)(pair.rim * peak);
+        const lanes height = splat(peak), foot = splat(pair.rim * peak);
         const lanes c0 = splat(pair.color[0]), c1 = splat(pair.color[1]), c2 = splat(pair.color[2]);
         const lanes squares = pair.z1 * pair.z1, reach = splat(pair.shape[6]), zero = {0};
         const REAL power = (REAL)((pair.shape[5] - 1.0) * 1.4426950408889634);
@@ -159,17 +159,17 @@ INLINE int64_t compose(
             if (pair.is_plain) {
                 lanes slope;
                 alpha = (REAL)pair.opacity * covered(&pair, z2, &slope);
-                store(tile->steep + filled, slope);
+                store(tile.steep + filled, slope);
             } else {
-                lanes q = smaller(squares + z2 * z2, reach);
+                lanes q = smaller(fused(z2, z2, squares), reach);
                 if (pair.has_power) {
                     const lanes ln = logarithms(larger(q * (REAL)0.5, splat(LEAST_HALF_SQUARE)));
                     const lanes steep = powers_of_two(ln * power);
-                    store(tile->steep + filled, steep);
-                    store(tile->logs + filled, ln);
+                    store(tile.steep + filled, steep);
+                    store(tile.logs + filled, ln);
                     q = steep * q;
                 }
-                alpha = larger(height * exp_of_half(q) - foot, zero);
+                alpha = larger(fused(height, exp_of_half(q), -foot), zero);
             }
             lanes w = alpha;
             REAL *left = remaining + y * LANES, *sum = color + y * LANES;
@@ -177,14 +177,14 @@ INLINE int64_t compose(
                 w = alpha = alpha * inside;
             } else {
                 const lanes front = load(left);
-                store(tile->front + filled, front);
+                store(tile.front + filled, front);
                 w = alpha * front;
                 store(left, front - w);
             }
-            store(tile->alpha + filled, alpha);
-            store(sum, load(sum) + w * c0);
-            store(sum + PLANE, load(sum + PLANE) + w * c1);
-            store(sum + 2 * PLANE, load(sum + 2 * PLANE) + w * c2);
+            store(tile.alpha + filled, alpha);
+            store(sum, fused(w, c0, load(sum)));
+            store(sum + PLANE, fused(w, c1, load(sum + PLANE)));
+            store(sum + 2 * PLANE, fused(w, c2, load(sum + 2 * PLANE)));
         }
     }
     return filled;
@@ -195,10 +195,10 @@ INLINE int64_t compose(
 filled  result of `compose`, whose other arguments have the same names
 g       (3, 16, 16) dL/dpixel, which is 0 outside the image
 behind  (16, 16) g.background on entry. It is overwritten */
-INLINE void backpropagate(const Tile *tile, bool additive, int64_t filled, const REAL *g,
+INLINE void backpropagate(Tile tile, bool additive, int64_t filled, const REAL *g,
     REAL *behind, REAL (*moments)[MOMENTS]) {
-    for (int64_t k = tile->end - 1; k >= tile->first; k--) {
-        const Pair pair = pair_of(tile, tile->order[k], additive);
+    for (int64_t k = tile.end - 1; k >= tile.first; k--) {
+        const Pair pair = pair_of(tile, tile.order[k], additive);
         const double share = pair.is_plain ? 1.0 : pair.rim / (1.0 - pair.rim);
         const lanes foot = splat(share * pair.opacity);
         const lanes c0 = splat(pair.color[0]), c1 = splat(pair.color[1]), c2 = splat(pair.color[2]);
@@ -208,37 +208,38 @@ INLINE void backpropagate(const Tile *tile, bool additive, int64_t filled, const
         filled -= (int64_t)(pair.end - pair.first) * LANES;
         int64_t row = filled;
         for (int y = pair.first; y < pair.end; y++, row += LANES) {
-            const lanes z2 = across(&pair, y), alpha = load(tile->alpha + row);
+            const lanes z2 = across(&pair, y), alpha = load(tile.alpha + row);
             const REAL *by_pixel = g + y * LANES;
             const lanes g0 = load(by_pixel), g1 = load(by_pixel + PLANE);
             const lanes g2 = load(by_pixel + 2 * PLANE);
-            lanes d = g0 * c0 + g1 * c1 + g2 * c2, w = alpha, wd, h;
+            lanes d = fused(g2, c2, fused(g1, c1, g0 * c0)), w = alpha, wd, h;
             /* `rest` is `foot` where alpha > 0, else 0. A minimum needs no branch. */
             const lanes rest = smaller(foot, alpha * HUGE_REAL);
             if (additive) {
                 wd = alpha * d;
                 h = (alpha + rest) * d;
             } else {
-                const lanes front = load(tile->front + row), b = load(behind + y * LANES);
+                const lanes front = load(tile.front + row), b = load(behind + y * LANES);
                 d -= b;
-                store(behind + y * LANES, b + alpha * d);
+                store(behind + y * LANES, fused(alpha, d, b));
                 w = alpha * front;
                 wd = w * d;
-                h = wd + rest * (front * d);
+                h = fused(rest, front * d, wd);
                 if (pair.is_plain)
-                    h = (h - wd) * load(tile->steep + row);
+                    h = (h - wd) * load(tile.steep + row);
                 if (pair.has_power) {
-                    h *= load(tile->steep + row);
-                    sum_beta += h * (smaller(z1 * z1 + z2 * z2, reach) * load(tile->logs + row));
+                    h *= load(tile.steep + row);
+                    const lanes q = smaller(fused(z2, z2, z1 * z1), reach);
+                    sum_beta = fused(h, q * load(tile.logs + row), sum_beta);
                 }
             }
-            s0 += w * g0;
-            s1 += w * g1;
-            s2 += w * g2;
+            s0 = fused(w, g0, s0);
+            s1 = fused(w, g1, s1);
+            s2 = fused(w, g2, s2);
             sum_alpha += wd;
             sum_h += h;
-            sum_hz += h * z2;
-            sum_hzz += h * z2 * z2;
+            sum_hz = fused(h, z2, sum_hz);
+            sum_hzz = fused(h * z2, z2, sum_hzz);
         }
         const REAL beta = pair.has_power ? (REAL)pair.shape[5] : (REAL)1;
         sum_h *= beta;
@@ -246,7 +247,7 @@ INLINE void backpropagate(const Tile *tile, bool additive, int64_t filled, const
         const lanes sums[LANES] = {sum_h * z1, sum_hz, sum_h * z1 * z1, sum_hz * z1, sum_hzz * beta,
             sum_alpha, s0, s1, s2, (REAL)0.5 * sum_beta};
         const lanes sum = totals(sums);
-        memcpy(moments[tile->order[k]], &sum, sizeof *moments);
+        memcpy(moments[tile.order[k]], &sum, sizeof *moments);
     }
 }
 
@@ -259,28 +260,28 @@ d = -a_k c_k. So its weighted squared error changes by weight d.(d + 2 error).
 error   (3, 16, 16) rendered - target, which is 0 outside the image
 weight  (16, 16) weights of the pixels, which are 0 outside the image
 behind  (3, 16, 16) the background on entry. It is overwritten */
-INLINE void remove_each(const Tile *tile, bool additive, int64_t filled, const REAL *error,
+INLINE void remove_each(Tile tile, bool additive, int64_t filled, const REAL *error,
     const REAL *weight, REAL *behind, REAL (*cost)[2]) {
-    for (int64_t k = tile->end - 1; k >= tile->first; k--) {
-        const int32_t p = tile->order[k], *rows = tile->rows[p];
-        const double *color = tile->paint[tile->gaussian[p]] + 1;
+    for (int64_t k = tile.end - 1; k >= tile.first; k--) {
+        const int32_t p = tile.order[k], *rows = tile.rows[p];
+        const double *color = tile.paint[tile.gaussian[p]] + 1;
         lanes change = {0}, mass = {0};
         filled -= (int64_t)(rows[1] - rows[0]) * LANES;
         int64_t row = filled;
-        for (int y = rows[0] - tile->y0; y < rows[1] - tile->y0; y++, row += LANES) {
-            const lanes alpha = load(tile->alpha + row), by = load(weight + y * LANES);
-            const lanes w = additive ? alpha : alpha * load(tile->front + row);
-            mass += by * (w * w);
+        for (int y = rows[0] - tile.y0; y < rows[1] - tile.y0; y++, row += LANES) {
+            const lanes alpha = load(tile.alpha + row), by = load(weight + y * LANES);
+            const lanes w = additive ? alpha : alpha * load(tile.front + row);
+            mass = fused(by, w * w, mass);
             for (int c = 0; c < 3; c++) {
                 const int64_t j = c * PLANE + y * LANES;
                 lanes difference = splat(-color[c]);
                 if (!additive) {
                     const lanes b = load(behind + j);
                     difference += b;
-                    store(behind + j, b - alpha * difference);
+                    store(behind + j, fused(-alpha, difference, b));
                 }
                 const lanes d = w * difference, e = load(error + j);
-                change += by * (d * (d + e + e));
+                change = fused(by, d * (d + e + e), change);
             }
         }
         const lanes sums = totals((lanes[LANES]){change, mass});
@@ -340,8 +341,8 @@ API void SUFFIXED(walk_tiles)(int64_t additive, int64_t mode, int64_t first_tile
                 load_part(ground + (j / h * height + y0 + j % h) * width + x0, w));
         const Tile tile = {shape, paint, gaussian, rows, order, start[t], start[t + 1], x0, y0,
             buffers, buffers + capacity, buffers + 2 * capacity, buffers + 3 * capacity};
-        const int64_t filled = additive ? compose(&tile, true, inside, color, remaining)
-                                        : compose(&tile, false, inside, color, remaining);
+        const int64_t filled = additive ? compose(tile, true, inside, color, remaining)
+                                        : compose(tile, false, inside, color, remaining);
         for (int c = 0; c < 3; c++) {
             for (int y = 0; y < ROWS; y++) {
                 const int64_t j = c * PLANE + y * LANES, pixel = (y0 + y) * width + x0;
@@ -371,15 +372,15 @@ API void SUFFIXED(walk_tiles)(int64_t additive, int64_t mode, int64_t first_tile
                                       load(gradient + j + PLANE) * load(below + j + PLANE) +
                                       load(gradient + j + 2 * PLANE) * load(below + j + 2 * PLANE));
             if (additive)
-                backpropagate(&tile, true, filled, gradient, behind, (REAL(*)[MOMENTS])pair_out);
+                backpropagate(tile, true, filled, gradient, behind, (REAL(*)[MOMENTS])pair_out);
             else
-                backpropagate(&tile, false, filled, gradient, behind, (REAL(*)[MOMENTS])pair_out);
+                backpropagate(tile, false, filled, gradient, behind, (REAL(*)[MOMENTS])pair_out);
         } else if (mode == REMOVAL) {
             memcpy(behind, below, sizeof behind);
             for (int y = 0; y < ROWS; y++)
                 store(weights + y * LANES,
                     y < h ? load_part(weight + (y0 + y) * width + x0, w) : splat(0.0));
-            remove_each(&tile, additive, filled, gradient, weights, behind, (REAL(*)[2])pair_out);
+            remove_each(tile, additive, filled, gradient, weights, behind, (REAL(*)[2])pair_out);
         }
     }
 }

@@ -16,7 +16,7 @@ class CoreHook(BuildHookInterface):
     """Compile the kernels, and name the wheel by its platform."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile into the source tree, so that its tests find the kernels, and add them to a wheel.
+        """Compile into the source tree, where its tests find them, and add the kernels to a wheel.
 
         The environment variable GAUSS2SVG_WHEEL names another platform for a wheel, whose kernels
         are not left in the tree.
