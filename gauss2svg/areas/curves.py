@@ -176,13 +176,14 @@ def _merged(
 
     for piece in pieces:
         offer(piece)
-    by_index = {piece.index: piece for piece in pieces}
+    by_index, first = {piece.index: piece for piece in pieces}, pieces[0]
     while heap and len(by_index) > least:
         _, index, _, fit = heapq.heappop(heap)
         piece = by_index.get(index)
         if piece is None or piece.pair is not fit or piece.after is None:
             continue
         removed = piece.after
+        first = piece if removed is first else first
         piece.fit, piece.last = fit, piece.last + removed.last - removed.first
         piece.after = removed.after
         if removed.after is not None:
@@ -191,7 +192,10 @@ def _merged(
         offer(piece)
         if piece.before is not None:
             offer(piece.before)
-    return list(by_index.values())
+    left = [first]
+    while len(left) < len(by_index):
+        left.append(left[-1].after or first)
+    return left
 
 
 def _move_joins(pieces: list[_Piece], fitted: _Fitted) -> None:
