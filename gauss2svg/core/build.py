@@ -30,7 +30,7 @@ TARGETS = {
 # No fast-math and no contraction, so that results are the same on all CPUs.
 FLAGS = [
     "-std=c11", "-O3", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off",
-    "-fno-math-errno", "-Wall", "-Wextra", "-Wno-psabi",
+    "-fno-math-errno", "-Wall", "-Wextra", "-Wno-psabi", "-Wno-unknown-pragmas",
 ]  # fmt: skip
 SANITIZED = ["-O1", "-g", "-fsanitize=undefined,address", "-fno-sanitize-recover=undefined"]
 

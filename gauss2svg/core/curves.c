@@ -127,7 +127,7 @@ static Fit cubic_between(const Run *run, int64_t first, int64_t last) {
 /* Fit the cheaper of a line and a cubic to each of `count` runs first..last of points.
 
 n, points, weight, noise, places  as in Run
-first, last  (count,) indices of points. Those of a run may go on from the last point to the first
+first, last  (count,) indices of points, any whole numbers. first <= last
 only_curves  whether lines are left out
 unit, rate   user unit in px, and squared error that a byte must save
 segments, curved, error, bytes  (count, 4, 2) and (count,) outputs */
@@ -137,10 +137,11 @@ API void fit_runs(int64_t n, const double (*points)[2], const double *weight, do
     double *bytes) {
     const Run run = {points, weight, n, noise, places};
     for (int64_t k = 0; k < count; k++) {
-        Fit best = cubic_between(&run, first[k], last[k]);
+        const int64_t begin = (first[k] % n + n) % n, end = begin + last[k] - first[k];
+        Fit best = cubic_between(&run, begin, end);
         best.bytes = bytes_of((Segment){best.p, true}, unit);
         if (!only_curves) {
-            Fit line = line_between(&run, first[k], last[k]);
+            Fit line = line_between(&run, begin, end);
             line.bytes = bytes_of((Segment){line.p, false}, unit);
             if (line.error + rate * line.bytes < best.error + rate * best.bytes)
                 best = line;
