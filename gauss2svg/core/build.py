@@ -38,8 +38,8 @@ SANITIZED = ["-O1", "-g", "-fsanitize=undefined,address", "-fno-sanitize-recover
 def compiler() -> list[str]:
     """Return the command of the C compiler. Raise SystemExit if there is none."""
     if find_spec("ziglang"):
-        # zig would stop the process at undefined behaviour. 512 bits are the registers of v4.
-        return [sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=undefined"]
+        # zig would stop the process at undefined behaviour by default.
+        return [sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=undefined", "-s"]
     command = shutil.which(os.environ.get("CC", "cc"))
     if command is None:
         raise SystemExit("error: no C compiler. Try `pip install ziglang`, or install `cc`")
