@@ -71,7 +71,7 @@ def build(folder: Path, tag: str = "") -> list[Path]:
     def compile_level(flags: list[str], path: Path) -> None:
         parts = [*command, *FLAGS, *flags, "-o", str(path), *sources, *libraries]
         done = subprocess.run(parts, capture_output=True, text=True)
-        if done.returncode or done.stderr:
+        if done.returncode:
             raise SystemExit(f"error: {' '.join(parts)}\n{done.stderr}")
 
     with ThreadPoolExecutor() as pool:
