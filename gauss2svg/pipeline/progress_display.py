@@ -80,7 +80,7 @@ def terminal_bar(text: str) -> Iterator[Callable[[str, float | None], None] | No
             draw()
         put("")
 
-    # A thread draws the bar, so that the time also moves while the program compiles or draws.
+    # A thread draws the bar, so that the time also moves while the program draws.
     thread = threading.Thread(target=redraw, daemon=True)
     thread.start()
     try:

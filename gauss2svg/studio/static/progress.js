@@ -7,13 +7,8 @@ import { decibels, drawn, seconds, size, whole } from "./numbers.js";
 /** @import { Photo, Run } from "./job.js" */
 
 const PHASES = /** @type {Record<string, string>} */ ({
-<<<<<<< HEAD
-  read: "Reading the photo", compile: "Compiling, in the first run only", write: "Writing the SVG",
-  measure: "Measuring the SVG", correct: "Correcting the number of shapes",
-=======
   read: "Reading the photo", write: "Writing the SVG",
-  measure: "Measuring the SVG", areas: "Finding areas", correct: "Correcting colours",
->>>>>>> 33c8494b (No kernel is compiled when the program runs: numba, its cache, its options and warm-ups are gone)
+  measure: "Measuring the SVG", correct: "Correcting the number of shapes",
 });
 /** @param {number} place */
 const ahead = (place) => (place === 1 ? "one before it" : `${place} before it`);
