@@ -10,7 +10,7 @@ import numpy as np
 from gauss2svg.areas.kernels import Floats, Ints
 from gauss2svg.core import Kernel
 
-ACROSS = 6  # places along the end of a stroke at which it is sampled
+ACROSS = 6  # places along the end of a stroke (ACROSS of gauss2svg/core/composition.c)
 
 compose_layers = Kernel(
     "compose_layers",

@@ -74,7 +74,8 @@ def build(folder: Path, tag: str = "") -> list[Path]:
         if done.returncode:
             raise SystemExit(f"error: {' '.join(parts)}\n{done.stderr}")
 
-    with ThreadPoolExecutor() as pool:
+    # zig compiles the C library of Windows first, which the levels must not do at the same time.
+    with ThreadPoolExecutor(1 if system in ("windows", "win32") else None) as pool:
         list(pool.map(compile_level, levels.values(), paths))
     return paths
 

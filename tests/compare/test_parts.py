@@ -73,7 +73,6 @@ def test_values_of_an_axis_stand_between_commas_or_semicolons(text, values):
         (["scene.falloff.RADIUS=2"], f"{ONLY_IN_RUNS}gauss2svg.scene.falloff reads when"),
         (["render.MOST_SIDE=9"], f"{ONLY_IN_RUNS}gauss2svg.render reads when"),
         (["scene.scene.MOST_SIGMA=9"], f"{ONLY_IN_RUNS}gauss2svg"),
-        (["fit.adam.MOST_ASPECT=9"], f"{ONLY_IN_RUNS}gauss2svg.fit.adam reads when"),
     ],
 )
 def test_axes_that_no_run_could_have_are_refused_on_one_line(axes, line):
