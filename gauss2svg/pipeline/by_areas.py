@@ -298,10 +298,16 @@ class ByAreas:
         return self._is_lost
 
     def _rastered(self, trial: Trial) -> Trial:
-        """Return a trial whose areas are fitted to what resvg draws, if there are areas alone."""
-        ground, found, renderer = trial.ground, trial.found, self._plan.options.run.renderer
+        """Return a trial whose areas are fitted to what resvg draws.
+
+        If it has Gaussians too, they go if the areas alone are then closer.
+        """
+        found, renderer = trial.found, self._plan.options.run.renderer
+        has_shapes, ground = len(trial.ground) > 0, trial.ground.select([])
         # Other renderers take too long for a step of a fit.
-        if renderer != "resvg" or len(ground) or not found.areas or self._ends():
+        if renderer != "resvg" or not found.areas or self._ends():
+            return trial
+        if has_shapes and not self._is_as_given:
             return trial
 
         def rasterize(areas: tuple[Area, ...]) -> NDArray[np.float32]:
@@ -318,6 +324,8 @@ class ByAreas:
         export = self._exporter.unscored(scene)
         if export.size > self._limit:
             return trial
+        if has_shapes and self._raster_psnr(export) < self._raster_psnr(trial.export):
+            return trial
         found = dataclasses.replace(found, areas=areas)
         return dataclasses.replace(trial, found=found, ground=scene, export=export)
 
@@ -331,14 +339,17 @@ class ByAreas:
             export = self._exporter.unscored(ground.replace(areas=areas))
             if export.size > self._limit:
                 return math.inf
-            psnr = self._subject.psnr(self._exporter.raster(export.svg), photo)
-            return 3 * math.prod(photo.shape[:2]) * 10 ** (-psnr / 10)
+            return 3 * math.prod(photo.shape[:2]) * 10 ** (-self._raster_psnr(export) / 10)
 
         areas = kept(ground.areas, start.areas, error_of)
         found = dataclasses.replace(trial.found, areas=areas)
         scene = ground.replace(areas=found.areas)
         export = self._exporter.unscored(scene)
         return dataclasses.replace(trial, found=found, ground=scene, export=export)
+
+    def _raster_psnr(self, export: Export) -> float:
+        """Return the PSNR (dB) of the raster of a file against the photo."""
+        return self._subject.psnr(self._exporter.raster(export.svg), self._subject.photo)
 
     def _best(self) -> Trial:
         """Return the trial whose areas the file gets."""
