@@ -45,9 +45,12 @@ def test_a_jpeg_has_the_areas_of_the_clean_drawing(name, change):
     found = vectorize(picture, max_bytes=10000).scene
     assert len(areas) <= len(found.areas) <= 1 + len(areas)
     assert len(found) == 0
-    # JPEG of quality 75 hides some px of an outline between colours of like luma.
-    assert np.quantile(off(areas, found.areas), 0.98) < 0.5
-    assert off(areas, found.areas).mean() < 0.05
+    # JPEG of quality 75 hides some px of an outline between colours of like luma. What it adds may
+    # be one small area more.
+    far = off(areas, found.areas)[: len(points_of(areas))]
+    assert np.quantile(far, 0.98) < 0.5
+    assert far.mean() < 0.05
+    assert np.quantile(off(areas, found.areas), 0.98) < 3
     for area in areas:
         own = [np.abs(color_of(area) - color_of(other)).max() for other in found.areas]
         assert min(own) < 8 / 255
