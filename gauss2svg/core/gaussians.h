@@ -66,14 +66,14 @@ typedef struct {
     REAL *alpha, *front, *steep, *logs;
 } Tile;
 
-/* A pair as the passes need it. z1 and z2 belong to the row `middle` of the tile, and z2 grows by
+/* A pair as the passes need it. z1 and z2 belong to the row `first` of the tile, and z2 grows by
 `step` from each row to the next. */
 typedef struct {
     const double *shape, *color;
     bool is_plain, has_power;
-    int first, end, middle;
-    double opacity, step, rim;
-    lanes z1, z2;
+    int first, end;
+    double opacity, rim;
+    lanes z1, z2, step;
 } Pair;
 
 /* Return pair p of a tile. `rim` is exp(-s^beta) at the cut.
@@ -85,10 +85,9 @@ INLINE Pair pair_of(Tile tile, int32_t p, bool additive) {
     static const doubles columns = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
     const double *s = tile.shape[tile.gaussian[p]], *paint = tile.paint[tile.gaussian[p]];
     const int32_t *rows = tile.rows[p];
-    const int middle = (rows[0] + rows[1]) / 2;
     const bool has_power = !additive && s[7] == 0.0 && s[5] != 1.0;
     const doubles u = columns + (tile.x0 + 0.5 - s[0]);
-    const doubles z2 = s[3] * u + s[4] * (middle + 0.5 - s[1]);
+    const doubles z2 = s[3] * u + s[4] * (rows[0] + 0.5 - s[1]);
     return (Pair){
         .shape = s,
         .color = paint + 1,
@@ -96,18 +95,12 @@ INLINE Pair pair_of(Tile tile, int32_t p, bool additive) {
         .has_power = has_power,
         .first = rows[0] - tile.y0,
         .end = rows[1] - tile.y0,
-        .middle = middle - tile.y0,
         .opacity = additive ? 1.0 : paint[0],
-        .step = s[4],
+        .step = splat(s[4]),
         .rim = has_power ? POWER_RIM : RIM,
         .z1 = __builtin_convertvector(s[2] * u, lanes),
         .z2 = __builtin_convertvector(z2, lanes),
     };
-}
-
-/* Return z2 on a row of the tile. */
-INLINE lanes across(const Pair *pair, int y) {
-    return pair->z2 + (REAL)(pair->step * (y - pair->middle));
 }
 
 /* Return how much of each pixel a plain ellipse covers, and write the slope of this share.
@@ -153,15 +146,14 @@ INLINE int64_t compose(
         const lanes c0 = splat(pair.color[0]), c1 = splat(pair.color[1]), c2 = splat(pair.color[2]);
         const lanes squares = pair.z1 * pair.z1, reach = splat(pair.shape[6]), zero = {0};
         const REAL power = (REAL)((pair.shape[5] - 1.0) * 1.4426950408889634);
-        for (int y = pair.first; y < pair.end; y++, filled += LANES) {
-            const lanes z2 = across(&pair, y);
-            lanes alpha;
+        lanes z2 = pair.z2, alpha;
+        for (int y = pair.first; y < pair.end; y++, z2 += pair.step, filled += LANES) {
             if (pair.is_plain) {
                 lanes slope;
                 alpha = (REAL)pair.opacity * covered(&pair, z2, &slope);
                 store(tile.steep + filled, slope);
             } else {
-                lanes q = smaller(fused(z2, z2, squares), reach);
+                lanes q = smaller(z2 * z2 + squares, reach);
                 if (pair.has_power) {
                     const lanes ln = logarithms(larger(q * (REAL)0.5, splat(LEAST_HALF_SQUARE)));
                     const lanes steep = powers_of_two(ln * power);
@@ -169,7 +161,7 @@ INLINE int64_t compose(
                     store(tile.logs + filled, ln);
                     q = steep * q;
                 }
-                alpha = larger(fused(height, exp_of_half(q), -foot), zero);
+                alpha = larger(height * exp_of_half(q) - foot, zero);
             }
             lanes w = alpha;
             REAL *left = remaining + y * LANES, *sum = color + y * LANES;
@@ -182,9 +174,9 @@ INLINE int64_t compose(
                 store(left, front - w);
             }
             store(tile.alpha + filled, alpha);
-            store(sum, fused(w, c0, load(sum)));
-            store(sum + PLANE, fused(w, c1, load(sum + PLANE)));
-            store(sum + 2 * PLANE, fused(w, c2, load(sum + 2 * PLANE)));
+            store(sum, load(sum) + w * c0);
+            store(sum + PLANE, load(sum + PLANE) + w * c1);
+            store(sum + 2 * PLANE, load(sum + 2 * PLANE) + w * c2);
         }
     }
     return filled;
@@ -207,12 +199,13 @@ INLINE void backpropagate(Tile tile, bool additive, int64_t filled, const REAL *
         lanes sum_h = {0}, sum_hz = {0}, sum_hzz = {0}, sum_beta = {0};
         filled -= (int64_t)(pair.end - pair.first) * LANES;
         int64_t row = filled;
-        for (int y = pair.first; y < pair.end; y++, row += LANES) {
-            const lanes z2 = across(&pair, y), alpha = load(tile.alpha + row);
+        lanes z2 = pair.z2;
+        for (int y = pair.first; y < pair.end; y++, z2 += pair.step, row += LANES) {
+            const lanes alpha = load(tile.alpha + row);
             const REAL *by_pixel = g + y * LANES;
             const lanes g0 = load(by_pixel), g1 = load(by_pixel + PLANE);
             const lanes g2 = load(by_pixel + 2 * PLANE);
-            lanes d = fused(g2, c2, fused(g1, c1, g0 * c0)), w = alpha, wd, h;
+            lanes d = g0 * c0 + g1 * c1 + g2 * c2, w = alpha, wd, h;
             /* `rest` is `foot` where alpha > 0, else 0. A minimum needs no branch. */
             const lanes rest = smaller(foot, alpha * HUGE_REAL);
             if (additive) {
@@ -221,25 +214,25 @@ INLINE void backpropagate(Tile tile, bool additive, int64_t filled, const REAL *
             } else {
                 const lanes front = load(tile.front + row), b = load(behind + y * LANES);
                 d -= b;
-                store(behind + y * LANES, fused(alpha, d, b));
+                store(behind + y * LANES, b + alpha * d);
                 w = alpha * front;
                 wd = w * d;
-                h = fused(rest, front * d, wd);
+                h = wd + rest * (front * d);
                 if (pair.is_plain)
                     h = (h - wd) * load(tile.steep + row);
                 if (pair.has_power) {
                     h *= load(tile.steep + row);
-                    const lanes q = smaller(fused(z2, z2, z1 * z1), reach);
-                    sum_beta = fused(h, q * load(tile.logs + row), sum_beta);
+                    const lanes q = smaller(z2 * z2 + z1 * z1, reach);
+                    sum_beta += h * (q * load(tile.logs + row));
                 }
             }
-            s0 = fused(w, g0, s0);
-            s1 = fused(w, g1, s1);
-            s2 = fused(w, g2, s2);
+            s0 += w * g0;
+            s1 += w * g1;
+            s2 += w * g2;
             sum_alpha += wd;
             sum_h += h;
-            sum_hz = fused(h, z2, sum_hz);
-            sum_hzz = fused(h * z2, z2, sum_hzz);
+            sum_hz += h * z2;
+            sum_hzz += h * z2 * z2;
         }
         const REAL beta = pair.has_power ? (REAL)pair.shape[5] : (REAL)1;
         sum_h *= beta;
@@ -271,17 +264,17 @@ INLINE void remove_each(Tile tile, bool additive, int64_t filled, const REAL *er
         for (int y = rows[0] - tile.y0; y < rows[1] - tile.y0; y++, row += LANES) {
             const lanes alpha = load(tile.alpha + row), by = load(weight + y * LANES);
             const lanes w = additive ? alpha : alpha * load(tile.front + row);
-            mass = fused(by, w * w, mass);
+            mass += by * (w * w);
             for (int c = 0; c < 3; c++) {
                 const int64_t j = c * PLANE + y * LANES;
                 lanes difference = splat(-color[c]);
                 if (!additive) {
                     const lanes b = load(behind + j);
                     difference += b;
-                    store(behind + j, fused(-alpha, difference, b));
+                    store(behind + j, b - alpha * difference);
                 }
                 const lanes d = w * difference, e = load(error + j);
-                change = fused(by, d * (d + e + e), change);
+                change += by * (d * (d + e + e));
             }
         }
         const lanes sums = totals((lanes[LANES]){change, mass});

@@ -70,19 +70,12 @@ INLINE lanes totals(const lanes v[LANES]) {
                c[0], c[1], 1, 3, 17, 19, 5, 7, 21, 23, 9, 11, 25, 27, 13, 15, 29, 31);
 }
 
-/* Return a b + c. It is rounded once on all CPUs that have such an instruction, which v2 has not. Only
-where the source says so are products and sums fused, so that these CPUs give the same bits. */
-INLINE lanes fused(lanes a, lanes b, lanes c) {
-#pragma STDC FP_CONTRACT ON
-    return a * b + c;
-}
-
 /* Return 1 + c[0] u + c[1] u^2 + .. by Horner's rule. */
 INLINE lanes polynomial(lanes u, const REAL *c, int count) {
     lanes v = splat(c[count - 1]);
     for (int k = count - 2; k >= 0; k--)
-        v = fused(u, v, splat(c[k]));
-    return fused(u, v, splat(1.0));
+        v = u * v + splat(c[k]);
+    return u * v + splat(1.0);
 }
 #define POLYNOMIAL(u, c) polynomial(u, c, sizeof c / sizeof *c)
 
@@ -127,7 +120,7 @@ INLINE lanes logarithms(lanes v) {
     const bits e = ((bits)v - three_quarters) >> FRACTION;
     const lanes u = (lanes)((bits)v - (e << FRACTION)) - (REAL)1;
     const lanes powers = __builtin_convertvector(e, lanes) * (REAL)0.6931471805599453;
-    return fused(u, POLYNOMIAL(u, LOG_RATIO), powers);
+    return u * POLYNOMIAL(u, LOG_RATIO) + powers;
 }
 
 /* Return 2^v, for v clipped so that this is a normal number. The relative error is at most 3e-6 for
