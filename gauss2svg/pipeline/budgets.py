@@ -40,7 +40,7 @@ _PIXEL_BYTES = (12, 31, 57), (28, 70, 151)
 
 
 # Memory of a run, as it was measured (docs/decisions/memory.md).
-BASE = 205e6  # bytes that a run takes even with a photo of a few pixels
+BASE = 130e6  # bytes that a run takes even with a photo of a few pixels
 SHAPE = 3000  # bytes per Gaussian
 FIT = 75  # bytes per pixel that a fit takes
 FIT_AREAS = 330  # bytes per pixel that the search for areas takes in a drawing

@@ -150,10 +150,10 @@ def test_control_groups_bound_what_is_free(version, row, place, tmp_path):
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "image"])
 def test_what_cannot_fit_is_refused_by_its_header(kind, monkeypatch):
-    large = Image.new("L", (3000, 2000))
+    large = Image.new("L", (2200, 2000))
     monkeypatch.setattr("gauss2svg.pipeline.run.load_image", None)
-    with pytest.raises(InputError, match=r"memory must be .* for a photo of 3000x2000 px.*300 MB"):
-        vectorize(large if kind == "image" else encoded(large, kind), max_memory="300M", **QUICK)
+    with pytest.raises(InputError, match=r"memory must be .* for a photo of 2200x2000 px.*220 MB"):
+        vectorize(large if kind == "image" else encoded(large, kind), max_memory="220M", **QUICK)
 
 
 def test_a_stream_that_is_read_once_is_still_read(photo):
