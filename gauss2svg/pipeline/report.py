@@ -24,10 +24,11 @@ from gauss2svg.pipeline.plan import DEFAULT_PRESET, Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.scene.inks import used_inks
+from gauss2svg.scene.inks import ink_colors, used_inks
 from gauss2svg.svg import MINIMAL
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.version import __version__
+from gauss2svg.without_scipy import nearest_entry
 
 
 def run_report(
@@ -68,6 +69,7 @@ def run_report(
         "rounds": fitted.rounds,
         "corrections": outcome.corrections,
         "rollbacks": fitted.rollbacks,
+        "ink_shares": _ink_shares(options.fit.inks, measured.raster),
         "colors": len(np.unique(np.round(_colors(file.scene) * 255), axis=0)),
         "gradients": svg.count("<radialGradient") + svg.count("<linearGradient"),
         "area_share": 0.0 if found is None else found.explained,
@@ -95,6 +97,20 @@ def _colors(scene: Scene) -> NDArray[np.float64]:
     """Return the colours (n, 3) of the Gaussians, and of the areas without gradients."""
     flat = [area.paint for area in scene.areas if isinstance(area.paint, tuple)]
     return np.concatenate([scene.color, np.reshape(flat, (-1, 3))])
+
+
+def _ink_shares(inks: Any, raster: NDArray[np.float32]) -> list[float] | None:
+    """Return for each ink the share of the visible pixels to which it is nearest.
+
+    Return None if `inks` is not a list "#rrggbb,#rrggbb,..", because the run has no inks.
+    """
+    if not isinstance(inks, str):
+        return None
+    pixels, table = raster.reshape(-1, raster.shape[2]), ink_colors(inks)
+    visible = pixels if pixels.shape[1] == 3 else pixels[pixels[:, 3] >= 0.5]
+    entry = nearest_entry(table, visible[:, :3].astype(np.float64))[1]
+    counts = np.bincount(entry, minlength=len(table))
+    return [round(share, 4) for share in (counts / max(1, len(visible))).tolist()]
 
 
 def _sides(prefix: str, size: tuple[int, ...]) -> dict[str, int]:

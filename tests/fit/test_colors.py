@@ -187,6 +187,10 @@ def test_file_and_raster_have_no_other_colour_and_are_close(markup, picture):
     assert "Gradient" not in result.svg
     assert "opacity" not in result.svg
     assert result.report["inks"] == INKS
+    exact = (np.round(result.raster[:, :, None] * 255) == ink_colors(INKS) * 255).all(axis=3)
+    shares = np.array(result.report["ink_shares"])
+    assert shares.sum() == pytest.approx(1, abs=1e-3)
+    assert (shares >= exact.mean(axis=(0, 1)) - 1e-4).all()
     np.testing.assert_array_equal(read_svg(result.svg).inks, result.scene.inks)
     changes = (np.diff(result.scene.color, axis=0) != 0).any(axis=1)
     assert changes.sum() == result.scene.round_index[-1]
