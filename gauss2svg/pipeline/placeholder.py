@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args
 from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.areas.texture import may_have_areas
 from gauss2svg.errors import quoted, refusal
@@ -23,6 +24,7 @@ from gauss2svg.pipeline.outcome import Export, Subject
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
 from gauss2svg.pipeline.run import Run, watched
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like
+from gauss2svg.scene import Scene
 from gauss2svg.svg import MINIMAL, NAMESPACE, signed
 from gauss2svg.svg.element import hex_color
 
@@ -62,6 +64,17 @@ class Placeholder:
     gaussians: int
     transparent: bool = False
     areas: int = 0
+
+    @classmethod
+    def of(cls, svg: str, scene: Scene, size: Size, pixels: NDArray[np.float32]) -> Placeholder:
+        """Return the placeholder of a photo of this size in px.
+
+        svg, scene  text of the file, and the scene that it draws
+        pixels      photo at any size, (h, w, 3) or (h, w, 4) in 0..1
+        """
+        mean = shrunk(pixels, 1, 1)[0, 0, :3]  # mean of the visible pixels
+        color = hex_color(np.round(255 * mean).astype(np.intp))
+        return cls(svg, *size, color, len(scene), has_alpha(pixels), len(scene.areas))
 
     @property
     def inline(self) -> str:
@@ -186,11 +199,7 @@ def placeholder(
                 other = ByAreas(Plan(areas), subject, run).run().file
                 if count(other.svg) <= limit:
                     found = max(found, other, key=lambda file: _psnr(file, subject))
-    mean = shrunk(pixels, 1, 1)[0, 0, :3]  # mean of the visible pixels
-    color = hex_color(np.round(255 * mean).astype(np.intp))
-    counts = {"gaussians": len(found.scene), "areas": len(found.scene.areas)}
-    size, transparent = photo.original_size, has_alpha(pixels)
-    return Placeholder(found.svg, *size, color, transparent=transparent, **counts)
+    return Placeholder.of(found.svg, found.scene, photo.original_size, pixels)
 
 
 def _psnr(file: Export, subject: Subject) -> float:
