@@ -20,9 +20,18 @@ from gauss2svg.studio.worker import MASK
 MOST_DRAWN = 40_000_000
 # Options that only the server sets, because all fits share its cores and its memory.
 _NOT_OFFERED = ("threads", "max_memory", "max_pixels")
+_LABELS = {"count_gzipped": "Count kB after gzip, as servers send them"}
 _NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
 # The attributes of each score that are sent to the page.
 _SCORE_FIELDS = ("key", "name", "title", "unit", "digits", "best")
+# First choices of the page: {name: (title, options that it sets)}. All others get their defaults.
+USES: dict[str, tuple[str, dict[str, Any]]] = {
+    "photo": ("Photo", {}),
+    "drawing": ("Logo or drawing", {"areas": "always"}),
+    "poster": ("Poster in inks", {"inks": 6}),
+    "placeholder": ("Placeholder", {"max_bytes": 1000, "markup": "minimal"}),
+    "plotter": ("Plotter", {"gaussians": 800, "inks": 4, "size": "200mm", "areas": "never"}),
+}
 _UNIT = re.compile(r"\((dB|s|px)\)")
 
 
@@ -43,9 +52,10 @@ def options_of(values: dict[str, Any], has_focus: bool = False) -> Options:
 
 
 def form() -> dict[str, Any]:
-    """Return the groups of options, the scores and the limits, as data for the page."""
+    """Return the groups of options, first choices, scores and limits, as data for the page."""
     return {
         "limits": {"png_pixels": MOST_DRAWN},
+        "uses": {name: options for name, (_, options) in USES.items()},
         "groups": [
             {
                 "title": GROUP_TITLES[key],
@@ -73,7 +83,7 @@ def _described(field: Field, text: str) -> dict[str, Any]:
     label = " ".join(_NAMES.get(word, word) for word in field.name.split("_"))
     return {
         "name": field.name,
-        "label": label[0].upper() + label[1:],
+        "label": _LABELS.get(field.name, label[0].upper() + label[1:]),
         "flag": flag_of(field.name),
         "type": kind,
         "choices": list(field.choices) if kind == "choice" else None,

@@ -30,7 +30,7 @@ from gauss2svg.photo import SUFFIXES
 from gauss2svg.raster.isolated import draw
 from gauss2svg.studio import uploads
 from gauss2svg.studio.jobs import LOOK_S, QUEUED, RUNNING, Job, wait_until
-from gauss2svg.studio.options import MOST_DRAWN, form, lines_of, options_of
+from gauss2svg.studio.options import MOST_DRAWN, USES, form, lines_of, options_of
 from gauss2svg.studio.worker import MASK
 from gauss2svg.svg import Markup
 from gauss2svg.svg.file import file_bytes
@@ -44,7 +44,10 @@ _FIGURES = (
     "area_count", "line_count", "gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s",
     "stop_reason",
 )  # fmt: skip
-_FILES = (MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz")
+_FILES = (
+    MASK, "photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz", "outline.svg",
+    "pens.svg", "plates.zip", "placeholder.html",
+)  # fmt: skip
 
 
 class JobState(BaseModel):
@@ -107,6 +110,7 @@ async def page(studio: Studio) -> HTMLResponse:
         most_levels=MOST,
         suffixes=(*SUFFIXES, *uploads.REFUSED),
         is_local=studio.is_local,
+        uses=USES,
     )
     return HTMLResponse(html)
 
@@ -330,6 +334,13 @@ async def data_uri(job: FinishedJob, markup: Markup | None = None) -> Response:
     return Response(text, media_type="text/plain")
 
 
+@router.get("/api/jobs/{name}/files")
+async def files(job: FinishedJob) -> list[str]:
+    """Return the names of the files of a job. Wait until its process has written all of them."""
+    await wait_until(job.call.done)
+    return [name for name in _FILES if (job.folder / name).is_file()]
+
+
 @router.get("/api/jobs/{name}/{file}", response_class=FileResponse)
 async def file(
     job: FinishedJob,
@@ -338,8 +349,7 @@ async def file(
 ) -> FileResponse:
     """Return one file of a job.
 
-    It is the photo as it was compared, the error map, the outlines, the report, the scene or the
-    mask.
+    `files` names those that the job has. With `download`, the browser saves the file.
     """
     path = await _written(job, file)
     headers = _attachment(job, f"-{file}") if download else {}

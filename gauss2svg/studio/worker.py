@@ -2,7 +2,7 @@
 
     progress.json, frame.jpg     during the fit
     picture.svg, report.json     when the fit is done
-    photo.png, errors.png, ..    after that, for the page
+    photo.png, outline.svg, ..   after that, for the page and to be saved
 
 To end the fit with its best picture, the server writes a file named stop. To end the fit without a
 picture, it writes a file named cancel.
@@ -10,11 +10,15 @@ picture, it writes a file named cancel.
 
 from __future__ import annotations
 
+import io
 import os
+import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from gauss2svg.compare.records import json_safe, record_or_error
 from gauss2svg.compare.run import outlines_with_nodes
@@ -24,9 +28,11 @@ from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.pixels import over
 from gauss2svg.pipeline.budgets import memory_limit
 from gauss2svg.pipeline.options import Options, Progress
-from gauss2svg.pipeline.plan import USUAL_BYTES, Plan
+from gauss2svg.pipeline.placeholder import Placeholder
+from gauss2svg.pipeline.plan import MINIMAL_UP_TO, USUAL_BYTES, Plan
 from gauss2svg.pipeline.progress_display import FrameMaker
 from gauss2svg.pipeline.vectorize import Result, vectorize_by
+from gauss2svg.studio.uploads import stem_of
 from gauss2svg.svg import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
@@ -64,7 +70,7 @@ def _fit(request: Mapping[str, Any]) -> dict[str, str]:
     options = Options.from_flat(request["options"])
     with suppress(_CanceledError):
         result = _result(request, options)
-        for name, data in _files(result, options):
+        for name, data in chain(_files(result, options), _saved_only(result, request["name"])):
             _end_if_canceled(folder)
             _write(folder / name, data)
     return {}
@@ -135,3 +141,30 @@ def _files(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
         form = Plan(options).format_at()
         yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
     yield "scene.npz", saved(result.scene.save)
+
+
+def _saved_only(result: Result, name: str) -> Iterator[tuple[str, bytes]]:
+    """Yield (name, bytes) of the files that users can save, but that the page does not show.
+
+    They are those of the options --outline, --pens and --separations, and of placeholders in HTML.
+    There is a pen for each ink, or one pen if there are no inks.
+
+    name  file name of the photo
+    """
+    inks = (result.report["inks"] or "").split(",")
+    # An additive picture has no outlines, and pens do not draw areas. Then there is no file.
+    with suppress(Gauss2SvgError):
+        yield "outline.svg", result.outline().encode()
+        yield "pens.svg", result.outline(pens=len(inks)).encode()
+    if inks != [""]:
+        plates, stream = result.plates(), io.BytesIO()
+        with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as zipped:
+            for number, ink in enumerate(inks, start=1):
+                if ink in plates:
+                    zipped.writestr(f"{stem_of(name)}-plate-{number}.svg", plates[ink])
+        yield "plates.zip", stream.getvalue()
+    svg, report = result.svg, result.report
+    if report["markup"] == MINIMAL and report["svg_bytes"] <= MINIMAL_UP_TO:
+        size = report["width"], report["height"]
+        one = Placeholder.of(svg, result.scene, size, result.photo)
+        yield "placeholder.html", f"{one.snippet(quote(name))}\n".encode()

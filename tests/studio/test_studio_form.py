@@ -13,7 +13,7 @@ from gauss2svg.cli import vectorize as command
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.options import GROUPS, Options
-from gauss2svg.studio.options import form, lines_of, options_of
+from gauss2svg.studio.options import USES, form, lines_of, options_of
 from gauss2svg.studio.service import create_app, workers_and_threads
 
 OPTIONS = [option for group in form()["groups"] for option in group["options"]]
@@ -54,6 +54,13 @@ def test_palette_files_of_the_server_are_not_read(tmp_path):
     (tmp_path / "two.gpl").write_text("GIMP Palette\n0 0 0\n255 255 255\n")
     with pytest.raises(InputError, match="inks must be colours or a number"):
         options_of({"inks": str(tmp_path / "two.gpl")})
+
+
+@pytest.mark.parametrize("use", USES)
+def test_first_choices_set_options_of_the_page_that_go_together(use):
+    options = form()["uses"][use]
+    assert options.keys() <= {option["name"] for option in OPTIONS}
+    assert options.items() <= options_of(options).flat().items()
 
 
 @pytest.mark.parametrize("given", [CHANGED, OTHERS], ids=["most", "others"])

@@ -16,6 +16,7 @@ from studio_site import PLAIN, UPRIGHT, aim, await_run, difference, draft, job_o
 
 from gauss2svg.compare import chart
 from gauss2svg.measure import PSNR, SSIM
+from gauss2svg.studio.options import USES
 
 pytestmark = pytest.mark.browser
 photos, server, visit = studio_site.photos, studio_site.server, studio_site.visit
@@ -119,6 +120,7 @@ def test_areas_and_lines_are_counted_and_each_kind_can_be_hidden(visit, server, 
             assert difference(page, file) == 0
     words = f"{counts[0]} areas, {counts[1]} lines"
     expect(page.locator("#figures")).to_contain_text(words)
+    expect(page.locator("#meaning")).not_to_contain_text("35")
     assert words in page.locator("#chart .point").first.get_attribute("aria-label")
     page.locator("#files").set_input_files(photos[PLAIN])
     await_run(page, 3)
@@ -177,6 +179,74 @@ def test_controls_are_options_of_a_run_and_what_is_wrong_is_told_where_it_is(vis
     give(page, "drop", tmp_path / "notes.png")
     expect(page.locator("#photo-error")).to_contain_text("notes.png")
     expect(page.locator("#photo-error")).to_have_role("alert")
+
+
+def test_a_first_choice_sets_the_controls_shows_them_and_leaves_the_others(visit):
+    page = after_a_run(visit, "422")
+    page.locator("#more > summary").click()
+    page.get_by_text("Fit", exact=True).nth(1).click()
+    page.locator("#option-seed").fill("7")
+    for title, options in reversed(USES.values()):  # the first is chosen already
+        page.locator("#uses").get_by_role("radio", name=title, exact=True).check()
+        goal = {} if {"gaussians", "max_bytes"} & options.keys() else {"quality": "balanced"}
+        asked = goal | options | {"iterations": 20, "seed": 7}
+        sent = run_asks(page)
+        assert sent | ({"inks": int(sent["inks"])} if "inks" in sent else {}) == asked
+        for name, value in options.items():
+            if name not in ("gaussians", "max_bytes"):
+                expect(page.locator(f"#set #option-{name}")).to_have_value(str(value))
+                expect(page.locator("#use-set")).to_contain_text(f"{name} {value}")
+    page.locator("#uses").get_by_role("radio", name="Plotter", exact=True).check()
+    page.locator("#set #option-inks").fill("5")
+    assert run_asks(page)["inks"] == "5"
+    expect(page.locator("#set #option-count_gzipped")).to_have_count(0)
+    aim(page, "kB", 7)
+    page.locator("#set #option-count_gzipped").check()
+    assert run_asks(page).items() >= {"max_bytes": 7000, "count_gzipped": True}.items()
+    aim(page, "dB", 30)
+    assert not {"max_bytes", "count_gzipped"} & run_asks(page).keys()
+
+
+def test_inks_are_listed_and_what_a_run_can_save_is_offered(visit, server):
+    page = after_a_run(visit)
+    expect(page.locator("#meaning")).to_contain_text("35 is good")
+    aim(page, "kB", 5)
+    page.locator("#run").click()
+    await_run(page, 2)
+    expect(page.locator("#set #option-markup-note")).to_contain_text("--markup editable")
+    expect(page.locator("#notes")).to_have_text("")
+    expect(page.get_by_role("link", name="HTML", exact=True)).to_be_visible()
+    expect(page.get_by_role("link", name="Plates", exact=True)).to_be_hidden()
+    page.locator("#uses").get_by_role("radio", name="Poster in inks", exact=True).check()
+    draft(page)
+    page.locator("#run").click()
+    await_run(page, 3)
+    expect(page.locator("#meaning")).not_to_contain_text("35")
+    report = report_of(page, server)
+    listed = page.locator("#inks li").all_text_contents()
+    assert [line.split()[0] for line in listed] == report["inks"].split(",")
+    assert sum(float(line.split()[1]) for line in listed) == pytest.approx(100, abs=0.4)
+    with page.expect_download() as saving:
+        page.get_by_role("link", name="Plates", exact=True).click()
+    expect(page.get_by_role("link", name="HTML", exact=True)).to_be_hidden()
+    with zipfile.ZipFile(saving.value.path()) as archive:
+        assert archive.namelist()[0] == "cat-plate-1.svg"
+
+
+@pytest.mark.parametrize("size", [SCREEN | {"height": 800}, PHONE], ids=["screen", "phone"])
+def test_progress_and_stop_are_in_view_beside_a_tall_photo(visit, tmp_path, size):
+    Image.new("RGB", (40, 400), "red").save(tmp_path / "tall.png")
+    page = visit(viewport=size).open()
+    aim(page, "Shapes", 50)
+    open_options(page)
+    page.locator("#option-iterations").fill(str(LONG))
+    page.locator("#files").set_input_files(tmp_path / "tall.png")
+    page.wait_for_selector("#stop:not([disabled])")
+    for selector in ("#bar", "#stop", "#cancel"):
+        expect(page.locator(selector)).to_be_in_viewport(ratio=1)
+    page.evaluate("scrollTo(0, 0)")
+    expect(page.locator("#stop")).to_be_in_viewport(ratio=1)
+    page.locator("#cancel").click()
 
 
 def test_files_and_the_clipboard_have_what_the_service_has(visit, server):
@@ -258,7 +328,7 @@ def test_where_the_brush_paints_is_the_focus_of_the_next_run(visit, server):
     for part in ("inside", "outside"):
         expect(page.locator("#figures")).to_contain_text(f"{report[f'psnr_svg_{part}']:.2f}")
     with page.expect_download() as saved:
-        page.locator("#save-focus").click()
+        page.locator("[data-needs='focus.png']").click()
     assert saved.value.suggested_filename in page.locator("#command").text_content()
     page.locator("#clear").click()
     page.locator("#run").click()

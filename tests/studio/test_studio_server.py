@@ -60,6 +60,32 @@ def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path,
     assert float(direct.headers["X-Gauss2svg-psnr-svg"]) == job["report"]["psnr_svg"]
 
 
+def test_files_beside_the_svg_are_those_of_the_commands_options(server, png, tmp_path, monkeypatch):
+    (tmp_path / "p.png").write_bytes(png)
+    monkeypatch.chdir(tmp_path)
+    poster = server.wait(server.submit(png, gaussians=30, inks=3, size="90mm"))
+    small = server.wait(server.submit(png, max_bytes=1000, markup="minimal"))
+    words = shlex.split(poster["lines"]["command"])[1:]
+    main([*words, "--outline", "outline.svg", "--separations", "p-plate.svg"])
+    main([*words, "--outline", "pens.svg", "--pens", "3"])
+    main(["placeholder", "p.png", "-o", "placeholder.html"])
+    for job, made, other in (
+        (poster, ["outline.svg", "pens.svg", "plates.zip"], "placeholder.html"),
+        (small, ["placeholder.html"], "plates.zip"),
+    ):
+        home = f"/api/jobs/{job['id']}"
+        files = json.loads(server.get(f"{home}/files"))
+        assert {*made} <= {*files}
+        assert other not in files
+        for name in made:
+            if name != "plates.zip":
+                assert server.get(f"{home}/{name}") == (tmp_path / name).read_bytes()
+    plates = zipfile.ZipFile(io.BytesIO(server.get(f"/api/jobs/{poster['id']}/plates.zip")))
+    written = {path.name: path.read_bytes() for path in tmp_path.glob("p-plate-*.svg")}
+    assert {name: plates.read(name) for name in plates.namelist()} == written
+    assert len(written) == 3
+
+
 def test_every_file_of_a_job_is_what_it_says(server, png, photo, drawn_here):
     small = photo[::2, ::2]
     job = server.wait(server.submit(png, quality="draft", iterations=20))

@@ -6,11 +6,11 @@
  *   choices: (string | number)[] | null, min: number | null, max: number | null, default: Value, help: string, unit: string | null }} Option */
 /** @typedef {{ title: string, options: Option[] }} Group */
 /** @typedef {{ key: string, name: string, title: string, unit: string, digits: number, best: number | null }} Score */
-/** @typedef {{ groups: Group[], scores: Score[], limits: Limits }} Form */
+/** @typedef {{ groups: Group[], scores: Score[], limits: Limits, uses: Record<string, Options> }} Form uses are the first choices, with the options that each sets */
 /** @typedef {{ png_pixels: number }} Limits */
 /** @typedef {{ name: string, url: string, width: number, height: number }} Sample */
 /** @typedef {Record<string, number | null> & { width: number, height: number, gaussians: number, svg_bytes: number,
- *   svgz_bytes: number, total_s: number, psnr_svg: number | null } & { unreached: string[], notes: string[] }} Report */
+ *   svgz_bytes: number, total_s: number, psnr_svg: number | null } & { unreached: string[], notes: string[], inks: string | null, ink_shares: number[] | null }} Report */
 /** @typedef {{ phase?: string, round?: number, iteration?: number, done?: number, frame?: number, gaussians?: number,
  *   areas?: string, psnr?: number | null, bytes_estimate?: number, elapsed_s?: number, remaining_s?: number }} Progress */
 /** @typedef {{ id: string, state: string, place: number, progress: Progress | null, report: Report, error: string,
@@ -75,6 +75,8 @@ export function postJob(photo, options, mask) {
 }
 /** @param {string} id */
 export const getJob = (id) => json(ofJob(id));
+/** @param {string} id @returns {Promise<string[]>} */
+export const getFiles = (id) => json(ofJob(id, "files"));
 /** @param {string} id */
 export const stopJob = (id) => answer(`${ofJob(id)}/stop`, { method: "POST" });
 /** @param {string} id */

@@ -1,7 +1,9 @@
 // Export of a run: files, the clipboard, and the command and Python lines that make the same file.
 
-import { getBlob, getText, ofJob } from "./api.js";
+import { ApiError, getBlob, getFiles, getText, ofJob } from "./api.js";
 import { complain, say } from "./dom.js";
+
+const TEXTS = /** @type {Record<string, string>} */ ({ "data-uri": "data-uri.txt", html: "placeholder.html" });
 
 /** @import { DoneRun } from "./job.js" */
 
@@ -25,7 +27,7 @@ export class Exports {
     for (const id of ["save", "save-now", "meaning"]) by(id).hidden = run === null;
     if (run === null || !isOther) return;
     complain("save-error", "");
-    by("save-focus").hidden = !run.report.focus_strength;
+    this.showFiles(run);
     by("save-now", HTMLAnchorElement).href = ofJob(run.id, "picture.svg?download=1");
     for (const link of all("[data-file]", by("save"), HTMLAnchorElement)) link.href = ofJob(run.id, link.dataset.file);
     this.width.max = String(widest(run.report, this.limits.png_pixels));
@@ -33,6 +35,22 @@ export class Exports {
     this.setPng();
     by("command").textContent = run.lines.command;
     by("python").textContent = run.lines.python;
+  }
+
+  /**
+   * Offers the files that not every run has, as soon as the server has made them.
+   * @param {DoneRun} run
+   */
+  async showFiles(run) {
+    const offers = all("[data-needs]", by("save"));
+    for (const one of offers) one.hidden = true;
+    try {
+      const files = await getFiles(run.id);
+      if (run === this.run) for (const one of offers) one.hidden = !files.includes(one.dataset.needs ?? "");
+    } catch (error) {
+      if (!(error instanceof ApiError)) throw error;
+      complain("save-error", error.message);
+    }
   }
 
   setPng() {
@@ -65,9 +83,9 @@ export class Exports {
     const { id, picture, lines } = this.run;
     if (what === "png") return navigator.clipboard.write([new ClipboardItem({ "image/png": getBlob(ofJob(id, "picture.png")) })]);
     if (what === "svg") return navigator.clipboard.writeText(picture.text);
-    if (what === "data-uri") {
+    if (what in TEXTS) {
       // The promise is passed on at once, because a browser may refuse to copy some time after the click.
-      const text = getText(ofJob(id, "data-uri.txt")).then((uri) => new Blob([uri], { type: "text/plain" }));
+      const text = getText(ofJob(id, TEXTS[what])).then((found) => new Blob([found], { type: "text/plain" }));
       return navigator.clipboard.write([new ClipboardItem({ "text/plain": text })]);
     }
     return navigator.clipboard.writeText(lines[what]);

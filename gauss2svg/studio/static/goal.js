@@ -42,7 +42,7 @@ const MEANING = /** @type {Record<string, string>} */ ({
   quality: "draft is the smallest and quickest, max the closest to the photo.",
   gaussians: "Number of shapes. More shapes are closer to the photo, and take more bytes and time.",
   max_bytes: "Maximum file size. The best picture that fits is written.",
-  target_psnr: "Likeness to reach with as few shapes as possible: 30 dB is good, at 40 dB it is hard to tell them apart.",
+  target_psnr: "Likeness to reach with as few shapes as possible. Of photos 30 dB is soft, 35 dB is good, at 40 dB it is hard to tell them apart.",
   time_limit: "Maximum time. The best picture reached by then is written.",
 });
 
@@ -59,7 +59,7 @@ export class Goal {
     const quality = options.quality;
     this.presets = (quality.choices ?? []).map(String);
     this.preset.append(...this.presets.map((name) => make("option", { value: name }, name)));
-    this.preset.value = String(quality.default ?? "balanced");
+    this.preset.value = this.usual = String(quality.default ?? "balanced");
     for (const radio of this.kinds) radio.addEventListener("input", () => this.showKind());
     this.slider.addEventListener("input", () => {
       if (this.kind === "quality") this.preset.value = this.presets[Number(this.slider.value)];
@@ -86,6 +86,18 @@ export class Goal {
   chosen() {
     if (this.kind === "quality") return { quality: this.preset.value };
     return { [this.kind]: KINDS[this.kind].toOption(this.values[this.kind]) };
+  }
+
+  /**
+   * Sets the goal of a first choice, which is the usual quality if its options have none.
+   * @param {import("./api.js").Options} values
+   */
+  assign(values) {
+    const kind = Object.keys(KINDS).find((one) => one in values) ?? "quality";
+    if (kind === "quality") this.preset.value = this.usual;
+    else this.values[kind] = Number(values[kind]) / KINDS[kind].per;
+    for (const radio of this.kinds) radio.checked = radio.value === kind;
+    this.showKind();
   }
 
   /** Returns the reason why the exact value is not valid, or "". */

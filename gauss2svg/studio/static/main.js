@@ -8,8 +8,8 @@ import { Goal } from "./goal.js";
 import { listen, showSamples } from "./intake.js";
 import { hasPicture, isActive, isDone, RunQueue } from "./job.js";
 import { More } from "./more.js";
-import { decibels, drawn, seconds, size, whole } from "./numbers.js";
-import { figuresOf, showProgress, Strip } from "./progress.js";
+import { decibels, drawn, seconds, whole } from "./numbers.js";
+import { figuresOf, meaningOf, showInks, showProgress, sizes, Strip } from "./progress.js";
 import { Picture } from "./rounds.js";
 import { named, Trade } from "./trade.js";
 
@@ -21,7 +21,7 @@ const FORGOTTEN = "The server has forgotten this run, because it keeps only its 
 
 class Studio {
   /** @param {Form} form */
-  constructor({ groups, scores, limits }) {
+  constructor({ groups, scores, limits, uses }) {
     this.photos = /** @type {Photo[]} */ ([]);
     this.runs = /** @type {Run[]} */ ([]);
     this.photo = /** @type {Photo | null} */ (null);
@@ -29,8 +29,13 @@ class Studio {
     this.beside = /** @type {DoneRun | null} */ (null);
     this.left = by("left", HTMLSelectElement);
     const options = Object.fromEntries(groups.flatMap((group) => group.options).map((one) => [one.name, one]));
+    this.uses = uses;
+    this.use = by("uses", HTMLFormElement);
     this.more = new More(groups);
-    this.goal = new Goal(options, (kind) => this.more.leaveOut(kind));
+    this.goal = new Goal(options, (kind) => {
+      this.more.leaveOut(kind);
+      this.showNotes(kind);
+    });
     this.viewer = new Viewer((zoom, shown) => tellZoom(zoom, shown), (source) => this.missing(source));
     this.brush = new Brush();
     this.trade = new Trade(scores, (run) => this.show(run), (run) => this.compare(run));
@@ -38,6 +43,7 @@ class Studio {
     this.strip = new Strip((photo) => this.open(photo));
     this.queue = new RunQueue(Number(document.body.dataset.workers), (run) => this.changed(run));
     this.addListeners();
+    this.tellUse();
   }
 
   addListeners() {
@@ -48,6 +54,12 @@ class Studio {
       else by("choose").focus();
     });
     by("run-all").addEventListener("click", () => this.run(this.photos));
+    this.use.addEventListener("input", () => {
+      this.goal.assign(this.chosenUse());
+      this.tellUse();
+      say(by("use-set").textContent);
+    });
+    this.use.addEventListener("submit", (event) => event.preventDefault());
     by("stop").addEventListener("click", () => this.stop());
     by("cancel").addEventListener("click", () => this.cancel());
     this.look = by("look", HTMLFormElement);
@@ -64,6 +76,21 @@ class Studio {
     })) by(id).addEventListener("click", act);
   }
 
+  // Returns the options that the first choice sets.
+  chosenUse() {
+    return this.uses[String(new FormData(this.use).get("use"))];
+  }
+
+  // Sets the options of the first choice that are no goal, and says what it has set.
+  tellUse() {
+    const { kind } = this.goal, { [kind]: _, ...others } = this.chosenUse();
+    this.more.assign(others, Object.values(this.uses).flatMap(Object.keys));
+    this.showNotes(kind);
+    const set = Object.entries(others).map(([name, value]) => `${name} ${value}`);
+    const aim = kind === "quality" ? `quality ${this.goal.text()}` : this.goal.text();
+    by("use-set").textContent = `Set: ${[aim, ...set].join(", ")}. Change what you like.`;
+  }
+
   // ---- photos and runs come in
   /** @param {Photo[]} photos */
   take(photos) {
@@ -72,7 +99,6 @@ class Studio {
     this.open(photos[0]);
     this.run(photos);
     by("title").focus({ preventScroll: true });
-    by("title").scrollIntoView({ block: "nearest" });
   }
 
   /** @param {Photo[]} photos */
@@ -89,6 +115,7 @@ class Studio {
       this.queue.add(run);
     }
     this.showAll();
+    bringStage();
     say(photos.length > 1 ? `${photos.length} runs started` : "Run started");
   }
 
@@ -107,8 +134,8 @@ class Studio {
   }
 
   aim() {
-    const many = Object.keys(this.more.chosen(this.goal.kind)).length;
-    return this.goal.text() + (many ? `, ${many} more option${many > 1 ? "s" : ""}` : "");
+    const { count_gzipped: gzipped, ...others } = this.more.chosen(this.goal.kind), many = Object.keys(others).length;
+    return this.goal.text() + (gzipped ? " gzipped" : "") + (many ? `, ${many} more option${many > 1 ? "s" : ""}` : "");
   }
 
   /** @param {Run} run */
@@ -243,6 +270,7 @@ class Studio {
     this.viewer.open(width, height);
     this.brush.open(photo);
     this.showHeading();
+    if (this.active()) bringStage();
   }
 
   /** @param {Run | null} run */
@@ -258,7 +286,7 @@ class Studio {
     if (isOther) this.open(run.photo);
     if (this.shown !== run) this.setShown(run);
     this.showAll();
-    by("stage").scrollIntoView({ block: "nearest" }); // the click may come from the table far below
+    bringStage(); // the click may come from the table far below
     say(`${named(run)}: ${figuresOf(run)}`);
   }
 
@@ -270,7 +298,7 @@ class Studio {
     }
     this.beside = this.beside === run ? null : run;
     this.showAll();
-    by("stage").scrollIntoView({ block: "nearest" });
+    bringStage();
     if (this.beside) say(`${named(run)} is left of the divider, ${named(this.shown)} right of it`);
   }
 
@@ -284,7 +312,9 @@ class Studio {
     const done = hasPicture(this.shown) ? this.shown : null;
     this.exports.show(done);
     by("figures").textContent = done ? figuresOf(done) : "";
-    by("notes").textContent = done ? [...done.report.unreached, ...done.report.notes].join("; ") : "";
+    by("meaning").textContent = done ? meaningOf(done.report) : "";
+    showInks(done?.report);
+    this.showNotes(this.goal.kind);
     const last = finished.findLast((run) => run.photo === this.photo);
     by("last-run").textContent = last ? `The last run of this photo, ${last.aim}, took ${costOf(last)}` : "";
     by("run-all").hidden = this.photos.length < 2;
@@ -292,6 +322,16 @@ class Studio {
     const latest = this.photos.flatMap((photo) => finished.filter((run) => run.photo === photo).slice(-1));
     by("zip").hidden = latest.length < 2;
     by("zip", HTMLAnchorElement).href = zipOf(latest.map((run) => run.id));
+  }
+
+  /**
+   * Shows notes on the run beside the controls that they name, and the others below the picture.
+   * @param {string} kind name of the option that the main control sets
+   */
+  showNotes(kind) {
+    const report = hasPicture(this.shown) ? this.shown.report : null;
+    const others = this.more.arrange(report ? [...report.unreached, ...report.notes] : [], Object.keys(this.chosenUse()), kind);
+    by("notes").textContent = others.join("; ");
   }
 
   showHeading() {
@@ -361,13 +401,16 @@ class Studio {
   }
 }
 
+// Scrolls to the picture, whose end is then above the progress at the bottom of the window.
+const bringStage = () => by("stage").scrollIntoView({ block: "nearest" });
+
 /** @param {Run | null} run */
 const roundsOf = (run) =>
   (run?.picture?.rounds ?? []).map(({ number, count }) => `after round ${number}: ${whole(count)} shapes`);
 
 /** @param {DoneRun} run */
 const costOf = ({ report }) =>
-  `${seconds(report.total_s)}: ${drawn(report)}, ${size(report.svg_bytes)}, ${decibels(report.psnr_svg)}`;
+  `${seconds(report.total_s)}: ${drawn(report)}, ${sizes(report)}, ${decibels(report.psnr_svg)}`;
 
 /** @param {number | null} zoom @param {number} shown */
 function tellZoom(zoom, shown) {

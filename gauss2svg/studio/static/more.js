@@ -2,19 +2,22 @@
 
 import { make } from "./dom.js";
 
+const LIMIT = "max_bytes", GZIPPED = "count_gzipped"; // the second says which bytes the first limits
+const FLAG = /--[a-z][a-z0-9-]*/g;
+
 /** @import { Group, Option, Options, Value } from "./api.js" */
-/** @typedef {{ option: Option, control: HTMLInputElement | HTMLSelectElement, row: HTMLElement, error: HTMLElement }} OptionField */
+/** @typedef {{ option: Option, control: HTMLInputElement | HTMLSelectElement, row: HTMLElement, home: Comment, note: HTMLElement, error: HTMLElement }} OptionField */
 
 export class More {
   /** @param {Group[]} groups */
   constructor(groups) {
     this.fields = /** @type {Map<string, OptionField>} */ (new Map()); // keys are names of options
     for (const group of groups) {
-      const rows = group.options.map((option) => this.row(option));
+      const rows = group.options.flatMap((option) => this.row(option));
       by("groups").append(make("details", { class: "group" },
         make("summary", {}, group.title), make("div", { class: "options" }, ...rows)));
     }
-    by("groups").addEventListener("input", () => this.count());
+    by("goal").addEventListener("input", () => this.count());
     by("reset").addEventListener("click", () => {
       for (const one of this.fields.values()) this.set(one, one.option.default);
       this.count();
@@ -22,20 +25,24 @@ export class More {
     this.count();
   }
 
-  /** @param {Option} option */
+  /**
+   * Returns the mark of an option's place in its group, and its row.
+   * @param {Option} option
+   */
   row(option) {
     const id = `option-${option.name}`, help = `${id}-help`, line = `${id}-error`;
-    const control = this.control(option, { id, "aria-describedby": `${help} ${line}` });
+    const control = this.control(option, { id, "aria-describedby": `${id}-note ${help} ${line}` });
     const error = make("p", { class: "error", id: line, role: "alert", hidden: true });
+    const note = make("p", { class: "note", id: `${id}-note` });
     const label = make("label", { for: id }, option.label);
     const unit = option.unit ? make("span", { class: "soft" }, ` ${option.unit}`) : null;
     const row = make("div", { class: option.type === "boolean" ? "option bool" : "option" },
-      label, make("span", { class: "value" }, control, unit),
+      note, label, make("span", { class: "value" }, control, unit),
       make("p", { class: "help", id: help }, option.help, " ", make("code", {}, option.flag ?? "")), error);
-    const field = { option, control, row, error };
+    const field = { option, control, row, home: new Comment(), note, error };
     this.fields.set(option.name, field);
     this.set(field, option.default);
-    return row;
+    return [field.home, row];
   }
 
   /** @param {Option} option @param {import("./dom.js").Attributes} attributes */
@@ -73,7 +80,51 @@ export class More {
    * @param {string} main name of that option
    */
   leaveOut(main) {
-    for (const [name, field] of this.fields) field.row.hidden = name === main;
+    for (const [name, field] of this.fields) {
+      field.row.hidden = name === main;
+      if (name === GZIPPED && main !== LIMIT) this.set(field, field.option.default);
+    }
+    this.count();
+  }
+
+  /**
+   * Sets options as a first choice does.
+   * @param {Options} values values of options. All other options of `names` get their defaults
+   * @param {string[]} names names of the options that any first choice sets
+   */
+  assign(values, names) {
+    for (const name of names) {
+      const field = this.fields.get(name);
+      if (field) this.set(field, values[name] ?? field.option.default);
+    }
+    this.count();
+  }
+
+  /**
+   * Shows each note beside the control of the option that it names. Controls with notes and those of
+   * `names` stand below the main control, and all others are folded away. Returns the other notes.
+   * @param {string[]} notes
+   * @param {string[]} names names of options
+   * @param {string} main name of the option that the main control sets
+   */
+  arrange(notes, names, main) {
+    const fields = [...this.fields.values()], others = /** @type {string[]} */ ([]);
+    for (const place of [by("goal-note"), ...fields.map((one) => one.note)]) place.textContent = "";
+    for (const line of notes) {
+      const field = fields.find(({ option }) => option.flag && line.match(FLAG)?.includes(option.flag));
+      if (!field) others.push(line);
+      else (field.option.name === main ? by("goal-note") : field.note).append(`${line[0].toUpperCase()}${line.slice(1)}. `);
+    }
+    const focused = document.activeElement;
+    for (const { option, row, home, note } of fields) {
+      const isUp = note.textContent !== "" || names.includes(option.name) || (option.name === GZIPPED && main === LIMIT);
+      if (isUp !== (row.parentElement === by("set"))) {
+        if (isUp) by("set").append(row);
+        else home.after(row);
+      }
+    }
+    if (focused instanceof HTMLElement) focused.focus({ preventScroll: true }); // a row that moves loses it
+    return others;
   }
 
   /**
@@ -126,8 +177,7 @@ export class More {
   refuse({ control, row, error }, line) {
     error.textContent = line;
     error.hidden = false;
-    by("more", HTMLDetailsElement).open = true;
-    row.closest("details")?.setAttribute("open", "");
+    for (let one = row.closest("details"); one; one = one.parentElement?.closest("details") ?? null) one.open = true;
     control.focus();
   }
 }

@@ -55,8 +55,36 @@ export function figuresOf({ report }) {
   const parts = [drawn(report), decibels(report.psnr_svg)];
   if (report.ssim_svg !== null && report.ssim_svg !== undefined) parts.push(`SSIM ${report.ssim_svg.toFixed(3)}`);
   if (report.focus_strength) parts.push(`${decibels(report.psnr_svg_inside)} in the focus, ${decibels(report.psnr_svg_outside)} outside`);
-  parts.push(`${size(report.svg_bytes)} (${size(report.svgz_bytes)} gzipped)`, seconds(report.total_s));
+  parts.push(sizes(report), seconds(report.total_s));
   return parts.join(" \u00b7 ");
+}
+
+/** @param {import("./api.js").Report} report */
+export const sizes = (report) => `${size(report.svg_bytes)} (${size(report.svgz_bytes)} gzipped)`;
+
+/**
+ * Explains the likeness of a run. Only of photos do 30 and 35 dB say how it looks.
+ * @param {import("./api.js").Report} report
+ */
+export function meaningOf({ inks, area_count, line_count }) {
+  if (inks) return "dB: likeness to the photo. A few inks are far in dB: judge by eye.";
+  if (area_count || line_count) return "dB: likeness to the drawing. Look at its edges too.";
+  return "dB: likeness to the photo. 30 is soft, 35 is good, at 40 it is hard to tell them apart.";
+}
+
+/**
+ * Lists the inks of a run, with the share of the picture that each has.
+ * @param {import("./api.js").Report | undefined} report
+ */
+export function showInks(report) {
+  const inks = report?.inks?.split(",") ?? [], shares = report?.ink_shares ?? [];
+  by("inks").hidden = inks.length === 0;
+  by("inks").replaceChildren(...inks.map((ink, at) => {
+    const swatch = make("span", { class: "swatch" });
+    swatch.style.background = ink; // the policy of the page forbids style attributes
+    const share = 100 * shares[at];
+    return make("li", {}, swatch, make("code", {}, ink), ` ${share && share < 0.1 ? "< 0.1" : share.toFixed(1)} %`);
+  }));
 }
 
 /** @param {Run | undefined} run */
