@@ -25,6 +25,8 @@ NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(MM)})")
+_SHEET = re.compile(r"(\d+\.?\d*)x(\d+\.?\d*)mm")
+MOST_SHEET_MM = 5000.0  # longest side of a sheet
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
 # The number of decimals of a size. A size in cm is then exact to a micrometre.
 _DECIMALS = 4
@@ -74,6 +76,57 @@ def check_aspect(name: str, aspect: Any) -> str:
     if not isinstance(aspect, str) or not _ASPECT.fullmatch(aspect):
         raise refusal(name, "none or such as xMidYMid or 'xMinYMax slice'", quoted(aspect))
     return aspect
+
+
+def check_sheet(name: str, sheet: Any) -> str:
+    """Return `sheet`. Raise InputError unless it is the name of a paper or such as 300x200mm."""
+    match = _SHEET.fullmatch(sheet) if isinstance(sheet, str) else None
+    if sheet in _PAPERS or (match and all(1 <= float(side) <= MOST_SHEET_MM for side in match.groups())):
+        return sheet
+    needed = f"{', '.join(_PAPERS)} or a width and a height such as 300x200mm"
+    raise refusal(name, needed, quoted(sheet), nearest(str(sheet), _PAPERS))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plotter(OptionGroup):
+    """Options for the drawing of a pen plotter."""
+
+    sheet: Annotated[str, check_sheet] = "a4"
+    """Paper on which the picture is as large as the margins allow: a4, letter and others, which
+    are turned as the picture is, or a width and a height such as 300x200mm."""
+
+    margin: Annotated[float, Interval(ge=0, le=1000.0)] = 15.0
+    """Width in mm at each side of the paper that stays white."""
+
+    pen_width: Annotated[float, Interval(ge=0.05, le=10.0)] = 0.3
+    """Width of the pen's strokes in mm."""
+
+    hatch: Annotated[float | None, Interval(ge=0.1, le=100.0)] = None
+    """Distance in mm of the hatching's lines in dark tones. Light tones have every second one. The
+    default is twice the pen's width for a photo, and no hatching for a drawing."""
+
+    hatch_angle: Annotated[float, Interval(ge=-360.0, le=360.0)] = 45.0
+    """Direction of the hatching of light tones, in degrees clockwise from left to right."""
+
+    def sides(self, is_wide: bool) -> tuple[float, float]:
+        """Return the width and height of the sheet in mm. A named paper lies flat if `is_wide`."""
+        if self.sheet in _PAPERS:
+            width, height = _PAPERS[self.sheet]
+            return (height, width) if is_wide else (width, height)
+        match = _SHEET.fullmatch(self.sheet)
+        assert match is not None
+        return float(match[1]), float(match[2])
+
+    def room(self, width: float, height: float) -> tuple[float, float]:
+        """Return the sides in mm of the place for centrelines of strokes between the margins.
+
+        Raise InputError if there is no such place.
+        """
+        edges = 2 * self.margin + self.pen_width
+        if min(width, height) - edges < 1:
+            needed = f"small enough for the {width:g}x{height:g} mm of the sheet"
+            raise refusal("margin", needed, f"{self.margin:g} mm", f"{min(width, height) / 10:g}")
+        return width - edges, height - edges
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,316 @@
+"""A scene as the strokes of a pen plotter, in mm on paper.
+
+Lines are drawn along their centrelines and areas along their outlines, where no area above hides
+them. Tones are drawn by hatching: parallel lines in up to three directions, of which a place has
+more the darker it is. A drawing has tones only if they are asked for, a photo always.
+
+    scene -> picture on the sheet, in cells of a third of the pen's width
+        areas -> points along outlines that are seen    \
+                                                          strokes of each pen -> order -> layers
+        picture -> tone of each pen -> hatching, joined /
+
+A scene in inks has a pen for each ink, any other a black one. The pen of an ink is darker than the
+ink: where as much paper as possible is left between its strokes, both together have its colour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.render import render
+from gauss2svg.render.areas import coverage_of
+from gauss2svg.scene import Area, Scene
+from gauss2svg.scene.areas import Outline
+from gauss2svg.scene.inks import ink_name
+from gauss2svg.svg import Document, Plotter
+from gauss2svg.svg.element import Element, hex_color, number
+from gauss2svg.svg.encode import Drawing, layer
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+_DECIMALS = 2  # of lengths in mm
+_CELLS = 3  # cells of the picture across a stroke
+_MOST_CELLS = 2e7  # with more cells, they are larger
+_TURNS_DEG = 0.0, 60.0, 120.0  # directions of hatching, from light to dark tones
+# In light tones, every second line is drawn. More lines that are left out would give more tones, but
+# a face has fewer details then.
+_STEPS = 0.25, 0.75
+_FAINT = 0.1  # tone of an ink that is not drawn on white paper
+# The speeds in mm/s and the time in s of a lift are the defaults of AxiDraw's software.
+_DOWN_MM_S, _UP_MM_S, _LIFT_S = 50.0, 151.0, 0.25
+
+
+class Pen(NamedTuple):
+    """A pen: its name, the colour #rrggbb of its strokes, and the strokes (n, 2) in mm."""
+
+    name: str
+    color: str
+    strokes: list[Floats]
+
+
+class Plot(NamedTuple):
+    """What a plotter draws on a sheet of a width and a height in mm."""
+
+    width: float
+    height: float
+    pen_width: float
+    pens: list[Pen]
+
+    @property
+    def drawn_mm(self) -> float:
+        """Length of all strokes."""
+        return sum(_length(stroke) for pen in self.pens for stroke in pen.strokes)
+
+    @property
+    def travel_mm(self) -> float:
+        """Length of the ways between strokes. Each pen begins at the corner of the sheet."""
+        return sum(
+            float(np.hypot(*(b[0] - a[-1])))
+            for pen in self.pens
+            for a, b in pairwise([np.zeros((1, 2)), *pen.strokes])
+        )
+
+    @property
+    def lifts(self) -> int:
+        """Number of strokes, after each of which the pen is lifted."""
+        return sum(len(pen.strokes) for pen in self.pens)
+
+    def __str__(self) -> str:
+        drawn, travel = self.drawn_mm, self.travel_mm
+        minutes = (drawn / _DOWN_MM_S + travel / _UP_MM_S + self.lifts * _LIFT_S) / 60
+        return (
+            f"{drawn / 1000:.1f} m drawn in {self.lifts:,} strokes, {travel / 1000:.1f} m with the "
+            f"pen up, from {minutes:.0f} minutes on"
+        )
+
+    def drawing(self) -> Drawing:
+        """Return the elements of the file: a layer for each pen."""
+        layers = []
+        for at, (name, color, strokes) in enumerate(self.pens, start=1):
+            paths = [Element("path", d=_path_data(stroke)) for stroke in strokes]
+            label = f"{at} {name}: {len(paths)} strokes"
+            layers.append(layer(label, paths, id=f"pen-{at}", stroke=color))
+        root = {
+            "fill": "none", "stroke-width": number(self.pen_width, 3),
+            "stroke-linecap": "round", "stroke-linejoin": "round",
+        }  # fmt: skip
+        view = number(self.width, _DECIMALS), number(self.height, _DECIMALS)
+        return Drawing(view, self.lifts, [], layers, root=root, size=f"{view[0]}mm")
+
+
+def plotted(scene: Scene, plotter: Plotter) -> Plot:
+    """Return a scene as strokes, as large as the sheet and its margins allow.
+
+    The sheet is turned as the picture is. Raise InputError if the margins leave no place.
+    """
+    width, height = plotter.sides(scene.width > scene.height)
+    room = plotter.room(width, height)
+    mm_per_px = min(room[0] / scene.width, room[1] / scene.height)
+    sides = np.array([scene.width, scene.height]) * mm_per_px
+    cell = max(plotter.pen_width / _CELLS, float(np.sqrt(sides.prod() / _MOST_CELLS)))
+    columns, rows = np.maximum(np.round(sides / cell), 1).astype(int).tolist()
+    on_cells = scene.scaled(mm_per_px / cell)
+    pen_cells = plotter.pen_width / cell
+    inks, tones = _tones(scene, rows, columns)
+    colors = [np.zeros(3) if scene.inks is None else _pen_color(ink) for ink in inks]
+    strokes: list[list[Floats]] = [[] for _ in inks]
+    darkest = int(np.argmin(inks.sum(axis=1)))
+    for area, stroke in _seen(on_cells, (rows, columns), pen_cells, mm_per_px / cell):
+        color = area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
+        nearest = int(((inks - color) ** 2).sum(axis=1).argmin())
+        strokes[nearest if _tone(inks[nearest]) >= _FAINT else darkest].append(stroke)
+    if plotter.hatch is not None or len(scene) > sum(area.nodes for area in scene.areas):
+        distance = plotter.hatch or 2 * plotter.pen_width
+        for one, tone in zip(strokes, tones, strict=True):
+            one += _hatching(tone, distance / cell, pen_cells, plotter.hatch_angle)
+    corner = 0.5 * (np.array([width, height]) - sides)
+    pens = [
+        Pen(ink_name(ink), hex_color(np.round(color * 255).astype(int), short=False), in_order)
+        for ink, color, one in zip(inks, colors, strokes, strict=True)
+        if (in_order := _in_order([corner + cell * stroke for stroke in one]))
+    ]
+    return Plot(width, height, plotter.pen_width, pens)
+
+
+def _tone(ink: Floats) -> float:
+    """Return the share of paper that the pen of an ink covers."""
+    return float(1 - ink.min())
+
+
+def _pen_color(ink: Floats) -> Floats:
+    """Return the colour that, with white beside it, gives an ink at its tone."""
+    return 1 - (1 - ink) / max(_tone(ink), 1 / 255)
+
+
+def _tones(scene: Scene, rows: int, columns: int) -> tuple[Floats, list[Floats]]:
+    """Return the inks (n, 3) of a scene, the lightest first, and where each is, (rows, columns).
+
+    The tone of a place is the share of paper that strokes are to cover. A scene that is not in inks
+    has black ink, whose tone is 1 minus luma.
+    """
+    picture = np.clip(render(scene, columns, rows), 0, 1).astype(float)
+    if scene.inks is None:
+        return np.zeros((1, 3)), [1 - picture @ [0.2126, 0.7152, 0.0722]]
+    inks = scene.inks[np.argsort(-scene.inks.sum(axis=1), kind="stable")]
+    squares = [((picture - ink) ** 2).sum(axis=2) for ink in inks]
+    nearest = np.argmin(squares, axis=0)
+    tones = [_tone(ink) if _tone(ink) >= _FAINT else 0.0 for ink in inks]
+    return inks, [tone * (nearest == k) for k, tone in enumerate(tones)]
+
+
+def _seen(
+    scene: Scene, shape: tuple[int, int], pen: float, edge: float
+) -> Iterator[tuple[Area, Floats]]:
+    """Yield the areas of a scene with each part of their outlines that is seen, the top one first.
+
+    shape  rows and columns of the picture, whose cells are the px of the scene
+    pen    width of a stroke in cells. What lies nearer than half of it to a stroke above is drawn
+           already
+    edge   outlines of areas nearer than half of this to the edge of the picture are left out,
+           because the picture ends there and not the area
+    """
+    rows, columns = shape
+    covered = np.zeros(shape, bool)
+    under_lines = np.zeros(shape, bool)
+    for area in reversed(scene.areas):
+        margin = 0.0 if area.is_line else 0.5 * edge
+        hidden = covered if area.is_line else covered | under_lines
+        for outline in area.outlines:
+            points = _points_along(outline)
+            inside = ((points >= margin) & (points <= [columns - margin, rows - margin])).all(axis=1)
+            column, row = np.clip(points.astype(int).T, 0, [[columns - 1], [rows - 1]])
+            for stroke in _runs(points, inside & ~hidden[row, column], outline.closed):
+                yield area, _simplified(stroke)
+        _cover(covered, area, pen)
+        if area.is_line:
+            _cover(under_lines, area, area.width + pen)
+        elif area.opacity > 0.95:
+            _cover(covered, area, 0)
+
+
+def _cover(covered: Bools, area: Area, width: float) -> None:
+    """Mark the cells that an area covers, or strokes of a width along its outlines."""
+    points = np.concatenate([outline.points for outline in area.outlines])
+    size = covered.shape[1], covered.shape[0]
+    reach = 2 * width
+    left, top = np.floor(np.clip(points.min(axis=0) - reach, 0, size)).astype(int).tolist()
+    right, bottom = np.ceil(np.clip(points.max(axis=0) + reach, 0, size)).astype(int).tolist()
+    drawn = Area(area.outlines, (0.0, 0.0, 0.0), width=width, cap="round" if width else "butt")
+    share = coverage_of(drawn, left, top, right - left, bottom - top)
+    covered[top:bottom, left:right] |= share > 0.5
+
+
+def _points_along(outline: Outline) -> Floats:
+    """Return points (n, 2) along an outline, at most a cell apart. A closed one ends at its start."""
+    parts = []
+    for p in outline.segments:
+        count = int(np.ceil(np.hypot(*np.diff(p, axis=0).T).sum())) + 1
+        t = np.linspace(0, 1, 2 * count, endpoint=False)[:, None]
+        parts.append(
+            (1 - t) ** 3 * p[0] + 3 * t * (1 - t) * ((1 - t) * p[1] + t * p[2]) + t**3 * p[3]
+        )
+    return np.concatenate([*parts, outline.segments[-1:, 3]])
+
+
+def _runs(points: Floats, shown: Bools, closed: bool) -> list[Floats]:
+    """Return the runs of at least two points that are shown."""
+    if closed and not shown.all():
+        start = int(np.argmin(shown))  # a run may lie on both sides of the start of a closed outline
+        points, shown = np.roll(points[:-1], -start, axis=0), np.roll(shown[:-1], -start)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], shown, [False]]).astype(int)))
+    return [points[a:b] for a, b in ends.reshape(-1, 2) if b - a > 1]
+
+
+def _simplified(points: Floats, most: float = 0.1) -> Floats:
+    """Return the points of a polyline that are needed to keep within `most` cells of all."""
+    kept = np.zeros(len(points), bool)
+    kept[[0, -1]] = True
+    spans = [(0, len(points) - 1)]
+    while spans:
+        a, b = spans.pop()
+        along, offset = points[b] - points[a], points[a : b + 1] - points[a]
+        length = np.hypot(*along)
+        distance = np.abs(offset @ [-along[1], along[0]]) / length if length else np.hypot(*offset.T)
+        k = int(distance.argmax())
+        if distance[k] > most:
+            kept[a + k] = True
+            spans += [(a, a + k), (a + k, b)]
+    return points[kept]
+
+
+def _hatching(tone: Floats, distance: float, pen: float, angle_deg: float) -> list[Floats]:
+    """Return strokes that cover about as much of each cell's surroundings as its tone says.
+
+    The lines of a direction are drawn where the tone exceeds what those before it cover, and half
+    of what it adds. Ends of neighbouring lines are joined where it is dark between them, so that
+    the pen stays down.
+    """
+    share, strokes = min(pen / distance, 1.0), list[Floats]()
+    rows, columns = tone.shape
+    for turn, before in zip(_TURNS_DEG, 1 - (1 - share) ** np.arange(3), strict=True):
+        angle = np.radians(angle_deg + turn)
+        along = np.array([np.cos(angle), np.sin(angle)])
+        across = np.array([-along[1], along[0]])
+        levels = before + (1 - before) * share * np.array(_STEPS)
+        corners = np.array([[0, 0], [columns, 0], [0, rows], [columns, rows]])
+        first, last = corners @ along, corners @ across
+        t = np.arange(first.min(), first.max())[:, None]
+        lines = list[Floats]()
+        for k in range(int(np.ceil(last.min() / distance)), int(last.max() / distance) + 1):
+            points = t * along + k * distance * across
+            points = points[((points >= 0) & (points < [columns, rows])).all(axis=1)]
+            column, row = points.astype(int).T
+            runs = _runs(points, tone[row, column] > levels[k % 2], closed=False)
+            lines += [run[[0, -1]] for run in runs if len(run) > 2 * pen]
+        strokes += _joined(_in_order(lines), tone > levels[0], 2.5 * distance)
+    return strokes
+
+
+def _joined(strokes: Sequence[Floats], dark: Bools, most: float) -> list[Floats]:
+    """Join strokes to the next ones that begin at most `most` cells away, across dark cells."""
+    joined = list[Floats]()
+    for stroke in strokes:
+        if joined and np.hypot(*(stroke[0] - joined[-1][-1])) <= most:
+            way = np.linspace(joined[-1][-1], stroke[0], 12).astype(int)
+            if dark[way[:, 1], way[:, 0]].all():
+                joined[-1] = np.concatenate([joined[-1], stroke])
+                continue
+        joined.append(stroke)
+    return joined
+
+
+def _in_order(strokes: Sequence[Floats]) -> list[Floats]:
+    """Return strokes so that each begins at the nearest end of those that are left, from (0, 0) on.
+
+    Strokes are reversed where this is nearer.
+    """
+    from scipy.spatial import cKDTree  # imported here because it is slow to import
+
+    left, in_order = np.ones(len(strokes), bool), list[Floats]()
+    at, tree, index = np.zeros(2), None, np.zeros(0, int)
+    while len(in_order) < len(strokes):
+        if tree is None or 2 * left[index].sum() < len(index):
+            index = np.flatnonzero(left)
+            tree = cKDTree(np.concatenate([strokes[k][[0, -1]] for k in index]))
+        count, found = 4, np.zeros(0, int)
+        while not len(found):
+            ends = tree.query(at, min(count, 2 * len(index)))[1]
+            found, count = ends[left[index[ends // 2]]], 4 * count
+        k = int(index[found[0] // 2])
+        in_order.append(strokes[k][:: -1 if found[0] % 2 else 1])
+        left[k], at = False, in_order[-1][-1]
+    return in_order
+
+
+def _length(stroke: Floats) -> float:
+    return float(np.hypot(*np.diff(stroke, axis=0).T).sum())
+
+
+def _path_data(stroke: Floats) -> str:
+    numbers = [" ".join(number(v, _DECIMALS) for v in point) for point in stroke]
+    return "M" + " ".join(numbers)
