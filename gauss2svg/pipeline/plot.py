@@ -15,6 +15,7 @@ ink: where as much paper as possible is left between its strokes, both together 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -22,11 +23,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.areas.find import RATE, UNIT
+from gauss2svg.areas.masks import dilated, distance_to
+from gauss2svg.areas.outlines import lengths_of
+from gauss2svg.areas.thin import parts_between, strokes_of
 from gauss2svg.render import render
 from gauss2svg.render.areas import coverage_of
 from gauss2svg.scene import Area, Scene
-from gauss2svg.scene.areas import Outline
-from gauss2svg.scene.inks import ink_name
+from gauss2svg.scene.inks import ink_colors, ink_name
 from gauss2svg.svg import Document, Plotter
 from gauss2svg.svg.element import Element, hex_color, number
 from gauss2svg.svg.encode import Drawing, layer
@@ -40,6 +44,11 @@ _TURNS_DEG = 0.0, 60.0, 120.0  # directions of hatching, from light to dark tone
 # In light tones, every second line is drawn. More lines that are left out would give more tones, but
 # a face has fewer details then.
 _STEPS = 0.25, 0.75
+_WIDEST = 0.022  # width of the widest line, as a share of the picture's longer side
+_WEIGHT = 0.003  # of a squared distance of a px from a centreline, against the bytes of its curves
+_LONG = 3.0  # shorter lines that leave a wide part, in widths of the widest line, are its corners
+_SIDE = 800  # px of the longer side of the picture in which lines are found
+_OPAQUE = 0.95  # opacity from which on an area hides what is below it
 _FAINT = 0.1  # tone of an ink that is not drawn on white paper
 # The speeds in mm/s and the time in s of a lift are the defaults of AxiDraw's software.
 _DOWN_MM_S, _UP_MM_S, _LIFT_S = 50.0, 151.0, 0.25
@@ -103,9 +112,11 @@ class Plot(NamedTuple):
         return Drawing(view, self.lifts, [], layers, root=root, size=f"{view[0]}mm")
 
 
-def plotted(scene: Scene, plotter: Plotter) -> Plot:
+def plotted(scene: Scene, plotter: Plotter, inks: str | None = None) -> Plot:
     """Return a scene as strokes, as large as the sheet and its margins allow.
 
+    inks  colours of the pens, such as "#c0322c,#000000", of a scene in these inks. None for one
+          black pen
     The sheet is turned as the picture is. Raise InputError if the margins leave no place.
     """
     width, height = plotter.sides(scene.width > scene.height)
@@ -114,24 +125,22 @@ def plotted(scene: Scene, plotter: Plotter) -> Plot:
     sides = np.array([scene.width, scene.height]) * mm_per_px
     cell = max(plotter.pen_width / _CELLS, float(np.sqrt(sides.prod() / _MOST_CELLS)))
     columns, rows = np.maximum(np.round(sides / cell), 1).astype(int).tolist()
-    on_cells = scene.scaled(mm_per_px / cell)
-    pen_cells = plotter.pen_width / cell
-    inks, tones = _tones(scene, rows, columns)
-    colors = [np.zeros(3) if scene.inks is None else _pen_color(ink) for ink in inks]
-    strokes: list[list[Floats]] = [[] for _ in inks]
-    darkest = int(np.argmin(inks.sum(axis=1)))
-    for area, stroke in _seen(on_cells, (rows, columns), pen_cells, mm_per_px / cell):
-        color = area.paint if isinstance(area.paint, tuple) else area.paint.colors[0]
-        nearest = int(((inks - color) ** 2).sum(axis=1).argmin())
-        strokes[nearest if _tone(inks[nearest]) >= _FAINT else darkest].append(stroke)
+    pen_cells, scale = plotter.pen_width / cell, mm_per_px / cell
+    picture = np.clip(render(scene, columns, rows), 0, 1).astype(float)
+    colors = np.zeros((1, 3)) if inks is None else ink_colors(inks)
+    colors = colors[np.argsort(-colors.sum(axis=1), kind="stable")]
+    strokes: list[list[Floats]] = [[] for _ in colors]
+    for color, stroke in _lines_and_outlines(scene, (rows, columns), pen_cells, scale):
+        nearest = int(((colors - color) ** 2).sum(axis=1).argmin())
+        strokes[nearest if _tone(colors[nearest]) >= _FAINT else -1].append(stroke)
     if plotter.hatch is not None or len(scene) > sum(area.nodes for area in scene.areas):
         distance = plotter.hatch or 2 * plotter.pen_width
-        for one, tone in zip(strokes, tones, strict=True):
+        for one, tone in zip(strokes, _tones(picture, colors, inks is None), strict=True):
             one += _hatching(tone, distance / cell, pen_cells, plotter.hatch_angle)
     corner = 0.5 * (np.array([width, height]) - sides)
     pens = [
-        Pen(ink_name(ink), hex_color(np.round(color * 255).astype(int), short=False), in_order)
-        for ink, color, one in zip(inks, colors, strokes, strict=True)
+        Pen(ink_name(ink), hex_color(np.round(255 * _pen_color(ink)).astype(int), False), in_order)
+        for ink, one in zip(colors, strokes, strict=True)
         if (in_order := _in_order([corner + cell * stroke for stroke in one]))
     ]
     return Plot(width, height, plotter.pen_width, pens)
@@ -147,50 +156,94 @@ def _pen_color(ink: Floats) -> Floats:
     return 1 - (1 - ink) / max(_tone(ink), 1 / 255)
 
 
-def _tones(scene: Scene, rows: int, columns: int) -> tuple[Floats, list[Floats]]:
-    """Return the inks (n, 3) of a scene, the lightest first, and where each is, (rows, columns).
+def _tones(picture: Floats, inks: Floats, is_black: bool) -> list[Floats]:
+    """Return for each ink the share (h, w) of the paper that strokes are to cover.
 
-    The tone of a place is the share of paper that strokes are to cover. A scene that is not in inks
-    has black ink, whose tone is 1 minus luma.
+    is_black  whether one black pen draws all colours. Its tone is 1 minus luma
     """
-    picture = np.clip(render(scene, columns, rows), 0, 1).astype(float)
-    if scene.inks is None:
-        return np.zeros((1, 3)), [1 - picture @ [0.2126, 0.7152, 0.0722]]
-    inks = scene.inks[np.argsort(-scene.inks.sum(axis=1), kind="stable")]
-    squares = [((picture - ink) ** 2).sum(axis=2) for ink in inks]
-    nearest = np.argmin(squares, axis=0)
+    if is_black:
+        return [1 - picture @ [0.2126, 0.7152, 0.0722]]
+    nearest = np.argmin([((picture - ink) ** 2).sum(axis=2) for ink in inks], axis=0)
     tones = [_tone(ink) if _tone(ink) >= _FAINT else 0.0 for ink in inks]
-    return inks, [tone * (nearest == k) for k, tone in enumerate(tones)]
+    return [tone * (nearest == k) for k, tone in enumerate(tones)]
 
 
-def _seen(
-    scene: Scene, shape: tuple[int, int], pen: float, edge: float
-) -> Iterator[tuple[Area, Floats]]:
-    """Yield the areas of a scene with each part of their outlines that is seen, the top one first.
+def _lines_and_outlines(
+    scene: Scene, shape: tuple[int, int], pen: float, scale: float
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield the colour and the points (n, 2) of each stroke of the areas of a scene, in cells.
 
-    shape  rows and columns of the picture, whose cells are the px of the scene
+    shape  rows and columns of the cells
     pen    width of a stroke in cells. What lies nearer than half of it to a stroke above is drawn
            already
-    edge   outlines of areas nearer than half of this to the edge of the picture are left out,
-           because the picture ends there and not the area
+    scale  cells for a px of the scene
     """
     rows, columns = shape
-    covered = np.zeros(shape, bool)
-    under_lines = np.zeros(shape, bool)
-    for area in reversed(scene.areas):
-        margin = 0.0 if area.is_line else 0.5 * edge
-        hidden = covered if area.is_line else covered | under_lines
+    lines, thin = _centrelines(scene)
+    for color, segments in lines:
+        yield color, _simplified(scale * _points_along(segments, scale))
+    covered, longest = np.zeros(shape, bool), 2 * _WIDEST * max(shape)
+    across, down = thin.shape[1] / columns, thin.shape[0] / rows
+    for area in reversed(scene.scaled(scale).areas):
         for outline in area.outlines:
-            points = _points_along(outline)
-            inside = ((points >= margin) & (points <= [columns - margin, rows - margin])).all(axis=1)
+            points = _points_along(outline.segments)
+            inside = (points >= 0.5 * scale) & (points <= np.array([columns, rows]) - 0.5 * scale)
             column, row = np.clip(points.astype(int).T, 0, [[columns - 1], [rows - 1]])
-            for stroke in _runs(points, inside & ~hidden[row, column], outline.closed):
-                yield area, _simplified(stroke)
+            in_line = thin[(row * down).astype(int), (column * across).astype(int)]
+            hidden = _long_runs(in_line, longest) | (covered[row, column] & ~in_line)
+            shown = inside.all(axis=1) & ~hidden
+            for stroke in _runs(points, shown, outline.closed):
+                yield _color(area), _simplified(stroke)
         _cover(covered, area, pen)
-        if area.is_line:
-            _cover(under_lines, area, area.width + pen)
-        elif area.opacity > 0.95:
-            _cover(covered, area, 0)
+        if area.opacity > _OPAQUE:
+            _cover(covered, area, area.width)
+
+
+def _color(area: Area) -> Floats:
+    return np.array(area.paint if isinstance(area.paint, tuple) else area.paint.colors[0])
+
+
+def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
+    """Return the lines of a scene, and where they are in a picture of it, (h, w).
+
+    A line is a colour and segments (k, 4, 2) in px of the scene. Lines are the narrow parts of what
+    is seen of a colour, whether areas or lines of the scene draw it.
+    """
+    size = np.array([scene.width, scene.height])
+    width, height = np.maximum(np.round(size * (_SIDE / size.max())), 1).astype(int)
+    back, most = scene.width / width, _WIDEST * max(width, height)
+    bare = Scene(scene.width, scene.height, background=np.zeros(3))
+    lines, thin = list[tuple[Floats, Floats]](), np.zeros((height, width), bool)
+    for color in dict.fromkeys(tuple(_color(area).tolist()) for area in scene.areas):
+        masks = [
+            dataclasses.replace(area, paint=(float(tuple(_color(area)) == color),) * 3)
+            for area in scene.areas
+        ]
+        share = render(bare.replace(areas=masks), width, height, np.float64)[:, :, 0]
+        for part in parts_between(share, _wide(share > 0.5, 0.7 * most)):
+            strokes = strokes_of(part, lambda p: np.full(len(p), _WEIGHT), UNIT, RATE, most)
+            length = sum(lengths_of(path.segments).sum() for path, _ in strokes)
+            if length > (_LONG * most if part.thick.any() else 0):
+                lines += [(np.array(color), back * path.segments) for path, _ in strokes]
+                thin[part.box] |= dilated(part.share > 0.5)
+    return lines, thin
+
+
+def _wide(mask: Bools, radius: float) -> Bools:
+    """Return where a mask is wide enough for a disc of a radius, and the cells beside that."""
+    depth = distance_to(~np.pad(mask, 1, mode="edge"))[0]
+    if depth.max() <= radius:
+        return np.zeros_like(mask)
+    return (distance_to(depth > radius)[0] <= radius + 1)[1:-1, 1:-1]
+
+
+def _long_runs(flags: Bools, longest: float) -> Bools:
+    """Return flags without their runs of at most `longest` points."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    long = np.zeros_like(flags)
+    for a, b in ends.reshape(-1, 2):
+        long[a:b] = b - a > longest
+    return long
 
 
 def _cover(covered: Bools, area: Area, width: float) -> None:
@@ -205,16 +258,19 @@ def _cover(covered: Bools, area: Area, width: float) -> None:
     covered[top:bottom, left:right] |= share > 0.5
 
 
-def _points_along(outline: Outline) -> Floats:
-    """Return points (n, 2) along an outline, at most a cell apart. A closed one ends at its start."""
+def _points_along(segments: Floats, scale: float = 1.0) -> Floats:
+    """Return points (n, 2) along segments (k, 4, 2), at most half a cell apart.
+
+    scale  cells for a unit of the segments
+    """
     parts = []
-    for p in outline.segments:
-        count = int(np.ceil(np.hypot(*np.diff(p, axis=0).T).sum())) + 1
+    for p in segments:
+        count = int(np.ceil(scale * np.hypot(*np.diff(p, axis=0).T).sum())) + 1
         t = np.linspace(0, 1, 2 * count, endpoint=False)[:, None]
         parts.append(
             (1 - t) ** 3 * p[0] + 3 * t * (1 - t) * ((1 - t) * p[1] + t * p[2]) + t**3 * p[3]
         )
-    return np.concatenate([*parts, outline.segments[-1:, 3]])
+    return np.concatenate([*parts, segments[-1:, 3]])
 
 
 def _runs(points: Floats, shown: Bools, closed: bool) -> list[Floats]:
