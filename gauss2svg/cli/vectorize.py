@@ -19,11 +19,11 @@ from gauss2svg.cli.terminal import (
 )
 from gauss2svg.errors import InputError, brief, quoted, refusal
 from gauss2svg.files import STANDARD_STREAM, SVG_ENDINGS, check_ending, expanded, in_folder
-from gauss2svg.options import Interval, OptionGroup, file_path, flag_of
-from gauss2svg.pipeline.options import AUTO, GROUP_TITLES, GROUPS, NEVER, Goal, Options
+from gauss2svg.options import OptionGroup, file_path, flag_of
+from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Goal, Options
 from gauss2svg.processes import command_line
 from gauss2svg.scene import ADD
-from gauss2svg.scene.inks import MOST_INKS
+from gauss2svg.svg import Plotter
 
 if TYPE_CHECKING:
     from gauss2svg.pipeline.vectorize import Result
@@ -41,7 +41,7 @@ _ABOUT = "Turn a picture into an SVG of soft shapes, and measure how closely it 
 ABOUT = "\n".join((_ABOUT, "", *_EXAMPLES))
 # {option that names an output file: endings that this file may have}
 _ENDINGS = {"preview": (".png",), "report": (".json",), "save_scene": (".npz",)}
-_ENDINGS |= dict.fromkeys(("outline", "separations"), SVG_ENDINGS)
+_ENDINGS |= dict.fromkeys(("outline", "separations", "plot"), SVG_ENDINGS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,13 +98,13 @@ class PlatesAndPens(OptionGroup):
     """Save one SVG for each of the --inks, black where the ink is visible. The name plate.svg gives
     plate-1.svg, plate-2.svg and so on."""
 
-    pens: Annotated[int | None, Interval(ge=1, le=MOST_INKS)] = None
-    """Number of pens that draw the --outline, each in a layer of its own. Lines then end at the
-    edge of the page, and the size of the file is in mm."""
+    plot: Annotated[Path | None, file_path] = None
+    """Save strokes for a pen plotter as an SVG in mm: lines and outlines of a drawing, hatching for
+    a photo. Each of the --inks has a pen."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Files(PlatesAndPens, OutputFiles, InputFiles):
+class Files(Plotter, PlatesAndPens, OutputFiles, InputFiles):
     """Options for all files except the photo and the SVG."""
 
     @property
@@ -132,7 +132,11 @@ class Files(PlatesAndPens, OutputFiles, InputFiles):
 
 
 COMMON = {"Parameters": Command, "Goal": Goal, "Output files": OutputFiles}  # sections of --help
-SECTIONS = COMMON | {"Input files": InputFiles, "Plates and pens": PlatesAndPens}
+SECTIONS = COMMON | {
+    "Input files": InputFiles,
+    "Plates and pens": PlatesAndPens,
+    "Plotter": Plotter,
+}
 SECTIONS |= {title: GROUPS[key] for key, title in GROUP_TITLES.items()}
 
 
@@ -210,7 +214,7 @@ def _output(photo: str, output: str | None, overwrite: bool) -> str:
 def _checked(photo: str, output: str, options: Options, extras: Files) -> Options:
     """Return the options, as the output files need them.
 
-    If the name of the output ends in .svgz, gzip is turned on. With pens there are no areas.
+    If the name of the output ends in .svgz, gzip is turned on.
 
     Raise InputError if an output file cannot be made with these options, has a wrong ending, or
     would replace the photo, the mask or the scene. Raise OutputError if a file cannot be written.
@@ -230,8 +234,6 @@ def _checked(photo: str, output: str, options: Options, extras: Files) -> Option
         check_ending("--output", output, SVG_ENDINGS)
     for name, path in extras.outputs.items():
         check_ending(flag_of(name), path, _ENDINGS[name])
-    if extras.pens is not None and options.svg.areas == AUTO:
-        options = options.changed(areas=NEVER)  # pens draw the outlines of shapes
     return options.changed(gzip=True) if is_svgz(output) else options
 
 
@@ -246,11 +248,9 @@ def _exclusions(options: Options, extras: Files) -> Iterator[tuple[str, str, str
         yield "--outline", f"not be given with --blend {ADD}, {why}", "--portable"
     if extras.separations is not None and options.fit.inks is None:
         yield "--separations", "be given with --inks; got none", "--inks 3"
-    if extras.pens is not None and extras.outline is None:
-        yield "--pens", f"be given with --outline; got {extras.pens} alone", "--outline plot.svg"
-    for name in options.document.layered if extras.pens is not None else ():
-        why = "because its layers are rounds of the fit"
-        yield "--pens", f"not be given with --{name}, {why}", f"without --{name}"
+    for name, value in vars(Plotter()).items() if extras.plot is None else ():
+        if (got := getattr(extras, name)) != value:
+            yield flag_of(name), f"be given with --plot; got {got} alone", "--plot plot.svg"
 
 
 def _result(
@@ -281,7 +281,7 @@ def _start(path: Path | None) -> "Scene | None":
 
 
 def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
-    """Write all files. Yield the lines that are to be printed about the outlines and plates."""
+    """Write all files. Yield the lines that are to be printed about outlines, plots and plates."""
     from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])
@@ -289,8 +289,11 @@ def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
     if output == STANDARD_STREAM:
         files.write_output(svg)
     svgs: dict[Path, str] = {}
+    plot = None if extras.plot is None else result.plot(Plotter.of(vars(extras)))
+    if extras.plot is not None and plot is not None:
+        svgs[extras.plot] = plot.svg
     if extras.outline is not None:
-        svgs[extras.outline] = result.outline(extras.pens)
+        svgs[extras.outline] = result.outline()
     visible: dict[Path, str] = {}
     invisible: dict[Path, str] = {}
     if extras.separations is not None:
@@ -311,6 +314,8 @@ def _write(result: "Result", output: str, extras: Files) -> Iterator[str]:
             f"{extras.outline} also shows lines that the picture hides, below {hiding} opaque "
             "ellipses"
         )
+    if plot is not None and not extras.quiet:
+        yield f"{extras.plot}: {plot}"
     if extras.separations is not None and not extras.quiet:
         yield f"plates: {', '.join(f'{path} ({ink})' for path, ink in visible.items())}"
     yield from (

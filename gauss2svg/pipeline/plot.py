@@ -16,6 +16,7 @@ ink: where as much paper as possible is left between its strokes, both together 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -33,7 +34,8 @@ from gauss2svg.scene import Area, Scene
 from gauss2svg.scene.inks import ink_colors, ink_name
 from gauss2svg.svg import Document, Plotter
 from gauss2svg.svg.element import Element, hex_color, number
-from gauss2svg.svg.encode import Drawing, layer
+from gauss2svg.svg.encode import Drawing, layer, sides_of
+from gauss2svg.svg.write import text_of
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -41,12 +43,14 @@ _DECIMALS = 2  # of lengths in mm
 _CELLS = 3  # cells of the picture across a stroke
 _MOST_CELLS = 2e7  # with more cells, they are larger
 _TURNS_DEG = 0.0, 60.0, 120.0  # directions of hatching, from light to dark tones
-# In light tones, every second line is drawn. More lines that are left out would give more tones, but
-# a face has fewer details then.
+# Tones at which the lines of a direction are drawn, as shares of what they add: first every second
+# one, then all. With more steps there were more tones, but a face had fewer details.
 _STEPS = 0.25, 0.75
 _WIDEST = 0.022  # width of the widest line, as a share of the picture's longer side
-_WEIGHT = 0.003  # of a squared distance of a px from a centreline, against the bytes of its curves
-_LONG = 3.0  # shorter lines that leave a wide part, in widths of the widest line, are its corners
+_WEIGHT = 0.003  # weight of squared distances from a centreline against the bytes of its curves
+# A line that leaves a wide part is at least this long, in widths of the widest line. Shorter ones
+# are corners of the part.
+_LONG = 3.0
 _SIDE = 800  # px of the longer side of the picture in which lines are found
 _OPAQUE = 0.95  # opacity from which on an area hides what is below it
 _FAINT = 0.1  # tone of an ink that is not drawn on white paper
@@ -63,12 +67,16 @@ class Pen(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """What a plotter draws on a sheet of a width and a height in mm."""
+    """What a plotter draws. As text: 1.7 m in 49 strokes, 0.5 m with the pen up, ..
 
-    width: float
-    height: float
+    sheet      width and height in mm
+    pen_width  width of strokes in mm
+    """
+
+    sheet: tuple[float, float]
     pen_width: float
     pens: list[Pen]
+    document: Document
 
     @property
     def drawn_mm(self) -> float:
@@ -93,12 +101,13 @@ class Plot(NamedTuple):
         drawn, travel = self.drawn_mm, self.travel_mm
         minutes = (drawn / _DOWN_MM_S + travel / _UP_MM_S + self.lifts * _LIFT_S) / 60
         return (
-            f"{drawn / 1000:.1f} m drawn in {self.lifts:,} strokes, {travel / 1000:.1f} m with the "
-            f"pen up, from {minutes:.0f} minutes on"
+            f"{drawn / 1000:.1f} m in {self.lifts:,} strokes, {travel / 1000:.1f} m with the pen "
+            f"up, in at least {math.ceil(minutes)} min"
         )
 
-    def drawing(self) -> Drawing:
-        """Return the elements of the file: a layer for each pen."""
+    @property
+    def svg(self) -> str:
+        """Text of an SVG in mm, with a layer for each pen."""
         layers = []
         for at, (name, color, strokes) in enumerate(self.pens, start=1):
             paths = [Element("path", d=_path_data(stroke)) for stroke in strokes]
@@ -108,15 +117,17 @@ class Plot(NamedTuple):
             "fill": "none", "stroke-width": number(self.pen_width, 3),
             "stroke-linecap": "round", "stroke-linejoin": "round",
         }  # fmt: skip
-        view = number(self.width, _DECIMALS), number(self.height, _DECIMALS)
-        return Drawing(view, self.lifts, [], layers, root=root, size=f"{view[0]}mm")
+        sheet = Scene(*self.sheet)
+        drawing = Drawing(sides_of(sheet), 0, [], layers, root=root, size=f"{self.sheet[0]:g}mm")
+        named = dataclasses.replace(self.document, alt=self.document.alt or str(self))
+        return text_of(drawing, sheet, named)
 
 
-def plotted(scene: Scene, plotter: Plotter, inks: str | None = None) -> Plot:
+def plotted(scene: Scene, plotter: Plotter, document: Document, inks: str | None = None) -> Plot:
     """Return a scene as strokes, as large as the sheet and its margins allow.
 
-    inks  colours of the pens, such as "#c0322c,#000000", of a scene in these inks. None for one
-          black pen
+    document  has the title and the description of the file
+    inks      colours such as "#c0322c,#000000", each of which has a pen. None for one black pen
     The sheet is turned as the picture is. Raise InputError if the margins leave no place.
     """
     width, height = plotter.sides(scene.width > scene.height)
@@ -130,20 +141,26 @@ def plotted(scene: Scene, plotter: Plotter, inks: str | None = None) -> Plot:
     colors = np.zeros((1, 3)) if inks is None else ink_colors(inks)
     colors = colors[np.argsort(-colors.sum(axis=1), kind="stable")]
     strokes: list[list[Floats]] = [[] for _ in colors]
-    for color, stroke in _lines_and_outlines(scene, (rows, columns), pen_cells, scale):
+    lines, thin = _centrelines(scene)
+    in_line = _enlarged(thin, rows, columns)
+    found = [(color, _simplified(scale * _points_along(line, scale))) for color, line in lines]
+    found += _outlines(scene.scaled(scale).areas, in_line, pen_cells, scale)
+    for color, stroke in found:
         nearest = int(((colors - color) ** 2).sum(axis=1).argmin())
         strokes[nearest if _tone(colors[nearest]) >= _FAINT else -1].append(stroke)
     if plotter.hatch is not None or len(scene) > sum(area.nodes for area in scene.areas):
         distance = plotter.hatch or 2 * plotter.pen_width
         for one, tone in zip(strokes, _tones(picture, colors, inks is None), strict=True):
-            one += _hatching(tone, distance / cell, pen_cells, plotter.hatch_angle)
+            one += _hatching(
+                np.where(in_line, 0, tone), distance / cell, pen_cells, plotter.hatch_angle
+            )
     corner = 0.5 * (np.array([width, height]) - sides)
     pens = [
         Pen(ink_name(ink), hex_color(np.round(255 * _pen_color(ink)).astype(int), False), in_order)
         for ink, one in zip(colors, strokes, strict=True)
         if (in_order := _in_order([corner + cell * stroke for stroke in one]))
     ]
-    return Plot(width, height, plotter.pen_width, pens)
+    return Plot((width, height), plotter.pen_width, pens, document)
 
 
 def _tone(ink: Floats) -> float:
@@ -168,35 +185,38 @@ def _tones(picture: Floats, inks: Floats, is_black: bool) -> list[Floats]:
     return [tone * (nearest == k) for k, tone in enumerate(tones)]
 
 
-def _lines_and_outlines(
-    scene: Scene, shape: tuple[int, int], pen: float, scale: float
+def _outlines(
+    areas: Sequence[Area], in_line: Bools, pen: float, margin: float
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Yield the colour and the points (n, 2) of each stroke of the areas of a scene, in cells.
+    """Yield the colour and the points (n, 2) of each part of outlines that is seen, in cells.
 
-    shape  rows and columns of the cells
-    pen    width of a stroke in cells. What lies nearer than half of it to a stroke above is drawn
-           already
-    scale  cells for a px of the scene
+    in_line  (rows, columns) whether a cell is in a line, which is drawn along its middle. Outlines
+             only cross lines
+    pen      width of a stroke in cells. What lies nearer than half of it to a stroke above is drawn
+             already
+    margin   outlines are left out at this distance from the edge, where the picture ends and not
+             the area
     """
-    rows, columns = shape
-    lines, thin = _centrelines(scene)
-    for color, segments in lines:
-        yield color, _simplified(scale * _points_along(segments, scale))
-    covered, longest = np.zeros(shape, bool), 2 * _WIDEST * max(shape)
-    across, down = thin.shape[1] / columns, thin.shape[0] / rows
-    for area in reversed(scene.scaled(scale).areas):
+    size, covered = np.array(in_line.shape[::-1]), np.zeros_like(in_line)
+    longest = 4 * _WIDEST * size.max()  # points, of which a cell has two: twice a line's width
+    for area in reversed(areas):
         for outline in area.outlines:
             points = _points_along(outline.segments)
-            inside = (points >= 0.5 * scale) & (points <= np.array([columns, rows]) - 0.5 * scale)
-            column, row = np.clip(points.astype(int).T, 0, [[columns - 1], [rows - 1]])
-            in_line = thin[(row * down).astype(int), (column * across).astype(int)]
-            hidden = _long_runs(in_line, longest) | (covered[row, column] & ~in_line)
-            shown = inside.all(axis=1) & ~hidden
-            for stroke in _runs(points, shown, outline.closed):
+            inside = ((points >= margin) & (points <= size - margin)).all(axis=1)
+            column, row = np.clip(points.astype(int), 0, size - 1).T
+            lined = in_line[row, column]
+            hidden = _long_runs(lined, longest) | (covered[row, column] & ~lined)
+            for stroke in _runs(points, inside & ~hidden, outline.closed):
                 yield _color(area), _simplified(stroke)
         _cover(covered, area, pen)
         if area.opacity > _OPAQUE:
             _cover(covered, area, area.width)
+
+
+def _enlarged(mask: Bools, rows: int, columns: int) -> Bools:
+    """Return a mask (h, w) with another number of rows and columns."""
+    row, column = np.arange(rows) * mask.shape[0] // rows, np.arange(columns)
+    return mask[row[:, None], column * mask.shape[1] // columns]
 
 
 def _color(area: Area) -> Floats:
@@ -225,7 +245,7 @@ def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
             length = sum(lengths_of(path.segments).sum() for path, _ in strokes)
             if length > (_LONG * most if part.thick.any() else 0):
                 lines += [(np.array(color), back * path.segments) for path, _ in strokes]
-                thin[part.box] |= dilated(part.share > 0.5)
+                thin[part.box] |= dilated(part.share > 0.5, 2)
     return lines, thin
 
 
@@ -276,7 +296,9 @@ def _points_along(segments: Floats, scale: float = 1.0) -> Floats:
 def _runs(points: Floats, shown: Bools, closed: bool) -> list[Floats]:
     """Return the runs of at least two points that are shown."""
     if closed and not shown.all():
-        start = int(np.argmin(shown))  # a run may lie on both sides of the start of a closed outline
+        start = int(
+            np.argmin(shown)
+        )  # a run may lie on both sides of the start of a closed outline
         points, shown = np.roll(points[:-1], -start, axis=0), np.roll(shown[:-1], -start)
     ends = np.flatnonzero(np.diff(np.concatenate([[False], shown, [False]]).astype(int)))
     return [points[a:b] for a, b in ends.reshape(-1, 2) if b - a > 1]
@@ -291,7 +313,9 @@ def _simplified(points: Floats, most: float = 0.1) -> Floats:
         a, b = spans.pop()
         along, offset = points[b] - points[a], points[a : b + 1] - points[a]
         length = np.hypot(*along)
-        distance = np.abs(offset @ [-along[1], along[0]]) / length if length else np.hypot(*offset.T)
+        distance = (
+            np.abs(offset @ [-along[1], along[0]]) / length if length else np.hypot(*offset.T)
+        )
         k = int(distance.argmax())
         if distance[k] > most:
             kept[a + k] = True

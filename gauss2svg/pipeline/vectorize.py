@@ -7,13 +7,13 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Never
+from typing import TYPE_CHECKING, Any, Never
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.areas.pixels import Sprite, sprite_of
-from gauss2svg.errors import InputError, refusal, required
+from gauss2svg.errors import InputError, instance, refusal, required
 from gauss2svg.files import SVG_ENDINGS, check_ending, write_atomically
 from gauss2svg.fit import DensifyOptions, FitOptions
 from gauss2svg.measure import Scores, decibels
@@ -44,10 +44,13 @@ from gauss2svg.processes import held_bytes
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import used_inks
-from gauss2svg.svg import Document
+from gauss2svg.svg import Document, Plotter
 from gauss2svg.svg.element import LARGEST_NUMBER
 from gauss2svg.svg.file import file_bytes, image, is_svgz
 from gauss2svg.svg.write import outline_svg, plate_svg
+
+if TYPE_CHECKING:
+    from gauss2svg.pipeline.plot import Plot
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +87,20 @@ class Result:
             gzip = is_svgz(path) or bool(self.report["gzip"])
         write_atomically(path, file_bytes(self.svg, Field("gzip", bool).checked(gzip)))
 
-    def outline(self, pens: int | None = None) -> str:
+    def outline(self) -> str:
         """Return the text of an SVG with the outlines of the shapes (see gauss2svg.outline_svg)."""
-        return outline_svg(self.scene, self.document, pens=pens)
+        return outline_svg(self.scene, self.document)
+
+    def plot(self, plotter: Plotter | None = None) -> Plot:
+        """Return the strokes of a pen plotter. Plot.svg is the text of an SVG with them.
+
+        If the run had inks, each of them has a pen. Raise InputError if the margins of the plotter
+        leave no place on its sheet.
+        """
+        from gauss2svg.pipeline.plot import plotted  # imported here because few runs need it
+
+        plotter = instance(plotter, "plotter", Plotter)
+        return plotted(self.scene, plotter, self.document, self.report["inks"])
 
     @property
     def hiding(self) -> int:

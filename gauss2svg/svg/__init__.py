@@ -81,7 +81,9 @@ def check_aspect(name: str, aspect: Any) -> str:
 def check_sheet(name: str, sheet: Any) -> str:
     """Return `sheet`. Raise InputError unless it is the name of a paper or such as 300x200mm."""
     match = _SHEET.fullmatch(sheet) if isinstance(sheet, str) else None
-    if sheet in _PAPERS or (match and all(1 <= float(side) <= MOST_SHEET_MM for side in match.groups())):
+    if sheet in _PAPERS or (
+        match and all(1 <= float(side) <= MOST_SHEET_MM for side in match.groups())
+    ):
         return sheet
     needed = f"{', '.join(_PAPERS)} or a width and a height such as 300x200mm"
     raise refusal(name, needed, quoted(sheet), nearest(str(sheet), _PAPERS))
@@ -108,24 +110,24 @@ class Plotter(OptionGroup):
     hatch_angle: Annotated[float, Interval(ge=-360.0, le=360.0)] = 45.0
     """Direction of the hatching of light tones, in degrees clockwise from left to right."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        least = min(self.sides(is_wide=False))
+        if min(self.room(least, least)) < 1:
+            needed = f"smaller for a sheet of {self.sheet}"
+            raise refusal("margin", needed, f"{self.margin:g} mm", f"{least / 10:g}")
+
     def sides(self, is_wide: bool) -> tuple[float, float]:
         """Return the width and height of the sheet in mm. A named paper lies flat if `is_wide`."""
         if self.sheet in _PAPERS:
             width, height = _PAPERS[self.sheet]
             return (height, width) if is_wide else (width, height)
-        match = _SHEET.fullmatch(self.sheet)
-        assert match is not None
-        return float(match[1]), float(match[2])
+        width, height = (float(side) for side in self.sheet.removesuffix("mm").split("x"))
+        return width, height
 
     def room(self, width: float, height: float) -> tuple[float, float]:
-        """Return the sides in mm of the place for centrelines of strokes between the margins.
-
-        Raise InputError if there is no such place.
-        """
+        """Return the width and height in mm of the place between the margins for centrelines."""
         edges = 2 * self.margin + self.pen_width
-        if min(width, height) - edges < 1:
-            needed = f"small enough for the {width:g}x{height:g} mm of the sheet"
-            raise refusal("margin", needed, f"{self.margin:g} mm", f"{min(width, height) / 10:g}")
         return width - edges, height - edges
 
 
@@ -221,12 +223,6 @@ class Document(OptionGroup):
             document = dataclasses.replace(self, size=f"{round(width / across * 25.4, 3):g}mm")
         document.sides(width, height)
         return document
-
-    def mm_each(self, width: float) -> float:
-        """Return the size on paper, in mm, of one px of a canvas that is `width` px wide."""
-        has_size = self.size is not None and not self.is_responsive
-        across, unit = _width_of("size", self.size) if has_size else (width, "px")
-        return across * MM[unit] / width
 
     def style(self, rounds: Sequence[int]) -> str:
         """Return the style sheet for the groups of `rounds`, or "" if they need none.

@@ -100,12 +100,12 @@ def ordered_svg(
         # Imported here because minimal files do not need this module.
         from gauss2svg.svg.encode import encode
 
-        return _text(encode(scene, svg_format, document), scene, document)
+        return text_of(encode(scene, svg_format, document), scene, document)
     document.check_without_layers("additive blending", "whose layers are no rounds", _PORTABLE)
     # Imported here because few files need the kernels of this module.
     from gauss2svg.svg.additive import encode_additive
 
-    return _text(encode_additive(scene, svg_format), scene, document)
+    return text_of(encode_additive(scene, svg_format), scene, document)
 
 
 def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
@@ -122,27 +122,18 @@ def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
 
 
 def outline_svg(
-    scene: Scene,
-    document: Document | None = None,
-    stroke_width: float = OUTLINE_WIDTH,
-    pens: int | None = None,
+    scene: Scene, document: Document | None = None, stroke_width: float = OUTLINE_WIDTH
 ) -> str:
-    """Return the SVG text of a scene whose shapes are drawn as strokes alone, for plotters.
+    """Return the SVG text of a scene whose shapes are drawn as strokes alone.
 
     Each shape is an <ellipse> along the contour at which the falloff is half of its height. Its
     stroke is opaque and has the colour of the shape. The outlines of areas and the lines of a scene
     are such strokes too. The layers are those of write_svg. There is no background. Shapes whose
-    extent or opacity is written as 0 are left out.
+    extent or opacity is written as 0 are left out. Result.plot has the strokes of a pen plotter.
 
     stroke_width  width of a stroke in px, 0.01..100
-    pens          largest number of colours. With pens, each colour has a layer with its strokes,
-                  such as "1 #c0322c: ..". Strokes are cut at the edges of the page, and written in
-                  mm on paper. The page has the size of the document. If the document has no size,
-                  an inch on paper has 96 px
 
-    Raise InputError if the width or the number of pens is out of range, for an additive scene, and
-    for pens with areas. Also raise InputError for pens with animation or fragments, because these
-    need a layer for each round.
+    Raise InputError if the width is out of range, and for an additive scene.
     """
     scene = required(scene, "scene", Scene)
     document = instance(document, "document", Document)
@@ -152,10 +143,10 @@ def outline_svg(
     # Imported here because few files need this module.
     from gauss2svg.svg.plates_and_pens import encode_outlines
 
-    return _text(encode_outlines(scene, document, stroke_width, pens), scene, document)
+    return text_of(encode_outlines(scene, document, stroke_width), scene, document)
 
 
-def _text(drawing: Drawing, scene: Scene, document: Document) -> str:
+def text_of(drawing: Drawing, scene: Scene, document: Document) -> str:
     """Return the text of a file.
 
     Its root has a size, a title and a description, and contains the elements of the drawing.
