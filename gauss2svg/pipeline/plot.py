@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 _DECIMALS = 2  # of lengths in mm
 _CELLS = 3  # cells of the picture across a stroke
-_MOST_CELLS = 2e7  # with more cells, they are larger
+_MOST_CELLS = 1e7  # with more cells, they are larger
 _TURNS_DEG = 0.0, 60.0, 120.0  # directions of hatching, from light to dark tones
 # Tones at which the lines of a direction are drawn, as shares of what they add: first every second
 # one, then all. With more steps there were more tones, but a face had fewer details.
@@ -137,7 +137,7 @@ def plotted(scene: Scene, plotter: Plotter, document: Document, inks: str | None
     cell = max(plotter.pen_width / _CELLS, float(np.sqrt(sides.prod() / _MOST_CELLS)))
     columns, rows = np.maximum(np.round(sides / cell), 1).astype(int).tolist()
     pen_cells, scale = plotter.pen_width / cell, mm_per_px / cell
-    picture = np.clip(render(scene, columns, rows), 0, 1).astype(float)
+    picture = np.clip(render(scene, columns, rows), 0, 1)
     colors = np.zeros((1, 3)) if inks is None else ink_colors(inks)
     colors = colors[np.argsort(-colors.sum(axis=1), kind="stable")]
     strokes: list[list[Floats]] = [[] for _ in colors]
@@ -258,11 +258,11 @@ def _wide(mask: Bools, radius: float) -> Bools:
 
 
 def _long_runs(flags: Bools, longest: float) -> Bools:
-    """Return flags without their runs of at most `longest` points."""
+    """Return flags without their runs of at most `longest` points, unless a run is all of them."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     long = np.zeros_like(flags)
     for a, b in ends.reshape(-1, 2):
-        long[a:b] = b - a > longest
+        long[a:b] = b - a > min(longest, len(flags) - 1)
     return long
 
 
