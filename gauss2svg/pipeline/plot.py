@@ -324,19 +324,20 @@ def _simplified(points: Floats, most: float = 0.1) -> Floats:
 
 
 def _hatching(tone: Floats, distance: float, pen: float, angle_deg: float) -> list[Floats]:
-    """Return strokes that cover about as much of each cell's surroundings as its tone says.
+    """Return strokes whose density around each cell is about proportional to its tone.
 
-    The lines of a direction are drawn where the tone exceeds what those before it cover, and half
-    of what it adds. Ends of neighbouring lines are joined where it is dark between them, so that
-    the pen stays down.
+    Where the tone is 1, there are all lines of all directions. The lines of a direction are drawn
+    where the tone exceeds what those before it cover. Ends of neighbouring lines are joined where
+    it is dark between them, so that the pen stays down.
     """
     share, strokes = min(pen / distance, 1.0), list[Floats]()
+    covered = 1 - (1 - share) ** np.arange(len(_TURNS_DEG) + 1)
     rows, columns = tone.shape
-    for turn, before in zip(_TURNS_DEG, 1 - (1 - share) ** np.arange(3), strict=True):
+    for turn, before in zip(_TURNS_DEG, covered[:-1], strict=True):
         angle = np.radians(angle_deg + turn)
         along = np.array([np.cos(angle), np.sin(angle)])
         across = np.array([-along[1], along[0]])
-        levels = before + (1 - before) * share * np.array(_STEPS)
+        levels = (before + (1 - before) * share * np.array(_STEPS)) / covered[-1]
         corners = np.array([[0, 0], [columns, 0], [0, rows], [columns, rows]])
         first, last = corners @ along, corners @ across
         t = np.arange(first.min(), first.max())[:, None]

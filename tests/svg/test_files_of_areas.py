@@ -371,9 +371,6 @@ def test_scenes_that_a_file_cannot_have_are_refused():
     for area in (far, wide):
         with pytest.raises(SceneError, match=r"of an area must be at most 4e\+06 px .* got 1e\+08"):
             write_svg(Scene(40, 30, areas=[area]))
-    scene = Scene(40, 30, areas=[TRIANGLE])
-    with pytest.raises(InputError, match="a scene with pens must be without areas; got 1 areas"):
-        outline_svg(scene, pens=2)
     clear = dataclasses.replace(TRIANGLE, opacity=0.5)
     shaded = dataclasses.replace(TRIANGLE, paint=LinearGradient((0, 1), (RED, RED)))
     for area in (clear, shaded):

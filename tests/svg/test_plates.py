@@ -1,7 +1,6 @@
-"""Properties of files for printing and plotting: groups and plates of inks, outlines, pens."""
+"""Properties of files for printing and plotting: groups and plates of inks, and outlines."""
 
 import gzip
-import re
 from xml.etree.ElementTree import fromstring as parse
 
 import numpy as np
@@ -113,38 +112,6 @@ def test_a_stroke_of_one_width_lies_where_the_falloff_is_half(sigma, rho, beta):
     assert (ink[distance < 0.1] > 0.5).all()
 
 
-@pytest.mark.parametrize("size", [None, "120mm"])
-def test_strokes_of_pens_are_those_of_the_page_alone(size):
-    scene = random_scene(60, 90, 70, 5, (4, 40), (1, 8)).replace(color=np.zeros((60, 3)))
-    svg = outline_svg(scene, Document(size=size), stroke_width=0.3, pens=1)
-    width = 120.0 if size else 90 * 25.4 / 96
-    page = pytest.approx([width, width * 70 / 90], abs=0.001)
-    root = parse(svg)
-    assert [float(root.get(side).removesuffix("mm")) for side in ("width", "height")] == page
-    assert [float(v) for v in root.get("viewBox").split()[2:]] == page
-    ends = re.findall(r"(-?[\d.]+) (-?[\d.]+)(?=A|M|\")", "".join(re.findall(r' d="[^"]*"', svg)))
-    assert len(ends) > 50
-    x, y = np.array(ends, float).T
-    assert 0 <= x.min() < x.max() <= width + 0.005
-    assert 0 <= y.min() < y.max() <= width * 70 / 90 + 0.005
-    # On the page nothing has gone, and nothing has come.
-    before = outline_svg(scene, stroke_width=0.3)
-    ink, inside = (rasterize(one, 450, 350)[:, :, 0] for one in (before, svg))
-    assert before.count("<ellipse") > svg.count("<ellipse") > 5
-    assert (np.abs(ink - inside)[2:-2, 2:-2] > 0.6).mean() < 0.0005
-
-
-def test_each_pen_is_a_layer_with_its_strokes_in_any_order_of_the_shapes():
-    scene = random_scene(120, 90, 70, 5, (2, 9), (1, 1)).replace(round_index=None)
-    mixed = scene.select(np.random.default_rng(1).permutation(120))
-    layers, others = (parse(outline_svg(one, pens=4)).findall(SVG + "g") for one in (scene, mixed))
-    assert {layer.get("stroke") for layer in layers} == {layer.get("stroke") for layer in others}
-    assert [layer.get("id") for layer in layers] == [f"pen-{k}" for k in (1, 2, 3, 4)]
-    for at, layer in enumerate(layers, start=1):
-        assert layer.get(LABEL) == f"{at} {layer.get('stroke')}: {len(layer)} strokes"
-        assert not any("stroke" in one.attrib for one in layer)
-
-
 def test_plates_and_outlines_are_files_beside_the_picture(photo, tmp_path, capsys):
     source, lines = tmp_path / "photo.png", tmp_path / "lines.svgz"
     source.write_bytes(as_png(photo))
@@ -172,11 +139,13 @@ def test_plates_and_outlines_are_files_beside_the_picture(photo, tmp_path, capsy
     [
         ("--separations p.svg", "--separations must be given with --inks"),
         ("--inks 3 --separations photo.svg", "is also the photo"),
-        ("--pens 3", "--pens must be given with --outline"),
-        ("--pens 2 --outline l.svg --animate 2", "not be given with --animate"),
+        ("--sheet a3", "--sheet must be given with --plot; got a3 alone. Try --plot plot.svg"),
+        ("--plot p.svg --sheet a33", "or a width and a height such as 300x200mm; got 'a33'"),
+        ("--plot p.svg --sheet 20x20mm", "--margin must be smaller for a sheet of 20x20mm; got 15"),
+        ("--plot photo-1.svg", "is also the photo"),
     ],
 )
-def test_bad_inks_and_pens_are_one_line_and_no_file(given, why, tmp_path, monkeypatch, refusal):
+def test_bad_inks_and_sheets_are_one_line_and_no_file(given, why, tmp_path, monkeypatch, refusal):
     monkeypatch.chdir(tmp_path)
     levels = np.zeros((20, 30, 3))
     levels[5:, 10:] = 1

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from scenes import random_areas, random_scene, random_sum, with_levels
 
 from gauss2svg.errors import InputError, SceneError
+from gauss2svg.pipeline.plot import plotted
 from gauss2svg.scene import PLAIN, Scene
-from gauss2svg.svg import Document, Form, SvgFormat
+from gauss2svg.svg import Document, Form, Plotter, SvgFormat
 from gauss2svg.svg.minimal import minimal_svg
 from gauss2svg.svg.write import outline_svg, plate_svg, write_svg
 
@@ -35,7 +36,7 @@ WRITERS = {
     "stops": partial(write_svg, SCENE, SvgFormat(stops=12)),
     "additive": partial(write_svg, ADDITIVE, None),
     "outline": partial(outline_svg, SCENE),
-    "pens": partial(outline_svg, SCENE, pens=2),
+    "plot": lambda document: plotted(SCENE, Plotter(), document).svg,
     "inks": partial(write_svg, IN_INKS, BY_INK),
     "masks": partial(write_svg, SCENE.concatenate(SCENE), MINIMAL),
     "arcs": partial(write_svg, CRISP, MINIMAL),
@@ -157,8 +158,6 @@ REFUSED = [
     ("unit must be a number in 0.001..1e", minimal_svg, SCENE, 0),
     ("given with layers inks", write_svg, IN_INKS, BY_INK, Document(animate=2.0)),
     ("one of #000000.*; got '#000'", plate_svg, IN_INKS, "#000"),
-    ("given with pens", partial(outline_svg, pens=2), SCENE, Document(fragments=True)),
-    *(("pens must be a whole", partial(outline_svg, pens=pens), SCENE) for pens in (0, 65, 1.5)),
     *(("stroke_width", outline_svg, SCENE, None, width) for width in (0, 1e9, "thin")),
     (r"size must be larger; .*3000x1 px 0\.1000 by 0\.0000mm", write_svg, Scene(3000, 1), None,
      Document(size="0.1mm")),
