@@ -39,9 +39,9 @@ from gauss2svg.svg.write import text_of
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-_DECIMALS = 2  # of lengths in mm
+_DECIMALS = 2  # decimals of lengths in mm
 _CELLS = 3  # cells of the picture across a stroke
-_MOST_CELLS = 1e7  # with more cells, they are larger
+_MOST_CELLS = 1e7  # cells of a picture. A larger sheet has larger cells
 _TURNS_DEG = 0.0, 60.0, 120.0  # directions of hatching, from light to dark tones
 # Tones at which the lines of a direction are drawn, as shares of what they add: first every second
 # one, then all. With more steps there were more tones, but a face had fewer details.
@@ -67,7 +67,7 @@ class Pen(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """What a plotter draws. As text: 1.7 m in 49 strokes, 0.5 m with the pen up, ..
+    """The strokes of all pens on a sheet. As text: 1.7 m in 49 strokes, 0.5 m with the pen up, ..
 
     sheet      width and height in mm
     pen_width  width of strokes in mm
@@ -126,9 +126,9 @@ class Plot(NamedTuple):
 def plotted(scene: Scene, plotter: Plotter, document: Document, inks: str | None = None) -> Plot:
     """Return a scene as strokes, as large as the sheet and its margins allow.
 
-    document  has the title and the description of the file
+    document  title and description of the file
     inks      colours such as "#c0322c,#000000", each of which has a pen. None for one black pen
-    The sheet is turned as the picture is. Raise InputError if the margins leave no place.
+    A named sheet is turned as the picture is.
     """
     width, height = plotter.sides(scene.width > scene.height)
     room = plotter.room(width, height)
@@ -143,7 +143,10 @@ def plotted(scene: Scene, plotter: Plotter, document: Document, inks: str | None
     strokes: list[list[Floats]] = [[] for _ in colors]
     lines, thin = _centrelines(scene)
     in_line = _enlarged(thin, rows, columns)
-    found = [(color, _simplified(scale * _points_along(line, scale))) for color, line in lines]
+    found = [
+        (color, np.clip(_simplified(scale * _points_along(line, scale)), 0, [columns, rows]))
+        for color, line in lines
+    ]
     found += _outlines(scene.scaled(scale).areas, in_line, pen_cells, scale)
     for color, stroke in found:
         nearest = int(((colors - color) ** 2).sum(axis=1).argmin())
@@ -207,7 +210,8 @@ def _outlines(
             lined = in_line[row, column]
             hidden = _long_runs(lined, longest) | (covered[row, column] & ~lined)
             for stroke in _runs(points, inside & ~hidden, outline.closed):
-                yield _color(area), _simplified(stroke)
+                if len(stroke) > min(4 * pen, len(points) - 2):  # shorter parts are dots
+                    yield _color(area), _simplified(stroke)
         _cover(covered, area, pen)
         if area.opacity > _OPAQUE:
             _cover(covered, area, area.width)

@@ -94,8 +94,7 @@ class Result:
     def plot(self, plotter: Plotter | None = None) -> Plot:
         """Return the strokes of a pen plotter. Plot.svg is the text of an SVG with them.
 
-        If the run had inks, each of them has a pen. Raise InputError if the margins of the plotter
-        leave no place on its sheet.
+        If the run had inks, each of them has a pen.
         """
         from gauss2svg.pipeline.plot import plotted  # imported here because few runs need it
 

@@ -112,6 +112,9 @@ def test_an_outline_ends_where_the_picture_ends():
     plot = plot_of(of_areas(box(-10, -10, 110, 50)))
     assert plot.drawn_mm == pytest.approx(100, abs=3)
     assert points_of(plot)[:, 1] - 0.15 == pytest.approx(50, abs=0.1)
+    points = points_of(plot_of(of_areas(line((-9, 40), (109, 70))))) - 0.15
+    assert points.min() >= -0.001
+    assert points.max() <= 100.001
 
 
 @pytest.mark.parametrize(
