@@ -176,7 +176,7 @@ def _pen_color(ink: Floats) -> Floats:
     return 1 - (1 - ink) / max(_tone(ink), 1 / 255)
 
 
-def _tones(picture: Floats, inks: Floats, is_black: bool) -> list[Floats]:
+def _tones(picture: NDArray[np.floating], inks: Floats, is_black: bool) -> list[Floats]:
     """Return for each ink the share (h, w) of the paper that strokes are to cover.
 
     is_black  whether one black pen draws all colours. Its tone is 1 minus luma
@@ -374,14 +374,14 @@ def _in_order(strokes: Sequence[Floats]) -> list[Floats]:
 
     Strokes are reversed where this is nearer.
     """
-    from scipy.spatial import cKDTree  # imported here because it is slow to import
+    from scipy.spatial import KDTree  # imported here because it is slow to import
 
     left, in_order = np.ones(len(strokes), bool), list[Floats]()
     at, tree, index = np.zeros(2), None, np.zeros(0, int)
     while len(in_order) < len(strokes):
         if tree is None or 2 * left[index].sum() < len(index):
             index = np.flatnonzero(left)
-            tree = cKDTree(np.concatenate([strokes[k][[0, -1]] for k in index]))
+            tree = KDTree(np.concatenate([strokes[k][[0, -1]] for k in index.tolist()]))
         count, found = 4, np.zeros(0, int)
         while not len(found):
             ends = tree.query(at, min(count, 2 * len(index)))[1]

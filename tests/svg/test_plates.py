@@ -141,7 +141,10 @@ def test_plates_and_outlines_are_files_beside_the_picture(photo, tmp_path, capsy
         ("--inks 3 --separations photo.svg", "is also the photo"),
         ("--sheet a3", "--sheet must be given with --plot; got a3 alone. Try --plot plot.svg"),
         ("--plot p.svg --sheet a33", "or a width and a height such as 300x200mm; got 'a33'"),
-        ("--plot p.svg --sheet 20x20mm", "--margin must be smaller for a sheet of 20x20mm; got 15"),
+        (
+            "--plot p.svg --sheet 20x20mm",
+            "margin must be smaller for a sheet of 20x20mm; got 15 mm",
+        ),
         ("--plot photo-1.svg", "is also the photo"),
     ],
 )
