@@ -146,9 +146,8 @@ def test_strokes_come_in_an_order_that_saves_travel():
     strokes = plot.pens[0].strokes
     assert plot.lifts == len(strokes) > 100
     mixed = [strokes[k] for k in np.random.default_rng(1).permutation(len(strokes))]
-    assert (
-        plot.travel_mm < 0.1 * plot._replace(pens=[plot.pens[0]._replace(strokes=mixed)]).travel_mm
-    )
+    shuffled = plot._replace(pens=[plot.pens[0]._replace(strokes=mixed)])
+    assert plot.travel_mm < 0.2 * shuffled.travel_mm
     # Each begins at the nearest end of all that follow.
     for k, (before, _) in enumerate(pairwise(strokes[:60]), start=1):
         ends = np.array([one[[0, -1]] for one in strokes[k:]]).reshape(-1, 2)
