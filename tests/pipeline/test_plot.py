@@ -104,12 +104,13 @@ def test_no_point_of_an_outline_is_hidden_and_a_common_edge_is_drawn_once():
     assert not in_upper.any()
     # The upper box has 200 mm, the lower one 160 outside of it, and the third 60 of its own.
     assert plot.drawn_mm == pytest.approx(200 + 160 + 60, abs=2)
+    assert plot_of(of_areas(beside, lower)).drawn_mm == pytest.approx(200 + 90, abs=2)
     clear = plot_of(of_areas(lower, box(40, 40, 90, 90, GREY, opacity=0.5)))
     assert clear.drawn_mm == pytest.approx(400, abs=2)
 
 
 def test_an_outline_ends_where_the_picture_ends():
-    plot = plot_of(of_areas(box(-10, -10, 110, 50)))
+    plot = plot_of(of_areas(box(-10, 0, 100, 50)))
     assert plot.drawn_mm == pytest.approx(100, abs=3)
     assert points_of(plot)[:, 1] - 0.15 == pytest.approx(50, abs=0.1)
     points = points_of(plot_of(of_areas(line((-9, 40), (109, 70))))) - 0.15
