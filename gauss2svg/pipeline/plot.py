@@ -19,13 +19,14 @@ import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import find_objects
 
 from gauss2svg.areas.find import RATE, UNIT
-from gauss2svg.areas.masks import dilated, distance_to
+from gauss2svg.areas.masks import dilated, distance_to, widened
 from gauss2svg.areas.outlines import lengths_of
 from gauss2svg.areas.thin import parts_between, strokes_of
 from gauss2svg.render import render
@@ -52,6 +53,7 @@ _WEIGHT = 0.003  # weight of squared distances from a centreline against the byt
 # are corners of the part.
 _LONG = 3.0
 _SIDE = 800  # px of the longer side of the picture in which lines are found
+_FINE = 2  # cells along a side of its px
 _OPAQUE = 0.95  # opacity from which on an area hides what is below it
 _FAINT = 0.1  # tone of an ink that is not drawn on white paper
 # The speeds in mm/s and the time in s of a lift are the defaults of AxiDraw's software.
@@ -143,15 +145,18 @@ def plotted(scene: Scene, plotter: Plotter, document: Document, inks: str | None
     strokes: list[list[Floats]] = [[] for _ in colors]
     lines, thin = _centrelines(scene)
     in_line = _enlarged(thin, rows, columns)
+    size = np.array([columns, rows])
     found = [
-        (color, np.clip(_simplified(scale * _points_along(line, scale)), 0, [columns, rows]))
+        (color, np.clip(_simplified(_points_along(scale * line, size)), 0, size))
         for color, line in lines
     ]
-    found += _outlines(scene.scaled(scale).areas, in_line, pen_cells, scale)
+    found += _outlines(
+        [area.scaled(scale, scale) for area in scene.areas], in_line, pen_cells, scale
+    )
     for color, stroke in found:
         nearest = int(((colors - color) ** 2).sum(axis=1).argmin())
         strokes[nearest if _tone(colors[nearest]) >= _FAINT else -1].append(stroke)
-    if plotter.hatch is not None or len(scene) > sum(area.nodes for area in scene.areas):
+    if plotter.hatch is not None or len(scene) >= sum(area.nodes for area in scene.areas):
         distance = plotter.hatch or 2 * plotter.pen_width
         for one, tone in zip(strokes, _tones(picture, colors, inks is None), strict=True):
             one += _hatching(
@@ -201,20 +206,20 @@ def _outlines(
              the area
     """
     size, covered = np.array(in_line.shape[::-1]), np.zeros_like(in_line)
-    longest = 4 * _WIDEST * size.max()  # points, of which a cell has two: twice a line's width
     for area in reversed(areas):
         for outline in area.outlines:
-            points = _points_along(outline.segments)
+            points = _points_along(outline.segments, size)
             inside = ((points >= margin) & (points <= size - margin)).all(axis=1)
-            column, row = np.clip(points.astype(int), 0, size - 1).T
+            column, row = np.clip(points, 0, size - 1).astype(int).T
             lined = in_line[row, column]
-            hidden = _long_runs(lined, longest) | (covered[row, column] & ~lined)
+            hidden = _long_runs(lined, points, 2 * _WIDEST * size.max())
+            hidden |= covered[row, column] & ~lined
             for stroke in _runs(points, inside & ~hidden, outline.closed):
-                if len(stroke) > min(4 * pen, len(points) - 2):  # shorter parts are dots
+                if _length(stroke) > 2 * pen or len(stroke) >= len(points) - 1:  # others are dots
                     yield _color(area), _simplified(stroke)
-        _cover(covered, area, pen)
+        _cover(covered, dataclasses.replace(area, width=pen, cap="round"), True)
         if area.opacity > _OPAQUE:
-            _cover(covered, area, area.width)
+            _cover(covered, area, True)
 
 
 def _enlarged(mask: Bools, rows: int, columns: int) -> Bools:
@@ -234,23 +239,38 @@ def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
     is seen of a colour, whether areas or lines of the scene draw it.
     """
     size = np.array([scene.width, scene.height])
-    width, height = np.maximum(np.round(size * (_SIDE / size.max())), 1).astype(int)
-    back, most = scene.width / width, _WIDEST * max(width, height)
-    bare = Scene(scene.width, scene.height, background=np.zeros(3))
+    scale, most = _SIDE / size.max(), _WIDEST * _SIDE
+    width, height = np.maximum(np.round(size * scale), 1).astype(int).tolist()
+    seen = np.full((_FINE * height, _FINE * width), -1)  # index of the colour
+    index: dict[tuple[float, ...], int] = {}
+    for area in scene.areas:
+        color = index.setdefault(tuple(_color(area).tolist()), len(index))
+        if area.opacity > 0.5:
+            _cover(seen, area.scaled(_FINE * scale, _FINE * scale), color)
     lines, thin = list[tuple[Floats, Floats]](), np.zeros((height, width), bool)
-    for color in dict.fromkeys(tuple(_color(area).tolist()) for area in scene.areas):
-        masks = [
-            dataclasses.replace(area, paint=(float(tuple(_color(area)) == color),) * 3)
-            for area in scene.areas
-        ]
-        share = render(bare.replace(areas=masks), width, height, np.float64)[:, :, 0]
+    for (color, k), fine in zip(index.items(), find_objects(seen + 1, len(index)), strict=True):
+        if fine is None:
+            continue
+        box = tuple(slice(side.start // _FINE, -(-side.stop // _FINE)) for side in fine)
+        top, left = widened(box, 4, thin.shape)
+        corner = np.array([left.start, top.start])
+        share = _shares(seen, k, top, left)
         for part in parts_between(share, _wide(share > 0.5, 0.7 * most)):
             strokes = strokes_of(part, lambda p: np.full(len(p), _WEIGHT), UNIT, RATE, most)
             length = sum(lengths_of(path.segments).sum() for path, _ in strokes)
             if length > (_LONG * most if part.thick.any() else 0):
-                lines += [(np.array(color), back * path.segments) for path, _ in strokes]
-                thin[part.box] |= dilated(part.share > 0.5, 2)
+                lines += [(np.array(color), (p.segments + corner) / scale) for p, _ in strokes]
+                thin[top, left][part.box] |= dilated(part.share > 0.5, 2)
     return lines, thin
+
+
+def _shares(seen: NDArray[np.int_], color: int, rows: slice, columns: slice) -> Floats:
+    """Return the share of each px of a box that has a colour of this index."""
+    fine = seen[
+        _FINE * rows.start : _FINE * rows.stop, _FINE * columns.start : _FINE * columns.stop
+    ]
+    shape = rows.stop - rows.start, _FINE, columns.stop - columns.start, _FINE
+    return (fine == color).reshape(shape).mean(axis=(1, 3))
 
 
 def _wide(mask: Bools, radius: float) -> Bools:
@@ -261,40 +281,49 @@ def _wide(mask: Bools, radius: float) -> Bools:
     return (distance_to(depth > radius)[0] <= radius + 1)[1:-1, 1:-1]
 
 
-def _long_runs(flags: Bools, longest: float) -> Bools:
-    """Return flags without their runs of at most `longest` points, unless a run is all of them."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+def _long_runs(flags: Bools, points: Floats, longest: float) -> Bools:
+    """Return flags without their runs of at most `longest` cells, unless a run is all of them."""
     long = np.zeros_like(flags)
-    for a, b in ends.reshape(-1, 2):
-        long[a:b] = b - a > min(longest, len(flags) - 1)
+    for a, b in _ends_of_runs(flags):
+        long[a:b] = _length(points[a:b]) > longest or b - a == len(flags)
     return long
 
 
-def _cover(covered: Bools, area: Area, width: float) -> None:
-    """Mark the cells that an area covers, or strokes of a width along its outlines."""
+def _cover(covered: NDArray[Any], area: Area, value: int) -> None:
+    """Give the cells that an area covers a value."""
     points = np.concatenate([outline.points for outline in area.outlines])
-    size = covered.shape[1], covered.shape[0]
-    reach = 2 * width
+    size, reach = covered.shape[::-1], 2 * area.width
     left, top = np.floor(np.clip(points.min(axis=0) - reach, 0, size)).astype(int).tolist()
     right, bottom = np.ceil(np.clip(points.max(axis=0) + reach, 0, size)).astype(int).tolist()
-    drawn = Area(area.outlines, (0.0, 0.0, 0.0), width=width, cap="round" if width else "butt")
-    share = coverage_of(drawn, left, top, right - left, bottom - top)
-    covered[top:bottom, left:right] |= share > 0.5
+    share = coverage_of(area, left, top, right - left, bottom - top)
+    covered[top:bottom, left:right][share > 0.5] = value
 
 
-def _points_along(segments: Floats, scale: float = 1.0) -> Floats:
-    """Return points (n, 2) along segments (k, 4, 2), at most half a cell apart.
+def _points_along(segments: Floats, size: Floats) -> Floats:
+    """Return points (n, 2) along segments (k, 4, 2), at most a cell apart within the picture.
 
-    scale  cells for a unit of the segments
+    size  its columns and rows
     """
-    parts = []
-    for p in segments:
-        count = int(np.ceil(scale * np.hypot(*np.diff(p, axis=0).T).sum())) + 1
-        t = np.linspace(0, 1, 2 * count, endpoint=False)[:, None]
-        parts.append(
-            (1 - t) ** 3 * p[0] + 3 * t * (1 - t) * ((1 - t) * p[1] + t * p[2]) + t**3 * p[3]
-        )
-    return np.concatenate([*parts, segments[-1:, 3]])
+    while True:
+        low, high = segments.min(axis=1), segments.max(axis=1)
+        near = ((low <= size) & (high >= 0)).all(axis=1)
+        split = near & (np.hypot(*np.diff(segments, axis=1).transpose(2, 0, 1)).sum(axis=1) > 1)
+        if not split.any():
+            return np.concatenate([segments[:, 0], segments[-1:, 3]])
+        a, b, c, d = segments[split].transpose(1, 0, 2)
+        ab, bc, cd = (a + b) / 2, (b + c) / 2, (c + d) / 2
+        abc, bcd = (ab + bc) / 2, (bc + cd) / 2
+        middle = (abc + bcd) / 2
+        first = np.cumsum(1 + split) - 1 - split  # index of the first half, or of the segment
+        segments = np.repeat(segments, 1 + split, axis=0)
+        segments[first[split]] = np.stack([a, ab, abc, middle], axis=1)
+        segments[first[split] + 1] = np.stack([middle, bcd, cd, d], axis=1)
+
+
+def _ends_of_runs(flags: Bools) -> list[list[int]]:
+    """Return the index of the first flag of each run that is set, and that after its last one."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return ends.reshape(-1, 2).tolist()
 
 
 def _runs(points: Floats, shown: Bools, closed: bool) -> list[Floats]:
@@ -304,8 +333,7 @@ def _runs(points: Floats, shown: Bools, closed: bool) -> list[Floats]:
             np.argmin(shown)
         )  # a run may lie on both sides of the start of a closed outline
         points, shown = np.roll(points[:-1], -start, axis=0), np.roll(shown[:-1], -start)
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], shown, [False]]).astype(int)))
-    return [points[a:b] for a, b in ends.reshape(-1, 2) if b - a > 1]
+    return [points[a:b] for a, b in _ends_of_runs(shown) if b - a > 1]
 
 
 def _simplified(points: Floats, most: float = 0.1) -> Floats:
