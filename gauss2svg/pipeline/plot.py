@@ -53,7 +53,7 @@ _WEIGHT = 0.003  # weight of squared distances from a centreline against the byt
 # are corners of the part.
 _LONG = 3.0
 _SIDE = 800  # px of the longer side of the picture in which lines are found
-_FINE = 2  # cells along a side of its px
+_FINE = 3  # cells along a side of its px
 _OPAQUE = 0.95  # opacity from which on an area hides what is below it
 _FAINT = 0.1  # tone of an ink that is not drawn on white paper
 # The speeds in mm/s and the time in s of a lift are the defaults of AxiDraw's software.
@@ -241,7 +241,7 @@ def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
     size = np.array([scene.width, scene.height])
     scale, most = _SIDE / size.max(), _WIDEST * _SIDE
     width, height = np.maximum(np.round(size * scale), 1).astype(int).tolist()
-    seen = np.full((_FINE * height, _FINE * width), -1)  # index of the colour
+    seen = np.full((_FINE * height, _FINE * width), -1, np.int32)  # colours
     index: dict[tuple[float, ...], int] = {}
     for area in scene.areas:
         color = index.setdefault(tuple(_color(area).tolist()), len(index))
@@ -264,7 +264,7 @@ def _centrelines(scene: Scene) -> tuple[list[tuple[Floats, Floats]], Bools]:
     return lines, thin
 
 
-def _shares(seen: NDArray[np.int_], color: int, rows: slice, columns: slice) -> Floats:
+def _shares(seen: NDArray[np.int32], color: int, rows: slice, columns: slice) -> Floats:
     """Return the share of each px of a box that has a colour of this index."""
     fine = seen[
         _FINE * rows.start : _FINE * rows.stop, _FINE * columns.start : _FINE * columns.stop

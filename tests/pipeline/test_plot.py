@@ -142,6 +142,22 @@ def test_a_drawing_is_hatched_only_if_it_is_asked_for_and_its_lines_never():
     assert (np.abs(x[x > 61] - 70) < 0.2).all()
 
 
+@pytest.mark.parametrize(
+    "scene",
+    [
+        of_areas(Area([Outline(((-1e7, -1e7), (1e7, 0), (0, 1e7)), (False,) * 3)], BLACK)),
+        of_areas(line((-1e6, 30), (1e6, 60)), line((5, 5), (5, 5))),
+        random_scene(9, 100, 100, 1).replace(sigma=np.full((9, 2), 1e8)),
+        Scene(1, 1, background=np.zeros(3)), Scene(1, 5000, background=np.zeros(3)),
+    ],
+)  # fmt: skip
+def test_extreme_scenes_are_drawn_within_the_sheet(scene):
+    plot = plot_of(scene, hatch=1.0)
+    points = np.concatenate([*(s for pen in plot.pens for s in pen.strokes), np.ones((1, 2))])
+    assert points.min() >= 0.14
+    assert points.max() <= 100.16
+
+
 def test_strokes_come_in_an_order_that_saves_travel():
     plot = plot_of(PHOTO.replace(width=100, height=100))
     strokes = plot.pens[0].strokes
