@@ -43,7 +43,7 @@ from gauss2svg.pipeline.run import Run, watched
 from gauss2svg.processes import held_bytes
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.areas import AreaCounts
-from gauss2svg.scene.inks import used_inks
+from gauss2svg.scene.inks import inks_in
 from gauss2svg.svg import Document
 from gauss2svg.svg.element import LARGEST_NUMBER
 from gauss2svg.svg.file import file_bytes, image, is_svgz
@@ -97,16 +97,19 @@ class Result:
         """Return a dict that has an SVG for each ink, under the ink's #rrggbb.
 
         The SVG is the plate of the ink (see gauss2svg.plate_svg). The dict is in the order of the
-        inks. Inks that are not used have no plate. Raise InputError if the run had no inks.
+        inks. The paper and inks that are not used have no plate. Raise InputError if the run had no
+        inks.
         """
-        if self.report["inks"] is None:
+        r = self.report
+        if r["inks"] is None:
             raise InputError("inks must be given for plates; got none. Try FitOptions(inks=6)")
 
-        def plate(ink: str) -> str:
+        def plate(ink: str, tones: dict[str, float]) -> str:
             title = f"{self.document.title}: {ink}"
-            return plate_svg(self.scene, ink, dataclasses.replace(self.document, title=title))
+            return plate_svg(self.scene, tones, dataclasses.replace(self.document, title=title))
 
-        return {ink: plate(ink) for ink in used_inks(self.scene, self.report["inks"])}
+        used = inks_in(self.scene, r["inks"], r["paper"], r["overprint"])
+        return {ink: plate(ink, tones) for ink, tones in used.items()}
 
     def _repr_html_(self) -> str:
         alt = self.document.alt or self.document.title
@@ -198,6 +201,7 @@ def vectorize_by(
         start = with_ellipses_as_areas(start)
     plan = Plan(options, starts=start is not None, has_areas=has_areas, has_focus=focus is not None)
     plan.check_renderer()
+    plan = plan.on_paper()
     run = Run(options.run, progress, stop, started)
     if start is not None and ADD in (start.blend, options.fit.blend):
         got = f"a scene of {start.blend} for a file of {options.fit.blend}"

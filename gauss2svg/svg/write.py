@@ -16,6 +16,7 @@ page and for a file that is opened by itself. aria-labelledby would add nothing.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from gauss2svg.errors import instance, quoted, refusal, required
@@ -108,8 +109,13 @@ def ordered_svg(
     return _text(encode_additive(scene, svg_format), scene, document)
 
 
-def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
-    """Return the SVG text of the plate of an ink. It is black where the ink #rrggbb is visible.
+def plate_svg(
+    scene: Scene, ink: str | Mapping[str, float], document: Document | None = None
+) -> str:
+    """Return the SVG text of the plate of an ink. It is black where the ink is visible.
+
+    ink  colour #rrggbb of the ink. If it overprints, its strengths in the colours of the scene,
+         such as {"#ff48b0": 1, "#002077": 0.5}. A strength of 0.5 is grey, and other colours are 0
 
     All plates of a scene have the same size, so that they can be printed over each other. Raise
     InputError if the scene is not in inks (Scene.inks), or if it does not have this ink.
@@ -117,7 +123,8 @@ def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
     # Imported here because few files need this module.
     from gauss2svg.svg.plates_and_pens import plate_of
 
-    plate = plate_of(required(scene, "scene", Scene), ink)
+    tones = {ink: 1.0} if isinstance(ink, str) else ink
+    plate = plate_of(required(scene, "scene", Scene), tones)
     return write_svg(plate, SvgFormat(layers=INKS), document)
 
 

@@ -79,7 +79,7 @@ def test_plates_add_up_to_the_picture_and_leave_out_what_changes_nothing():
     np.testing.assert_allclose(total[inside], picture[inside], atol=1 / 255)
     assert np.abs(total - picture).mean() < 0.01
     one = np.where(np.arange(COUNT)[:, None] == 5, [1.0, 0, 0], ink_colors(INKS)[1])
-    assert len(plate_of(scene.replace(color=one), "#ff0000")) < COUNT
+    assert len(plate_of(scene.replace(color=one), {"#ff0000": 1.0})) < COUNT
 
 
 def test_every_shape_is_one_stroke_in_its_colour_and_nothing_is_filled():
