@@ -20,6 +20,7 @@ from gauss2svg.options import Interval, OptionGroup
 # This attribute of the root has the size of the canvas in px. The root's own width and height may
 # be a size in print instead.
 CANVAS = "data-canvas"
+MOST_TRAP = 10.0  # mm by which regions of a cut file may spread
 MM = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
 DEFAULT_TITLE = "Vectorised photo"

@@ -16,19 +16,22 @@ page and for a file that is opened by itself. aria-labelledby would add nothing.
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping
+from html import escape
 from typing import TYPE_CHECKING
 
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg import CANVAS, INKS, MINIMAL, ROUNDS, Document, SvgFormat, signed
-from gauss2svg.svg.element import Element
+from gauss2svg.svg.element import Element, attributes_text, number
 from gauss2svg.svg.forms import GRADIENT
 from gauss2svg.version import __version__
 
 if TYPE_CHECKING:
     from gauss2svg.svg.encode import Drawing
 
+MARK_MARGIN = 12.0  # mm around a plate, in which its marks and its name are
 OUTLINE_WIDTH = 0.5  # default width of a stroke, in px
 _PORTABLE = "the alpha-composited form (--portable)"
 
@@ -126,6 +129,50 @@ def plate_svg(
     tones = {ink: 1.0} if isinstance(ink, str) else ink
     plate = plate_of(required(scene, "scene", Scene), tones)
     return write_svg(plate, SvgFormat(layers=INKS), document)
+
+
+def with_marks(plate: str, scene: Scene, document: Document | None, name: str) -> str:
+    """Return a plate with a margin around it that has register marks and a name.
+
+    plate     SVG text of the plate
+    scene     the scene of which it is, with its document
+    name      text in the margin, such as "1 of 2: #0078bf"
+
+    The marks are crosses in circles, in the middle of each side. They are at the same places of all
+    plates, so that sheets can be aligned. Lengths are in mm on paper.
+    """
+    document = instance(document, "document", Document)
+    each = document.mm_each(scene.width)
+    width, height, margin = each * scene.width, each * scene.height, MARK_MARGIN
+    across, down = width + 2 * margin, height + 2 * margin
+    middles = ((across / 2, margin / 2), (across / 2, down - margin / 2))
+    middles += ((margin / 2, down / 2), (across - margin / 2, down / 2))
+    r, d = MARK_MARGIN / 4, ""
+    for x, y in middles:
+        d += f"M{x - r:.3f} {y:.3f}h{2 * r}m{-r} {-r}v{2 * r}"
+        d += f"M{x + r / 2:.3f} {y:.3f}a{r / 2} {r / 2} 0 1 1 {-r} 0 {r / 2} {r / 2} 0 1 1 {r} 0"
+    # What reaches beyond the picture lies below this frame, even in editors that do not clip.
+    frame = (
+        f"M0 0H{across:.3f}V{down:.3f}H0zM{margin} {margin}v{height:.3f}h{width:.3f}v{-height:.3f}z"
+    )
+    text = {"x": str(margin), "y": number(down - 0.4 * margin, 3), "font_size": number(r * 1.5, 3)}
+    sides = {"width": number(across, 3), "height": number(down, 3)}
+    inner = {"x": str(margin), "y": str(margin), "width": number(width, 3)}
+    start, end = re.search("<svg[^>]*>", plate).span()
+    root = re.sub(r' (width|height)="[^"]*"', "", plate[start:end])
+    root = root.replace("<svg", f"<svg{attributes_text(inner | {'height': number(height, 3)})}", 1)
+    body = [
+        Element("title", escape(document.title)),
+        Element("path", d=frame, fill="#fff"),
+        Element("path", d=d, fill="none", stroke="#000", stroke_width="0.1", id="marks"),
+        Element("text", escape(name), font_family="sans-serif", id="name", **text),
+    ]
+    texts = [one.text() for one in body]
+    texts.insert(1, root + plate[end:].rstrip())
+    outer = {"xmlns": "http://www.w3.org/2000/svg"} | {k: f"{v}mm" for k, v in sides.items()}
+    outer["viewBox"] = f"0 0 {sides['width']} {sides['height']}"
+    head = '<?xml version="1.0" encoding="utf-8"?>\n'
+    return f"{head}<svg{attributes_text(outer)}>{''.join(texts)}</svg>\n"
 
 
 def outline_svg(
