@@ -83,7 +83,8 @@ class Regions:
         for is_inside, run in groupby(self._shapes, key=lambda one: one[0] in colors):
             together = self._shapely.union_all([polygon for _, polygon in run])
             region = region.union(together) if is_inside else region.difference(together)
-        return region.intersection(self._page)
+        parts = self._shapely.get_parts(region.intersection(self._page))
+        return self._shapely.multipolygons([one for one in parts if one.geom_type == "Polygon"])
 
     def plate(self, tones: Mapping[str, float], trap: float = 0.0) -> Scene:
         """Return the plate of an ink: one area for each of its strengths, and no background.
@@ -116,15 +117,15 @@ class Regions:
             return region
         for color in colors:
             if darker := {c for c in self.colors if _lightness(c) < _lightness(color)}:
-                spread = self.of([color]).buffer(reach)
-                region = region.union(spread.intersection(self.of(darker)))
+                alone = region if colors == [color] else self.of([color])
+                region = region.union(alone.buffer(reach).intersection(self.of(darker)))
         return region
 
     def _area(self, region: BaseGeometry, color: Any) -> list[Area]:
         """Return a region as an area, or no area if it is empty."""
         outlines = []
         for part in self._shapely.get_parts(region):
-            if part.geom_type == "Polygon" and part.area > _LEAST_PART:
+            if part.area > _LEAST_PART:
                 # Holes run the other way, so that they are holes by either fill rule.
                 turned = self._shapely.orient_polygons(part, exterior_cw=True)
                 rings = [turned.exterior, *turned.interiors]

@@ -237,9 +237,9 @@ def plate_of(scene: Scene, tones: Mapping[str, float]) -> Scene:
     greys = np.array([grey(color) for color in colors])[entry.reshape(-1)]
     ground = 1.0 if scene.transparent else grey(scene.background)
     areas = [dataclasses.replace(a, paint=(grey(a.paint),) * 3) for a in scene.areas]
-    shows = greys != ground
-    # `shows` marks the shapes whose colour on the plate differs from the background of the plate. A
+    # `shows` marks the shapes whose colour on the plate differs from what may be below them. A
     # shape that is not marked is needed only if it covers a part of a marked shape.
+    shows = (greys != ground) | bool(areas)
     ellipses, needed = projections(*_ellipses(scene)), shows.copy()
     for _, upper in overlaps(*ellipses, shows, _MARGIN, np.flatnonzero(shows)):
         needed[upper] = True
