@@ -164,7 +164,7 @@ def with_marks(plate: str, scene: Scene, document: Document | None, name: str) -
     body = [
         Element("title", escape(document.title)),
         Element("path", d=frame, fill="#fff"),
-        Element("path", d=d, fill="none", stroke="#000", stroke_width="0.1", id="marks"),
+        Element("path", d=d, fill="none", stroke="#000", stroke_width="0.2", id="marks"),
         Element("text", escape(name), font_family="sans-serif", id="name", **text),
     ]
     texts = [one.text() for one in body]
