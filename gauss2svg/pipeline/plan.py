@@ -477,6 +477,7 @@ class Plan:
             precision=precision if svg.precision is None else svg.precision,
             layers=INKS if self.in_inks else ROUNDS,
             opacity_decimals=preset.opacity_decimals,
+            current_color=svg.current_color,
         )
 
     def quantization(self, gaussians: int, error: float | None = None) -> tuple[int, float]:

@@ -26,7 +26,7 @@ from gauss2svg.pipeline.run import Run
 from gauss2svg.scene import Scene
 from gauss2svg.scene.areas import AreaCounts
 from gauss2svg.scene.inks import inks_in
-from gauss2svg.svg import MINIMAL
+from gauss2svg.svg import CURRENT_COLOR, MINIMAL
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.version import __version__
 
@@ -135,6 +135,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> Iterator[str]:
             "the file is in minimal markup, which is closer in as few bytes but has no names or "
             "layers. For Inkscape, Figma and other editors give --markup editable"
         )
+    if plan.options.svg.current_color and CURRENT_COLOR not in outcome.file.svg:
+        yield "--current-color has no effect, because this is no drawing of areas in one colour"
     if plan.sketch:
         whole = decibels(psnr(outcome.measured.raster, pixels_of(photo)))
         yield (

@@ -30,6 +30,7 @@ _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
 # The number of decimals of a size. A size in cm is then exact to a micrometre.
 _DECIMALS = 4
 # This CSS rule hides all rounds above the round that the address of the file names.
+CURRENT_COLOR = '="currentColor"'  # end of an attribute with the colour that a page sets
 UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
@@ -258,3 +259,7 @@ class SvgFormat(OptionGroup):
 
     opacity_decimals: Annotated[int, Interval(ge=1, le=6)] = 2
     """Decimals of fill-opacity."""
+
+    current_color: bool = False
+    """Write the colour of a drawing of one colour as currentColor, with that colour at the root.
+    The background is another one, or there is none."""

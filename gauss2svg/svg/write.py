@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING
 
 from gauss2svg.errors import instance, quoted, refusal, required
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg import CANVAS, INKS, MINIMAL, ROUNDS, Document, SvgFormat, signed
-from gauss2svg.svg.element import Element, attributes_text, number
+from gauss2svg.svg import CANVAS, CURRENT_COLOR, INKS, MINIMAL, ROUNDS, Document, SvgFormat, signed
+from gauss2svg.svg.element import Element, attributes_text, hex_color, number
 from gauss2svg.svg.forms import GRADIENT
 from gauss2svg.version import __version__
 
@@ -88,6 +88,9 @@ def ordered_svg(
 
     masked  as in gauss2svg.svg.minimal.minimal_svg
     """
+    if svg_format.current_color:
+        plain_format = dataclasses.replace(svg_format, current_color=False)
+        return _in_current_color(ordered_svg(scene, plain_format, document, masked), scene)
     is_minimal, is_additive = svg_format.markup == MINIMAL, scene.blend == ADD
     if svg_format.form != GRADIENT and (is_minimal or is_additive):
         why = "in minimal markup" if is_minimal else "for an additive scene, whose blurs do not add"
@@ -110,6 +113,24 @@ def ordered_svg(
     from gauss2svg.svg.additive import encode_additive
 
     return _text(encode_additive(scene, svg_format), scene, document)
+
+
+def _in_current_color(svg: str, scene: Scene) -> str:
+    """Return a file in which the only colour of a scene's areas is currentColor.
+
+    The file of a scene with other colours or with Gaussians is returned as it is.
+    """
+    paints = {area.paint for area in scene.areas if isinstance(area.paint, tuple)}
+    texts = {hex_color([round(255 * level) for level in paint]) for paint in paints}
+    ground = "" if scene.transparent else hex_color(round(255 * v) for v in scene.background)
+    has_others = len(scene) or any(not isinstance(area.paint, tuple) for area in scene.areas)
+    if has_others or len(texts - {ground}) != 1:
+        return svg
+    (color,) = texts - {ground}
+    svg = re.sub(f'(fill|stroke)="{color}"', rf"\1{CURRENT_COLOR}", svg)
+    # Minimal markup has no black fills, because black is the default.
+    root = f"<svg fill{CURRENT_COLOR}" if color == "#000" else f'<svg color="{color}"'
+    return svg.replace("<svg", root, 1)
 
 
 def plate_svg(

@@ -23,7 +23,7 @@ CHANGED = {
     "time_limit": 9.5, "iterations": 77, "loss": "l1+ssim", "tune": "psnr", "ssim_weight": 0.3,
     "focus_strength": 6.0,
     "learning_rate": 0.5, "blend": "add", "falloff": "gaussian", "seed": 5,
-    "inks": "#0078bf,#ff48b0", "paper": "#f5f0e6", "overprint": 3,
+    "current_color": True, "inks": "#0078bf,#ff48b0", "paper": "#f5f0e6", "overprint": 3,
     "init": "random", "relocate": False, "form": "blur", "markup": "minimal", "palette": 12,
     "stops": 8, "precision": 0.1, "matte": "#fa0", "portable": True, "gzip": True,
     "count_gzipped": True, "title": "A 'quoted' title", "alt": "-starts like an option",
