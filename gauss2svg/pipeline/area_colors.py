@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from gauss2svg.areas.find import FoundAreas
 
 PRIOR = 0.3  # px of its former colour that count for each colour. So hidden colours stay
-# Levels of 255 by which colours of areas may differ that become one. Among those of a picture with
-# noise, it is OFF levels px divided by the root of the smaller one's px, within NEARLY_EQUAL.
+# Levels of 255 by which colours of areas may differ that become one. In a picture with noise, it is
+# OFF divided by the root of the smaller one's px, within NEARLY_EQUAL (docs/decisions/areas.md).
 EQUAL, NEARLY_EQUAL, OFF = 2.0, (3.0, 24.0), 128.0
 ROWS = 128  # rows of a picture whose shares are in memory at once
 

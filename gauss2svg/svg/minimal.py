@@ -204,7 +204,7 @@ def _size_and_aspect(document: Document, scene: Scene, unit: float) -> dict[str,
 
 
 def _title_and_desc(document: Document) -> list[Element]:
-    """Return the title and the description. An alt alone is the title, which screen readers read."""
+    """Return the title and the description. An alt without a title is the title, for its name."""
     title, alt = "" if document.title == DEFAULT_TITLE else document.title, document.alt or ""
     named = {"title": title or alt, "desc": alt if title else ""}
     return [Element(tag, escape(text)) for tag, text in named.items() if text]
