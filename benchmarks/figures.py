@@ -512,7 +512,8 @@ def readme(_: Path) -> None:
 OF_START = {f.__name__: f for f in (start, results, readme, gallery)}
 FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
     **{f.__name__.replace("_", "-"): f for f in (
-        sizes, decibels, logos, inks, riso, focus, refine, editors, presets, placeholders, webp, drawings,
+        sizes, decibels, logos, inks, riso, focus,
+        refine, editors, presets, placeholders, webp, drawings,
         counts, progressive_fit, layers, forming, scenes, printed, traced, plotters,
         transparent, interrupted, model, gaussian_count, writing_svg, additive_blending, extremes,
         studio,
