@@ -183,13 +183,12 @@ def with_marks(plate: str, scene: Scene, document: Document | None, name: str) -
     root = re.sub(r' (width|height)="[^"]*"', "", plate[start:end])
     root = root.replace("<svg", f"<svg{attributes_text(inner | {'height': number(height, 3)})}", 1)
     body = [
-        Element("title", escape(document.title)),
         Element("path", d=frame, fill="#fff"),
         Element("path", d=d, fill="none", stroke="#000", stroke_width="0.2", id="marks"),
         Element("text", escape(name), font_family="sans-serif", id="name", **text),
     ]
     texts = [one.text() for one in body]
-    texts.insert(1, root + plate[end:].rstrip())
+    texts.insert(0, root + plate[end:].rstrip())
     outer = {"xmlns": "http://www.w3.org/2000/svg"} | {k: f"{v}mm" for k, v in sides.items()}
     outer["viewBox"] = f"0 0 {sides['width']} {sides['height']}"
     head = '<?xml version="1.0" encoding="utf-8"?>\n'

@@ -202,7 +202,7 @@ def test_marks_are_at_the_same_places_around_all_plates_and_move_no_ink():
         marked = with_marks(plate, scene, document, f"{ink} < 2")
         root = parse(marked)
         assert (root.get("width"), root.get("height")) == ("114mm", "94mm")
-        assert root.find(SVG + "title").text == "A & B"
+        assert root.find(f"{SVG}svg/{SVG}title").text == "A & B"
         assert root.find(f"{SVG}text").text == f"{ink} < 2"
         sheet = rasterize(marked, 228, 188)
         # resvg rounds the sides of a page to whole px of 1/96 inch.
