@@ -126,15 +126,14 @@ class Regions:
         outlines = []
         for part in self._shapely.get_parts(region):
             if part.area > _LEAST_PART:
-                # Holes run the other way, so that they are holes by either fill rule.
-                turned = self._shapely.orient_polygons(part, exterior_cw=True)
-                rings = [turned.exterior, *turned.interiors]
+                # shapely has holes run the other way, so they are holes by either fill rule.
+                rings = [part.exterior, *part.interiors]
                 outlines += [ring.coords for ring in rings if _size(ring.coords) > _LEAST_PART]
         paths = [Outline(tuple(ring[:-1]), (False,) * (len(ring) - 1)) for ring in outlines]
         return [Area(tuple(paths), color)] if paths else []
 
     def _of_areas(self, areas: list[Area]) -> Scene:
-        return Scene(self._scene.width, self._scene.height, transparent=True, areas=areas)
+        return Scene(self._scene.width, self._scene.height, transparent=True, areas=tuple(areas))
 
 
 def _lightness(color: str) -> float:

@@ -179,7 +179,8 @@ def with_marks(plate: str, scene: Scene, document: Document | None, name: str) -
     text = {"x": str(margin), "y": number(down - 0.4 * margin, 3), "font_size": number(r * 1.5, 3)}
     sides = {"width": number(across, 3), "height": number(down, 3)}
     inner = {"x": str(margin), "y": str(margin), "width": number(width, 3)}
-    start, end = re.search("<svg[^>]*>", plate).span()
+    start = plate.index("<svg")
+    end = plate.index(">", start) + 1
     root = re.sub(r' (width|height)="[^"]*"', "", plate[start:end])
     root = root.replace("<svg", f"<svg{attributes_text(inner | {'height': number(height, 3)})}", 1)
     body = [

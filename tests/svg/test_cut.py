@@ -27,12 +27,12 @@ def drawing_in_inks(seed: int) -> Scene:
     """Forty ellipses above a ring, a bow of curves that crosses itself, and lines with all caps."""
     colors = ink_colors(INKS)
     bow = Outline(((10, 10), (60, 60), (60, 10), (10, 60), (40, 70), (0, 60)), (True, True), True)
-    line = Outline(((5, 60), (50, 20), (85, 66)), (False, False), False)
+    line = Outline(((10, 64), (30, 20), (45, 64)), (False, False), False)
     curve = Outline(((-5, 30), (30, -20), (60, 90), (95, 40)), (True,), False)
     shapes = [
         Area((square(50, 20, 10), square(30, 30, 20, turned=True)), tuple(colors[1])),
         Area((bow,), tuple(colors[2])),
-        Area((line,), tuple(colors[0]), width=6, cap="butt"),
+        Area((line,), tuple(colors[0]), width=9, cap="butt"),
         Area((curve,), tuple(colors[1]), width=4, cap="round"),
         Area((square(20, 60, 40),), tuple(colors[2]), width=3, cap="square"),
     ]
@@ -57,15 +57,15 @@ def region_of(scene: Scene) -> shapely.Geometry:
     return region
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_regions_are_what_is_seen_of_inks_and_cover_the_page_once(seed):
-    scene = drawing_in_inks(seed)
+@pytest.mark.parametrize(("seed", "ellipses"), [(0, 0), (0, 40), (1, 40), (2, 40)])
+def test_regions_are_what_is_seen_of_inks_and_cover_the_page_once(seed, ellipses):
+    scene = drawing_in_inks(seed).select(slice(ellipses))
     regions = Regions(scene, MM)
     parts = {ink: region_of(regions.plate({ink: 1.0})) for ink in INKS.split(",")}
     for ink, part in parts.items():
         plate = rasterize(plate_svg(scene, ink), 540, 420).astype(float)
         seen = (1 - plate[:, :, 0]).mean() * 90 * 70
-        assert part.area == pytest.approx(seen, rel=0.01)
+        assert part.area == pytest.approx(seen, rel=0.003)
         cut = rasterize(write_svg(regions.plate({ink: 1.0})), 540, 420)
         alpha = cut[:, :, 3] if cut.shape[2] == 4 else 1 - cut[:, :, 0]
         assert (np.abs(alpha - (1 - plate[:, :, 0])) > 0.5).mean() < 0.001
