@@ -31,8 +31,8 @@ def drawing_in_inks(seed: int) -> Scene:
     curve = Outline(((-5, 30), (30, -20), (60, 90), (95, 40)), (True,), False)
     shapes = [
         Area((square(50, 20, 10), square(30, 30, 20, turned=True)), tuple(colors[1])),
-        Area((bow,), tuple(colors[2])),
-        Area((line,), tuple(colors[0]), width=9, cap="butt"),
+        Area((bow,), tuple(colors[0])),
+        Area((line,), tuple(colors[2]), width=9, cap="butt"),
         Area((curve,), tuple(colors[1]), width=4, cap="round"),
         Area((square(20, 60, 40),), tuple(colors[2]), width=3, cap="square"),
     ]
